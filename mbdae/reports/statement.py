@@ -11,7 +11,8 @@ import symengine as se
 
 from mbdae.errors import LawError, OptionError
 from mbdae.laws.contact import Hertz
-from mbdae.laws.friction import LuGre
+from mbdae.laws.contact.surfaces import SurfaceContact
+from mbdae.laws.friction import Coulomb, LuGre
 from mbdae.laws.joints import Revolute
 from mbdae.reports.calculus import Dual, Motion, Pair, actual, virtual
 from mbdae.reports.letters import specs_of_coordinates
@@ -38,6 +39,7 @@ OPTIONS: dict[str, Any] = {
     "normal": Hertz(1, damping=1).structure(),
     "friction": LuGre(0.3, 0.5, 1e-3, 1e5, 300.0, 0.1).structure(),
 }
+DRY = Coulomb(0.3, 1e-3).structure()
 
 
 def check_kind(name: str, value: Any, typical: Any) -> None:
@@ -75,6 +77,8 @@ def _default(law: type[Law], name: str, options: Mapping[str, Any]) -> Any:
     """An option in a report of the class: a joint is without friction, its coordinates are unknowns where it needs them."""
     if name == "kept":
         return _joint_of(law, options).must_keep()
+    if name == "friction" and issubclass(law, SurfaceContact):
+        return DRY  # bodies that slide in any direction have no bristles
     return None if name == "friction" and issubclass(law, Joint) else OPTIONS.get(name)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from mbdae.display import rows, titled
 from mbdae.errors import ListsAttributes, OptionError, SceneError
 from mbdae.integrators.solution import Solution, Stats
-from mbdae.laws.contact import Contact
+from mbdae.laws.contact.base import Contact
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.beams import BeamSensor
 from mbdae.results.clearance import ClearanceSensor, ContactSensor

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.laws.contact import BallOnBall, BallOnCylinder, BallOnPlane, Contact, CylinderOnPlane
+from mbdae.laws.contact import BallOnBall, BallOnCylinder, BallOnPlane, CylinderOnPlane
+from mbdae.laws.contact.base import Contact
 from mbdae.scene import reading
 from mbdae.scene.components import Array, Body, Connection
 from mbdae.scene.items import SceneItems

@@ -9,7 +9,7 @@ import re
 from typing import Any, NamedTuple
 
 from mbdae.errors import SceneError
-from mbdae.laws.contact import Contact
+from mbdae.laws.contact.base import Contact
 from mbdae.laws.forces.on_coordinate import OnCoordinate
 from mbdae.notation import QUANTITIES
 from mbdae.scene.components import Body, Connection

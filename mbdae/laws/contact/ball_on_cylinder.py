@@ -45,9 +45,10 @@ class BallOnCylinder(SurfaceContact):
         above = let(sense * along - self.length / 2, "h")
         corner = let(se.sqrt(beside**2 + above**2 + RESTING), "c")
 
+        smaller = let(se.Piecewise((above, above < beside), (beside, True)), "s")
+
         def chosen(rim: Expr, end: Expr, side: Expr) -> Expr:
-            near_end = se.Piecewise((rim, beside > 0), (end, True))
-            return se.Piecewise((near_end, above > 0), (se.Piecewise((side, beside > above), (end, True)), True))
+            return se.Piecewise((rim, smaller > 0), (side, beside > above), (end, True))
 
         outwards = chosen(beside / corner, se.Integer(0), se.Integer(1))
         upwards = chosen(above / corner, se.Integer(1), se.Integer(0)) * sense
