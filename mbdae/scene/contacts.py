@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -11,48 +10,17 @@ import numpy as np
 
 from mbdae.laws.contact import BallOnBall, BallOnCylinder, BallOnPlane, Contact, CylinderOnPlane
 from mbdae.scene import reading
-from mbdae.scene.components import Array, Body, Connection
+from mbdae.scene.appearance import placed, shape
+from mbdae.scene.components import Connection
 from mbdae.scene.items import SceneItems
 from mbdae.scene.models import friction_law, normal_law
-from mbdae.scene.reading import Argument, reads
+from mbdae.scene.reading import reads
 from mbdae.scene.record import statement
 from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Shape, Sphere
-from mbdae.values import BadValueError, array, shown
+from mbdae.symbolic.law import TwoBodyLaw
 
-SHAPES = "give mb.Plane, mb.Cylinder, mb.Sphere, mb.Point or mb.Box"
 TWO = "a plane touches spheres, points, boxes and cylinders; a sphere touches spheres, points and cylinders"
 STANDING = 1e-9  #: component of an axis that is round-off
-
-
-def shape(arg: Argument, value: Any) -> Shape:
-    """A shape with plain values: its point, directions of length 1, lengths above 0."""
-    if not isinstance(value, Shape) or type(value) is Shape:
-        arg.wrong(f"{shown(value)} is no shape", SHAPES)
-        return Point()
-    found: dict[str, Any] = {}
-    for key, given in vars(value).items():
-        part = arg.part(f"{arg.option}.{key}")
-        if key in ("radius", "length"):
-            found[key] = None if given is None and key == "length" else reading.quantity("m", "positive")(part, given)
-        elif key in ("normal", "axis"):
-            found[key] = reading.unit(reading.direction(part, given))
-        elif key == "size":
-            found[key] = _edges(part, given)
-        elif given is not None:
-            found[key] = (reading.rotation if key == "rotation" else reading.point)(part, given)
-    return replace(value, **found)
-
-
-def _edges(arg: Argument, value: Any) -> Array:
-    """Lengths (3,) of the edges of a box; 0 along z where two are given."""
-    try:
-        found = array(value)
-        if found.shape not in ((2,), (3,)) or (found < 0).any() or not found.any():
-            raise BadValueError(shown(value))
-    except BadValueError as refused:
-        arg.wrong(refused, "give three lengths, m, not all 0, or two for a plate in the plane z = 0")
-        return np.ones(3)
-    return np.append(found, np.zeros(3 - len(found)))
 
 
 class ContactStatements(SceneItems):
@@ -69,7 +37,7 @@ class ContactStatements(SceneItems):
         mb.Box; without a point `at` they are at the centre of mass. normal: mb.Hertz(...) or a normal law of one's own; friction:
         mb.Coulomb(...), one's own, or None. Sensors: `gap`, `normal_force`, `friction_force`, `slip`, `contacts`; force
         and torque are those on the body of the sphere, point, box, or of the cylinder on a plane."""
-        first, second = (k, _placed(k, shape_k)), (l, _placed(l, shape_l))
+        first, second = ((b, placed(shape, getattr(b, "body", b))) for b, shape in ((k, shape_k), (l, shape_l)))
         if _rank(shape_k) > _rank(shape_l):
             first, second = second, first
         (k, one), (l, other) = first, second
@@ -79,18 +47,12 @@ class ContactStatements(SceneItems):
             kinds = f"mb.{type(one).__name__} and mb.{type(other).__name__}"
             self.problems.append(f"contact '{name}': there is no contact of {kinds}; {TWO}")
             laws = [(BallOnBall, {"at": one.at, "at_l": other.at, "radius_k": 1.0})]
-        return self._connect(Connection(name, "contact", k, l, [law(name, k, l, normal=normal, friction=friction, **values)
-                                                                for law, values in laws]))  # fmt: skip
+        made_of: list[TwoBodyLaw] = [law(name, k, l, normal=normal, friction=friction, **values) for law, values in laws]
+        return self._connect(Connection(name, "contact", k, l, made_of, shapes=(one, other)))
 
 
 def _rank(one: Shape) -> int:
     return next((i for i, kind in enumerate((Plane, Cylinder)) if isinstance(one, kind)), 2)
-
-
-def _placed(body: Any, one: Any) -> Any:
-    """The shape at the centre of its body, where it says no point."""
-    owner: Body = getattr(body, "body", body)
-    return one if one.at is not None else replace(one, at=np.array(owner.position, dtype=float))
 
 
 Made = list[tuple[type[Contact], dict[str, Any]]]  #: laws with their places and numbers
