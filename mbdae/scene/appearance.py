@@ -65,13 +65,13 @@ def color(arg: Argument, value: Any) -> str:
         return "#000000"
 
 
-def placed(one: Any, body: Body) -> Any:
-    """The shape at the centre of its body, where it says no point."""
-    return one if one.at is not None else replace(one, at=np.array(body.position, dtype=float))
+def placed(one: Any, point: Array) -> Any:
+    """The shape at a point as drawn (3,), m, where it says none itself."""
+    return one if one.at is not None else replace(one, at=np.array(point, dtype=float))
 
 
 def looking(body: Body, shape: tuple[Shape, ...] | None, color: str | None) -> Body:
     """The body with its shapes and colour."""
-    body.shapes = None if shape is None else tuple(placed(one, body) for one in shape)
+    body.shapes = None if shape is None else tuple(placed(one, body.position) for one in shape)
     body.color = color
     return body

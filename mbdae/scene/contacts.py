@@ -12,6 +12,7 @@ from mbdae.laws.contact import BallOnBall, BallOnCylinder, BallOnPlane, Contact,
 from mbdae.scene import reading
 from mbdae.scene.appearance import placed, shape
 from mbdae.scene.components import Connection
+from mbdae.scene.connections import point_of
 from mbdae.scene.items import SceneItems
 from mbdae.scene.models import friction_law, normal_law
 from mbdae.scene.reading import reads
@@ -34,10 +35,11 @@ class ContactStatements(SceneItems):
     def contact(self, name: str, k: Any, l: Any, shape_k: Shape, shape_l: Shape, normal: Any, friction: Any = None) -> Connection:
         """Contact of a shape of body k with one of body l: nothing acts where they are apart, a normal force and friction where
         they overlap, and no step goes over a contact. Shapes as drawn (m): mb.Plane, mb.Cylinder, mb.Sphere, mb.Point,
-        mb.Box; without a point `at` they are at the centre of mass. normal: mb.Hertz(...) or a normal law of one's own; friction:
-        mb.Coulomb(...), one's own, or None. Sensors: `gap`, `normal_force`, `friction_force`, `slip`, `contacts`; force
-        and torque are those on the body of the sphere, point, box, or of the cylinder on a plane."""
-        first, second = ((b, placed(shape, getattr(b, "body", b))) for b, shape in ((k, shape_k), (l, shape_l)))
+        mb.Box; without a point `at` they are at the centre of mass, or at the place `body.at(...)` given for the body.
+        normal: mb.Hertz(...) or a normal law of one's own; friction: mb.Coulomb(...), one's own, or None. Sensors: `gap`,
+        `normal_force`, `friction_force`, `slip`, `contacts`; force and torque are those on the body of the sphere, point, box,
+        or of the cylinder on a plane."""
+        first, second = ((b, placed(shape, point_of(b))) for b, shape in ((k, shape_k), (l, shape_l)))
         if _rank(shape_k) > _rank(shape_l):
             first, second = second, first
         (k, one), (l, other) = first, second
@@ -71,13 +73,17 @@ def _box_on_plane(plane: Plane, box: Box) -> Made:
 
 
 def _cylinder_on_plane(plane: Plane, cylinder: Cylinder) -> Made:
-    """With the frame's x along the part of the cylinder's axis that is in the plane."""
+    """With the frame's x along the part of the cylinder's axis that is in the plane; where both directions are in the plane z = 0,
+    with its y, since x is normal to a planar scene."""
     z = np.asarray(plane.normal)
     up = float(cylinder.axis @ z)
     across = cylinder.axis - up * z
     lying = float(np.linalg.norm(across))
-    place = {"at": plane.at, "at_l": cylinder.at, "axis": z, "axis_x": across / lying if lying > STANDING else None}
-    components = {"along_x": lying if lying > STANDING else None, "along_z": up if abs(up) > STANDING else None}
+    flat = max(abs(z[2]), abs(cylinder.axis[2])) < STANDING
+    x = np.eye(3)[2] if flat else across / lying if lying > STANDING else None
+    parts = {"along_x": 0.0 if flat else lying, "along_y": np.cross(z, x) @ across if flat else 0.0, "along_z": up}
+    place = {"at": plane.at, "at_l": cylinder.at, "axis": z, "axis_x": x}
+    components = {name: float(part) if abs(part) > STANDING else None for name, part in parts.items()}
     return [(CylinderOnPlane, {**place, "radius": cylinder.radius, "length": cylinder.length, **components})]
 
 

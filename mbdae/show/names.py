@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from mbdae.scene.components import Array
-from mbdae.show.geometry import INK, Geometry
+from mbdae.show.geometry import INK, Geometry, Label
 
 WIDE = 26  #: letters in a line of a name
 FAR = 22.0  #: points between a name and its item from which a line leads to it
-LAPPED, OUTSIDE = 1e3, 1e6  #: cost of a square pixel over another name, and outside the picture
+LAPPED, OUTSIDE = 1e4, 1e6  #: cost of a square pixel over another name, and outside the picture
 
 Box = tuple[float, float, float, float]  #: left, bottom, right, top in pixels
 
@@ -29,7 +29,7 @@ class Namer:
     ANGLES = np.radians([45, 135, -45, -135, 90, 0, 180, -90, 22, 158, -22, -158])
     WAYS = tuple((float(np.cos(a)), float(np.sin(a))) for a in ANGLES)
     REACHES = (7.0, 13.0, 21.0, 32.0, 48.0, 70.0, 100.0, 140.0, 200.0)
-    HEIGHT = 8.0  #: of the letters, points
+    HEIGHTS = (8.0, 7.0, 6.0, 5.0, 4.0)  #: of the letters, points
 
     def __init__(self, axes: Any, seen: Geometry) -> None:
         self.axes, self.seen, self.figure = axes, seen, axes.figure
@@ -67,25 +67,47 @@ class Namer:
         return np.vstack(parts)
 
     def place(self) -> None:
-        """Write every name."""
-        from matplotlib.patheffects import withStroke
-
-        for label in sorted(self.seen.labels, key=lambda x: x.of_body):
-            anchor = self._pixels(self.seen.place(label)[:1])[0]
-            text = self.figure.text(0, 0, fitting(label.text, WIDE), fontsize=self.HEIGHT, ha="center", va="center", zorder=20,
-                                    color=INK if label.of_body else "#555555",
-                                    style="italic" if label.of_body else "normal")  # fmt: skip
-            text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
-            l, b, r, t = self._extent(text)
-            box = self._best(anchor, np.array([r - l, t - b]) + self.point)
-            self.boxes.append(box)
+        """Write every name, in smaller letters where they do not all find room."""
+        already = list(self.boxes)
+        for height in self.HEIGHTS:
+            self.boxes, texts = list(already), [self._text(label, height) for label in self.seen.labels]
+            order = sorted(zip(self.seen.labels, texts, strict=True), key=lambda pair: pair[0].of_body)
+            placed = [(text, *self._placed(label, text)) for label, text in order]
+            if not any(lapped for *_, lapped in placed) or height == self.HEIGHTS[-1]:
+                break
+            for text in texts:
+                text.remove()
+        for text, anchor, box, _ in placed:
             middle = np.array([(box[0] + box[2]) / 2, (box[1] + box[3]) / 2])
             text.set_position(self.figure.transFigure.inverted().transform(middle))
             self._lead(anchor, box)
 
+    def _text(self, label: Label, height: float) -> Any:
+        from matplotlib.patheffects import withStroke
+
+        look = {"color": INK, "style": "italic"} if label.of_body else {"color": "#555555", "style": "normal"}
+        text = self.figure.text(0, 0, fitting(label.text, WIDE), fontsize=height, ha="center", va="center", zorder=20, **look)
+        text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
+        return text
+
+    def _placed(self, label: Label, text: Any) -> tuple[Array, Box, bool]:
+        """Point of the item and box of its name, in pixels, and whether that covers another name."""
+        anchor = self._pixels(self.seen.place(label)[:1])[0]
+        l, b, r, t = self._extent(text)
+        box = self._best(anchor, np.array([r - l, t - b]) + self.point)
+        lapped = self._lapped(box) > 0
+        self.boxes.append(box)
+        return anchor, box, lapped
+
     def _best(self, anchor: Array, size: Array) -> Box:
+        """Beside the item; anywhere in the picture where there is no room beside it."""
         tries = [(self._inside(self._box(anchor, way, reach, size)), reach) for reach, way in product(self.REACHES, self.WAYS)]
         costs = [self._cost(box, reach) for box, reach in tries]
+        if min(costs) >= LAPPED:
+            middles = product(*(np.arange(n / 2, whole, n / 2) for n, whole in zip(size, (self.width, self.height), strict=True)))
+            free = [(self._inside((x - size[0] / 2, y - size[1] / 2, x + size[0] / 2, y + size[1] / 2)),
+                     float(np.hypot(x - anchor[0], y - anchor[1])) / self.point) for x, y in middles]  # fmt: skip
+            tries, costs = [*tries, *free], [*costs, *(self._cost(box, reach) for box, reach in free)]
         return tries[int(np.argmin(costs))][0]
 
     def _box(self, anchor: Array, way: tuple[float, float], reach: float, size: Array) -> Box:
@@ -104,9 +126,13 @@ class Namer:
         gap = 3 * self.point
         l, b, r, t = box[0] - gap, box[1] - gap, box[2] + gap, box[3] + gap
         covered = (self.busy[:, 0] > l) & (self.busy[:, 0] < r) & (self.busy[:, 1] > b) & (self.busy[:, 1] < t)
-        lapped = sum(max(0.0, min(r, R) - max(l, L)) * max(0.0, min(t, T) - max(b, B)) for L, B, R, T in self.boxes)
         outside = max(0.0, r - gap - self.width) + max(0.0, t - gap - self.height)
-        return float(np.count_nonzero(covered) + LAPPED * lapped + OUTSIDE * outside + 0.4 * reach)
+        return float(np.count_nonzero(covered) + LAPPED * self._lapped(box) + OUTSIDE * outside + 0.4 * reach)
+
+    def _lapped(self, box: Box) -> float:
+        """Square pixels over other names."""
+        l, b, r, t = box
+        return sum(max(0.0, min(r, R) - max(l, L)) * max(0.0, min(t, T) - max(b, B)) for L, B, R, T in self.boxes)
 
     def _lead(self, anchor: Array, box: Box) -> None:
         """A thin line from a name to its item, where it is far from it."""
