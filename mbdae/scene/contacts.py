@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -44,13 +45,18 @@ class ContactStatements(SceneItems):
             first, second = second, first
         (k, one), (l, other) = first, second
         made = PAIRS.get((type(one), type(other)))
-        laws = [] if made is None else made(one, other)
+        laws = [] if made is None else made(self._without_ends(one), other)
         if made is None:
             kinds = f"mb.{type(one).__name__} and mb.{type(other).__name__}"
             self.problems.append(f"contact '{name}': there is no contact of {kinds}; {TWO}")
             laws = [(BallOnBall, {"at": one.at, "at_l": other.at, "radius_k": 1.0})]
         made_of: list[TwoBodyLaw] = [law(name, k, l, normal=normal, friction=friction, **values) for law, values in laws]
         return self._connect(Connection(name, "contact", k, l, made_of, shapes=(one, other)))
+
+    def _without_ends(self, one: Any) -> Any:
+        """What a ball touches: a cylinder that is a disc in a scene stated as planar has no ends in its plane."""
+        disc = self.space == "planar" and isinstance(one, Cylinder) and abs(abs(one.axis[2]) - 1) < STANDING
+        return replace(one, length=None) if disc else one
 
 
 def _rank(one: Shape) -> int:
@@ -73,15 +79,16 @@ def _box_on_plane(plane: Plane, box: Box) -> Made:
 
 
 def _cylinder_on_plane(plane: Plane, cylinder: Cylinder) -> Made:
-    """With the frame's x along the part of the cylinder's axis that is in the plane; where both directions are in the plane z = 0,
-    with its y, since x is normal to a planar scene."""
+    """With the frame's x along the part of the cylinder's axis that is in the plane; with its y where both directions are in the
+    plane z = 0, since x is normal to a planar scene."""
     z = np.asarray(plane.normal)
     up = float(cylinder.axis @ z)
     across = cylinder.axis - up * z
     lying = float(np.linalg.norm(across))
     flat = max(abs(z[2]), abs(cylinder.axis[2])) < STANDING
-    x = np.eye(3)[2] if flat else across / lying if lying > STANDING else None
-    parts = {"along_x": 0.0 if flat else lying, "along_y": np.cross(z, x) @ across if flat else 0.0, "along_z": up}
+    upright = np.eye(3)[2]
+    x = upright if flat else across / lying if lying > STANDING else None
+    parts = {"along_x": 0.0 if flat else lying, "along_y": np.cross(z, upright) @ across if flat else 0.0, "along_z": up}
     place = {"at": plane.at, "at_l": cylinder.at, "axis": z, "axis_x": x}
     components = {name: float(part) if abs(part) > STANDING else None for name, part in parts.items()}
     return [(CylinderOnPlane, {**place, "radius": cylinder.radius, "length": cylinder.length, **components})]

@@ -6,7 +6,7 @@ import symengine as se
 
 from mbdae.laws.contact.base import RESTING, Station
 from mbdae.laws.contact.surfaces import SurfaceContact, outside, radius
-from mbdae.symbolic.frames import Axes, Frame
+from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.part import params
 from mbdae.symbolic.variation import let
 from mbdae.symbolic.vectors import Expr, Vec
@@ -32,8 +32,7 @@ class BallOnCylinder(SurfaceContact):
         along = let(u @ k.z, "z")
         distance, radial = outside((u - k.z * along).named("u"))
         beside = let(distance - self.radius_k, "b")
-        upright = k.axes in (Axes.NORMAL, Axes.REVERSED)  # in a planar scene, with its ends outside of the plane
-        if self.length is None or upright:
+        if self.length is None:
             gap, normal = beside, radial
         else:
             gap, normal = self._with_ends(k, along, beside, radial)

@@ -18,8 +18,8 @@ class CylinderOnPlane(SurfaceContact):
     """A cylinder of l with its middle at l.r on a plane of k through k.r normal to k.z; in a planar scene a disc, or a rectangle.
 
     Its axis is along_x l.x + along_y l.y + along_z l.z. The circles at both its ends touch with their deepest points, each with
-    the normal law given. An end that is parallel to the plane has no deepest point: up to a tilt of about STANDING rad the point goes
-    from the middle of the end to its rim, so that the cylinder stands on it. Without length it is one circle."""
+    the normal law given. An end parallel to the plane has no deepest point: up to a tilt of about STANDING rad it goes from
+    the middle of the end to its rim, so that the cylinder stands on it. Without length it is one circle."""
 
     params = params(
         radius=("m", "radius"), length=("m", "distance of the circles at its ends; None: one circle"),
