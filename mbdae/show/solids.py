@@ -58,7 +58,7 @@ def _flat(one: Any, size: float) -> list[Drawn]:
     upright = isinstance(one, Cylinder) and abs(one.axis[2]) > 1 / 2**0.5
     if isinstance(one, Sphere) or upright:
         x, y = one.radius * np.eye(3)[:2]
-        return [Drawn("disc", symbols.circle(one.at, x, y)), Drawn("line", np.array([one.at, one.at + x]))]
+        return [Drawn("disc", symbols.circle(one.at, x, y, 4 * AROUND)), Drawn("line", np.array([one.at, one.at + x]))]
     if isinstance(one, Cylinder):
         along = symbols.unit(one.axis * (1, 1, 0)) * (ENDLESS * size if one.length is None else one.length) / 2
         beside = one.radius * symbols.across(along)
