@@ -10,6 +10,7 @@
     │   └── ExpressionError an expression of mb.t where only a number has a meaning (also a TypeError)
     ├── SolverError         the integration stopped; with the time, the culprit and the solution so far
     │   └── WallClockError  its wall-clock time was used up
+    ├── StoppedError        a run kept in a folder was ended by SIGTERM; the same call goes on with it
     ├── EquilibriumError    no state at rest was found; with the last one under a part of the loads, and its load factor
     ├── SteadyError         the linearised equations depend on time; with their coefficients at that instant
     └── LibraryError        the compiled part of the package cannot be opened, or not be compiled after a change of its C
@@ -21,7 +22,7 @@ was computed until then: a Result of `simulate`, a Sweep of `sweep`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import wraps
@@ -70,6 +71,10 @@ class OptionError(MbdaeError, ValueError):
     """An option has a value that cannot be used."""
 
 
+class NotReadError(OptionError):
+    """A number of a law is not read where the equations are evaluated: it has no effect, or is compiled in."""
+
+
 class ExpressionError(OptionError, TypeError):
     """An expression of time was used where only a number has a meaning."""
 
@@ -88,6 +93,10 @@ class SolverError(MbdaeError):
 
 class WallClockError(SolverError):
     """The wall-clock time allowed for a run was used up."""
+
+
+class StoppedError(MbdaeError):
+    """A run that is kept in a folder was ended by SIGTERM, after the step under way; the same call goes on with it."""
 
 
 def interrupted(error: BaseException, text: str, solution: Any) -> None:
@@ -156,6 +165,13 @@ class AccuracyWarning(UserWarning):
     """A result does not, or may not, meet the accuracy asked for."""
 
 
+def meant(name: str, known: Iterable[str]) -> str:
+    """A question for the known name that is closest to one that is not known, in any case of its letters; empty where none is."""
+    by_letters = {one.lower(): one for one in known}
+    close = get_close_matches(name.lower(), by_letters, 1)
+    return f"did you mean '{by_letters[close[0]]}'? " if close else ""
+
+
 class ListsAttributes:
     """Base of results: the error for an attribute that does not exist lists those that do."""
 
@@ -172,6 +188,4 @@ class ListsAttributes:
             if name.startswith("_"):
                 raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
             known = [n for n in dir(self) if not n.startswith("_")]
-            close = get_close_matches(name, known, 1)
-            meant = f"did you mean '{close[0]}'? " if close else ""
-            raise AttributeError(f"{self._called} has no '{name}': {meant}it has {', '.join(known)}")
+            raise AttributeError(f"{self._called} has no '{name}': {meant(name, known)}it has {', '.join(known)}")

@@ -19,6 +19,11 @@ QUANTITIES: dict[str, Quantity] = {
     "position": Quantity("r", "m", "position, inertial frame"),
     "velocity": Quantity("v", "m/s", "velocity, inertial frame"),
     "angular_velocity": Quantity(r"\omega", "rad/s", "angular velocity, inertial frame"),
+    "acceleration": Quantity("a", "m/s^2", "acceleration, inertial frame"),
+    "angular_acceleration": Quantity(r"\dot\omega", "rad/s^2", "angular acceleration, inertial frame"),
+    "length": Quantity("d", "m", "distance between the two points of a force element"),
+    "fibre_stress": Quantity(r"\sigma", "Pa", "normal stress along a beam at a point of its section"),
+    "von_mises": Quantity(r"\sigma_v", "Pa", "von Mises stress at a point of the section of a beam"),
     "rotation": Quantity("R", "", "rotation matrix, body to inertial frame"),
     "strain": Quantity(r"\Gamma, K", "-, 1/m", "strains and curvatures of a beam, section axes"),
     "stress_resultants": Quantity("N, M", "N, N m", "forces and moments of a section of a beam, section axes"),
@@ -53,3 +58,9 @@ def axis_label(name: str, quantity: str) -> str:
     """Label of a plot axis: the sensor's name with its unit."""
     unit = QUANTITIES[quantity].unit if quantity in QUANTITIES else ""
     return f"{name} [{unit}]" if unit else name
+
+
+def counted(count: int, noun: str) -> str:
+    """A number of things in words: "1 row", "2 rows", "1 degree of freedom"."""
+    first, *rest = noun.split(" of ")
+    return " of ".join([f"{count} {first}{'' if count == 1 else 's'}", *rest])

@@ -268,3 +268,9 @@ def test_a_door_meets_its_stop_and_is_caught_by_its_latch():
     assert caught["latch"].contacts.begin.size >= 1
     for r in (free, caught):
         assert abs(r.energy.balance[-1]) < 1e-4 * np.max(r.energy.kinetic)
+
+
+@pytest.mark.parametrize("name", ["quarter_car", "gearbox_torques"])
+def test_tables_in_examples_against_formulas_of_their_own(name, capsys):
+    importlib.import_module(name).main()  # it asserts its number
+    assert "exact" in capsys.readouterr().out or name == "quarter_car"

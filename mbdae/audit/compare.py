@@ -31,7 +31,7 @@ class States:
     inner: str = "l"
     side: int = 1
     absent: str | None = None
-    shared: dict[tuple[str, int], Motion] = field(default_factory=dict)
+    shared: dict[tuple[str, int, str], Motion] = field(default_factory=dict)
     fill: int = 1
 
     def of(self, kind: str, count: int = STATES) -> list[Env]:
@@ -39,9 +39,10 @@ class States:
         return [self._env(kind, seed) for seed in range(count)]
 
     def _env(self, kind: str, seed: int) -> Env:
-        if (kind, seed) not in self.shared:
-            self.shared[kind, seed] = Motion(seed, kind, self.equation.scope.own)
-        motion = self.shared[kind, seed]
+        section = self.equation.states
+        if (kind, seed, section) not in self.shared:
+            self.shared[kind, seed, section] = Motion(seed, kind, self.equation.scope.own, section)
+        motion = self.shared[kind, seed, section]
         return Env(motion.without(self.absent) if self.absent else motion, self.equation.scope, self.inner, self.side, self.fill)
 
     @property

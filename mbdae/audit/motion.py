@@ -15,7 +15,7 @@ from zlib import crc32
 
 import numpy as np
 
-from mbdae.audit.carried import Carried
+from mbdae.audit.carried import Carried, joint_class
 from mbdae.audit.evaluate import STEP, NestedError, SizeError, Value, cross
 from mbdae.symbolic.functions import complex_atan2
 
@@ -74,7 +74,7 @@ class Motion:
 
     symbolic = False  #: whether its quantities are symbols
 
-    def __init__(self, seed: int, kind: str = "free", own: Any = ()) -> None:
+    def __init__(self, seed: int, kind: str = "free", own: Any = (), section: str = "") -> None:
         self.seed, self.kind, self.absent = seed, kind, frozenset[str]()
         self.stepped, self.origin = False, None  # type: tuple[bool, Motion | None]
         self.clock, self.arc, self.virtual = 0j, 0j, 0j  #: time and length along the line since the state, virtual displacement
@@ -85,7 +85,7 @@ class Motion:
         self.x0 = {s: self.vector(f"reference place {s}") for s in "kl"}
         self.vectors: dict[str, dict[str, Value]] = {n: {s: self.vector(f"{n} {s}") + 0j for s in "kl"} for n in VECTORS}
         #: value, rate and second rate of the coordinates of the joint, of its relative angle alone where it has none
-        names = ("angle", "first shift", "second shift") if self.link is None else self.link.coordinates
+        names = self.link.coordinates if self.link is not None else free_coordinates(section, own)
         self.coordinates: dict[str, list[Value]] = {
             name: [self.number(n + ("" if i == 0 else f" of {name}")) + 0j for n in ("phi", "phidot", "phiddot")]
             for i, name in enumerate(names)
@@ -281,6 +281,12 @@ class Motion:
         other.vectors["w"]["k"] = w
         other.first[1] = phidot
         return other
+
+
+def free_coordinates(section: str, own: Any) -> tuple[str, ...]:
+    """Names of numbers that stand for coordinates between free bodies: first those of the joint that the section speaks of."""
+    stated = tuple(getattr(joint_class(section, own), "coordinates", ()))
+    return (*stated, *(name for name in ("angle", "first shift", "second shift") if name not in stated))
 
 
 def checked_kind(kind: str, own: Any = ()) -> str:

@@ -86,12 +86,12 @@ def meanings(equation: Printed) -> str:
 
 def audit_text(text: Text) -> list[Row]:
     """A verdict on every equation."""
-    shared: dict[tuple[str, int], Motion] = {}
+    shared: dict[tuple[str, int, str], Motion] = {}
     rows = [audit_equation(equation, shared) for equation in text.equations]
     return [_of_group(row, rows) for row in rows]
 
 
-def audit_equation(equation: Printed, shared: dict[tuple[str, int], Motion] | None = None, search: bool = True) -> Row:
+def audit_equation(equation: Printed, shared: dict[tuple[str, int, str], Motion] | None = None, search: bool = True) -> Row:
     """The verdict on one equation by itself; search: whether a repair is sought."""
     if equation.trouble:
         return _cannot(equation, equation.trouble)

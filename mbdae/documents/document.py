@@ -5,11 +5,12 @@ from __future__ import annotations
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mbdae.documents.blocks import Block, Picture, every
+from mbdae.display import framed
+from mbdae.documents.blocks import Block, Picture, Section, every
 from mbdae.documents.html import html
 from mbdae.documents.latex import latex
 from mbdae.documents.markdown import markdown
@@ -25,7 +26,11 @@ class Document:
     """A title and blocks."""
 
     title: str
-    blocks: Sequence[Block] = field(default=())
+    blocks: Sequence[Block] = ()
+
+    def __repr__(self) -> str:
+        sections = ", ".join(block.title for block in self.blocks if isinstance(block, Section))
+        return f"Document({self.title!r}: {sections or 'no sections'}; .save(path) writes .html, .md, .tex or .pdf)"
 
     def to_html(self) -> str:
         """One page that needs nothing else: mathematics as MathML, pictures inside."""
@@ -38,6 +43,9 @@ class Document:
     def to_latex(self) -> str:
         """A LaTeX article that needs no package beyond a basic installation; of a picture its caption."""
         return latex(self.title, self.blocks)
+
+    def _repr_html_(self) -> str:
+        return framed(self.to_html())
 
     def save(self, path: str | Path) -> Path:
         """Write the format of the suffix, .html, .md, .tex or .pdf; returns the path.

@@ -9,17 +9,22 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.display import rows, titled
 from mbdae.errors import ListsAttributes, OptionError, SceneError
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.laws.contact import Contact
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.beams import BeamSensor
 from mbdae.results.clearance import ClearanceSensor, ContactSensor
+from mbdae.results.columns import to_csv, to_dataframe, to_xarray
 from mbdae.results.energy import Energy, energy
-from mbdae.results.sensors import BodySensor, ConnectionSensor, placed, split
+from mbdae.results.peaks import Peak, peak
+from mbdae.results.quantities import Quantity, value
+from mbdae.results.sensors import BodySensor, ConnectionSensor
 from mbdae.results.states import RunStates
 from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Place
 from mbdae.scene.scene import SceneData
+from mbdae.scene.sensor_names import parsed, placed
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import smallest, unit_rows
@@ -147,8 +152,8 @@ class Result(RunStates, ListsAttributes):
         return self._sensors[key]
 
     def read(self, path: str) -> Array:
-        """A sensor by its path, e.g. "C.angle", "crank.position" or "beam.at(0.5).position" (nt, ...)."""
-        name, quantity = split(option("sensor", path, text, "name a sensor such as 'C.angle' or 'crank.position'"))
+        """A sensor by its path, e.g. "C.angle", "crank.position", "crank.position[1]" or "beam.at(0.5).position" (nt, ...)."""
+        name, quantity, component = parsed(option("sensor", path, text, "name a sensor such as 'C.angle' or 'crank.position'"))
         try:
             sensor = self[name] if name and quantity else None
         except SceneError as error:
@@ -158,7 +163,36 @@ class Result(RunStates, ListsAttributes):
             items = self.prepared.model.scene._names()
             told = f"'{name}' has {known}" if known else f"give item.quantity of an item, such as {items}"
             raise SceneError([f"there is no sensor '{path}'; {told}"])
-        return np.asarray(getattr(sensor, quantity))
+        values = np.asarray(getattr(sensor, quantity))
+        if component is None:
+            return values
+        if values.ndim != 2 or component >= values.shape[1]:
+            count = values.shape[1] if values.ndim == 2 else 0
+            raise SceneError([f"there is no sensor {shown(path)}: '{name}.{quantity}' has {count or 'no'} components, "
+                              f"counted from 0"])  # fmt: skip
+        return np.asarray(values[:, component])
+
+    def value(self, quantity: Quantity) -> Array:
+        """A quantity at the result's times, (nt,) or (nt, n): a sensor, an expression of sensors such as "J.torque[2]*J.rate" or
+        "norm(b.velocity)", or a function of the result."""
+        return value(self, quantity)
+
+    def peak(self, quantity: Quantity) -> Peak:
+        """The largest magnitude of a quantity (see `value`), between the result's times too, with its time: `.value`, `.t`."""
+        return peak(self, quantity)
+
+    def to_dataframe(self, *sensors: Quantity, **further: Quantity) -> Any:
+        """Quantities (see `value`) as a pandas.DataFrame over the time in s, vectors by component; every sensor where none is
+        named. further: quantities with names of their own. `attrs["units"]` has the units."""
+        return to_dataframe(self, sensors, further)
+
+    def to_xarray(self, *sensors: Quantity, **further: Quantity) -> Any:
+        """The same as an xarray.Dataset: vectors have the dimension "axis", units are attributes."""
+        return to_xarray(self, sensors, further)
+
+    def to_csv(self, path: Any, *sensors: Quantity, **further: Quantity) -> None:
+        """The same in a file: columns divided by commas, units in the first line; `mb.read_table` reads it."""
+        to_csv(self, path, sensors, further)
 
     # -- energy, drift and rank
 
@@ -179,7 +213,8 @@ class Result(RunStates, ListsAttributes):
         """(nt,) smallest singular value of all constraint rows, each scaled to unit length; the zeros that redundant rows cause
         do not count. Near zero, the position is singular and reactions are uncertain."""
         m, rank = self.prepared.with_all_rows, len(self.prepared.rank.kept)
-        return np.array([smallest(unit_rows(m, g), rank) for g in m.constraint_jacobian(self.t, self.q)])
+        matrices = m.sparse_constraint_jacobian(self.t, self.q) if m.large else m.constraint_jacobian(self.t, self.q)
+        return np.array([smallest(unit_rows(m, g), rank) for g in matrices])
 
     # -- pictures and files (see `ATTACHED`)
 
@@ -200,19 +235,28 @@ class Result(RunStates, ListsAttributes):
         place: a body, a joint or their name, "hub.position", body.at(point) or "beam.at(0.5)"; other options as for `plot`."""
         return ATTACHED["orbit"](self, place, axes, against, labels, path)
 
-    def animate(self, path: Any, sensors: Sequence[str] = (), fps: float = 30.0, speed: float | None = None,
-                trail: Any = None, hide: Any = ()) -> None:  # fmt: skip
-        """Write the motion as a .gif, or as an .html player that needs nothing but a browser.
+    def animate(self, path: Any = None, sensors: Sequence[str] = (), fps: float = 30.0, speed: float | None = None,
+                trail: Any = None, hide: Any = ()) -> Any:  # fmt: skip
+        """The motion as a film, which a notebook plays; path: of a .gif, or of an .html player that needs nothing but a browser.
 
         sensors: drawn over time beside the motion. fps: frames per s on the screen. speed: simulated s per s on the screen
         (default: 1, where that takes 1 to 60 s, else what takes about 8 s). trail: places whose path is drawn, as `orbit`
         takes them, one or a list. hide: names of items that are left out, one or a list."""
-        ATTACHED["animate"](self, path, sensors, fps, speed, trail, hide)
+        return ATTACHED["animate"](self, path, sensors, fps, speed, trail, hide)
 
     def save(self, path: Any) -> None:
         """Write scene and run to one .npz file; `mb.load(path, laws=[...])` reads it, with your own classes in `laws`."""
         place = option("path", path, file_to_write, "give the path of a file, such as 'run.npz', in a folder that exists")
         ATTACHED["save"](self, place)
+
+    def _repr_html_(self) -> str:
+        a, s, scene = self.accuracy, self.stats, self.prepared.model.scene
+        said = [("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} outputs"),
+                ("solver", f"{self.info.solver.label}, {self.info.form}: {s.steps} steps, {self.info.cpu_s:.2f} s CPU"),
+                ("accuracy", f"asked {a.asked if a.asked is not None else 'none'}, estimated error "
+                             f"{'unknown' if a.estimated is None else f'{a.estimated:.1e}'}; {a.brief}"),
+                ("sensors", ", ".join(item.name for item in scene._items))]  # fmt: skip
+        return titled(f"result of '{scene.name}'", rows(said + [("warning", w) for w in self.warnings]))
 
     def __repr__(self) -> str:
         a, s = self.accuracy, self.stats

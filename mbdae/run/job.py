@@ -20,12 +20,13 @@ import time
 import warnings as python_warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError, keeping
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Asked, Solver
+from mbdae.integrators.checkpoints.keeper import kept_value
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result, RunInfo
@@ -35,7 +36,8 @@ from mbdae.run.contact_tolerances import refuse_unresolved
 from mbdae.run.control import UNTESTED, Controlled, cpu_of, run_controlled
 from mbdae.run.drift import joint_drift
 from mbdae.run.lost_vibrations import with_lost_vibrations
-from mbdae.run.recheck import rechecked
+from mbdae.run.recheck import Rechecked, rechecked
+from mbdae.run.reliability import Assessment
 from mbdae.run.verification import accuracy_of, nothing_known, verified
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
@@ -160,10 +162,11 @@ class Job:
             info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, (), self.choice)
             times = self.times[self.times <= run.solution.t[-1]]
             made = Result(self.prepared, run.solution, info, times)
-            found = assessed(made, run, self.form.label == "Index1")
+            found = kept_value(lambda: assessed(made, run, self.form.label == "Index1"), tuple, lambda kept: Assessment(*kept))
             known = found.within(known)
             if found.reliable and not found.singular:  # else the run has a warning already
-                missed = rechecked(self.prepared, self.form, self._system(run.solver), run, known.asked)
+                missed = kept_value(lambda: rechecked(self.prepared, self.form, self._system(run.solver), run, known.asked),
+                                    asdict, Rechecked.again)  # fmt: skip
                 info, known = replace(info, cpu_s=info.cpu_s + missed.cpu_s), missed.within(known)
                 found = found._replace(notes=(*found.notes, *missed.notes))
             made.info = replace(info, accuracy=known, warnings=found.notes, reliable=found.reliable)

@@ -32,6 +32,8 @@ class SceneItems:
         self.bodies: list[Body] = []
         self.connections: list[Connection] = []
         self.line_loads: list[BeamLoad] = []
+        self._known: dict[str, Any] = {"ground": self.ground}  #: items by name, as far as `_by_name` has read the lists
+        self._read = [0, 0, 0]
         self.attachments: dict[Beam, tuple[float, ...]] = {}  #: places on beams where something is attached, see `nearest_place`
 
     @property
@@ -43,10 +45,20 @@ class SceneItems:
         """The joints, in the order of their statement."""
         return [c for c in self.connections if c.is_joint]
 
+    @property
+    def _by_name(self) -> dict[str, Any]:
+        """Items by name; of equal names the one stated first."""
+        lists: tuple[list[Any], ...] = self.bodies, self.connections, self.line_loads
+        for n, items in enumerate(lists):
+            for item in items[self._read[n] :]:
+                self._known.setdefault(item.name, item)
+            self._read[n] = len(items)
+        return self._known
+
     def __getitem__(self, name: str) -> Any:
-        for item in [self.ground, *self._items]:
-            if item.name == name:
-                return item
+        found = self._by_name.get(name)
+        if found is not None:
+            return found
         raise SceneError([f"there is no item '{name}' in scene '{self.name}'; it has {self._names()}"])
 
     def _names(self) -> str:
@@ -55,7 +67,7 @@ class SceneItems:
 
     def _claim(self, name: str) -> None:
         """Report a name that another item has already."""
-        if name == "ground" or (name != reading.NAMELESS and any(item.name == name for item in self._items)):
+        if name != reading.NAMELESS and name in self._by_name:
             self.problems.append(f"two items have the name '{name}'; give each its own")
 
     def _add_body(self, body: Body) -> Body:

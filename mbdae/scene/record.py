@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from functools import wraps
 from inspect import signature
@@ -12,10 +12,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mbdae.inputs import text, timed
+from mbdae.inputs.tables import from_data, lookup_of
 from mbdae.scene.components import Body, Place
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.law import Law
 from mbdae.symbolic.part import Part
+from mbdae.symbolic.rebuild import nodes
 from mbdae.values import number, shown
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -84,11 +86,33 @@ def encode(value: Any, own: Own | None = None) -> Any:
     return {"object": stored_name(type(value), own), "fields": {key: encode(v, own) for key, v in given.items()}}
 
 
+def stored(e: Any) -> dict[str, Any]:
+    """An expression of time as plain data: its text, and the tables that it names."""
+    found = {lookup.table.name: lookup.table.as_data for node in nodes(e) if (lookup := lookup_of(node)) is not None}
+    return {"expression": text.written(e)} | ({"tables": found} if found else {})
+
+
+def tables_in(data: Any) -> Iterator[tuple[str, Any]]:
+    """Names and data of all tables in nested plain data."""
+    if isinstance(data, dict) and set(data) == {"expression", "tables"}:
+        yield from data["tables"].items()
+    elif isinstance(data, dict | list):
+        for part in data.values() if isinstance(data, dict) else data:
+            yield from tables_in(part)
+
+
+def read(stored_: Any) -> Any:
+    """The expression of time that such data stands for; ValueError where it is none."""
+    for name, data in stored_.get("tables", {}).items():
+        from_data(name, data)
+    return text.read(stored_["expression"])
+
+
 def _encode_expression(value: Any) -> Any:
     try:
         if not getattr(value, "free_symbols", None):
             return number(value)
-        return {"expression": text.written(timed.expression(value))}
+        return stored(timed.expression(value))
     except Exception:  # the statement itself reports it
         return {"unreadable": shown(value)}
 

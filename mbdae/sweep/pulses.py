@@ -1,0 +1,136 @@
+"""Pulses among the inputs of a scene, loads and prescribed motions that change during one interval alone, and their variation.
+
+A pulse is found by sampling the inputs of the scene as stated, where it has to be wide enough for that. A varied one is the
+same expression with its time and its values scaled, so that its edges are known however narrow it has become: a reference
+that restarts at them (`extremes/reference.py`) cannot step over it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import symengine as se
+
+from mbdae.errors import OptionError
+from mbdae.inputs import timed
+from mbdae.scene.record import encode, read
+
+NUMBERS = ("begin", "width", "strength")  #: quantities of a pulse that can be varied
+SAMPLES = 20001  #: times of the run at which inputs are sampled to find pulses
+CONSTANT = 1e-12  #: relative to the largest change of an input: smaller changes count as none
+BISECTIONS = 60
+PARTS = 8  #: of a pulse: a reference restarts at each, so that it does not step over the middle of a smooth pulse either
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """Inputs that change between begin and begin + width (s) alone; strength: their largest departure from what they are
+    before, in their own unit."""
+
+    begin: float
+    width: float
+    strength: float
+
+    @property
+    def stops(self) -> list[float]:
+        """Times at which a reference restarts, s."""
+        return [float(t) for t in self.begin + self.width * np.arange(PARTS + 1) / PARTS]
+
+
+def pulse_of(inputs: Sequence[Any], t_end: float) -> Pulse | None:
+    """The pulse of several expressions of time together in a run of t_end s; None where one changes at the start or the end of
+    the run, or none changes."""
+    times = np.linspace(0.0, t_end, SAMPLES)
+    seen = np.array([timed.values(e, times) for e in inputs])
+    departure = np.abs(seen - seen[:, :1])
+    small = CONSTANT * np.max(np.ptp(seen, axis=1), initial=0.0)
+    if not np.isfinite(seen).all() or small == 0.0:
+        return None
+    early = np.flatnonzero(np.any(departure > small, axis=0))[0] - 1
+    late = np.flatnonzero(np.any(np.abs(seen - seen[:, -1:]) > small, axis=0))[-1]
+    if early < 1 or late > SAMPLES - 3:
+        return None
+    begin = _edge(inputs, seen[:, 0], small, times[early], times[early + 1])
+    end = _edge(inputs, seen[:, -1], small, times[late + 1], times[late])
+    return Pulse(begin, max(end - begin, 0.0), float(np.max(departure)))
+
+
+def _edge(inputs: Sequence[Any], rest: Any, small: float, quiet: float, changed: float) -> float:
+    """The time at which inputs leave their constant value `rest`, by bisection between a time with it (`quiet`) and one without
+    (`changed`): exact for a Piecewise, else where they differ by `small`."""
+    at = np.array([quiet])
+    small = 0.0 if all(timed.values(e, at)[0] == value for e, value in zip(inputs, rest, strict=True)) else small
+    for _ in range(BISECTIONS):
+        middle = np.array([(quiet + changed) / 2])
+        off = any(abs(timed.values(e, middle)[0] - value) > small for e, value in zip(inputs, rest, strict=True))
+        quiet, changed = (quiet, float(middle[0])) if off else (float(middle[0]), changed)
+    return (quiet + changed) / 2
+
+
+@dataclass(frozen=True)
+class Varying:
+    """The pulse of one statement, one of whose NUMBERS is varied. keys: where among its arguments the expressions are."""
+
+    keys: tuple[str, ...]
+    pulse: Pulse
+    number: str
+
+    def at(self, value: float) -> Pulse:
+        """The pulse at a value."""
+        return replace(self.pulse, **{self.number: value})
+
+    def set(self, arguments: dict[str, Any], value: float) -> None:
+        """Give the expressions of the statement the pulse at a value."""
+        old, new = self.pulse, self.at(value)
+        pace = old.width / new.width if self.number == "width" else 1.0
+        time = _exact(old.begin) + _exact(pace) * (timed.TIME - _exact(new.begin))
+        size = _exact(new.strength / old.strength)
+        for holder, key in list(_places(arguments, self.keys)):
+            e = _expression(holder[key])
+            before = _exact(float(timed.values(e, np.zeros(1))[0]))
+            holder[key] = encode(before + size * (e.subs({timed.TIME: time}) - before))
+
+
+def varying(arguments: dict[str, Any], keys: Sequence[str], t_end: float, name: str) -> Varying | None:
+    """The pulse in the arguments of a statement, for a run of t_end s, of which `keys` vary a number ("width", or "value", "0",
+    "width" for one of several inputs); None where they name another argument."""
+    *path, number = keys
+    if number not in NUMBERS or number in arguments or number in arguments.get("law", {}).get("values", {}):
+        return None
+    inputs = [_expression(holder[key]) for holder, key in _places(arguments, path)]
+    if not inputs:
+        return None
+    found = pulse_of(inputs, t_end)
+    if found is None or not (found.width or number != "width"):
+        raise OptionError(f"vary: '{name}': its inputs of time are no pulse: between the start and t = {t_end:g} s they have to "
+                          f"be constant, change for some time, and be constant again")  # fmt: skip
+    return Varying(tuple(path), found, number)
+
+
+def pulses(statements: Any, t_end: float) -> list[Pulse]:
+    """The pulses of single expressions in statements, for a run of t_end s."""
+    alone = [_expression(holder[key]) for holder, key in _places(statements, ())]
+    return [found for e in alone if (found := pulse_of([e], t_end)) is not None]
+
+
+def _places(holder: Any, path: Sequence[str]) -> Iterator[tuple[Any, Any]]:
+    """(list or mapping, key) of every expression of time in nested data below a path of names and numbers."""
+    for key, value in enumerate(holder) if isinstance(holder, list) else holder.items():
+        rest = path[1:] if path and str(key) == path[0] else path
+        if isinstance(value, dict) and "expression" in value:
+            if not rest:
+                yield holder, key
+        elif isinstance(value, list | dict):
+            yield from _places(value, rest)
+
+
+def _expression(stated: Any) -> Any:
+    return timed.expression(read(stated))
+
+
+def _exact(value: float) -> Any:
+    """A number as a fraction, so that moved times lose no digit."""
+    return se.Rational(*float(value).as_integer_ratio())

@@ -1,0 +1,219 @@
+"""A scene with another number in one of its statements: a scene is data (`mbdae.scene.record`), changed and replayed."""
+
+from __future__ import annotations
+
+import copy
+import inspect
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import MbdaeError, OptionError
+from mbdae.inputs import timed
+from mbdae.scene.record import item_name, read, stored
+from mbdae.scene.replay import Known, replay
+from mbdae.scene.scene import SceneData
+from mbdae.sweep.pulses import varying
+
+SHORTHANDS = "mass, stiffness, speed, clearance; begin, width, strength of a pulse"
+Statements = list[Any]
+
+
+def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tuple[SceneData, float]:
+    """The scene with the argument `name` ("item.argument", dots go into a model or section, numbers into a list) set, and
+    the factor on the end of its run: a faster drive runs for the same number of turns. Pulses of inputs are sought in t_end s."""
+    item, *keys = name.split(".")
+    statements = copy.deepcopy(scene.statements)
+    index, call = call_of(scene, statements, item)
+    pulse, factor = varying(call, keys, t_end, name), 1.0
+    if pulse is not None:
+        pulse.set(call, value)
+    else:
+        factor = _set(call, statements[index][0], keys, value, name)
+    statements[index] = _statement(scene, statements[index][0], call)
+    data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
+    try:
+        return replay(data, type(scene), Known(scene.own)), factor
+    except MbdaeError as error:
+        raise OptionError(f"vary: {name} = {value:g}: {error}") from error
+
+
+def call_of(scene: SceneData, statements: Statements, item: str) -> tuple[int, dict[str, Any]]:
+    """Number of the statement of an item, and its arguments by name."""
+    names = [item_name(s) for s in statements]
+    if item not in names:
+        raise OptionError(f"vary: there is no item '{item}' in scene '{scene.name}'; it has {items_of(scene)}")
+    method, args, kwargs = statements[names.index(item)]
+    call = dict(list(inspect.signature(getattr(type(scene), method)).bind(None, *args, **kwargs).arguments.items())[1:])
+    further = call.pop("further", {})
+    return names.index(item), call | further
+
+
+def _statement(scene: SceneData, method: str, call: dict[str, Any]) -> list[Any]:
+    """The statement with these arguments by name."""
+    signature = inspect.signature(getattr(type(scene), method))
+    bound = signature.bind_partial(None)
+    further = {key: value for key, value in call.items() if key not in signature.parameters}
+    bound.arguments |= {key: value for key, value in call.items() if key not in further}
+    bound.arguments |= {"further": further} if further else {}
+    return [method, list(bound.args[1:]), dict(bound.kwargs)]
+
+
+def items_of(scene: SceneData) -> str:
+    """Names of all items of a scene, in words."""
+    return ", ".join(repr(n) for n in (item_name(s) for s in scene.statements) if isinstance(n, str))
+
+
+def _set(call: dict[str, Any], method: str, keys: list[str], value: float, name: str) -> float:
+    """Set one argument of a statement; returns the factor on the end of the run."""
+    if keys[0] == "speed" and len(keys) < 3:
+        return _set_speed(call, method, value, name, "".join(keys[1:]))
+    if keys == ["mass"] and method in ("rigid_body", "link"):
+        _set_mass(call, method, value)
+    elif keys == ["stiffness"] and not {"stiffness", "law"} & set(call):
+        _set_stiffness(call, value, name)
+    elif keys == ["clearance"]:
+        fields = _fields(call, "model", ("outer", "inner"), name)
+        fields["outer"] = fields["inner"] + value
+    else:
+        _descend(call, keys, value, name)
+    return 1.0
+
+
+def _set_mass(call: dict[str, Any], method: str, value: float) -> None:
+    """Set the mass, and the inertia in proportion: the same body with another density."""
+    if method == "rigid_body" and call["mass"]:
+        call["inertia"] = (np.asarray(call["inertia"], dtype=float) * (value / call["mass"])).tolist()
+    call.pop("mass_per_length", None)
+    call["mass"] = value
+
+
+def _set_stiffness(call: dict[str, Any], value: float, name: str) -> None:
+    """Set the spring of a joint, the contact stiffness of a clearance, or EA of a beam with the others in proportion."""
+    if call.get("spring") is not None:
+        holder, key = _alone(_by_coordinate(call, "spring"), name, "spring")
+        holder[key] = value
+    elif "section" in call:
+        fields = _fields(call, "section", ("EA",), name)
+        factor = value / fields["EA"]
+        for key in ("EA", "GA2", "GA3", "GJ", "EI2", "EI3", *(["E"] if fields.get("E") else [])):
+            fields[key] *= factor
+    else:
+        normal = _fields(call, "model", ("normal",), name)["normal"]
+        _fields({"normal": normal}, "normal", ("stiffness",), name)["stiffness"] = value
+
+
+def _fields(call: Mapping[str, Any], key: str, wanted: Sequence[str], name: str) -> dict[str, Any]:
+    """The fields of an object that is an argument."""
+    fields = (call.get(key) or {}).get("fields", {}) if isinstance(call.get(key), dict | None) else {}
+    if not all(isinstance(fields.get(w), float | int | dict) for w in wanted):
+        raise OptionError(f"vary: '{name}' needs a {key} with {' and '.join(wanted)}, which this item does not have; "
+                          f"it has {_listed(call)}")  # fmt: skip
+    return dict.__getitem__(call[key], "fields") if isinstance(call[key], dict) else fields
+
+
+def _by_coordinate(call: dict[str, Any], option: str) -> list[tuple[dict[str, Any], str]]:
+    """(mapping, key) of every value of a joint's option: one value, or values by coordinate."""
+    stated = call.get(option)
+    holder = stated["by"] if isinstance(stated, dict) and "by" in stated else call
+    return [(holder, key) for key in ([option] if holder is call else holder) if holder.get(key) is not None]
+
+
+def _alone(places: list[tuple[dict[str, Any], str]], name: str, word: str) -> tuple[dict[str, Any], str]:
+    """The only place; an error where there are several."""
+    if len(places) != 1:
+        options = " or ".join(f"'{name.partition('.')[0]}.{word}.{key}'" for _, key in places)
+        raise OptionError(f"vary: '{name}': this joint has several; say {options}")
+    return places[0]
+
+
+def _set_speed(call: dict[str, Any], method: str, value: float, name: str, coordinate: str = "") -> float:
+    """Set the speed of a drive, of the start of a joint, or of a body at the start; returns the factor on the end of the run."""
+    drive, start = {"revolute": ("angle", "rate0"), "prismatic": ("position", "rate0")}.get(method, ("prescribed", "start_rate"))
+    moving = [(h, key) for h, key in _by_coordinate(call, drive) if isinstance(h[key], dict)]
+    moving += [(h, key) for h, key in _by_coordinate(call, start) if h[key]]
+    moving = [place for place in moving if coordinate in ("", place[1])]
+    if moving:
+        holder, key = _alone(moving, name, "speed")
+        if not isinstance(holder[key], dict):
+            before, holder[key] = abs(holder[key]), value
+            return 1 / abs(_ratio(value, before, name))
+        e = timed.expression(read(holder[key]))
+        before = abs(float(timed.values(timed.derivatives(e)[1], np.zeros(1))[0]))
+        factor = _ratio(value, before, name)
+        holder[key] = stored(e.subs({timed.TIME: factor * timed.TIME}))
+        return 1 / abs(factor)
+    for key in ("angular_velocity", "velocity"):
+        if not coordinate and call.get(key) is not None and np.linalg.norm(call[key]) > 0:
+            factor = _ratio(value, float(np.linalg.norm(call[key])), name)
+            call[key] = (np.asarray(call[key], dtype=float) * factor).tolist()
+            return 1 / abs(factor)
+    raise OptionError(f"vary: '{name}': the item has no speed at the start: give it a prescribed angle or position, a "
+                      f"rate0 or start_rate, a velocity or an angular_velocity; it has {_listed(call)}")  # fmt: skip
+
+
+def _ratio(value: float, before: float, name: str) -> float:
+    if not before or not value:
+        raise OptionError(f"vary: '{name}' = {value:g}: speeds are multiples of the one stated, {before:g}; neither may be 0")
+    return value / before
+
+
+def _descend(holder: Any, keys: list[str], value: float, name: str) -> None:
+    """Set the number at the path of keys; a list of numbers is scaled so that its largest entry is the value."""
+    key: Any = keys[0]
+    if isinstance(holder, dict):
+        holder = next((holder[part] for part in ("fields", "values", "by") if part in holder), holder)
+    if isinstance(holder, list) and key.isdigit() and int(key) < len(holder):
+        key = int(key)
+    elif not (isinstance(holder, dict) and key in holder):
+        law = next((v for v in holder.values() if isinstance(v, dict) and "law" in v), None) if isinstance(holder, dict) else None
+        if law is not None:
+            return _descend(law, keys, value, name)
+        raise OptionError(f"vary: '{name}': there is no number '{key}' stated; there is {_listed(holder)}")
+    if len(keys) > 1:
+        return _descend(holder[key], keys[1:], value, name)
+    old = holder[key]
+    if isinstance(old, list):
+        size = np.max(np.abs(np.asarray(old, dtype=float)))
+        holder[key] = (np.asarray(old, dtype=float) * _ratio(value, float(size), name)).tolist()
+    elif isinstance(old, dict) and "by" in old:
+        raise OptionError(f"vary: '{name}' has values by coordinate; say {' or '.join(repr(f'{name}.{c}') for c in old['by'])}")
+    elif isinstance(old, bool | str | dict):
+        raise OptionError(f"vary: '{name}' is not a number; a motion is varied by its 'speed', a pulse by its "
+                          f"'begin', 'width' or 'strength', an object by 'item.argument.field'")
+    else:
+        holder[key] = int(value) if isinstance(old, int) and value == int(value) else value
+    return None
+
+
+def _listed(holder: Any) -> str:
+    if isinstance(holder, list):
+        return f"a list of {len(holder)}"
+    names = [str(k) for k in holder if k not in ("self", "name")] if isinstance(holder, dict) else []
+    return (", ".join(names) or "nothing more") + f"; shorthands: {SHORTHANDS}"
+
+
+def stated_number(scene: SceneData, item: str, kind: str) -> float | None:
+    """The mass, stiffness or speed an item states; None where it states none."""
+    index, call = call_of(scene, scene.statements, item)
+    method = scene.statements[index][0]
+    if kind == "mass":
+        body = next((b for b in scene.bodies if b.name == item), None)
+        return body.mass if body is not None and method != "beam" else None
+    if kind == "speed":
+        try:
+            return _set_speed(copy.deepcopy(call), method, 1.0, item)
+        except OptionError:
+            return None
+    model = call.get("model")
+    normal = model.get("fields", {}).get("normal") if isinstance(model, dict) else None
+    section = call.get("section")
+    own = call.get("law", {}).get("values", {})
+    springs = _by_coordinate(call, "spring")
+    spring = springs if len(springs) == 1 else []
+    for holder, key in ((call, "stiffness"), (own, "stiffness"), *spring, (section, "EA"), (normal, "stiffness")):
+        fields = holder.get("fields", holder) if isinstance(holder, dict) else {}
+        if fields.get(key) is not None:
+            return float(np.max(np.abs(np.asarray(fields[key], dtype=float))))
+    return None

@@ -1,0 +1,83 @@
+"""Accelerations and multipliers of many states with sparse matrices: their entries are at the same places in all of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.deferred import sp, splu
+from mbdae.native.sparse import Entries, Factors, Order, Orders, SingularMatrixError
+from mbdae.system.base import Array
+from mbdae.system.motion.constrained import CORRECTIONS, GIVE
+
+CLOSE = 1e-8  #: what may be left of the equations, over their right-hand sides
+
+
+class FixedPattern:
+    """K x = right with K = [[M, G^T - slope], [G, 0]] at many states.
+
+    M (nu, nu): sparse, the same at all of them. rows, columns: of the entries of G (m, nu). slope (nt, nu, m) or None. The order
+    of elimination is found once; it is sought again where pivots become small."""
+
+    def __init__(self, M: Any, m: int, rows: Any, columns: Any, slope: Array | None) -> None:
+        nu, M = M.shape[0], sp.coo_matrix(M)
+        self.n, self.m, self._mass = nu + m, m, M.data
+        self._slope = None if slope is None else np.nonzero(np.any(slope != 0, axis=0))
+        of_slope = self._slope or (np.zeros(0, dtype=np.intp),) * 2
+        own = nu + np.arange(m)
+        i = np.concatenate([M.row, columns, nu + rows, of_slope[0], own]).astype(np.int64)
+        j = np.concatenate([M.col, nu + rows, columns, nu + of_slope[1], own]).astype(np.int64)
+        places, where = np.unique(j * self.n + i, return_inverse=True)
+        self.entries = Entries(self.n, np.searchsorted(places, np.arange(self.n + 1) * self.n), places % self.n)
+        self._add = sp.csr_matrix((np.ones(len(where)), (np.arange(len(where)), where)), shape=(len(where), len(places)))
+        self._own = where[len(where) - m :]
+        orders = Orders(self.entries, (_by_pivots,))
+        self._exact, self._near = Factors(orders, float), Factors(Orders(self.entries, (_by_pivots,)), float)
+
+    def values(self, G: Array, slope: Array | None) -> Array:
+        """(nt, nnz) entries of K for entries of G (nt, k)."""
+        parts = [np.broadcast_to(self._mass, (len(G), len(self._mass))), G, G]
+        if slope is not None and self._slope is not None:
+            parts.append(-slope[:, self._slope[0], self._slope[1]])
+        return np.asarray(np.hstack([*parts, np.zeros((len(G), self.m))]) @ self._add)
+
+    def solve(self, values: NDArray[np.float64], give: Array, right: Array, redundant: bool) -> Array:
+        """x (n,) at one state. redundant, give: see `solver_of`."""
+        x = None if redundant else self._solved(values, right)
+        return self._nearest(values, give, right) if x is None else x
+
+    def _product(self, values: Array, x: Array) -> Array:
+        return np.asarray(np.bincount(self.entries.row_of, values * x[self.entries.column_of], self.n), dtype=float)
+
+    def _solved(self, values: Array, right: Array) -> Array | None:
+        """With one correction; None where K is singular."""
+        self._exact.values[:] = values
+        try:
+            self._exact.factor()
+        except SingularMatrixError:
+            return None
+        x = self._exact.solve(right)
+        x = x + self._exact.solve(right - self._product(values, x))
+        left = np.linalg.norm(self._product(values, x) - right)
+        return x if left <= CLOSE * (np.linalg.norm(right) + 1e-300) else None
+
+    def _nearest(self, values: Array, give: Array, right: Array) -> Array:
+        """Multipliers of least norm: with compliance of the constraints, which is then corrected."""
+        self._near.values[:] = values
+        self._near.values[self._own] -= GIVE * give
+        self._near.factor()
+        x = np.zeros(self.n)
+        for _ in range(CORRECTIONS):
+            x = x + self._near.solve(right - self._product(values, x))
+        return x
+
+
+def _by_pivots(entries: Entries, values: NDArray[Any]) -> Order | None:
+    """The order with the largest pivots of the present values."""
+    try:
+        factors = splu(entries.matrix(values))
+    except RuntimeError:  # singular
+        return None
+    return Order(entries, np.argsort(factors.perm_r), np.argsort(factors.perm_c))

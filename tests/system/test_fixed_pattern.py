@@ -1,0 +1,37 @@
+"""Sparse accelerations of many states in one pattern are those of one state at a time."""
+
+from __future__ import annotations
+
+import beam_scenes
+import numpy as np
+import pytest
+
+import mbdae as mb
+from mbdae.system.motion import mechanics as module
+
+
+def hinged(twice: bool) -> mb.Scene:
+    """A beam on a hub: with a second hinge that says nothing new, or with friction by the reaction of its only one."""
+    s = mb.Scene("hinged", gravity=(0, 0, -9.81))
+    hub = s.rigid_body("hub", 1.0, (0.1, 0.1, 0.1))
+    arm = s.beam("arm", (0, 0, 0), (1, 0, 0), section=mb.Section.circular(0.02, 2e9, 0.3, 1000.0), elements=2)
+    rubbing = {} if twice else {"friction": mb.Coulomb(0.2, 0.1), "radius": 0.01}
+    s.revolute("lower", s.ground, hub, at=(0, 0, -0.2), axis=(0, 0, 1), rate0=1.0, **rubbing)
+    if twice:
+        s.revolute("upper", s.ground, hub, at=(0, 0, 0.2), axis=(0, 0, 1))
+    s.weld("clamp", hub, arm, at=(0, 0, 0))
+    return s
+
+
+@pytest.mark.parametrize("make", [lambda: beam_scenes.slider_crank(2, 2), lambda: hinged(True), lambda: hinged(False)])
+def test_accelerations_of_many_states_are_those_of_single_ones(make, monkeypatch):
+    r = make().simulate(0.005, 1e-3)
+    t = np.linspace(0, 0.005, 7)
+    q, u, s, *_ = r.prepared.states(t, r.solution(t))
+    for mechanics in (r.prepared.mechanics, r.prepared.with_all_rows):
+        together = mechanics.accelerations(t, q, u, s)
+        monkeypatch.setattr(module, "MANY", len(t) + 1)
+        single = mechanics.accelerations(t, q, u, s)
+        monkeypatch.undo()
+        for one, other in zip(together, single, strict=True):
+            assert np.max(np.abs(one - other)) <= 1e-7 * np.max(np.abs(other))
