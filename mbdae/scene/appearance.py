@@ -57,11 +57,13 @@ def shapes(arg: Argument, value: Any) -> tuple[Shape, ...]:
 
 
 def color(arg: Argument, value: Any) -> str:
-    """A colour as "#rrggbb" from any that matplotlib knows."""
+    """A colour as "#rrggbb" from a name that matplotlib knows, or three numbers; texts of numbers, its greys, are refused."""
     try:
-        return READERS["color"](value)
-    except ValueError:
-        arg.wrong(shown(value), "give a colour as matplotlib does: 'tab:blue', 'red', '#1f77b4', 'C0', or (r, g, b) from 0 to 1")
+        named = isinstance(value, str) and not value.strip().replace(".", "").isdigit()
+        return READERS["color"](value if named else tuple(array(value, (3,)).tolist()))
+    except ValueError as refused:
+        told = shown(value) in str(refused)
+        arg.wrong(refused if told and isinstance(refused, BadValueError) else shown(value), "give a colour as matplotlib does: 'tab:blue', 'red', '#1f77b4', 'C0', or (r, g, b) from 0 to 1")
         return "#000000"
 
 
