@@ -91,6 +91,10 @@ def test_cylinders_in_the_plane_and_in_space_move_alike(axis: tuple[float, ...])
         r = s.simulate(0.25, 1e-6)
         found.append([*r["b"].position[-1, :2], r["b"].angular_velocity[-1, 2], r["floor"].contacts.first])
     np.testing.assert_allclose(*found, rtol=1e-4)
+    t = found[0][3]
+    up = axis[0] * math.sin(t) + axis[1] * math.cos(t)  # part of the axis along the normal, after a turn by 1 rad/s
+    lowest = 0.2 * abs(up) + 0.1 * math.sqrt(1 - up**2)
+    assert axis[2] or 0.3 - G * t**2 / 2 == pytest.approx(lowest, abs=1e-6)  # the disc meets the post first
 
 
 def test_a_shape_without_a_point_is_at_the_place_given() -> None:
