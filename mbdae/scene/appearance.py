@@ -62,8 +62,9 @@ def color(arg: Argument, value: Any) -> str:
         named = isinstance(value, str) and not value.strip().replace(".", "").isdigit()
         return READERS["color"](value if named else tuple(array(value, (3,)).tolist()))
     except ValueError as refused:
-        told = shown(value) in str(refused)
-        arg.wrong(refused if told and isinstance(refused, BadValueError) else shown(value), "give a colour as matplotlib does: 'tab:blue', 'red', '#1f77b4', 'C0', or (r, g, b) from 0 to 1")
+        told = isinstance(refused, BadValueError) and shown(value) in str(refused)
+        remedy = "give a colour as matplotlib does: 'tab:blue', 'red', '#1f77b4', 'C0', or (r, g, b) from 0 to 1"
+        arg.wrong(refused if told else shown(value), remedy)
         return "#000000"
 
 
