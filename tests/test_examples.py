@@ -234,6 +234,42 @@ def test_ground_resonance_map_needs_floquet_where_a_damper_failed(tmp_path):
         example.scene(dampers=(0, 400, 400, 400), isotropic=False).linearize(frame="hub")
 
 
+def test_a_bouncing_ball_hops_as_its_restitution_says_and_rolls_at_last():
+    import bouncing_ball as example
+
+    r = example.scene().simulate(example.t_end, accuracy=1e-6)
+    times, heights = zip(*example.hops(4), strict=True)
+    impacts = r["floor"].contacts
+    np.testing.assert_allclose(impacts.begin[:4], times, atol=8e-3)  # s; an impact takes a millisecond
+    between = [np.linspace(a, b, 400) for a, b in zip(impacts.end[:3], impacts.begin[1:4], strict=True)]
+    rise = [np.max(r(t)["ball"].position[:, 2]) - example.RADIUS for t in between]
+    np.testing.assert_allclose(rise, heights[:3], rtol=1e-3)
+    assert r["ball"].velocity[-1, 0] == pytest.approx(5 / 7 * example.SPEED, rel=2e-3)
+
+
+@pytest.mark.parametrize("rolls", [True, False])
+def test_a_ball_leaves_a_cylinder_where_its_normal_force_ends(rolls):
+    import ball_over_cylinder as example
+
+    r = example.scene(100.0 if rolls else 0.0).simulate(example.t_end, accuracy=1e-6)
+    assert example.left(r) == pytest.approx(example.leaves(rolls), abs=2e-3)  # rad
+    assert np.max(np.abs(r.energy.balance)) < 1e-5 * np.max(r.energy.kinetic)
+
+
+def test_a_door_meets_its_stop_and_is_caught_by_its_latch():
+    import latched_door as example
+
+    free, caught = (example.scene(latch).simulate(example.t_end, accuracy=1e-7) for latch in (False, True))
+    first, end = free["hinge"].contacts.begin[0], free["hinge"].contacts.end[0]
+    assert -free(first)["hinge"].rate[0] == pytest.approx(example.speed_at_the_stop(), rel=1e-6)
+    assert free(end)["hinge"].rate[0] == pytest.approx(example.rebound() * example.speed_at_the_stop(), rel=2e-3)
+    assert np.max(free["hinge"].angle[free.t > end]) > 0.1  # it opens again
+    assert np.max(np.abs(caught["hinge"].angle[caught.t > 1.5])) < 0.04  # it does not
+    assert caught["latch"].contacts.begin.size >= 1
+    for r in (free, caught):
+        assert abs(r.energy.balance[-1]) < 1e-4 * np.max(r.energy.kinetic)
+
+
 @pytest.mark.parametrize("name", ["quarter_car", "gearbox_torques"])
 def test_tables_in_examples_against_formulas_of_their_own(name, capsys):
     importlib.import_module(name).main()  # it asserts its number

@@ -236,13 +236,13 @@ class Result(RunStates, ListsAttributes):
         return ATTACHED["orbit"](self, place, axes, against, labels, path)
 
     def animate(self, path: Any = None, sensors: Sequence[str] = (), fps: float = 30.0, speed: float | None = None,
-                trail: Any = None) -> Any:  # fmt: skip
+                trail: Any = None, hide: Any = ()) -> Any:  # fmt: skip
         """The motion as a film, which a notebook plays; path: of a .gif, or of an .html player that needs nothing but a browser.
 
-        sensors: drawn over time below the motion. fps: frames per s on the screen. speed: simulated s per s on the screen
+        sensors: drawn over time beside the motion. fps: frames per s on the screen. speed: simulated s per s on the screen
         (default: 1, where that takes 1 to 60 s, else what takes about 8 s). trail: places whose path is drawn, as `orbit`
-        takes them, one or a list."""
-        return ATTACHED["animate"](self, path, sensors, fps, speed, trail)
+        takes them, one or a list. hide: names of items that are left out, one or a list."""
+        return ATTACHED["animate"](self, path, sensors, fps, speed, trail, hide)
 
     def save(self, path: Any) -> None:
         """Write scene and run to one .npz file; `mb.load(path, laws=[...])` reads it, with your own classes in `laws`."""

@@ -15,6 +15,7 @@ from mbdae.errors import OptionError
 from mbdae.laws.contact import Normal
 from mbdae.laws.forces.line_load import LineLoad
 from mbdae.laws.friction import Friction
+from mbdae.scene.shapes import Shape
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import TwoBodyLaw
 from mbdae.values import BadValueError, array, number, shown
@@ -40,6 +41,8 @@ class Body:
     is_ground: bool = False
     principal_plane: bool = False  #: inertia given as one number: about z only
     scene: Any = field(default=None, repr=False)  #: the scene it was stated in
+    shapes: tuple[Shape, ...] | None = None  #: drawn in place of what follows from mass and attachments; None: not stated
+    color: str | None = None  #: "#rrggbb"
 
     @property
     def owner(self) -> Body:
@@ -228,6 +231,7 @@ class Connection:
     left_open: bool = False  #: whether the user named no joint model
     as_kinematic: list[TwoBodyLaw] = field(default_factory=list)  #: as an ideal kinematic joint, where the model may need it
     others: dict[str, Any] = field(default_factory=dict)  #: bodies of further frames by name
+    shapes: tuple[Shape, ...] = ()  #: of k and of l, where they touch by their shapes
     places: dict[str, Array] = field(default_factory=dict)  #: side "k" or "l" -> the point of that body the user named, as drawn
 
     @property

@@ -12,48 +12,18 @@ import numpy as np
 from mbdae.laws.contact import BallOnBall, BallOnCylinder, BallOnPlane, CylinderOnPlane
 from mbdae.laws.contact.base import Contact
 from mbdae.scene import reading
-from mbdae.scene.components import Array, Body, Connection
+from mbdae.scene.appearance import placed, shape
+from mbdae.scene.components import Connection
+from mbdae.scene.connections import point_of
 from mbdae.scene.items import SceneItems
 from mbdae.scene.models import friction_law, normal_law
-from mbdae.scene.reading import Argument, reads
+from mbdae.scene.reading import reads
 from mbdae.scene.record import statement
 from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Shape, Sphere
-from mbdae.values import BadValueError, array, shown
+from mbdae.symbolic.law import TwoBodyLaw
 
-SHAPES = "give mb.Plane, mb.Cylinder, mb.Sphere, mb.Point or mb.Box"
 TWO = "a plane touches spheres, points, boxes and cylinders; a sphere touches spheres, points and cylinders"
 STANDING = 1e-9  #: component of an axis that is round-off
-
-
-def shape(arg: Argument, value: Any) -> Shape:
-    """A shape with plain values: its point, directions of length 1, lengths above 0."""
-    if not isinstance(value, Shape) or type(value) is Shape:
-        arg.wrong(f"{shown(value)} is no shape", SHAPES)
-        return Point()
-    found: dict[str, Any] = {}
-    for key, given in vars(value).items():
-        part = arg.part(f"{arg.option}.{key}")
-        if key in ("radius", "length"):
-            found[key] = None if given is None and key == "length" else reading.quantity("m", "positive")(part, given)
-        elif key in ("normal", "axis"):
-            found[key] = reading.unit(reading.direction(part, given))
-        elif key == "size":
-            found[key] = _edges(part, given)
-        elif given is not None:
-            found[key] = (reading.rotation if key == "rotation" else reading.point)(part, given)
-    return replace(value, **found)
-
-
-def _edges(arg: Argument, value: Any) -> Array:
-    """Lengths (3,) of the edges of a box; 0 along z where two are given."""
-    try:
-        found = array(value)
-        if found.shape not in ((2,), (3,)) or (found < 0).any() or not found.any():
-            raise BadValueError(shown(value))
-    except BadValueError as refused:
-        arg.wrong(refused, "give three lengths, m, not all 0, or two for a plate in the plane z = 0")
-        return np.ones(3)
-    return np.append(found, np.zeros(3 - len(found)))
 
 
 class ContactStatements(SceneItems):
@@ -67,31 +37,31 @@ class ContactStatements(SceneItems):
     def contact(self, name: str, k: Any, l: Any, shape_k: Shape, shape_l: Shape, normal: Any, friction: Any = None) -> Connection:
         """Contact of a shape of body k with one of body l: nothing acts where they are apart, a normal force and friction where
         they overlap, and no step goes over a contact. Shapes as drawn (m): mb.Plane, mb.Cylinder, mb.Sphere, mb.Point,
-        mb.Box; without a point `at` they are at the centre of mass. normal: mb.Hertz(...) or a normal law of one's own; friction:
-        mb.Coulomb(...), one's own, or None. Sensors: `gap`, `normal_force`, `friction_force`, `slip`, `contacts`; force
-        and torque are those on the body of the sphere, point, box, or of the cylinder on a plane."""
-        first, second = (k, _placed(k, shape_k)), (l, _placed(l, shape_l))
+        mb.Box; without a point `at` they are at the centre of mass, or at the place `body.at(...)` given for the body.
+        normal: mb.Hertz(...) or a normal law of one's own; friction: mb.Coulomb(...), one's own, or None. Sensors: `gap`,
+        `normal_force`, `friction_force`, `slip`, `contacts`; force and torque are those on the body of the sphere, point, box,
+        or of the cylinder on a plane."""
+        first, second = ((b, placed(shape, point_of(b))) for b, shape in ((k, shape_k), (l, shape_l)))
         if _rank(shape_k) > _rank(shape_l):
             first, second = second, first
         (k, one), (l, other) = first, second
         made = PAIRS.get((type(one), type(other)))
-        laws = [] if made is None else made(one, other)
+        laws = [] if made is None else made(self._without_ends(one), other)
         if made is None:
             kinds = f"mb.{type(one).__name__} and mb.{type(other).__name__}"
             self.problems.append(f"contact '{name}': there is no contact of {kinds}; {TWO}")
             laws = [(BallOnBall, {"at": one.at, "at_l": other.at, "radius_k": 1.0})]
-        return self._connect(Connection(name, "contact", k, l, [law(name, k, l, normal=normal, friction=friction, **values)
-                                                                for law, values in laws]))  # fmt: skip
+        made_of: list[TwoBodyLaw] = [law(name, k, l, normal=normal, friction=friction, **values) for law, values in laws]
+        return self._connect(Connection(name, "contact", k, l, made_of, shapes=(one, other)))
+
+    def _without_ends(self, one: Any) -> Any:
+        """What a ball touches: a cylinder that is a disc in a scene stated as planar has no ends in its plane."""
+        disc = self.space == "planar" and isinstance(one, Cylinder) and abs(abs(one.axis[2]) - 1) < STANDING
+        return replace(one, length=None) if disc else one
 
 
 def _rank(one: Shape) -> int:
     return next((i for i, kind in enumerate((Plane, Cylinder)) if isinstance(one, kind)), 2)
-
-
-def _placed(body: Any, one: Any) -> Any:
-    """The shape at the centre of its body, where it says no point."""
-    owner: Body = getattr(body, "body", body)
-    return one if one.at is not None else replace(one, at=np.array(owner.position, dtype=float))
 
 
 Made = list[tuple[type[Contact], dict[str, Any]]]  #: laws with their places and numbers
@@ -110,13 +80,18 @@ def _box_on_plane(plane: Plane, box: Box) -> Made:
 
 
 def _cylinder_on_plane(plane: Plane, cylinder: Cylinder) -> Made:
-    """With the frame's x along the part of the cylinder's axis that is in the plane."""
+    """With the frame's x along the part of the cylinder's axis that is in the plane; with its y where both directions are in the
+    plane z = 0, since x is normal to a planar scene."""
     z = np.asarray(plane.normal)
     up = float(cylinder.axis @ z)
     across = cylinder.axis - up * z
     lying = float(np.linalg.norm(across))
-    place = {"at": plane.at, "at_l": cylinder.at, "axis": z, "axis_x": across / lying if lying > STANDING else None}
-    components = {"along_x": lying if lying > STANDING else None, "along_z": up if abs(up) > STANDING else None}
+    flat = max(abs(z[2]), abs(cylinder.axis[2])) < STANDING
+    upright = np.eye(3)[2]
+    x = upright if flat else across / lying if lying > STANDING else None
+    parts = {"along_x": 0.0 if flat else lying, "along_y": np.cross(z, upright) @ across if flat else 0.0, "along_z": up}
+    place = {"at": plane.at, "at_l": cylinder.at, "axis": z, "axis_x": x}
+    components = {name: float(part) if abs(part) > STANDING else None for name, part in parts.items()}
     return [(CylinderOnPlane, {**place, "radius": cylinder.radius, "length": cylinder.length, **components})]
 
 

@@ -13,6 +13,7 @@ from mbdae.inputs.tables import from_data
 from mbdae.laws.forces import AppliedForce, AppliedTorque, Bushing, PointSpring, RotationalBushing
 from mbdae.scene import inertia as mass_properties
 from mbdae.scene import reading
+from mbdae.scene.appearance import color, looking, shapes
 from mbdae.scene.beams import BeamStatements
 from mbdae.scene.components import Body, Connection, JointModel
 from mbdae.scene.connections import point_of
@@ -39,34 +40,40 @@ class SceneData(BeamStatements, JointStatements, ContactStatements):
     # -- bodies
 
     @reads(name=reading.name, mass=MASS, inertia=reading.inertia, at=reading.point, rotation=reading.rotation,
-           velocity=SPEED, angular_velocity=TURNING)  # fmt: skip
+           velocity=SPEED, angular_velocity=TURNING, shape=shapes, color=color)  # fmt: skip
     @statement
     def rigid_body(self, name: str, mass: float, inertia: Any, at: Any = (0, 0, 0), rotation: Any = None,
-                   velocity: Any = (0, 0, 0), angular_velocity: Any = (0, 0, 0)) -> Body:  # fmt: skip
+                   velocity: Any = (0, 0, 0), angular_velocity: Any = (0, 0, 0), shape: Any = None,
+                   color: Any = None) -> Body:  # fmt: skip
         """A rigid body: `mass` kg; `inertia` about its centre of mass in body axes, kg m^2 (one number: about z; 3
         principal values; or 3x3); `at` centre of mass, m; `rotation` 3x3 (body to inertial); `velocity` m/s and
-        `angular_velocity` rad/s in the inertial frame."""
+        `angular_velocity` rad/s in the inertial frame. In pictures: `shape`, one of mb.Box, mb.Sphere, mb.Cylinder, mb.Plane,
+        mb.Point as drawn, or a list of them, and `color` as matplotlib names it; neither changes the motion."""
         R = np.eye(3) if rotation is None else rotation
         v, w, where = (np.array(a, dtype=float) for a in (velocity, angular_velocity, at))
         matrix, planar = mass_properties.matrix(np.asarray(inertia)), np.ndim(inertia) == 0
         self.problems += mass_properties.problems(name, matrix, planar)
         body = Body(name, mass, matrix, where, R, v, w, given_velocity=bool(np.any(v) or np.any(w)), outline=where[None],
                     principal_plane=planar)  # fmt: skip
-        return self._add_body(body)
+        return self._add_body(looking(body, shape, color))
 
-    @reads(name=reading.name, mass=MASS, at=reading.point, velocity=SPEED)
+    @reads(name=reading.name, mass=MASS, at=reading.point, velocity=SPEED, shape=shapes, color=color)
     @statement
-    def point_mass(self, name: str, mass: float, at: Any, velocity: Any = (0, 0, 0)) -> Body:
-        """A mass point: no orientation, rotation rows of joints on it fall away."""
+    def point_mass(self, name: str, mass: float, at: Any, velocity: Any = (0, 0, 0), shape: Any = None,
+                   color: Any = None) -> Body:  # fmt: skip
+        """A mass point: no orientation, rotation rows of joints on it fall away. `shape` and `color` as in `rigid_body`."""
         speed = np.array(velocity, dtype=float)
         body = Body(name, mass, None, at, np.eye(3), speed, np.zeros(3), given_velocity=bool(np.any(speed)), outline=at[None],
                     is_point=True)  # fmt: skip
-        return self._add_body(body)
+        return self._add_body(looking(body, shape, color))
 
-    @reads(name=reading.name, points=reading.point, mass=MASS, mass_per_length=reading.quantity("kg/m", "not negative"))
+    @reads(name=reading.name, points=reading.point, mass=MASS, mass_per_length=reading.quantity("kg/m", "not negative"),
+           shape=shapes, color=color)  # fmt: skip
     @statement
-    def link(self, name: str, *points: Any, mass: float | None = None, mass_per_length: float | None = None) -> Body:
-        """A rigid polyline of slender rods through `points`; `mass` kg in all, or `mass_per_length` kg/m."""
+    def link(self, name: str, *points: Any, mass: float | None = None, mass_per_length: float | None = None, shape: Any = None,
+             color: Any = None) -> Body:  # fmt: skip
+        """A rigid polyline of slender rods through `points`; `mass` kg in all, or `mass_per_length` kg/m. `shape` and `color` as
+        in `rigid_body`."""
         outline = np.array(points)
         if len(points) < 2 or not np.all(np.linalg.norm(np.diff(outline, axis=0), axis=1) > 0):
             self.problems.append(f"link '{name}': needs at least two points, each different from the one before")
@@ -78,7 +85,7 @@ class SceneData(BeamStatements, JointStatements, ContactStatements):
         total = mass if mass is not None else mass_per_length * length  # type: ignore[operator]
         center, J = mass_properties.of_rods(outline, total)
         body = Body(name, total, J, center, np.eye(3), np.zeros(3), np.zeros(3), outline=outline)
-        return self._add_body(body)
+        return self._add_body(looking(body, shape, color))
 
     # -- forces
 

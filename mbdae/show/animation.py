@@ -14,7 +14,7 @@ from mbdae.scene.components import Body, Connection, Place
 from mbdae.show.drawing import Picture, axes_for, figure_size, show_gravity
 from mbdae.show.film import SMOOTH, Curve, Film, digits, filmed, frame_times, natural_speed
 from mbdae.show.player import page
-from mbdae.show.plots import PLACE, checked, dress, numbers, steady, style, track
+from mbdae.show.plots import PLACE, checked, dress, names_of, numbers, steady, style, track
 from mbdae.values import number, option, optional, sequence, text
 
 
@@ -31,14 +31,15 @@ class Animation:
         return self.html if self.path is not None and self.path.suffix.lower() == ".gif" else framed(self.html)
 
 
-def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: float | None, trail: Any) -> Animation:
+def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: float | None, trail: Any,
+            hide: Any = ()) -> Animation:  # fmt: skip
     """Make a film, written as .gif or .html player where a path is given; see `Result.animate`."""
     file = None if path is None else checked(path, (".gif", ".html"), "animate")
     given = [sensors] if isinstance(sensors, str) else sensors
     sensors = option("sensors", given, sequence, "give a sensor such as 'C.angle', or a list of them", each=text)
     fps = option("fps", fps, number, "give frames per second on the screen, up to 100", above=0, most=100)
     speed = optional("speed", speed, number, "give simulated seconds per second on the screen, or None", above=0)
-    places = _listed(trail)
+    places, hidden = _listed(trail), names_of("hide", hide)
     for sensor in sensors:
         numbers(result, sensor)
     for place in places:
@@ -50,7 +51,7 @@ def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: f
     gif = file is not None and file.suffix.lower() == ".gif"
     delay = max(2, round(100 / fps)) / 100 if gif else 1 / fps  # a GIF counts in hundredths of a second
     times = frame_times(float(result.t[0]), duration, rate * delay, 2 if gif else SMOOTH)
-    film = filmed(result, times, sensors, places, rate)
+    film = filmed(result, times, sensors, places, rate, hidden)
     if file is not None and gif:
         write_gif(film, file, max(delay, duration / rate / max(len(times) - 1, 1)))
         return Animation(film.seen.name, picture(file.read_bytes(), "gif"), file)

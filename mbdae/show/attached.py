@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import Any
 
 from mbdae.results.result import ATTACHED
+from mbdae.scene.appearance import READERS
 
 
 def _by(module: str, name: str) -> Callable[..., Any]:
@@ -18,3 +19,4 @@ def _by(module: str, name: str) -> Callable[..., Any]:
 
 ATTACHED.update(plot=_by("plots", "plot_results"), phase=_by("plots", "plot_phase"), orbit=_by("plots", "plot_orbit"),
                 animate=_by("animation", "animate"))  # fmt: skip
+READERS["color"] = _by("plots", "hexadecimal")

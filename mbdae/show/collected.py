@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import Any
@@ -12,7 +12,8 @@ import numpy as np
 from mbdae.results.beams import polylines
 from mbdae.results.result import Result
 from mbdae.scene.components import Array, Body, Connection, Place
-from mbdae.show import symbols
+from mbdae.scene.shapes import Plane
+from mbdae.show import solids, symbols
 from mbdae.show.geometry import INK, Label, Pose, Shape, moved
 from mbdae.system.model.beams import Line
 
@@ -23,40 +24,58 @@ SMOOTH = 32  #: least number of chords of a beam
 class Collected:
     """What is collected of one result: poses, deformed axes of beams, sizes, and the shapes and names made so far."""
 
-    def __init__(self, result: Result) -> None:
+    def __init__(self, result: Result, hide: Sequence[str] = ()) -> None:
+        self.hidden = _hidden(result, hide)
         self.result, self.scene, self.planar = result, result.prepared.model.scene, result.prepared.model.planar
         self.poses = {name: Pose(result.read(f"{name}.position"), result.read(f"{name}.rotation"))
                       for name in (body.name for body in self.scene.bodies)}  # fmt: skip
         self.lines: dict[Body, Array] = {line.beam: polylines(result, line, _pieces(line))
                                          for line in result.prepared.model.lines}  # fmt: skip
         self.attached = {b.name: self._attached(b) for b in self.scene.bodies}
-        self.size = self._size()
+        self.looks = looks_of(self.scene, self.lines)
+        self.extents = {body.name: self._spanned(body) for body in self.shown(self.scene.bodies)}
+        self.room, self.size = self._sizes()
         self.mark = MARK * self.size
         g = self.scene.gravity
         self.down = symbols.unit(g) if np.any(g) else np.array([0.0, -1.0, 0.0]) if self.planar else -symbols.Z
         self.shapes: list[Shape] = []
         self.labels: list[Label] = []
         self._grounded: list[Array] = []
+        self.fixed: list[Any] = []  #: shapes on the ground that are drawn
+        self.colours: dict[str, str] = {}
+        self.planes: list[tuple[str, Any, Body, list[str]]] = []  #: item, plane, its body, names of the bodies that touch it
+
+    def shown(self, items: Iterable[Any]) -> list[Any]:
+        """Those that are not hidden."""
+        return [item for item in items if item.name not in self.hidden]
 
     def _attached(self, body: Body) -> Array:
         """Points (n, 3) of a body at which something is attached, in its own axes, each once."""
         points: list[Array] = []
         for item in self.scene.connections if body not in self.lines else []:
-            for side in (item.k, item.l):
+            for side in (item.k, item.l) if not item.shapes else ():
                 p = self._local(body, [ends(item)[0 if side is item.k else 1]])[0]
                 if side is body and item.kind not in ("force", "torque") and not any(np.allclose(p, o) for o in points):
                     points.append(p)
         return np.array(points).reshape(-1, 3)
 
-    def _size(self) -> float:
-        """Largest extent (m) of all bodies, their attachments, and the points of joints on the ground."""
-        parts = [moved(self.poses[b.name], np.vstack([self._local(b, b.outline), self.attached[b.name]]))
-                 for b in self.scene.bodies if b not in self.lines]  # fmt: skip
-        parts += list(self.lines.values())
-        fixed = [p for c in self.scene.connections for side, p in zip((c.k, c.l), ends(c), strict=True)
-                 if side.is_ground and c.kind not in ("force", "torque")]  # fmt: skip
-        extent = float(np.max(np.ptp(np.vstack([*(p.reshape(-1, 3) for p in parts), *fixed]), axis=0)))
-        return extent if extent > 1e-9 else self.result.prepared.model.length
+    def _sizes(self) -> tuple[float, float]:
+        """Largest extent (m) of all bodies, their attachments, and the points of joints and shapes on the ground; infinite, then
+        the length of the model, where that is a point."""
+        fixed = [p for c in self.shown(self.scene.connections) if c.kind not in ("force", "torque")
+                 for i, side in enumerate((c.k, c.l)) if side.is_ground
+                 for p in (solids.outline(c.shapes[i]) if c.shapes else [ends(c)[i]])]  # fmt: skip
+        parts = [*(e.reshape(-1, 3) for e in self.extents.values()), *(p.reshape(-1, 3) for p in fixed), np.zeros((0, 3))]
+        points = np.vstack(parts)
+        extent = float(np.max(np.ptp(points, axis=0))) if len(points) else 0.0
+        return (extent, extent) if extent > 1e-9 else (np.inf, self.result.prepared.model.length)
+
+    def _spanned(self, body: Body) -> Array:
+        """Points (nt, n, 3), m, between which a body is."""
+        if body in self.lines:
+            return self.lines[body]
+        shapes = [self._local(body, points) for one in self.looks[body.name] for points in solids.outline(one)]
+        return moved(self.poses[body.name], np.vstack([self._local(body, body.outline), self.attached[body.name], *shapes]))
 
     @staticmethod
     def _local(body: Body, points: Sequence[Array] | Array) -> Array:
@@ -123,6 +142,25 @@ class Collected:
     def place_of(self, label: Label) -> Array:
         """Point (3,), m, of a name at the first time."""
         return moved(self.poses[label.body], label.points)[0, 0] if label.body else np.asarray(label.points[0])
+
+
+def looks_of(scene: Any, lines: Container[Body]) -> dict[str, list[Any]]:
+    """By rigid body the shapes stated for it, or else those by which it touches others, each once."""
+    found: dict[str, list[Any]] = {b.name: list(b.shapes or ()) for b in scene.bodies}
+    touching = [(body, one) for item in scene.connections if item.shapes
+                for body, one in zip((item.k, item.l), item.shapes, strict=True)]  # fmt: skip
+    for body, one in touching:
+        drawn_otherwise = body.is_ground or body in lines or body.shapes is not None or isinstance(one, Plane)
+        if not drawn_otherwise and not any(solids.same(one, other) for other in found[body.name]):
+            found[body.name].append(one)
+    return found
+
+
+def _hidden(result: Result, hide: Sequence[str]) -> set[str]:
+    """The names to leave out; SceneError where there is no such item."""
+    for name in hide:
+        _ = result.prepared.model.scene[name]
+    return set(hide)
 
 
 def ends(item: Connection) -> tuple[Array, Array]:

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from mbdae.scene.components import Array
+from mbdae.show import symbols
 from mbdae.show.geometry import INK, Geometry, Shape, started
+from mbdae.show.names import Namer, fitting
 from mbdae.show.plots import dress, written
 from mbdae.show.shapes import geometry
 from mbdae.system.prepare import Prepared
 
 PAD = 0.07  #: margin over the size of the drawing
+LIGHT = np.array([0.4, -0.8, 0.9])  #: direction to the light, z upright
+LETTERS = 70  #: that fit into the title of a picture
+DARKER = 0.3  #: of every other sector of a ball or cylinder
 
 
 @dataclass(frozen=True)
@@ -33,11 +38,14 @@ class Look:
 
 
 LOOKS: dict[str, Look] = {
+    "grid": Look(0.7, 0),
+    "hatch": Look(1.0, 1),
     "ground": Look(1.1, 1),
     "guide": Look(1.0, 2, dash=(6, 3)),
     "plate": Look(2.4, 3, fill=0.3),
     "disc": Look(2.4, 3, fill=0.3),
     "ring": Look(1.4, 3),
+    "solid": Look(0.0, 3),
     "bar": Look(5.0, 3, casing=True),
     "line": Look(1.2, 4),
     "thin": Look(1.3, 5),
@@ -60,9 +68,12 @@ class Picture:
 
     def __init__(self, axes: Any, seen: Geometry) -> None:
         self.axes, self.seen = axes, seen
-        self._lines = [(self._line(shape), seen.polyline(shape)) for shape in seen.shapes]
-        self._fills = [(self._patch(shape, line), line) for shape, (_, line) in zip(seen.shapes, self._lines, strict=True)
+        lines = [shape for shape in seen.shapes if not shape.faces]
+        self._lines = [(self._line(shape), seen.polyline(shape)) for shape in lines]
+        self._fills = [(self._patch(shape, line), line) for shape, (_, line) in zip(lines, self._lines, strict=True)
                        if LOOKS[shape.kind].fill and (seen.planar or shape.kind == "disc")]  # fmt: skip
+        solids = [shape for shape in seen.shapes if shape.faces]
+        self._solids = Solids(axes, seen, solids) if solids else None
         self.show(0)
 
     def show(self, i: int) -> None:
@@ -74,6 +85,8 @@ class Picture:
                 patch.set_xy(line[i][:, :2])
             else:
                 patch.set_verts([line[i]])
+        if self._solids is not None:
+            self._solids.show(i)
 
     def _place(self, artist: Any, points: Array) -> None:
         if self.seen.planar:
@@ -116,6 +129,39 @@ class Picture:
         return lambda i: self._place(line, points[: i + 1])
 
 
+class Solids:
+    """Faces of all solids in space, one collection: the nearer ones hide those behind."""
+
+    def __init__(self, axes: Any, seen: Geometry, shapes: list[Shape]) -> None:
+        from matplotlib.colors import to_rgb
+        from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped,unused-ignore]
+
+        self.shapes = [(shape, seen.polyline(shape)) for shape in shapes]
+        self.colours = np.array([np.array(to_rgb(x.colour)) * (1 - DARKER * shade) for x in shapes for shade in x.shades])
+        up = "xyz".index(upwards(seen))
+        self.light = symbols.unit(np.roll(LIGHT, up - 2))
+        self.faces = axes.add_collection3d(Poly3DCollection(self._corners(0)), autolim=False)
+        self.faces.set(zorder=LOOKS["solid"].layer, linewidth=0.3)
+
+    def _corners(self, i: int) -> list[Array]:
+        return [points[i][list(face)] for shape, points in self.shapes for face in shape.faces]
+
+    def show(self, i: int) -> None:
+        """Move every face to the i-th time."""
+        corners = self._corners(i)
+        out = np.array([np.cross(c[2] - c[0], c[-1] - c[1]) for c in corners])
+        lit = out @ self.light / np.maximum(np.linalg.norm(out, axis=1), 1e-300)
+        colours = self.colours * (0.62 + 0.38 * np.clip(lit, 0, 1))[:, None]
+        self.faces.set_verts(corners)
+        self.faces.set_facecolor(colours)
+        self.faces.set_edgecolor(colours)
+
+
+def upwards(seen: Geometry) -> str:
+    """The axis that is drawn upright in space."""
+    return "xyz"[int(np.argmax(np.abs(seen.gravity)))] if np.any(seen.gravity) else "z"
+
+
 def axes_for(figure: Any, seen: Geometry, position: Any) -> Any:
     """Axes with equal scales, m, large enough for all times."""
     low, high = seen.bounds
@@ -135,10 +181,8 @@ def axes_for(figure: Any, seen: Geometry, position: Any) -> Any:
         axes.set(**{f"{name}lim": (c - h, c + h), f"{name}label": f"{name} [m]"})
         getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(4))
     axes.set_box_aspect(half, zoom=0.95)
-    up = "xyz"[int(np.argmax(np.abs(seen.gravity)))] if np.any(seen.gravity) else "z"
-    axes.view_init(elev=22, azim=-55, vertical_axis=up)
+    axes.view_init(elev=22, azim=-55, vertical_axis=upwards(seen))
     return axes
-
 
 
 def figure_size(seen: Geometry, width: float = 7.0) -> tuple[float, float]:
@@ -150,16 +194,16 @@ def figure_size(seen: Geometry, width: float = 7.0) -> tuple[float, float]:
     return width, float(np.clip(0.6 + width * extent[1] / extent[0], 2.6, 7.5))
 
 
-def draw(prepared: Prepared, path: Any = None) -> Any:
+def draw(prepared: Prepared, path: Any = None, hide: Sequence[str] = ()) -> Any:
     """The scene as it starts: bodies, joints, forces, ground, names and gravity; a matplotlib figure."""
     from mbdae.show.figure import Figure
 
-    seen = geometry(started(prepared))
+    seen = geometry(started(prepared), hide)
     figure = Figure(figsize=figure_size(seen), layout="constrained" if seen.planar else None)
     margins = {} if seen.planar else {"left": 0.02, "right": 0.92, "bottom": 0.04, "top": 0.94}
     axes = axes_for(figure, seen, figure.add_gridspec(1, 1, **margins)[0])
     Picture(axes, seen)
-    axes.set_title(f"{seen.name}, t = {seen.t[0]:g} s", fontsize="medium", loc="left")
+    axes.set_title(fitting(f"{seen.name}, t = {seen.t[0]:g} s", LETTERS), fontsize="medium", loc="left")
     show_gravity(axes, seen)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
@@ -186,58 +230,3 @@ def show_gravity(axes: Any, seen: Geometry) -> None:
     look = {"arrowstyle": "-|>", "mutation_scale": 10, "shrinkA": 0, "shrinkB": 0, "color": "0.25", "clip_on": False}
     axes.add_artist(FancyArrowPatch(*ends, transform=inches, **look))
     axes.text(-0.34, 0.15, f"g = {g:.4g} m/s²", transform=inches, ha="right", va="center", fontsize="small", color="0.25")
-
-
-class Namer:
-    """Writes every name beside its item, where it covers little else."""
-
-    WAYS = tuple((np.cos(a), np.sin(a)) for a in np.radians([45, 135, -45, -135, 90, 0, 180, -90]))
-    HEIGHT = 8.0  #: of the letters, points
-
-    def __init__(self, axes: Any, seen: Geometry) -> None:
-        self.axes, self.seen, self.point = axes, seen, axes.figure.dpi / 72
-        self.busy = np.vstack([self._dense(self._pixels(seen.polyline(s)[0])) for s in seen.shapes])
-        self.boxes: list[tuple[float, float, float, float]] = []
-
-    def _pixels(self, points: Array) -> Array:
-        if not self.seen.planar:
-            seen = np.c_[points, np.ones(len(points))] @ self.axes.get_proj().T
-            points = seen[:, :2] / seen[:, 3:]
-        return np.asarray(self.axes.transData.transform(points[:, :2]))
-
-    @staticmethod
-    def _dense(line: Array) -> Array:
-        """Points every few pixels along a line (n, 2)."""
-        parts = [line]
-        for a, b in pairwise(line):
-            n = int(np.hypot(*(b - a)) / 4)
-            parts.append(a + (b - a) * (np.arange(1, n) / max(n, 1))[:, None])
-        return np.vstack(parts)
-
-    def place(self) -> None:
-        """Write every name."""
-        for label in sorted(self.seen.labels, key=lambda x: x.of_body):
-            anchor = self._pixels(self.seen.place(label)[:1])[0]
-            size = np.array([0.62 * self.HEIGHT * len(label.text) + 2, 1.3 * self.HEIGHT]) * self.point
-            tries = [(anchor, way, reach) for reach in (7.0, 13.0, 21.0, 32.0) for way in self.WAYS]
-            costs = [self._cost(self._box(*attempt, size), attempt[2]) for attempt in tries]
-            self._write(label.text, self._box(*tries[int(np.argmin(costs))], size), label.of_body)
-
-    def _box(self, anchor: Array, way: tuple[float, float], reach: float, size: Array) -> tuple[float, float, float, float]:
-        """Left, bottom, right, top in pixels."""
-        middle = anchor + np.array(way) * (reach * self.point + size / 2 * np.abs(way))
-        low, high = middle - size / 2, middle + size / 2
-        return float(low[0]), float(low[1]), float(high[0]), float(high[1])
-
-    def _cost(self, box: tuple[float, float, float, float], reach: float) -> float:
-        gap = 3 * self.point
-        l, b, r, t = box[0] - gap, box[1] - gap, box[2] + gap, box[3] + gap
-        inside = (self.busy[:, 0] > l) & (self.busy[:, 0] < r) & (self.busy[:, 1] > b) & (self.busy[:, 1] < t)
-        lapped = sum(max(0.0, min(r, R) - max(l, L)) * max(0.0, min(t, T) - max(b, B)) for L, B, R, T in self.boxes)
-        return float(np.count_nonzero(inside) + lapped + 0.1 * reach)
-
-    def _write(self, text: str, box: tuple[float, float, float, float], of_body: bool) -> None:
-        self.boxes.append(box)
-        middle = self.axes.figure.transFigure.inverted().transform([(box[0] + box[2]) / 2, (box[1] + box[3]) / 2])
-        self.axes.figure.text(*middle, text, fontsize=self.HEIGHT, ha="center", va="center", color=INK if of_body else "#555555",
-                              style="italic" if of_body else "normal", zorder=20)  # fmt: skip

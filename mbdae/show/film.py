@@ -65,7 +65,8 @@ def frame_times(start: float, duration: float, step: float, least: int = 2) -> A
     return np.asarray(start + np.linspace(0.0, duration, n))
 
 
-def filmed(result: Any, t: Array, sensors: Sequence[str], places: Sequence[Any], speed: float) -> Film:
+def filmed(result: Any, t: Array, sensors: Sequence[str], places: Sequence[Any], speed: float,
+           hide: Sequence[str] = ()) -> Film:  # fmt: skip
     """The film of a result with frames at times t (nt,)."""
     fine = max(1, -(-SMOOTH // len(t))) if len(t) > 1 else 1
     times = np.interp(np.arange((len(t) - 1) * fine + 1) / fine, np.arange(len(t)), t)
@@ -74,7 +75,7 @@ def filmed(result: Any, t: Array, sensors: Sequence[str], places: Sequence[Any],
     trails = tuple(Trail(name, COLOURS[(i + 1) % len(COLOURS)], points) for i, (name, points) in enumerate(tracks))
     curves = [Curve(label, tuple(c for c, _ in parts), np.stack([v for _, v in parts], axis=1))
               for sensor in sensors for label, parts in strips(dense, sensor)]  # fmt: skip
-    return Film(geometry(result(t)), fine, times, trails, tuple(curves), speed)
+    return Film(geometry(result(t), hide), fine, times, trails, tuple(curves), speed)
 
 
 def digits(t: Array) -> int:

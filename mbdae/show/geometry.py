@@ -26,6 +26,8 @@ class Shape:
     colour: str
     points: Array
     body: str = ""
+    faces: tuple[tuple[int, ...], ...] = ()  #: of a solid, by the numbers of its points, counter-clockwise seen from outside
+    shades: tuple[int, ...] = ()  #: of each face, 0 or 1
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,10 @@ from mbdae.scene.components import Array
 from mbdae.show.drawing import LOOKS
 from mbdae.show.film import Film, digits
 from mbdae.show.geometry import Geometry, Shape
+from mbdae.show.names import WIDE, fitting
+from mbdae.show.player_controls import CONTROLS
 from mbdae.show.player_page import PAGE
+from mbdae.show.player_view import VIEW
 from mbdae.show.plots import COLOURS
 
 GRAIN = 1e-4  #: resolution of stored coordinates over the size of the scene
@@ -26,7 +29,7 @@ def page(film: Film) -> str:
     name = html.escape(film.seen.name)
     options = "".join(f'<option value="{s:g}"{" selected" if s == film.speed else ""}>&times; {s:g}</option>'
                       for s in sorted({*SPEEDS, film.speed}))  # fmt: skip
-    fields = {"@NAME@": name, "@SPEEDS@": options, "@DATA@": data}
+    fields = {"@SCRIPT@": VIEW + CONTROLS, "@NAME@": name, "@SPEEDS@": options, "@DATA@": data}
     text = PAGE
     for field, value in fields.items():
         text = text.replace(field, value)
@@ -48,7 +51,8 @@ def film_data(film: Film) -> dict[str, Any]:
         "low": _short(low_high[0]), "high": _short(low_high[1]), "looks": {k: asdict(v) for k, v in LOOKS.items()},
         "colours": COLOURS, "bodies": {name: _pose(seen, name, unit) for name in seen.poses},
         "shapes": [_shape(shape, unit) for shape in seen.shapes],
-        "labels": [{"text": x.text, "body": x.body, "at": _whole(x.points, unit), "strong": x.of_body} for x in seen.labels],
+        "labels": [{"lines": fitting(x.text, WIDE).split("\n"), "body": x.body, "at": _whole(x.points, unit), "strong": x.of_body}
+                   for x in seen.labels],
         "trails": [{"name": x.name, "colour": x.colour, "points": _whole(x.points, unit)} for x in film.trails],
         "curves": [{"label": x.label, "parts": x.components, "values": _short(x.values.T)} for x in film.curves],
     }  # fmt: skip
@@ -73,4 +77,5 @@ def _pose(seen: Geometry, name: str, unit: float) -> dict[str, Any]:
 
 
 def _shape(shape: Shape, unit: float) -> dict[str, Any]:
-    return {"kind": shape.kind, "colour": shape.colour, "body": shape.body, "points": _whole(shape.points, unit)}
+    solid = {"faces": shape.faces, "shades": shape.shades} if shape.faces else {}
+    return {"kind": shape.kind, "colour": shape.colour, "body": shape.body, "points": _whole(shape.points, unit), **solid}

@@ -67,6 +67,24 @@ def checked(path: Any, suffixes: Sequence[str] = PICTURES, what: str = "plot") -
     return file
 
 
+def hexadecimal(colour: Any) -> str:
+    """A colour as "#rrggbb"; ValueError where matplotlib does not know it."""
+    from matplotlib.colors import to_hex
+
+    return str(to_hex(colour))
+
+
+def names_of(what: str, given: Any) -> list[str]:
+    """Names of items: one, or a list of them."""
+    names: list[str] = option(what, [given] if isinstance(given, str | Body | Connection) else given, sequence,
+                              "give the name of an item, or a list of them", each=_name)  # fmt: skip
+    return names
+
+
+def _name(value: Any) -> str:
+    return value.name if isinstance(value, Body | Connection) else str(text(value))
+
+
 def written(figure: Any, path: Any, what: str = "plot") -> Any:
     """The figure, saved where a path is given."""
     if path is not None:

@@ -1,88 +1,59 @@
-"""The geometry of a result: shapes of bodies, joints and forces.
+"""The geometry of a result: bodies (`body_shapes.py`), joints by the motion they leave (`joint_shapes.py`), forces, couplings.
 
-A body is drawn by its outline; without one by lines from its centre of mass to the points where something is attached, and in
-space by the ellipsoid of its mass and inertia. Rigid bodies move by position and rotation, beams by the interpolation of their
-elements; what is attached to a beam moves with the section there. Joints are drawn by the motion they leave (`joint_shapes.py`).
+Rigid bodies move by position and rotation, beams by the interpolation of their elements; what is attached to a beam moves with
+the section there.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from mbdae.errors import OptionError
 from mbdae.inputs import timed
 from mbdae.results.result import Result
-from mbdae.scene.components import Array, BeamLoad, Body, Connection, Place
+from mbdae.scene.components import Array, BeamLoad, Connection, Place
 from mbdae.show import symbols
+from mbdae.show.body_shapes import BodyShapes
 from mbdae.show.collected import ends
-from mbdae.show.geometry import INK, Geometry, Label, Shape
+from mbdae.show.geometry import Geometry
 from mbdae.show.joint_shapes import JointShapes
 from mbdae.show.plots import COLOURS
 from mbdae.symbolic.coupling import Coupling
+from mbdae.values import shown
 
 ARROWS = 9  #: number of arrows of a distributed load
 UNMARKED = ("force", "torque", "spring", "pointspring")  #: forces without a marker at their point
 
 
-def geometry(result: Result) -> Geometry:
-    """Shapes and names of a result at its times."""
-    return _Builder(result).build()
+def geometry(result: Result, hide: Sequence[str] = ()) -> Geometry:
+    """Shapes and names of a result at its times, without the items named in `hide`."""
+    return _Builder(result, hide).build()
 
 
-class _Builder(JointShapes):
+class _Builder(JointShapes, BodyShapes):
     """Draws bodies, joints and forces."""
 
     def build(self) -> Geometry:
         for i, body in enumerate(self.scene.bodies):
-            self._body(body, COLOURS[i % (len(COLOURS) - 1)])
-        for item in self.scene.connections:
-            self._connection(self._on_sections(item))
-        for load in self.scene.line_loads:
+            if body.name not in self.hidden:
+                self._body(body, body.color or COLOURS[i % (len(COLOURS) - 1)])
+        for item in self.shown(self.scene.connections):
+            if item.shapes:
+                self._contact(self._on_sections(item))
+            else:
+                self._connection(self._on_sections(item))
+        for load in self.shown(self.scene.line_loads):
             self._distributed(load)
+        self._planes()
         self._gather()
+        if not self.shapes:
+            what = f"hide = {shown(sorted(self.hidden))} leaves nothing of scene '{self.scene.name}'"
+            raise OptionError(f"{what}; name fewer items")
         found = (tuple(self.shapes), tuple(self.labels))
         return Geometry(self.scene.name, self.result.t, self.planar, self.size, self.scene.gravity, self.poses, *found)
-
-    # -- bodies
-
-    def _body(self, body: Body, colour: str) -> None:
-        if body.is_point:
-            self._add(body.name, "mass", body.position[None], body, colour)
-            return self._name(body.name, body, body.position, True)
-        if body in self.lines:
-            points = self.lines[body]
-            self._add(body.name, "bar", points, colour=colour)
-            return self._name(body.name, self.scene.ground, points[:, points.shape[1] // 2], True)
-        if len(body.outline) > 1:
-            self._add(body.name, "bar", body.outline, body, colour)
-            return self._name(body.name, body, body.at(0.5).point, True)
-        local = self.attached[body.name]
-        corners = [p for p in local if np.linalg.norm(p) > 0.02 * self.size]
-        parts = [*_frame(np.array(corners), self.planar), *self._extent(body, bool(corners)), ("centre", np.zeros((1, 3)))]
-        for kind, points in parts:
-            self.shapes.append(Shape(body.name, kind, colour if kind != "centre" else INK, points[None], body.name))
-        anchor = np.mean([np.zeros(3), *corners], axis=0) if corners else np.zeros(3)
-        self.labels.append(Label(body.name, anchor[None], body.name, True))
-        return None
-
-    def _extent(self, body: Body, framed: bool) -> list[tuple[str, Array]]:
-        """The body's ellipsoid; in the plane a disc, unless it is drawn as a plate or bars (framed); a box where it is tiny."""
-        axes = half_axes(body, self.planar)
-        if self.planar and framed:
-            return []
-        if max(axes) < 0.02 * self.size:
-            edge = 2.4 * self.mark
-            return [] if framed else [("box", symbols.slider(np.zeros(3), np.array([1.0, 0, 0]), edge, edge, self.planar))]
-        _, directions = np.linalg.eigh(body.inertia if body.inertia is not None else np.eye(3))
-        e = [a * d for a, d in zip(axes, directions.T, strict=True)]
-        if self.planar:
-            x, y = axes[0] * np.eye(3)[:2]
-            return [("disc", symbols.circle(np.zeros(3), x, y)), ("line", np.array([np.zeros(3), x]))]
-        rings = [symbols.circle(np.zeros(3), e[i], e[j]) for i, j in ((0, 1), (1, 2), (2, 0))
-                 if min(axes[i], axes[j]) > 0.02 * max(axes)]  # fmt: skip
-        kind = "disc" if len(rings) == 1 else "ring"
-        return [(kind, ring) for ring in rings] + [("line", np.array([-v, v])) for v in e]
 
     # -- forces and couplings
 
@@ -172,32 +143,3 @@ class _Builder(JointShapes):
         self._add(load.name, "thin", np.array(lines))
         middle = np.array(lines)[:, 7 * (ARROWS // 2)]
         self._name(load.name, self.scene.ground, middle)
-
-
-def half_axes(body: Body, planar: bool) -> list[float]:
-    """Half-axes (m) of the uniform ellipsoid with the body's mass and inertia; in the plane the radius of a disc."""
-    if body.inertia is None or not 0 < body.mass < np.inf:
-        return [0.0, 0.0, 0.0]
-    if planar or body.principal_plane:
-        return [float(np.sqrt(2 * max(body.inertia[2, 2], 0.0) / body.mass))] * 3
-    J = np.linalg.eigvalsh(body.inertia)
-    return [float(np.sqrt(max(2.5 * (J.sum() - 2 * j) / body.mass, 0.0))) for j in J]
-
-
-def _frame(corners: Array, planar: bool) -> list[tuple[str, Array]]:
-    """A body without outline by its attachments (n, 3) and its centre of mass: a plate, or bars."""
-    points = np.vstack([np.zeros((1, 3)), corners.reshape(-1, 3)])
-    if len(points) < 2:
-        return []
-    if planar:
-        outline = symbols.hull(points)
-        if len(outline) > 2 and _area(outline) > 0.02 * float(np.max(np.ptp(points, axis=0))) ** 2:
-            return [("plate", np.vstack([outline, outline[:1]]))]
-        along = points[:, int(np.argmax(np.ptp(points, axis=0)))]
-        return [("bar", points[np.argsort(along, kind="stable")])]
-    return [("bar", np.array([points[0], p])) for p in points[1:]]
-
-
-def _area(outline: Array) -> float:
-    x, y = outline[:, 0], outline[:, 1]
-    return 0.5 * abs(float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))))

@@ -259,6 +259,11 @@ class Force(TwoBodyLaw):
 
     with_joints: ClassVar[bool] = False  #: whether what joints tie to its bodies takes part in an impact, in its effective mass
 
+    @property
+    def has_gaps(self) -> bool:
+        """Whether the law states `gaps`."""
+        return type(self).gaps is not Force.gaps
+
     def gaps(self, *frames: Any, **_: Any) -> Sequence[tuple[Expr, Expr]]:
         """Gaps (m or rad, it acts where one is negative) and their rates."""
         return ()

@@ -36,6 +36,7 @@ MOVED: dict[str, Any] = {"angle": 0.1, "angle0": 0.1, "rate0": 0.1, "spring": 1.
 SLID: dict[str, Any] = {"position": 0.1, "position0": 0.1, "rate0": 0.1, "spring": 1.0, "damper": 1.0}
 LIMITED: dict[str, Any] = {"limits": (0.0, 2.0), "stop": mb.Stop(1.0)}
 ALONG: dict[str, Any] = {"name": "x", **HINGE, "axis": (1, 0)}
+LOOK: dict[str, Any] = {"shape": mb.Sphere(radius=0.1), "color": "red"}
 
 
 class Own(mb.Force):
@@ -50,9 +51,11 @@ class Own(mb.Force):
 #: good values of every argument of every statement: those that are always given, and those given one at a time
 STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "rigid_body": ({"name": "x", "mass": 1.0, "inertia": (1.0, 1.0, 1.0)},
-                   {"at": (0, 0, 1), "rotation": np.eye(3), "velocity": (1, 0), "angular_velocity": (0, 0, 1)}),
-    "point_mass": ({"name": "x", "mass": 1.0, "at": (0, 1)}, {"velocity": (1, 0)}),
-    "link": ({"name": "x", "points": [(0, 1), (1, 1)]}, {"mass": 1.0, "mass_per_length": 1.0}),
+                   {"at": (0, 0, 1), "rotation": np.eye(3), "velocity": (1, 0), "angular_velocity": (0, 0, 1), **LOOK}),
+    "point_mass": ({"name": "x", "mass": 1.0, "at": (0, 1)}, {"velocity": (1, 0), **LOOK}),
+    "link": ({"name": "x", "points": [(0, 1), (1, 1)]}, {"mass": 1.0, "mass_per_length": 1.0, **LOOK}),
+    "contact": ({"name": "x", "k": "ground", "l": "rod", "shape_k": mb.Plane(at=(0, -9), normal=(0, 1)), "shape_l": mb.Point(),
+                 "normal": mb.Hertz(1e8)}, {"friction": None}),
     "beam": ({"name": "x", "points": [(0, 1), (1, 1)], "section": SECTION},
              {"elements": 2, "order": 2, "curve": None, "axis2": (0, 0, 1), "velocity": (0, 0, 1), "angular_velocity": (0, 1)}),
     "line_load": ({"name": "x", "beam": "beam", "per_length": (0, 1.0)}, {"frame": "section"}),

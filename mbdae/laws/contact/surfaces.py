@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import Any
 
 import symengine as se
@@ -58,7 +59,9 @@ class SurfaceContact(Contact):
 
     def expected_depth(self, impact: Impact) -> float:
         """Penetration (m) of an impact at the likely speed, or under a known force where that is more."""
-        return max(float(self.normal.impact(impact.mass, impact.likely_speed)[0]), float(self.normal.penetration(impact.force)))
+        still = float(self.normal.penetration(impact.force))
+        moves = impact.mass < inf  # else what touches cannot move
+        return max(float(self.normal.impact(impact.mass, impact.likely_speed)[0]), still) if moves else still
 
     def summary_of_contact(self) -> str:
         friction = "without friction" if self.friction is None else f"{type(self.friction).__name__} friction"

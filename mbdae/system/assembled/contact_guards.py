@@ -37,7 +37,12 @@ class ContactPlace:
 
     def duration(self, speed: float, mass: float | None = None) -> float:
         """Duration (s) of an impact at a speed, with the mass at the start where none is given."""
-        return float(self.law.contact_duration(self.mass if mass is None else mass, speed))
+        return float(self.durations(speed, mass))
+
+    def durations(self, speed: Any, mass: float | None = None) -> Any:
+        """Those at speeds of any shape; infinite where nothing can move, so that there is no impact."""
+        resisting = self.mass if mass is None else mass
+        return self.law.contact_duration(resisting, speed) if resisting < np.inf else np.full(np.shape(speed), np.inf)
 
 
 class ContactGuards:
@@ -79,7 +84,7 @@ class ContactGuards:
         for n, place in enumerate(self.places):
             mass = self._masses.get(n, place.mass)
             if (n, mass) not in self._durations:
-                self._durations[n, mass] = np.broadcast_to(place.law.contact_duration(mass, SPEEDS), SPEEDS.shape)
+                self._durations[n, mass] = np.broadcast_to(place.durations(SPEEDS, mass), SPEEDS.shape)
             found.append(self._durations[n, mass])
         contacts.hold(found, known, self._at, SAME * min(1.0, self._mechanics.model.length))
 

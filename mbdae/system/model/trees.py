@@ -221,10 +221,12 @@ def _rounded(numbers: dict[str, float], length: float) -> Numbers:
 
 
 def _is_member(instance: Instance, numbered: dict[Node, int]) -> bool:
-    """Elements and forces between nodes of one tree (and the ground) that act on one that its joints move."""
+    """Elements and forces between nodes of one tree (and the ground) that act on one that its joints move. Contacts stay outside:
+    what watches their gaps between steps reads the motion of the bodies."""
     moving = [n for n in instance.nodes if n is not None]
     law = instance.law
-    return (isinstance(law, Element | Force) and not law.states and not law.own_coordinates
+    touches = isinstance(law, Force) and law.has_gaps
+    return (isinstance(law, Element | Force) and not touches and not law.states and not law.own_coordinates
             and all(n in numbered for n in moving) and any(numbered[n] > 0 for n in moving))  # fmt: skip
 
 

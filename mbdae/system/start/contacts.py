@@ -16,6 +16,7 @@ from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.motion.states import gaps_of
 from mbdae.system.start.start import Start
 
+RESTS = 10.0  #: force of a contact over the weight on it up to which bodies are drawn at rest, whatever the scene's length
 ROUND_OFF = 1e-9  #: speed of two points relative to each other, over their own, below which they move together
 
 
@@ -23,13 +24,15 @@ ROUND_OFF = 1e-9  #: speed of two points relative to each other, over their own,
 class ExpectedContact:
     """A contact before the run: that of one one-sided law. SI units; rad, rad/s and kg m^2 where its gaps are angles.
 
-    place: numbers of its group and instance; impact: what is known of it; penetration: at the start."""
+    place: numbers of its group and instance; impact: what is known of it; penetration: at the start; weight: of the effective
+    mass (N), 0 where a joint's reaction is known."""
 
     item: str
     law: Any
     place: Place
     impact: Impact
     penetration: float
+    weight: float = 0.0
 
     @property
     def size(self) -> float:
@@ -63,7 +66,9 @@ class ExpectedContact:
 
     def problems(self, continued: bool) -> list[str]:
         """Why the start is refused, one sentence each; continued: another run ended there."""
-        why = self.law.refuses_start(self.penetration, self.size, continued)
+        load = self.law.elastic_load(self.penetration)
+        rests = load is not None and load[0] <= RESTS * self.weight
+        why = "" if rests else self.law.refuses_start(self.penetration, self.size, continued)
         return [f"'{self.item}' starts with a {self._at_start()}, {why}"] if why else []
 
     def changes(self) -> list[str]:
@@ -89,7 +94,9 @@ def expected_contacts(mechanics: Mechanics, start: Start, reactions: dict[str, f
         force = reactions.get(instance.item, 0.0)
         size = mechanics.model.length if instance.law.gap_unit == "m" else 1.0
         impact = Impact(mass, _speed(rows, start.u), force, max(0.0, gap), size, time)
-        found.append(ExpectedContact(instance.item, instance.law, (g, i), impact, max(0.0, -gap)))
+        carries = instance.law.gap_unit == "m" and instance.item not in reactions
+        weight = mass * float(np.linalg.norm(mechanics.model.scene.gravity)) if carries else 0.0
+        found.append(ExpectedContact(instance.item, instance.law, (g, i), impact, max(0.0, -gap), weight))
     return found
 
 
