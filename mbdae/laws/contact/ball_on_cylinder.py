@@ -29,9 +29,9 @@ class BallOnCylinder(SurfaceContact):
 
     def stations(self, k: Frame, l: Frame) -> list[tuple[Station, str]]:
         u = l.r - k.r
-        along = let(u @ k.z, "z")
+        along = let(u @ k.z, "z_a")
         distance, radial = outside((u - k.z * along).named("u"))
-        beside = let(distance - self.radius_k, "b")
+        beside = let(distance - self.radius_k, "b_r")
         if self.length is None:
             gap, normal = beside, radial
         else:
@@ -42,14 +42,14 @@ class BallOnCylinder(SurfaceContact):
     def _with_ends(self, k: Frame, along: Expr, beside: Expr, radial: Vec) -> tuple[Expr, Vec]:
         """Distance of the centre from the surface, negative inside, and the direction out of it."""
         sense = se.Piecewise((1, along > 0), (-1, True))
-        above = let(sense * along - self.length / 2, "h")
-        corner = let(se.sqrt(beside**2 + above**2 + RESTING), "c")
+        above = let(sense * along - self.length / 2, "h_a")
+        corner = let(se.sqrt(beside**2 + above**2 + RESTING), "d_c")
 
-        smaller = let(se.Piecewise((above, above < beside), (beside, True)), "s")
+        smaller = let(se.Piecewise((above, above < beside), (beside, True)), "m_e")
 
         def chosen(rim: Expr, end: Expr, side: Expr) -> Expr:
             return se.Piecewise((rim, smaller > 0), (side, beside > above), (end, True))
 
         outwards = chosen(beside / corner, se.Integer(0), se.Integer(1))
         upwards = chosen(above / corner, se.Integer(1), se.Integer(0)) * sense
-        return let(chosen(corner, above, beside), "g"), (radial * outwards + k.z * upwards).named("n")
+        return let(chosen(corner, above, beside), "g_s"), (radial * outwards + k.z * upwards).named("n")
