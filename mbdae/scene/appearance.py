@@ -14,6 +14,7 @@ from mbdae.scene.reading import Argument
 from mbdae.scene.shapes import Point, Shape
 from mbdae.values import BadValueError, array, shown
 
+ROUNDING = 1e-15  #: of the length of a direction
 SHAPES = "give mb.Plane, mb.Cylinder, mb.Sphere, mb.Point or mb.Box"
 READERS: dict[str, Callable[[Any], str]] = {}  #: "color": what draws enters how it reads colours
 
@@ -29,12 +30,17 @@ def shape(arg: Argument, value: Any) -> Shape:
         if key in ("radius", "length"):
             found[key] = None if given is None and key == "length" else reading.quantity("m", "positive")(part, given)
         elif key in ("normal", "axis"):
-            found[key] = reading.unit(reading.direction(part, given))
+            found[key] = _unit(reading.direction(part, given))
         elif key == "size":
             found[key] = _edges(part, given)
         elif given is not None:
             found[key] = (reading.rotation if key == "rotation" else reading.point)(part, given)
     return replace(value, **found)
+
+
+def _unit(direction: Array) -> Array:
+    """Of length 1; one that has it stays as it is to the last bit, so that a stored scene states the same."""
+    return direction if abs(np.linalg.norm(direction) - 1) <= ROUNDING else reading.unit(direction)
 
 
 def _edges(arg: Argument, value: Any) -> Array:

@@ -202,6 +202,8 @@ def everything() -> mb.Scene:
     s.prismatic("p1", s.ground, "a", (0, 0), (0, 0, 1), position=pulse, model=mb.Recursive())
     s.prismatic("p2", s.ground, b, at=(0, 0), axis=(1, 0, 0), force=mb.t**2, friction=mb.Coulomb(0.1, 1e-3), normal_force=3)
     s.spherical("s", a, b, at=(1, 0, 0))
+    s.contact("b1", "a", b.at(0.5), mb.Cylinder(at=(0, 0, 3), axis=(1, 1, 0), radius=0.2, length=0.4), mb.Sphere(radius=1 / 3),
+              normal=mb.Hertz(1e8, 0.1), friction=mb.Coulomb(0.1, 0.01))  # fmt: skip
     s.weld("w", s.ground, a)
     s.distance("d", a, b, at_k=(0, 0), at_l=(1, 2))
     s.fixed_orientation("f", a, b)
