@@ -91,6 +91,21 @@ class Statement:
     relation: str = "="
     line: int = 0
 
+    @property
+    def compared(self) -> tuple[Node, ...]:
+        """The sides that have values to compare: of an equation those that are not the literal 0, of a bound all."""
+        return self.sides if self.relation == "<=" else tuple(side for side in self.sides if not is_zero(side))
+
+    @property
+    def ends_at_zero(self) -> bool:
+        """Whether the other sides of an equation must vanish."""
+        return self.relation == "=" and any(map(is_zero, self.sides))
+
+    @property
+    def subject(self) -> Node:
+        """The side that says what the statement is about: the first that is not the literal 0."""
+        return next((side for side in self.sides if not is_zero(side)), self.sides[0])
+
     def symbols(self) -> set[str]:
         """Names that appear."""
         return set().union(*(side.symbols() for side in self.sides))
@@ -119,7 +134,7 @@ ZERO = number(0)
 
 def is_zero(node: Node) -> bool:
     """Whether a side is the literal 0."""
-    return node == ZERO
+    return bare(node) == ZERO
 
 
 def bare(node: Node) -> Node:
@@ -145,6 +160,8 @@ class Reader:
         """Sides and relation."""
         sides, relation = [self._sum()], "="
         while found := self._accept("=", "<="):
+            if len(sides) > 1 and found != relation:
+                raise self._error("'=' and '<=' in one statement: write two")
             relation = found
             sides.append(self._sum())
         self._end()
@@ -257,6 +274,8 @@ def _tokens(text: str, line: int) -> list[str]:
     found, at = [], 0
     while text[at:].strip():
         match = _TOKEN.match(text, at)
+        if text[at:].strip().startswith((">", "<")) and match is None:
+            raise AuditError(f"line {line}: a bound is written with '<=': turn it round, b <= a for a >= b (in '{text.strip()}')")
         if match is None:
             raise AuditError(f"line {line}: '{text[at:].strip()[0]}' is not in the notation (in '{text.strip()}')")
         found.append(match.group().strip())

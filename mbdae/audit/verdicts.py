@@ -79,7 +79,7 @@ def meanings(equation: Printed) -> str:
         return equation.quantity.text
     if not equation.statements:
         return "cannot be read"
-    names = [str(s.sides[0]) for s in equation.statements]
+    names = [str(s.subject) for s in equation.statements]
     known = equation.scope.symbols
     return "; ".join(f"{n}: {known[n].text}" if n in known else n for n in names)
 
@@ -185,7 +185,7 @@ def _on_a_side(equation: Printed, states: States, side: int, gap: float, open_si
 def _unbalanced(equation: Printed, states: States) -> str:
     """Remark on forces and moments printed for both bodies that leave a resultant moment; empty otherwise."""
     env, total = states.joint[0], np.zeros((3, 1))
-    sides = {equation.scope.symbols[n].words[0]: n for n in map(str, (s.sides[0] for s in equation.statements))
+    sides = {equation.scope.symbols[n].words[0]: n for n in map(str, (s.subject for s in equation.statements))
              if n in equation.scope.symbols and equation.scope.symbols[n].phrase.side == "open"}  # fmt: skip
     if set(sides) != {"k", "l"}:
         return ""
@@ -200,12 +200,12 @@ def _unbalanced(equation: Printed, states: States) -> str:
 def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool) -> Row:
     residual = max(c.gap for c in gaps)
     doubt = next((c.doubt for c in gaps if c.doubt), "")
+    units = "; ".join(f for s in equation.statements for f in faults(s, states.free[:2]))
     if doubt and not any(c.mendable for c in gaps):
-        return _cannot(equation, doubt)
+        return Row(equation, MISPRINT, residual, remark=units) if units else _cannot(equation, doubt)
     defined = [n for s in equation.statements for n in _defined_by(s, equation.scope)]
     if defined:
         return _cannot(equation, f"nothing but this formula says what {defined[0]} is: write it as `let`, or give its meaning")
-    units = "; ".join(f for s in equation.statements for f in faults(s, states.free[:2]))
     lacking = _lacking(equation, states)
     if lacking:
         name, text = lacking
