@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.audit import notation
 from mbdae.audit.evaluate import SizeError, Value, attempt, evaluate, infinite
 from mbdae.audit.motion import VECTORS, Motion
 from mbdae.audit.notation import Node, Statement

@@ -14,8 +14,9 @@ from mbdae.audit import notation
 from mbdae.audit.evaluate import SizeError, evaluate, expression_value, size
 from mbdae.audit.laws import LawState, Own, derived, part_class
 from mbdae.audit.motion import Motion
-from mbdae.audit.notation import BASIC, Node, Statement, Unit, unit
+from mbdae.audit.notation import Node, Statement
 from mbdae.audit.phrases import Definition, Env
+from mbdae.audit.units import BASIC, Unit, unit
 from mbdae.errors import MbdaeError
 
 FACTOR = 1.25  #: by which a basic unit changes its size

@@ -18,7 +18,8 @@ import symengine as se
 from mbdae.audit.evaluate import STEP, SizeError, Value, derivative, evaluate
 from mbdae.audit.laws import WITH_COORDINATES, Own
 from mbdae.audit.motion import Motion
-from mbdae.audit.notation import AuditError, Node, Statement, Unit, unit
+from mbdae.audit.notation import AuditError, Node, Statement
+from mbdae.audit.units import Unit, unit
 
 Rule = Callable[..., Value]
 PARAMETER = re.compile(r"parameter (\w+) of (.+)$")  #: of a law, as a text declares it

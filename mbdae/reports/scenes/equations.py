@@ -238,10 +238,11 @@ class SceneEquations:
         return known, multipliers
 
     def states(self) -> tuple[Any, Any, Any, Any]:
-        """Random states around the start, closed or not: the balances hold at any."""
+        """Random states around the start: the balances hold where loops are open too, recursive joints hold by themselves."""
         start, rng = self.prepared.start, np.random.default_rng(8)
         q = start.q + 1e-3 * self.prepared.length * rng.normal(size=(POINTS, len(start.q)))
-        return np.full(POINTS, start.t), q, rng.normal(size=(POINTS, len(start.u))), np.tile(start.s, (POINTS, 1))
+        t, u = np.full(POINTS, start.t), rng.normal(size=(POINTS, len(start.u)))
+        return t, *self.m.admissible(t, q, u), np.tile(start.s, (POINTS, 1))
 
 
 def said(name: str) -> str:

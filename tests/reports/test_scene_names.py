@@ -1,0 +1,45 @@
+"""The sheet of scenes: every joint model and every name is read back."""
+
+from __future__ import annotations
+
+import pytest
+
+import mbdae as mb
+
+UP, ALONG = (0, -9.81, 0), (0, 0, -9.81)
+
+
+def verdict(scene: mb.Scene) -> str:
+    text = mb.report(scene).to_markdown()
+    found = [line for line in text.splitlines() if "comparisons hold" in line or "NOT EQUAL" in line]
+    assert len(found) == 1
+    return found[0]
+
+
+def pendulum(tip=(1.0, 0.0), **joint) -> mb.Scene:
+    s = mb.Scene("pendulum", gravity=UP)
+    s.revolute("hinge", s.ground, s.link("rod", (0, 0), tip, mass=1.0), at=(0, 0), **joint)
+    return s
+
+
+def double() -> mb.Scene:
+    s = mb.Scene("double pendulum", gravity=UP)
+    upper, lower = s.link("upper", (0, 0), (1, 0), mass=1.0), s.link("lower", (1, 0), (2, 0), mass=1.0)
+    s.revolute("A", s.ground, upper, at=(0, 0))
+    s.revolute("B", upper, lower, at=(1, 0))
+    return s.recursive()
+
+
+def spatial() -> mb.Scene:
+    s = mb.Scene("spatial", gravity=ALONG)
+    body = s.rigid_body("b", 2.0, (0.1, 0.2, 0.25), at=(0.3, 0, 0))
+    s.revolute("R", s.ground, body, at=(0, 0, 0), axis=(0, 1, 0), model=mb.Recursive())
+    return s
+
+
+@pytest.mark.parametrize("scene", [
+    pendulum(model=mb.Recursive()), pendulum(model=mb.Recursive(), spring=3.0, damper=0.1, torque=2.0),
+    pendulum((0.6, -0.8), model=mb.Recursive(), rate0=2.0), double(), spatial(),
+])  # fmt: skip
+def test_balances_of_recursive_joints_hold_where_they_are_taken(scene: mb.Scene) -> None:
+    assert "comparisons hold" in verdict(scene)
