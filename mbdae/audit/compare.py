@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -30,6 +30,7 @@ class States:
     inner: str = "l"
     side: int = 1
     absent: str | None = None
+    neutral: tuple[tuple[str, float], ...] = ()  #: parameters of laws with values at which they do nothing
     shared: dict[tuple[str, int, str], Motion] = field(default_factory=dict)
     fill: int = 1
 
@@ -42,7 +43,9 @@ class States:
         if (kind, seed, section) not in self.shared:
             self.shared[kind, seed, section] = Motion(seed, kind, self.equation.scope.own, section)
         motion = self.shared[kind, seed, section]
-        return Env(motion.without(self.absent) if self.absent else motion, self.equation.scope, self.inner, self.side, self.fill)
+        motion = motion.without(self.absent) if self.absent else motion
+        motion = motion.taking({f"parameter {n}": v for n, v in self.neutral}) if self.neutral else motion
+        return Env(motion, self.equation.scope, self.inner, self.side, self.fill)
 
     @property
     def _everywhere(self) -> str:
@@ -181,11 +184,19 @@ def compared(statement: Statement, states: States) -> Compared:
 def _vanishing(statement: Statement, states: States) -> bool:
     """Whether a quantity of the statement is zero in the states of the joint alone: agreement there says nothing of its terms."""
     symbols = statement.symbols() & set(states.equation.scope.symbols)
+    return _smaller(symbols, states.free, states.joint)
 
+
+def vanishing(names: Iterable[str], states: States, others: States) -> bool:
+    """Whether one of some quantities is zero in other states, free or of the joint, and not in those given."""
+    return _smaller(names, states.free, others.free) or _smaller(names, states.joint, others.joint)
+
+
+def _smaller(names: Iterable[str], before: Sequence[Env], after: Sequence[Env]) -> bool:
     def size(name: str, envs: Sequence[Env]) -> float:
         return max(float(np.max(np.abs(env.value(name)))) for env in envs)
 
-    return any(size(n, states.joint) < SAME < size(n, states.free) for n in symbols)
+    return any(size(n, after) < SAME < size(n, before) for n in names)
 
 
 # -- in symbols

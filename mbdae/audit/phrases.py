@@ -32,7 +32,7 @@ class Phrase:
     pattern: re.Pattern[str]
     rule: Rule
     vanishes: bool  #: whether the quantity may be zero in a state the text speaks of
-    side: str  #: side of the equations of motion of a force: "left", or "open" where texts differ; "" for others
+    side: str  #: side of the equations of motion of a force: "left", "applied", or "open" where texts differ; "" for others
     wording: str
     needs: tuple[tuple[str, str, str], ...] = ()  #: (name, unit, meaning) of quantities of the derivation a text may not name
     given: bool = False  #: whether the text alone gives the quantity: its rule gets the name of the symbol too
@@ -300,6 +300,10 @@ class Env:
         """The parameters of a law that the text declares."""
         found = map(PARAMETER.match, self.stated | self.scope.texts)
         return frozenset(match[1] for match in found if match and match[2] == of)
+
+    def declares(self, *wordings: str) -> bool:
+        """Whether the text declares one of some quantities."""
+        return bool((self.stated | self.scope.texts) & set(wordings))
 
     def printed(self, name: str, number: str) -> Value:
         """The value of the formula an earlier equation prints for a symbol."""

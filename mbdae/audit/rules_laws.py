@@ -95,6 +95,8 @@ def unit_of_parameter(parameter: str, of: str, own: Own) -> str:
         raise AuditError(f"there is no law '{of}'; give your own class with audit(..., laws={{'{of}': {of}}})")
     if parameter in ("scaling", "penalty") and not issubclass(cls, Part) and derived(of, own).rows:
         return ""
+    if parameter in cls.options and isinstance(cls, type) and issubclass(cls, Friction):
+        return ""
     if parameter not in cls.params:
         raise AuditError(f"{of} has no parameter '{parameter}'; it has {', '.join(cls.params) or 'none'}")
     return str(cls.params[parameter].unit)
