@@ -43,3 +43,24 @@ def spatial() -> mb.Scene:
 ])  # fmt: skip
 def test_balances_of_recursive_joints_hold_where_they_are_taken(scene: mb.Scene) -> None:
     assert "comparisons hold" in verdict(scene)
+
+
+def two(first: str, second: str, root: str = "A", tip: str = "B") -> mb.Scene:
+    s = mb.Scene("two", gravity=UP)
+    u, l = s.link(first, (0, 0), (1, 0), mass=1.0), s.link(second, (1, 0), (2, 0), mass=2.0)
+    s.revolute(root, s.ground, u, at=(0, 0))
+    s.revolute(tip, u, l, at=(1, 0))
+    return s
+
+
+@pytest.mark.parametrize("names", [
+    ("link-1", "link-2"), ("rod+", "rod*"), ("a'", "a"), ("m{", "m}", "\\A", "$"), ("a b", "a_b", "A_1", "A 1"), ("ab", "a b"),
+])  # fmt: skip
+def test_names_stay_distinct_in_formulas(names: tuple[str, ...]) -> None:
+    assert "comparisons hold" in verdict(two(*names))
+
+
+def test_a_name_that_is_written_otherwise_is_told() -> None:
+    text = mb.report(two("rod+", "rod*")).to_markdown()
+    assert "The name rod* is written rod (2)." in text
+    assert "is written" not in mb.report(two("link-1", "link-2")).to_markdown()
