@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import symengine as se
 
+from mbdae.audit import latex
 from mbdae.audit.evaluate import STEP, SizeError, Value, derivative, evaluate
 from mbdae.audit.laws import WITH_COORDINATES, Own
 from mbdae.audit.motion import Motion
@@ -136,8 +137,14 @@ class Scope:
 
     @cached_property
     def letters(self) -> dict[str, str]:
-        """How the text prints its symbols, in TeX, where it says so."""
-        return {n: m.letter for n, m in self.symbols.items() if m.letter}
+        """How the text prints its symbols, in TeX, where it says so; names that would be printed as another one is."""
+        found = {n: m.letter for n, m in self.symbols.items() if m.letter}
+        taken = set(found.values())
+        for n in sorted(self.symbols.keys() - found.keys(), key=len):
+            tex = latex.name(n)
+            found |= {n: rf"\mathrm{{{n}}}".replace("_", r"\_")} if tex in taken else {}
+            taken.add(tex)
+        return found
 
     @cached_property
     def texts(self) -> frozenset[str]:
