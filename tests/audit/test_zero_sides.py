@@ -49,3 +49,15 @@ def test_what_is_zero_is_right_on_either_side_and_repaired_alike() -> None:
 def test_bounds_and_statements_about_nothing(formula: str, verdict: str, said: str) -> None:
     assert row(formula)[0] == verdict
     assert said in row(formula)[1]
+
+
+@pytest.mark.parametrize(("formula", "tex"), [
+    ("norm(wk)^2 = 4*rate(pk)'*rate(pk)", r"{\left(\frac{d}{dt} p^{k}\right)}^{T}"),
+    ("(pk')' = pk", r"{p^{kT}}^{T}"),
+    ("rate(q)^2 = rate(q)*rate(q)", r"{\left(\frac{d}{dt} q\right)}^{2}"),
+])  # fmt: skip
+def test_marks_behind_pieces_with_marks(formula: str, tex: str) -> None:
+    """No letter has two exponents, which LaTeX refuses."""
+    page = mb.audit(f"{TEXT}pk [1]: Euler parameters of k\n1: {formula}\n").document().to_markdown()
+    assert tex in page
+    assert "}^{k}^" not in page

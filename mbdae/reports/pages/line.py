@@ -277,7 +277,8 @@ class LinearPage(Page):
         m = Numbers(of.record, shifted.atom, shifted.symbol)
         self.wanted = {}
         for name, e in of.strains.items():
-            self.want(f"\\gamma_{{{name}}}", np.imag(m.scalar(e)) / STEP, "a complex step of the strain")
+            strain = np.asarray(m.scalar(e))
+            self.want(f"\\gamma_{{{name}}}", np.real(strain) + np.imag(strain) / STEP, "the strain at rest and its complex step")
 
     def given(self) -> dict[str, Any]:
         fields = {"u_{}'": self.state.dr, "\\theta_{}": self.state.dpsi, "\\theta_{}'": self.state.dpsi_s}
@@ -291,7 +292,8 @@ class LinearPage(Page):
         """The strains to first order."""
         lines, numbers = [], Numbers(self.of.record, _straight, lambda s: 0.0)
         for name, parts in self.of.variations.items():
-            terms = []
+            start = float(numbers.scalar(self.of.strains[name]))
+            terms = [f"{'-' if start < 0 else '+'} {abs(start):g}"] if start else []
             for part, letter in zip(parts, ("u_{}'", "\\theta_{}", "\\theta_{}'"), strict=True):
                 for i, c in enumerate(np.broadcast_to(numbers.vector(part), (3,))):
                     factor = "" if abs(abs(c) - 1) < 1e-12 else f"{abs(c):g}\\,"
