@@ -36,7 +36,7 @@ OPPOSITE = {"applied": "as the forces applied to the bodies or with the opposite
 SIDES = {1: "applied to the bodies", -1: "on the left-hand side of the equations of motion"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Row:
     """The verdict on one equation."""
 
@@ -55,6 +55,10 @@ class Row:
     def equation(self) -> str:
         """The number of the equation."""
         return self.printed.number
+
+    def __repr__(self) -> str:
+        said = f", said={self.said!r}" if self.said else ""
+        return f"Row({self.equation!r}, {self.printed.text!r}, {self.verdict!r}, residual={self.residual:.3g}{said})"
 
     @property
     def said(self) -> str:

@@ -96,3 +96,15 @@ def test_an_option_that_is_not_declared_has_its_default() -> None:
     for words in ("friction parameter gamma", "parameter gamma of LuGre"):
         assert row(f"g [1]: {words}\n{LUGRE}", by.format("abs(v/vs)^g"))[0] == "RIGHT"
         assert row(f"g [1]: {words}\n{LUGRE}", by.format("(v/vs)^2"))[0] == "MISPRINT"
+
+
+def test_a_law_of_a_contact_is_no_law_between_bodies() -> None:
+    verdict, said = row(COULOMB + "P [W]: dissipated power of Coulomb\n", "P = N*v")
+    assert verdict == "CANNOT JUDGE"
+    assert "Coulomb is a friction law" in said
+
+
+def test_a_row_is_shown_in_a_line() -> None:
+    shown = repr(mb.audit(COULOMB + "1: F = -mu*N*tanh(v/vc)\n")["1"])
+    assert shown.startswith("Row('1', 'F = -mu*N*tanh(v/vc)', 'RIGHT'")
+    assert len(shown) < 120

@@ -64,3 +64,34 @@ def test_a_name_that_is_written_otherwise_is_told() -> None:
     text = mb.report(two("rod+", "rod*")).to_markdown()
     assert "The name rod* is written rod (2)." in text
     assert "is written" not in mb.report(two("link-1", "link-2")).to_markdown()
+
+
+def test_a_scene_without_rows_or_steady_start_says_so(recwarn) -> None:
+    s = mb.Scene("point", gravity=ALONG)
+    s.point_mass("p 摆 <i>", 1.0, at=(0, 0, 0))
+    text = mb.report(s).to_markdown()
+    assert "There is none: the scene has no joints." in text
+    assert "There are none: the start is no steady motion" in text
+    assert "floquet" not in text
+    assert "A box stands for a letter" in text
+    assert r"p 摆 \<i>" in text
+    assert not [w for w in recwarn if "Glyph" in str(w.message) or issubclass(w.category, RuntimeWarning)]
+
+
+def test_joints_without_rows_are_joints() -> None:
+    s = mb.Scene("pair", gravity=UP)
+    rod = s.link("rod", (0, 0), (1, 0), mass=1.0)
+    model = mb.Clearance(0.0501, 0.05, mb.Hertz(1e9, damping=0.3))
+    s.revolute("hinge", s.ground, rod, at=(0, 0), model=model)
+    assert "There is none: its joints have no constraint rows." in mb.report(s).to_markdown()
+
+
+def test_a_joint_without_rows_is_refused() -> None:
+    class Nothing(mb.Joint):
+        """Nothing."""
+
+        def constraints(self, k, l):
+            return {}
+
+    with pytest.raises(mb.LawError, match="Nothing states no rows"):
+        mb.report(Nothing)

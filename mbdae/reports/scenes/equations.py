@@ -65,7 +65,8 @@ class SceneEquations:
 
     def _refuse(self) -> None:
         model = self.prepared.model
-        reasons = {"the scene has no joints": not self.m.m, "its beams are flexible": bool(model.lines),
+        joints = "its joints have no constraint rows" if self.prepared.model.scene.joints else "the scene has no joints"
+        reasons = {joints: not self.m.m, "its beams are flexible": bool(model.lines),
                    "its reactions are not unique": bool(self.prepared.rank.dropped),
                    "friction follows from the reactions": bool(self.m.reactive),
                    f"it has more than {LARGEST_SCENE} multipliers": self.m.m > LARGEST_SCENE}  # fmt: skip
