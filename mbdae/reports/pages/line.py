@@ -27,14 +27,14 @@ from mbdae.symbolic.vectors import Vec
 
 _BASES = {
     Base("r", "b"): (r"\mathbf{r}", "m", "position of the axis"),
-    Base("rs", "b"): (r"\mathbf{r}'", "1", "its derivative by the reference length"),
+    Base("rs", "b"): (r"\mathbf{r}'", "1", "derivative of $\\mathbf{r}$ by the reference length"),
     Base("x", "b"): (r"\mathbf{d}_1", "1", "axis 1 of the section, along the line as drawn"),
     Base("y", "b"): (r"\mathbf{d}_2", "1", "axis 2 of the section"),
     Base("z", "b"): (r"\mathbf{d}_3", "1", "axis 3 of the section"),
     Base("v", "b"): (r"\mathbf{v}", "m/s", "velocity of the axis"),
     Base("drs", "b"): (r"\delta\mathbf{r}'", "1", "virtual change of $\\mathbf{r}'$"),
     Base("dpsi", "b"): (r"\delta\boldsymbol{\psi}", "rad", "virtual rotation of the section"),
-    Base("dpsis", "b"): (r"\delta\boldsymbol{\psi}'", "rad/m", "its derivative by the reference length"),
+    Base("dpsis", "b"): (r"\delta\boldsymbol{\psi}'", "rad/m", "derivative of $\\delta\\boldsymbol{\\psi}$ by the length"),
     Base("ns", "b"): (r"\mathbf{n}'", "N/m", "derivative of the force of the section"),
     Base("ms", "b"): (r"\mathbf{m}'", "N", "derivative of the moment of the section"),
     Base("load", "b"): (r"\bar{\mathbf{f}}", "N/m", "load per reference length"),
