@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.audit import notation
 from mbdae.audit.evaluate import SizeError, Value, attempt, evaluate, infinite
 from mbdae.audit.motion import VECTORS, Motion
 from mbdae.audit.notation import Node, Statement
@@ -31,6 +30,7 @@ class States:
     inner: str = "l"
     side: int = 1
     absent: str | None = None
+    neutral: tuple[tuple[str, float], ...] = ()  #: parameters of laws with values at which they do nothing
     shared: dict[tuple[str, int, str], Motion] = field(default_factory=dict)
     fill: int = 1
 
@@ -43,7 +43,9 @@ class States:
         if (kind, seed, section) not in self.shared:
             self.shared[kind, seed, section] = Motion(seed, kind, self.equation.scope.own, section)
         motion = self.shared[kind, seed, section]
-        return Env(motion.without(self.absent) if self.absent else motion, self.equation.scope, self.inner, self.side, self.fill)
+        motion = motion.without(self.absent) if self.absent else motion
+        motion = motion.taking({f"parameter {n}": v for n, v in self.neutral}) if self.neutral else motion
+        return Env(motion, self.equation.scope, self.inner, self.side, self.fill)
 
     @property
     def _everywhere(self) -> str:
@@ -79,7 +81,7 @@ class States:
 
 
 def _fits(statement: Statement, states: States) -> bool:
-    values = [attempt(s, states.free[0]) for s in statement.sides if not notation.is_zero(s)]
+    values = [attempt(s, states.free[0]) for s in statement.compared]
     return all(v is not None for v in values) and len({np.shape(v) for v in values}) == 1
 
 
@@ -121,7 +123,7 @@ def _values(sides: Sequence[Node], env: Env) -> list[Value]:
 
 def _in_states(statement: Statement, equation: Printed, envs: Sequence[Env]) -> Compared:
     """The sides of a statement, and the quantity it is said to be, in some states."""
-    sides = [side for side in statement.sides if not notation.is_zero(side)]
+    sides = statement.compared
     said = equation.quantity if equation.statements and statement is equation.statements[0] else None
     rows: list[list[Value]] = []
     for env in envs:
@@ -130,7 +132,9 @@ def _in_states(statement: Statement, equation: Printed, envs: Sequence[Env]) -> 
         except SizeError as error:
             return Compared(INFINITE, doubt=str(error), mendable=True)
     if statement.relation == "<=":
-        return _bound(rows)
+        return _bound([row[: len(sides)] for row in rows])
+    if not rows[0]:
+        return Compared(0.0, doubt="both sides are 0, which shows nothing")
     gap = max(max((difference(v[0], other) for other in v[1:]), default=0.0) for v in rows)
     if len(rows[0]) > 1 and gap < SAME and max(float(np.max(np.abs(v[0]))) for v in rows) < SAME:
         return Compared(gap, doubt="both sides vanish in the states tried, which shows nothing")
@@ -139,7 +143,11 @@ def _in_states(statement: Statement, equation: Printed, envs: Sequence[Env]) -> 
 
 def _bound(rows: list[list[Value]]) -> Compared:
     """a <= b: holds in all states, and is reached in half of them; else nothing shows that it is the bound meant."""
-    pairs = [tuple(float(np.real(x)) for x in v[:2]) for v in rows]
+    if any(np.ndim(x) for x in rows[0]):
+        return Compared(INFINITE, doubt="a bound is one of numbers", mendable=True)
+    if len(rows[0]) > 2:
+        return max((_bound([row[i : i + 2] for row in rows]) for i in range(len(rows[0]) - 1)), key=lambda c: (c.gap, c.doubt))
+    pairs = [tuple(float(np.real(x)) for x in v) for v in rows]
     sizes = [max(abs(a), abs(b), 1e-12) for a, b in pairs]
     worst = max(max(0.0, a - b) / n for (a, b), n in zip(pairs, sizes, strict=True))
     reached = sum(abs(a - b) / n < SAME for (a, b), n in zip(pairs, sizes, strict=True))
@@ -149,11 +157,11 @@ def _bound(rows: list[list[Value]]) -> Compared:
 
 
 def vanishes(statement: Statement, envs: Sequence[Env]) -> float:
-    """Largest value of the first side of a statement that ends with `= 0`; 0.0 for other statements."""
-    if not any(notation.is_zero(side) for side in statement.sides):
+    """Largest value of the other sides of an equation with the side 0; 0.0 for other statements."""
+    if not statement.ends_at_zero:
         return 0.0
     try:
-        return max(float(np.max(np.abs(_values(statement.sides[:1], env)[0]))) for env in envs)
+        return max((float(np.max(np.abs(v))) for env in envs for v in _values(statement.compared, env)), default=0.0)
     except SizeError:
         return INFINITE
 
@@ -176,11 +184,19 @@ def compared(statement: Statement, states: States) -> Compared:
 def _vanishing(statement: Statement, states: States) -> bool:
     """Whether a quantity of the statement is zero in the states of the joint alone: agreement there says nothing of its terms."""
     symbols = statement.symbols() & set(states.equation.scope.symbols)
+    return _smaller(symbols, states.free, states.joint)
 
+
+def vanishing(names: Iterable[str], states: States, others: States) -> bool:
+    """Whether one of some quantities is zero in other states, free or of the joint, and not in those given."""
+    return _smaller(names, states.free, others.free) or _smaller(names, states.joint, others.joint)
+
+
+def _smaller(names: Iterable[str], before: Sequence[Env], after: Sequence[Env]) -> bool:
     def size(name: str, envs: Sequence[Env]) -> float:
         return max(float(np.max(np.abs(env.value(name)))) for env in envs)
 
-    return any(size(n, states.joint) < SAME < size(n, states.free) for n in symbols)
+    return any(size(n, after) < SAME < size(n, before) for n in names)
 
 
 # -- in symbols
@@ -229,7 +245,7 @@ def identical(equation: Printed, inner: str, side: int = 1) -> bool:
 
 def _identical(equation: Printed, i: int, env: Env) -> bool:
     statement = equation.statements[i]
-    values = [evaluate(s, env) for s in statement.sides if not notation.is_zero(s)]
+    values = [evaluate(s, env) for s in statement.compared]
     if i == 0 and equation.quantity is not None:
         values.append(equation.quantity.value(env))
     if statement.relation != "=" or len(values) < 2:

@@ -14,8 +14,9 @@ from mbdae.audit import notation
 from mbdae.audit.evaluate import SizeError, evaluate, expression_value, size
 from mbdae.audit.laws import LawState, Own, derived, part_class
 from mbdae.audit.motion import Motion
-from mbdae.audit.notation import BASIC, Node, Statement, Unit, unit
+from mbdae.audit.notation import Node, Statement
 from mbdae.audit.phrases import Definition, Env
+from mbdae.audit.units import BASIC, Unit, unit
 from mbdae.errors import MbdaeError
 
 FACTOR = 1.25  #: by which a basic unit changes its size
@@ -52,11 +53,12 @@ def faults(statement: Statement, envs: Sequence[Env]) -> list[str]:
         return [str(error)]
     known = []
     for side, p in found:
-        if p is None:
-            return [_culprit(side, envs) or f"{side} has no unit"]
+        culprit = _culprit(side, envs) if p is None or np.all(np.isnan(p)) else ""  # a sum that is 0 hides those of its terms
+        if p is None or culprit:
+            return [culprit or f"{side} has no unit"]
         known.append((side, p))
-    first, p = known[0]
     for side, q in known[1:]:
+        first, p = known[0]
         if p.shape == q.shape and np.nanmax(np.abs(p - q), initial=0.0) > 1e-6:
             return [f"{first} has the unit {shown(p)}, {side} the unit {shown(q)}"]
     return []

@@ -20,6 +20,7 @@ _SIGNS = {"delta": r"\delta", "rate": r"\frac{d}{dt}", "slope": r"\frac{d}{ds}"}
 _CALLS = {"norm": r"\left\|{0}\right\|", "abs": r"\left|{0}\right|", "sqrt": r"\sqrt{{{0}}}",
           "sum": r"\sum_{{{1}={2}}}^{{{3}}} {0}", "integral": r"\int_{{{2}}}^{{{3}}} {0} \, d{1}",
           "diff": r"\frac{{\partial {0}}}{{\partial {1}}}"}  # fmt: skip
+_LONG = {*_SIGNS, "sum", "integral", "diff"}  #: what a mark behind it would not belong to as a whole
 _KNOWN = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "det"}  #: names that LaTeX has
 Letters = Mapping[str, str]  #: how a text prints a name, in TeX
 _NONE: Letters = MappingProxyType({})
@@ -63,7 +64,8 @@ def formula(node: Node, letters: Letters = _NONE, level: int = 0) -> str:
     if kind == "symbol":
         return name(node.value, letters)
     if kind == "call":
-        return _call(node, letters)
+        text = _call(node, letters)
+        return rf"\left({text}\right)" if level == 2 and node.value in _LONG else text
     if kind == "block":
         rows = r" \\ ".join(" & ".join(formula(p, letters) for p in row.parts) for row in parts)
         return rf"\begin{{bmatrix}} {rows} \end{{bmatrix}}"
@@ -85,7 +87,7 @@ def _marked(node: Node, letters: Letters) -> str:
     if base.kind == "symbol":
         return name(base.value, letters, transposed, tilde)
     text = rf"\widetilde{{{formula(base, letters, 2)}}}" if tilde else formula(base, letters, 2)
-    return text + ("^{T}" if transposed else "")
+    return f"{{{text}}}^{{T}}" if transposed else text
 
 
 def _sum(node: Node, letters: Letters) -> str:

@@ -7,9 +7,10 @@ A state belongs to a motion: accelerations are constant, so that all time deriva
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from copy import copy
 from functools import lru_cache
+from types import MappingProxyType
 from typing import Any, TypeVar
 from zlib import crc32
 
@@ -73,6 +74,7 @@ class Motion:
     """One random state, SI units, inertial components. Imaginary parts of its quantities are increments of a complex step."""
 
     symbolic = False  #: whether its quantities are symbols
+    neutral: Mapping[str, float] = MappingProxyType({})  #: given values of positive numbers
 
     def __init__(self, seed: int, kind: str = "free", own: Any = (), section: str = "") -> None:
         self.seed, self.kind, self.absent = seed, kind, frozenset[str]()
@@ -98,7 +100,9 @@ class Motion:
         return float(_drawn(self.seed, name, "number"))
 
     def positive(self, name: str) -> float:
-        """A number between 0.3 and 1.5."""
+        """A number between 0.3 and 1.5, or the one given for it."""
+        if name in self.neutral:
+            return self.neutral[name]
         return float(_drawn(self.seed, name, "positive"))
 
     def vector(self, name: str) -> Value:
@@ -128,6 +132,12 @@ class Motion:
         """The same state with that vector zero."""
         other = copy(self)
         other.absent, other.memory = self.absent | {name}, {}
+        return other
+
+    def taking(self, values: Mapping[str, float]) -> Motion:
+        """The same state with given values of some positive numbers."""
+        other = copy(self)
+        other.neutral, other.memory = values, {}
         return other
 
     def once(self, key: Any, compute: Callable[[], T]) -> T:

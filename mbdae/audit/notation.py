@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from mbdae.errors import MbdaeError
@@ -91,6 +91,21 @@ class Statement:
     relation: str = "="
     line: int = 0
 
+    @property
+    def compared(self) -> tuple[Node, ...]:
+        """The sides that have values to compare: of an equation those that are not the literal 0, of a bound all."""
+        return self.sides if self.relation == "<=" else tuple(side for side in self.sides if not is_zero(side))
+
+    @property
+    def ends_at_zero(self) -> bool:
+        """Whether the other sides of an equation must vanish."""
+        return self.relation == "=" and any(map(is_zero, self.sides))
+
+    @property
+    def subject(self) -> Node:
+        """The side that says what the statement is about: the first that is not the literal 0."""
+        return next((side for side in self.sides if not is_zero(side)), self.sides[0])
+
     def symbols(self) -> set[str]:
         """Names that appear."""
         return set().union(*(side.symbols() for side in self.sides))
@@ -119,7 +134,7 @@ ZERO = number(0)
 
 def is_zero(node: Node) -> bool:
     """Whether a side is the literal 0."""
-    return node == ZERO
+    return bare(node) == ZERO
 
 
 def bare(node: Node) -> Node:
@@ -145,6 +160,8 @@ class Reader:
         """Sides and relation."""
         sides, relation = [self._sum()], "="
         while found := self._accept("=", "<="):
+            if len(sides) > 1 and found != relation:
+                raise self._error("'=' and '<=' in one statement: write two")
             relation = found
             sides.append(self._sum())
         self._end()
@@ -257,6 +274,8 @@ def _tokens(text: str, line: int) -> list[str]:
     found, at = [], 0
     while text[at:].strip():
         match = _TOKEN.match(text, at)
+        if text[at:].strip().startswith((">", "<")) and match is None:
+            raise AuditError(f"line {line}: a bound is written with '<=': turn it round, b <= a for a >= b (in '{text.strip()}')")
         if match is None:
             raise AuditError(f"line {line}: '{text[at:].strip()[0]}' is not in the notation (in '{text.strip()}')")
         found.append(match.group().strip())
@@ -303,44 +322,3 @@ def _compound(node: Node) -> tuple[str, int]:
     for factor in node.parts[1:]:
         text += "/" + _text(factor.parts[0], 2) if factor.kind == "inverse" else "*" + _text(factor, 1)
     return text, 1
-
-
-# -- units: products of powers of m, kg and s; angles have the unit 1
-
-BASIC = ("m", "kg", "s")
-_KNOWN = {"m": (1, 0, 0), "kg": (0, 1, 0), "s": (0, 0, 1), "rad": (0, 0, 0), "1": (0, 0, 0), "N": (1, 1, -2), "J": (2, 1, -2),
-          "W": (2, 1, -3), "Pa": (-1, 1, -2), "Hz": (0, 0, -1)}  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Unit:
-    """Powers of m, kg and s."""
-
-    powers: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    text: str = field(default="", compare=False)  #: as it was written
-
-    def size(self, scale: Mapping[str, float]) -> float:
-        """Size of the unit for given sizes of the basic units."""
-        out = 1.0
-        for name, power in zip(BASIC, self.powers, strict=True):
-            out *= scale[name] ** power
-        return out
-
-    def __str__(self) -> str:
-        if self.text:
-            return self.text
-        shown = [name if power == 1 else f"{name}^{power:g}" for name, power in zip(BASIC, self.powers, strict=True) if power]
-        return " ".join(shown) or "1"
-
-
-def unit(text: str, line: int = 0) -> Unit:
-    """The unit of a text such as "N m s/rad" or "N/m^1.5"."""
-    powers = [0.0, 0.0, 0.0]
-    for i, part in enumerate(text.split("/")):
-        for word in part.strip(" ()").split():
-            match = re.fullmatch(r"(\w+?)(?:\^(-?[\d.]+))?", word)
-            if match is None or match[1] not in _KNOWN:
-                raise AuditError(f"line {line}: the unit '{word}' is not known; there are {', '.join(_KNOWN)}")
-            for j, power in enumerate(_KNOWN[match[1]]):
-                powers[j] += (1 if i == 0 else -1) * power * float(match[2] or 1)
-    return Unit((powers[0], powers[1], powers[2]), text.strip())

@@ -15,10 +15,12 @@ from typing import Any
 import numpy as np
 import symengine as se
 
+from mbdae.audit import latex
 from mbdae.audit.evaluate import STEP, SizeError, Value, derivative, evaluate
 from mbdae.audit.laws import WITH_COORDINATES, Own
 from mbdae.audit.motion import Motion
-from mbdae.audit.notation import AuditError, Node, Statement, Unit, unit
+from mbdae.audit.notation import AuditError, Node, Statement
+from mbdae.audit.units import Unit, unit
 
 Rule = Callable[..., Value]
 PARAMETER = re.compile(r"parameter (\w+) of (.+)$")  #: of a law, as a text declares it
@@ -31,7 +33,7 @@ class Phrase:
     pattern: re.Pattern[str]
     rule: Rule
     vanishes: bool  #: whether the quantity may be zero in a state the text speaks of
-    side: str  #: side of the equations of motion of a force: "left", or "open" where texts differ; "" for others
+    side: str  #: side of the equations of motion of a force: "left", "applied", or "open" where texts differ; "" for others
     wording: str
     needs: tuple[tuple[str, str, str], ...] = ()  #: (name, unit, meaning) of quantities of the derivation a text may not name
     given: bool = False  #: whether the text alone gives the quantity: its rule gets the name of the symbol too
@@ -135,8 +137,14 @@ class Scope:
 
     @cached_property
     def letters(self) -> dict[str, str]:
-        """How the text prints its symbols, in TeX, where it says so."""
-        return {n: m.letter for n, m in self.symbols.items() if m.letter}
+        """How the text prints its symbols, in TeX, where it says so; names that would be printed as another one is."""
+        found = {n: m.letter for n, m in self.symbols.items() if m.letter}
+        taken = set(found.values())
+        for n in sorted(self.symbols.keys() - found.keys(), key=len):
+            tex = latex.name(n)
+            found |= {n: rf"\mathrm{{{n}}}".replace("_", r"\_")} if tex in taken else {}
+            taken.add(tex)
+        return found
 
     @cached_property
     def texts(self) -> frozenset[str]:
@@ -299,6 +307,10 @@ class Env:
         """The parameters of a law that the text declares."""
         found = map(PARAMETER.match, self.stated | self.scope.texts)
         return frozenset(match[1] for match in found if match and match[2] == of)
+
+    def declares(self, *wordings: str) -> bool:
+        """Whether the text declares one of some quantities."""
+        return bool((self.stated | self.scope.texts) & set(wordings))
 
     def printed(self, name: str, number: str) -> Value:
         """The value of the formula an earlier equation prints for a symbol."""

@@ -29,9 +29,10 @@ from mbdae.audit import rules_contact, rules_laws, rules_motion
 from mbdae.audit.evaluate import SizeError, Value
 from mbdae.audit.laws import Own
 from mbdae.audit.motion import checked_kind
-from mbdae.audit.notation import AuditError, Node, Reader, Statement, Unit, unit
+from mbdae.audit.notation import AuditError, Node, Reader, Statement
 from mbdae.audit.phrases import OWN, PARAMETER, Definition, Env, Meaning, Scope, understand
 from mbdae.audit.rules_laws import unit_of_parameter
+from mbdae.audit.units import Unit, unit
 from mbdae.documents.mathml import FormulaError, inline
 
 _LETTER = r"(?:\$([^$]*)\$\s*)?"

@@ -12,7 +12,7 @@ import numpy as np
 from mbdae.audit.compare import SAME, States
 from mbdae.audit.evaluate import NO_VALUE, Value, evaluate
 from mbdae.audit.motion import turned
-from mbdae.audit.notation import Node, Statement, is_zero
+from mbdae.audit.notation import Node, Statement
 from mbdae.audit.phrases import Env, Meaning
 from mbdae.audit.reading import Printed
 from mbdae.audit.rules_contact import energy_fed
@@ -37,11 +37,12 @@ def remarks(equation: Printed, states: States) -> list[str]:
 
 def _solutions(equation: Printed, states: States) -> Iterator[str]:
     """A constraint that holds too where l is turned by half a turn about one of its axes, and not on the way there."""
-    sides = [s.sides[0] for s in equation.statements if any(map(is_zero, s.sides))]
+    sides = [s.subject for s in equation.statements if s.ends_at_zero]
     if not sides or equation.states == "free":
         return
     meaning = equation.scope.symbols.get(str(sides[0]))
-    judged = equation.statements[0].sides[1] if meaning and len(equation.statements[0].sides) > 2 else sides[0]
+    stated = equation.statements[0].compared
+    judged = stated[1] if meaning and len(stated) > 1 else sides[0]
     axes = [i + 1 for i in range(3) if _size(judged, states, i, HALF) < SAME < _size(judged, states, i, SOME)]
     if axes:
         about = ", ".join(map(str, axes))

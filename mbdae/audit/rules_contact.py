@@ -5,6 +5,7 @@ Directions and senses of forces are those of the contact law; points, speeds and
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from typing import Any
 
@@ -217,23 +218,32 @@ register({
 # -- friction laws
 
 
-def _options(env: Env) -> dict[str, Any]:
-    """Exponent of the Stribeck curve, and bristle damping that does not fall with the speed, as texts have it."""
-    return {"gamma": 1 + env.motion.positive("friction gamma"), "damping_decay": False}
+def _options(env: Env, name: str) -> dict[str, Any]:
+    """Options of a friction law: its own default where the text does not declare one, such as an exponent, as a parameter;
+    bristle damping that does not fall with the speed, as texts have it."""
+    cls = part_class(name, env.scope.own)
+    stated = inspect.signature(cls.__init__).parameters if cls is not None else {}
+    found = {o: _option(env, o) if env.declares(f"friction parameter {o}", f"parameter {o} of {name}") else stated[o].default
+             for o in getattr(cls, "options", ()) if o in stated}  # fmt: skip
+    return found | {"damping_decay": False}
+
+
+def _option(env: Env, option: str) -> float:
+    return 1 + env.motion.positive(f"friction {option}")
 
 
 @phrase("friction parameter {name}", vanishes=False)
 def friction_parameter(env: Env, name: str) -> Value:
     """Value of a parameter of the friction law; mu_s is above mu_k, whatever was drawn, and mu is another name of mu_k."""
     if name == "gamma":
-        return complex(_options(env)["gamma"])
+        return complex(_option(env, name))
     above = env.motion.positive("parameter mu_k") if name == "mu_s" else 0.0
     return complex(above + env.motion.positive(f"parameter {'mu_k' if name == 'mu' else name}"))
 
 
 def _friction(env: Env, name: str, z: Value = 0.0) -> Any:
     """The law with all of its states at z."""
-    law = part(env, name, Friction, _options(env))
+    law = part(env, name, Friction, _options(env, name))
     for p in law.params:
         setattr(law, p, friction_parameter(env, p).real)
     for state in law.states:
@@ -319,5 +329,6 @@ FRICTION: dict[str, Rule] = {
         number_of(_friction(env, name, _deflection(env)).stored, _speed(env))),
     "steady coefficient of {name}": _steady_coefficient,
 }
-register(FRICTION)
+register({wording: rule for wording, rule in FRICTION.items() if "force" not in wording})
+register({wording: rule for wording, rule in FRICTION.items() if "force" in wording}, side="applied")
 register({"steady deflection of {name}": lambda env, name: abs(_start(env, name))}, vanishes=False)

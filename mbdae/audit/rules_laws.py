@@ -31,6 +31,10 @@ PARTS = ("move k", "turn k", "move l", "turn l")
 def law(env: Env, name: str) -> LawState:
     """A law in the state of env; where the bodies are joined, a prescribed angle is the relative angle of the state."""
     cls = law_class(name, env.scope.own)
+    part = part_class(name, env.scope.own)
+    if cls is None and part is not None:
+        kind = "friction" if issubclass(part, Friction) else "normal"
+        raise AuditError(f"{name} is a {kind} law, which acts in a contact or a joint: say `{kind} force of {name}`")
     if cls is None:
         plain = name.removesuffix(WITH_COORDINATES)
         raise AuditError(f"there is no law '{name}'; give your own class with audit(..., laws={{'{plain}': {plain}}})")
@@ -94,6 +98,8 @@ def unit_of_parameter(parameter: str, of: str, own: Own) -> str:
     if cls is None:
         raise AuditError(f"there is no law '{of}'; give your own class with audit(..., laws={{'{of}': {of}}})")
     if parameter in ("scaling", "penalty") and not issubclass(cls, Part) and derived(of, own).rows:
+        return ""
+    if parameter in cls.options and isinstance(cls, type) and issubclass(cls, Friction):
         return ""
     if parameter not in cls.params:
         raise AuditError(f"{of} has no parameter '{parameter}'; it has {', '.join(cls.params) or 'none'}")

@@ -12,6 +12,7 @@ import numpy as np
 from mbdae.audit.compare import SAME, Compared, States, compared, identical
 from mbdae.audit.dimensions import faults, of_definitions, of_laws
 from mbdae.audit.evaluate import NO_VALUE, attempt, reason
+from mbdae.audit.left_out import left_out, may_vanish
 from mbdae.audit.motion import Motion
 from mbdae.audit.notation import Node, Statement, is_zero
 from mbdae.audit.phrases import Definition, Env, Meaning, Scope
@@ -28,10 +29,14 @@ VERDICTS = {
     AMBIGUOUS: "right on one side of the equations of motion, while formulas that belong to it are right on the other",
     CANNOT: "the formula cannot be read, a piece of it has no value, or nothing says what a quantity is",
 }
+SIGN = "right with the opposite sign"
+DECLARED = {"left": "applied", "applied": "left"}  #: side on which a rule gives a force: what a text with the other sign declares
+OPPOSITE = {"applied": "as the forces applied to the bodies or with the opposite multipliers",
+            "left": "as it stands on the left-hand side of the equations of motion"}  # fmt: skip
 SIDES = {1: "applied to the bodies", -1: "on the left-hand side of the equations of motion"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Row:
     """The verdict on one equation."""
 
@@ -50,6 +55,10 @@ class Row:
     def equation(self) -> str:
         """The number of the equation."""
         return self.printed.number
+
+    def __repr__(self) -> str:
+        said = f", said={self.said!r}" if self.said else ""
+        return f"Row({self.equation!r}, {self.printed.text!r}, {self.verdict!r}, residual={self.residual:.3g}{said})"
 
     @property
     def said(self) -> str:
@@ -79,7 +88,7 @@ def meanings(equation: Printed) -> str:
         return equation.quantity.text
     if not equation.statements:
         return "cannot be read"
-    names = [str(s.sides[0]) for s in equation.statements]
+    names = [str(s.subject) for s in equation.statements]
     known = equation.scope.symbols
     return "; ".join(f"{n}: {known[n].text}" if n in known else n for n in names)
 
@@ -168,16 +177,17 @@ def _verdict(equation: Printed, states: States, search: bool) -> Row:
 
 
 def _open_sides(equation: Printed) -> set[str]:
-    """Sides ("open", "left") of the forces of a formula, where the text declares none."""
+    """Sides ("open", "left", "applied") of the forces of a formula, where the text declares none."""
     symbols = equation.scope.symbols
     return set() if equation.scope.sides else {symbols[n].phrase.side for n in equation.used} - {""}
 
 
 def _on_a_side(equation: Printed, states: States, side: int, gap: float, open_sides: set[str]) -> Row:
     """A force that is right on one side of the equations of motion."""
-    if "left" in open_sides:
-        said = "right with the opposite sign, as the forces applied to the bodies or with the opposite multipliers"
-        return Row(equation, AMBIGUOUS, gap, "say on which side: forces: applied", said)
+    if open_sides & set(DECLARED):
+        other = next(DECLARED[s] for s in DECLARED if s in open_sides)
+        said = f"{SIGN}, {OPPOSITE[other]}"
+        return Row(equation, AMBIGUOUS, gap, f"say on which side: forces: {other}", said)
     return Row(equation, RIGHT, gap, remark=_unbalanced(equation, states), symbolic=identical(equation, states.inner, side),
                side=side)  # fmt: skip
 
@@ -185,7 +195,7 @@ def _on_a_side(equation: Printed, states: States, side: int, gap: float, open_si
 def _unbalanced(equation: Printed, states: States) -> str:
     """Remark on forces and moments printed for both bodies that leave a resultant moment; empty otherwise."""
     env, total = states.joint[0], np.zeros((3, 1))
-    sides = {equation.scope.symbols[n].words[0]: n for n in map(str, (s.sides[0] for s in equation.statements))
+    sides = {equation.scope.symbols[n].words[0]: n for n in map(str, (s.subject for s in equation.statements))
              if n in equation.scope.symbols and equation.scope.symbols[n].phrase.side == "open"}  # fmt: skip
     if set(sides) != {"k", "l"}:
         return ""
@@ -200,12 +210,12 @@ def _unbalanced(equation: Printed, states: States) -> str:
 def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool) -> Row:
     residual = max(c.gap for c in gaps)
     doubt = next((c.doubt for c in gaps if c.doubt), "")
+    units = "; ".join(f for s in equation.statements for f in faults(s, states.free[:2]))
     if doubt and not any(c.mendable for c in gaps):
-        return _cannot(equation, doubt)
+        return Row(equation, MISPRINT, residual, remark=units) if units else _cannot(equation, doubt)
     defined = [n for s in equation.statements for n in _defined_by(s, equation.scope)]
     if defined:
         return _cannot(equation, f"nothing but this formula says what {defined[0]} is: write it as `let`, or give its meaning")
-    units = "; ".join(f for s in equation.statements for f in faults(s, states.free[:2]))
     lacking = _lacking(equation, states)
     if lacking:
         name, text = lacking
@@ -213,6 +223,11 @@ def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool
         found = missing_term(equation, states, scope, name) if len(equation.statements) == 1 else None
         remark = f"agrees where the {text} is zero, which the text names nowhere ({name} here)"
         return Row(equation, INCOMPLETE, residual, str(found or f"terms in the {text} are missing"), remark)
+    done_without = _without_parameters(equation, states)
+    if done_without:
+        values, side = done_without
+        said = told(f"agrees where {values}, which the text names nowhere", SIGN if side == -1 else "")
+        return Row(equation, INCOMPLETE, residual, f"say that {values}", told(said, units))
     if not doubt and _joined(equation, states):
         said = "holds where a revolute joint connects the bodies, which the text does not say"
         return Row(equation, INCOMPLETE, residual, "states: revolute", said)
@@ -223,6 +238,15 @@ def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool
     if doubt or free:
         return _cannot(equation, doubt or f"the text gives {free} as a number and does not say which: the formula may define it")
     return Row(equation, MISPRINT, residual, remark=units)
+
+
+def _without_parameters(equation: Printed, states: States) -> tuple[str, int] | None:
+    """Parameters that the text leaves out, in words, and the side of the equations of motion on which it is right then."""
+    for side in (1, -1) if _open_sides(equation) else (states.side,):
+        found = left_out(equation, replace(states, side=side), _named(equation))
+        if found:
+            return " and ".join(f"parameter {n} is {v:g}" for n, v in found.items()), side
+    return None
 
 
 def _joined(equation: Printed, states: States) -> bool:
@@ -287,7 +311,7 @@ def _undefined_at(equation: Printed, states: States) -> str:
     for statement in equation.statements:
         for name in sorted(statement.symbols() & set(equation.scope.symbols)):
             meaning = equation.scope.symbols[name]
-            if not meaning.phrase.vanishes or isinstance(meaning, Definition):
+            if isinstance(meaning, Definition) or not may_vanish(meaning, equation.scope.own):
                 continue
             for side in statement.sides:
                 if not is_zero(side) and not _finite(side, replace(states.joint[0], zero=name, store={})):

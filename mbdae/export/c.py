@@ -42,8 +42,9 @@ def header(program: Program) -> str:
     lines += [f"extern const double {name}_{vector}_values[{len(entries)}]; /* the values above */"
               for vector, entries in program.inputs.items() if vector != "t" and _valued(entries)]  # fmt: skip
     for f in program.functions.values():
-        lines += ["", f"/* {f.meaning}; out[{len(f.outputs)}]:", *_listed(f.outputs if f.name != "jacobian" else ()), "*/",
-                  f"{_signature(name, f)};"]  # fmt: skip
+        places = [f"   entries at the places {name}_rows, {name}_columns, all of the one matrix, then all of the other"]
+        told = places if f.name == "jacobian" and program.pattern is not None else _listed(f.outputs)
+        lines += ["", f"/* {f.meaning}; out[{len(f.outputs)}]:", *told, "*/", f"{_signature(name, f)};"]
     return "\n".join([*lines, ""])
 
 

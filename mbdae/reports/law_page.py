@@ -68,7 +68,7 @@ class LawPage(Page):
         self.s, self.d, self.what, self.others = s, s.derived, what, others
         self.defined: set[tuple[str, str]] = set()  #: intermediate quantities that equations have defined
         self.state, self.wanted = state if state is not None else random_state(self.d), {}
-        self.known = letters(s.cls, s.structure, s.law)
+        self.known = letters(s.cls, s.structure, s.law, s.rows)
         for row in s.rows if rows else ():
             self.known[f"lambda_{row}"] = Letter(multiplier(row), s.multiplier_unit(row), f"multiplier of row {row}")
         self.known |= {name: replace(self.known[name], unit="1") for name in s.turning}

@@ -129,8 +129,29 @@ def unit_text(unit: str) -> str:
     return re.sub(r"\^\(?([-0-9.]+)\)?", r"$^{\1}$", re.sub(r"\^([23])(?![0-9.])", lambda m: "²³"[int(m[1]) - 2], unit))
 
 
-def letters(law: type[Law], shape: Structure, instance: Any) -> dict[str, Letter]:
-    """Letters of the symbols a law may bring: parameters with their rates, states with their rates, coordinates."""
+#: letters that pages give quantities of their own, and names that read like functions
+RESERVED = {"V", "D", "P", "Q", "m", r"\pi", r"\delta", r"\gamma", r"\omega", r"\theta", "sin", "cos", "tan", "sinh", "cosh",
+            "tanh", "exp", "ln", "log", "sgn", "max", "min", "sqrt"}  # fmt: skip
+
+
+def read_alike(latex: str) -> str:
+    """A letter without what is not seen: braces and upright text."""
+    return re.sub(r"\\text|[{} ]", "", latex)
+
+
+def apart(name: str, latex: str, rows: Collection[str]) -> str:
+    """The letter of a parameter, with a p below where the page has a quantity that reads the same. rows: of the law."""
+    heads = [latex for latex, _, _ in RESULTS if latex.endswith("_") and not latex.startswith(r"\mathbf")]
+    own = {read_alike(f"{head}{row.replace('_', ' ')}") for head in (*heads, "b_", "h_", "q_", "Q_") for row in rows}
+    own |= RESERVED | {f"\\{letter}_{side}" for letter in ("omega", "theta") for side in "klm"}
+    if name in WORDS or read_alike(latex) not in own:
+        return latex
+    head, _, below = latex.partition("_")
+    return f"{head}_{{{below.removeprefix('{').removesuffix('}')}{',' if below else ''}\\text{{p}}}}"
+
+
+def letters(law: type[Law], shape: Structure, instance: Any, rows: Collection[str] = ()) -> dict[str, Letter]:
+    """Letters of the symbols a law may bring: parameters with their rates, states with their rates, coordinates. rows: of it."""
     found: dict[str, Letter] = {}
     coordinates = specs_of_coordinates(instance)
     acts_on = [coordinates[name].unit for name in instance.own_coordinates] or [getattr(instance, "unit", "")]
@@ -141,6 +162,7 @@ def letters(law: type[Law], shape: Structure, instance: Any) -> dict[str, Letter
         latex = of_name(name, unit)
         if latex in {letter.latex for letter in found.values()}:
             latex = f"\\text{{{name.replace('_', ' ')}}}"
+        latex = apart(name, latex, rows) if symbol in instance.params else latex
         further = ", given over time" if timed else ", internal state" if symbol != name else ""
         found[symbol] = Letter(latex, unit, spec.meaning + further)
         if timed:

@@ -7,6 +7,7 @@ longest known symbol is taken, so that symbols need no grammar of their own.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -37,8 +38,10 @@ class UnreadError(MbdaeError):
 
 
 def key_of(latex: str) -> Key:
-    """A formula as tokens without spaces."""
-    return tuple(t for t in tokens(latex) if not t.isspace() and t not in _SPACES)
+    """A formula as tokens without spaces; a text, with its spaces, is one token."""
+    parts = re.split(r"(\\text\{[^{}]*\})", latex)
+    split = (tokens(part) if i % 2 == 0 else [part] for i, part in enumerate(parts))
+    return tuple(t for found in split for t in found if not t.isspace() and t not in _SPACES)
 
 
 def members(line: Key) -> list[tuple[str, Key]]:
@@ -267,8 +270,8 @@ class Reader:
         return np.select(conditions, values)
 
     def _condition(self) -> Array:
-        if self.peek() == r"\text":
-            self.i = self.line.index("}", self.i) + 1
+        if self.peek().startswith(r"\text{"):
+            self.take()
             return np.ones(self.points, dtype=bool)
         left = np.real(self.sum())
         relation = self.take()

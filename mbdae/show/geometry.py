@@ -75,10 +75,11 @@ class Geometry:
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Lowest and highest coordinates (3,), m, over all times."""
+        """Lowest and highest coordinates (3,), m, over all times; those of a cube of 1 m around a single point."""
         lines = [self.polyline(shape).reshape(-1, 3) for shape in self.shapes]
         points: Array = np.concatenate(lines)
-        return points.min(axis=0), points.max(axis=0)
+        low, high = points.min(axis=0), points.max(axis=0)
+        return (low - 0.5, high + 0.5) if np.array_equal(low, high) else (low, high)
 
 
 def moved(pose: Pose, local: Array) -> Array:

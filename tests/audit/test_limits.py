@@ -167,6 +167,7 @@ FRICTION = """
 fn [N]: normal force
 muk [1]: friction parameter mu_k
 ft [N]: friction force of sliding
+forces: applied
 1: ft = -muk*fn
 """
 

@@ -434,3 +434,11 @@ def test_a_planted_error_is_seen():
         else:
             continue
         assert error((*f.steps[:n], wrong, *f.steps[n + 1 :])) > 1e-6
+
+
+def test_header_says_where_the_entries_of_the_jacobian_stand() -> None:
+    s = mb.Scene("p", gravity=(0, -9.81, 0))
+    s.revolute("h", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0))
+    header = mb.export(s, format="c").header
+    assert "]:\n*/" not in header
+    assert "entries at the places p_rows, p_columns" in header

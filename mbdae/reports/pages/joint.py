@@ -50,7 +50,9 @@ class JointReport(LawPage):
 
     def __init__(self, law: type[Law], structure: Structure) -> None:
         statement = Statement(law, structure)
-        _ = statement.rows, statement.branches
+        if not statement.rows and not statement.law.own_coordinates:
+            raise LawError(f"{law.__name__} states no rows: `constraints` returns none, so that there is nothing to report")
+        _ = statement.branches
         super().__init__(statement)
         _ = statement.gradients
         self.kernel = self.compiled(report_outputs)

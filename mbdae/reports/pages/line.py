@@ -27,14 +27,14 @@ from mbdae.symbolic.vectors import Vec
 
 _BASES = {
     Base("r", "b"): (r"\mathbf{r}", "m", "position of the axis"),
-    Base("rs", "b"): (r"\mathbf{r}'", "1", "its derivative by the reference length"),
+    Base("rs", "b"): (r"\mathbf{r}'", "1", "derivative of $\\mathbf{r}$ by the reference length"),
     Base("x", "b"): (r"\mathbf{d}_1", "1", "axis 1 of the section, along the line as drawn"),
     Base("y", "b"): (r"\mathbf{d}_2", "1", "axis 2 of the section"),
     Base("z", "b"): (r"\mathbf{d}_3", "1", "axis 3 of the section"),
     Base("v", "b"): (r"\mathbf{v}", "m/s", "velocity of the axis"),
     Base("drs", "b"): (r"\delta\mathbf{r}'", "1", "virtual change of $\\mathbf{r}'$"),
     Base("dpsi", "b"): (r"\delta\boldsymbol{\psi}", "rad", "virtual rotation of the section"),
-    Base("dpsis", "b"): (r"\delta\boldsymbol{\psi}'", "rad/m", "its derivative by the reference length"),
+    Base("dpsis", "b"): (r"\delta\boldsymbol{\psi}'", "rad/m", "derivative of $\\delta\\boldsymbol{\\psi}$ by the length"),
     Base("ns", "b"): (r"\mathbf{n}'", "N/m", "derivative of the force of the section"),
     Base("ms", "b"): (r"\mathbf{m}'", "N", "derivative of the moment of the section"),
     Base("load", "b"): (r"\bar{\mathbf{f}}", "N/m", "load per reference length"),
@@ -277,7 +277,8 @@ class LinearPage(Page):
         m = Numbers(of.record, shifted.atom, shifted.symbol)
         self.wanted = {}
         for name, e in of.strains.items():
-            self.want(f"\\gamma_{{{name}}}", np.imag(m.scalar(e)) / STEP, "a complex step of the strain")
+            strain = np.asarray(m.scalar(e))
+            self.want(f"\\gamma_{{{name}}}", np.real(strain) + np.imag(strain) / STEP, "the strain at rest and its complex step")
 
     def given(self) -> dict[str, Any]:
         fields = {"u_{}'": self.state.dr, "\\theta_{}": self.state.dpsi, "\\theta_{}'": self.state.dpsi_s}
@@ -291,7 +292,8 @@ class LinearPage(Page):
         """The strains to first order."""
         lines, numbers = [], Numbers(self.of.record, _straight, lambda s: 0.0)
         for name, parts in self.of.variations.items():
-            terms = []
+            start = float(numbers.scalar(self.of.strains[name]))
+            terms = [f"{'-' if start < 0 else '+'} {abs(start):g}"] if start else []
             for part, letter in zip(parts, ("u_{}'", "\\theta_{}", "\\theta_{}'"), strict=True):
                 for i, c in enumerate(np.broadcast_to(numbers.vector(part), (3,))):
                     factor = "" if abs(abs(c) - 1) < 1e-12 else f"{abs(c):g}\\,"

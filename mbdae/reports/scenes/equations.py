@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, count
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,8 +53,10 @@ class SceneEquations:
         self.prepared, self.m = prepared, prepared.mechanics
         self._refuse()
         self.latex: dict[str, str] = {}
+        self.names = Names()
         self.writer = Writer(Record(), self.latex)
-        self.unknowns = [self.letter(f"l{i}", rf"\lambda_{{{said(row.name)}}}") for i, row in enumerate(self.m.rows)]
+        rows = [self.names.said("row", row.name) for row in self.m.rows]
+        self.unknowns = [self.letter(f"l{i}", rf"\lambda_{{{row}}}") for i, row in enumerate(rows)]
         self.entries: dict[str, tuple[int, int]] = {}  #: letters of entries of G, with row and place in u
         self.places: dict[Any, str] = {}  #: (group, instance, symbol of the law) -> name of the letter
         self.rows = self._equations()
@@ -63,7 +65,8 @@ class SceneEquations:
 
     def _refuse(self) -> None:
         model = self.prepared.model
-        reasons = {"the scene has no joints": not self.m.m, "its beams are flexible": bool(model.lines),
+        joints = "its joints have no constraint rows" if self.prepared.model.scene.joints else "the scene has no joints"
+        reasons = {joints: not self.m.m, "its beams are flexible": bool(model.lines),
                    "its reactions are not unique": bool(self.prepared.rank.dropped),
                    "friction follows from the reactions": bool(self.m.reactive),
                    f"it has more than {LARGEST_SCENE} multipliers": self.m.m > LARGEST_SCENE}  # fmt: skip
@@ -83,7 +86,7 @@ class SceneEquations:
         """Every velocity of the scene by its place in u."""
         found = {}
         for node in self.prepared.model.nodes:
-            name = said(node.body.name if node.body is not None else f"{node.joint}.{node.coordinate}")
+            name = self.names.said("node", node.name if node.body is None else node.body.name)
             for i in range(node.kind.sizes[1]):
                 turns = i >= node.kind.translations
                 axis = "" if node.kind.sizes[1] == 1 or (turns and node.kind.flat) else "xyz"[i % 3]
@@ -123,7 +126,7 @@ class SceneEquations:
             return self._renamed(row, self.prepared.model.groups[row.group].derived, e)
         self.entries[f"g{n}_{at}"] = (n, at)
         v = self.velocities[at]
-        return self.letter(f"g{n}_{at}", f"g^{{{said(row.name)}}}_{{{v.below[1:-1]},{v.letter}}}")
+        return self.letter(f"g{n}_{at}", f"g^{{{self.names.said('row', row.name)}}}_{{{v.below[1:-1]},{v.letter}}}")
 
     def _renamed(self, row: Any, d: Derived, e: Expr) -> Expr:
         """An entry of G in the letters of the scene."""
@@ -138,8 +141,8 @@ class SceneEquations:
                 body = node.body.name if node is not None and node.body is not None else "ground" if side in "kl" else ""
                 axis = "xyz"[int(what[-1]) - 1] if body and what[-1:].isdigit() else ""
                 letter = what[:-1] if axis else of_name(str(s), "rad")
-                on = f"{{{letter}}}^{{{said(body)}}}" if body else f"{{{letter}}}"
-                self.letter(self.places[key], f"{on}_{{{said(instance.item)}{',' if axis else ''}{axis}}}")
+                on = f"{{{letter}}}^{{{self.names.said('node', body)}}}" if body else f"{{{letter}}}"
+                self.letter(self.places[key], f"{on}_{{{self.names.said('item', instance.item)}{',' if axis else ''}{axis}}}")
             table[s] = se.Symbol(self.places[key])
         return se.sympify(e).subs(table)
 
@@ -238,16 +241,29 @@ class SceneEquations:
         return known, multipliers
 
     def states(self) -> tuple[Any, Any, Any, Any]:
-        """Random states around the start, closed or not: the balances hold at any."""
+        """Random states around the start: the balances hold where loops are open too, recursive joints hold by themselves."""
         start, rng = self.prepared.start, np.random.default_rng(8)
         q = start.q + 1e-3 * self.prepared.length * rng.normal(size=(POINTS, len(start.q)))
-        return np.full(POINTS, start.t), q, rng.normal(size=(POINTS, len(start.u))), np.tile(start.s, (POINTS, 1))
+        t, u = np.full(POINTS, start.t), rng.normal(size=(POINTS, len(start.u)))
+        return t, *self.m.admissible(t, q, u), np.tile(start.s, (POINTS, 1))
 
 
-def said(name: str) -> str:
-    """A name of the scene as text in a formula."""
-    words = re.sub(r"[^\w.-]|_", " ", name)
-    return f"\\text{{{words}}}"
+class Names:
+    """Names of the scene as texts in formulas: no two of a role are the same."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[str, str], str] = {}
+        self.renamed: dict[str, str] = {}  #: names that others would read the same as, and what is written for them
+
+    def said(self, role: str, name: str) -> str:
+        """A name as text in a formula; with a number where another of the role reads the same."""
+        if (role, name) not in self._known:
+            plain = re.sub(r"[^\w.-]|_", " ", name).strip() or "name"
+            taken = {words for (r, _), words in self._known.items() if r == role}
+            words = plain if plain not in taken else next(w for i in count(2) if (w := f"{plain} ({i})") not in taken)
+            self._known[role, name] = words
+            self.renamed |= {name: words} if words != plain else {}
+        return f"\\text{{{self._known[role, name]}}}"
 
 
 def _inserted(row: Row, unknown: Any, value: Row) -> Row:

@@ -8,8 +8,9 @@ import numpy as np
 import symengine as se
 
 from mbdae.documents.blocks import Block, Paragraph, Section, Table
+from mbdae.documents.formulas import escaped
 from mbdae.reports.page import Check, Page, Printed, Wanted, short_hash
-from mbdae.reports.scenes.equations import Row, SceneEquations, determinant, said, total
+from mbdae.reports.scenes.equations import Row, SceneEquations, determinant, total
 from mbdae.reports.states import value
 from mbdae.symbolic.joint import Joint
 
@@ -34,6 +35,7 @@ class ClosedForms(SceneEquations, Page):
             "Force balances give a multiplier each. What is left falls into the smallest blocks of rows that stand for"
             " themselves, solved by determinants; the other multipliers follow:"
         )
+        told += "".join(f" The name {escaped(name)} is written {words}." for name, words in self.names.renamed.items())
         on_l = "The force on body l of each joint, N:"
         return [
             Section("Equations of the bodies", [Paragraph(told), *balance]),
@@ -82,11 +84,15 @@ class ClosedForms(SceneEquations, Page):
             lines.append(f"{w.scalar(unknown)} = {w.scalar(determinant(replaced) / det)}")
         return self.lines(*lines)
 
+    def _force(self, item: str, i: int) -> str:
+        """The letter of a component of a joint force."""
+        return f"F_{{{self.names.said('item', item)},{'xyz'[i]}}}"
+
     def forces(self) -> list[Block]:
         """Components of the force of every joint on its body l, by the multipliers of its rows."""
         lines = []
         for (item, i), e in self.forces_on_l().items():
-            lines.append(f"F_{{{said(item)},{'xyz'[i]}}} = {self.writer.scalar(e)}")
+            lines.append(f"{self._force(item, i)} = {self.writer.scalar(e)}")
         return self.lines(*lines)
 
     def printed(self, blocks: list[Block]) -> list[Check]:
@@ -100,7 +106,7 @@ class ClosedForms(SceneEquations, Page):
         table = {name: known[latex] for name, latex in self.latex.items() if latex in known}
         table |= {str(s): multipliers[:, n] for n, s in enumerate(self.unknowns)}
         for (item, i), e in self.forces_on_l().items():
-            wanted[f"F_{{{said(item)},{'xyz'[i]}}}"] = Wanted(value(se.sympify(e), lambda symbol: table[str(symbol)]), RUN)
+            wanted[self._force(item, i)] = Wanted(value(se.sympify(e), lambda symbol: table[str(symbol)]), RUN)
         return Printed(known, wanted, len(multipliers)).read(blocks)
 
     # -- tables

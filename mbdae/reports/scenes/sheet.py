@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from io import BytesIO
 from typing import Any
@@ -13,7 +14,7 @@ from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table, nu
 from mbdae.documents.document import Document
 from mbdae.documents.drawing import pattern
 from mbdae.documents.formulas import escaped
-from mbdae.errors import MbdaeError
+from mbdae.errors import MbdaeError, SteadyError
 from mbdae.formulations import system_for
 from mbdae.notation import counted
 from mbdae.reports.page import checks_section, short_hash
@@ -65,14 +66,20 @@ class Sheet:
         start, chosen = self.prepared.start, f"{self.check.accuracy:g} by default: {escaped(str(self.check.choice))}"
         blocks: list[Block] = [Paragraph(told), Paragraph(f"To an accuracy of {chosen}.")]
         blocks += [Paragraph("Start: " + "; ".join(map(str, start.changes)))] if start.changes else []
-        return Section("Scene", [*blocks, Picture(self.drawing(), f"The scene as it starts, t = {start.t:g} s.")])
+        png, lacking = self.drawing()
+        boxes = " A box stands for a letter of a name that the font of the drawing lacks." if lacking else ""
+        return Section("Scene", [*blocks, Picture(png, f"The scene as it starts, t = {start.t:g} s.{boxes}")])
 
-    def drawing(self) -> bytes:
-        """PNG of the scene."""
-        figure = draw(self.prepared)
-        out = BytesIO()
-        figure.savefig(out, format="png", dpi=110)
-        return out.getvalue()
+    def drawing(self) -> tuple[bytes, bool]:
+        """PNG of the scene, and whether the font lacks letters of its names."""
+        figure, out = draw(self.prepared), BytesIO()
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            figure.savefig(out, format="png", dpi=110)
+        for warning in caught:
+            if "missing from font" not in str(warning.message):
+                warnings.warn(warning.message, warning.category, stacklevel=2)
+        return out.getvalue(), any("missing from font" in str(warning.message) for warning in caught)
 
     def bodies(self) -> Section:
         """Bodies with their mass."""
@@ -157,6 +164,9 @@ class Sheet:
             return Section(title, [Paragraph(f"Not computed for {self.system.n} unknowns.")])
         try:
             found = linearize(self.scene)
+        except SteadyError as error:
+            told = f"There are none: the start is no steady motion; {str(error).split(';')[0]}."
+            return Section(title, [Paragraph(f"{escaped(told)} s.equilibrium() looks for a state at rest.")])
         except MbdaeError as error:
             return Section(title, [Paragraph(f"Not available: {escaped(str(error))}")])
         values = [v for v in found.eigenvalues[:40] if v.imag >= 0]

@@ -119,6 +119,10 @@ class TreeMechanics(Mechanics):
         super().__init__(model, rows, redundant)
         self.all_bodies = all_bodies
 
+    def admissible(self, t: Array, q: Array, u: Array) -> tuple[Array, Array]:
+        """Bodies where the coordinates of their recursive joints have them: accelerations follow from these coordinates."""
+        return self.all_bodies.states(t, np.hstack(self.all_bodies.reduced(q, u)))
+
     def _constrained(self, t: Array, q: Array, u: Array) -> Solve:
         """u' (nt, nu) and lambda (nt, m) of all nodes and rows, those of recursive joints included."""
         e = self.all_bodies

@@ -198,6 +198,10 @@ class Mechanics(States):
             solve = self._constrained(t, q, u)
             return solve_with_friction(self, (t, q, u, s), f, solve) if self.reactive and self.m else solve(f, None)
 
+    def admissible(self, t: Array, q: Array, u: Array) -> tuple[Array, Array]:
+        """q (nt, nq) and u (nt, nu) as they may be given to `accelerations`, from random ones: here all."""
+        return q, u
+
     def _constrained(self, t: Array, q: Array, u: Array) -> Solve:
         """The linear equations for u' and lambda at given states."""
         if self.sparse:
