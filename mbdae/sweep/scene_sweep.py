@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -181,7 +181,8 @@ def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers:
     points, end = Points.of(grid), end_after(0.0, t_end)
     times = np.array([end]) if outputs is None else output_times(0.0, end, outputs)
     job = SceneJob(scene, points.names, end, plausible(accuracy), times)
-    job.at(points.values(0, 1)[0])  # refuses unknown names before anything is computed
+    for name, value in zip(points.names, points.values(0, 1)[0], strict=True):
+        replace(job, names=(name,)).at([value])  # refuses unknown names before anything is computed
     job = planned(job, points.extent())
     made = SceneSweep(points, job, _folder(resume, job, points))
     if resume is not None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import MbdaeError, OptionError
+from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs import timed
 from mbdae.scene.record import item_name, read, stored
 from mbdae.scene.replay import Known, replay
@@ -22,7 +22,10 @@ Statements = list[Any]
 
 def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tuple[SceneData, float]:
     """The scene with the argument `name` ("item.argument", dots go into a model or section, numbers into a list) set, and
-    the factor on the end of its run: a faster drive runs for the same number of turns. Pulses of inputs are sought in t_end s."""
+    the factor on the end of its run: a faster drive runs for the same number of turns. Pulses of inputs are sought in t_end s.
+    SceneError where the scene given is wrong."""
+    if scene.problems:  # what is wrong is not among the statements: another scene would come out of them
+        raise SceneError(scene.problems)
     item, *keys = name.split(".")
     statements = copy.deepcopy(scene.statements)
     index, call = call_of(scene, statements, item)

@@ -80,6 +80,29 @@ def test_a_point_that_fails_is_named(monkeypatch):
     assert np.isnan(found.array("A.angle")).all(axis=1).tolist() == [False, True, False]
 
 
+@pytest.mark.parametrize(("grid", "wrong"), [
+    ({"a.mass": [-1.0, 0.5], "b.mass": [0.4, 0.7]}, [0, 1]), ({"b.mass": [0.4, -0.7], "a.mass": [0.5]}, [1]),
+    ({"A.damper": [-1.0, 0.05], "b.mass": [0.5]}, [0]), ([{"a.mass": -1.0, "B.spring": 2.0, "b.mass": 0.5}], [0]),
+])  # fmt: skip
+def test_a_wrong_value_of_any_name_fails_as_simulate_refuses_it(grid, wrong):
+    """A statement with a wrong value is kept with another value in its place: the next name may not be changed in that scene."""
+    found = here(arm(), grid)
+    assert list(found.failures) == wrong
+    assert np.flatnonzero(np.isnan(found.estimate)).tolist() == wrong
+    for i, told in found.failures.items():
+        bad = next(name for name, value in found.point(i).items() if value < 0)
+        with pytest.raises(mb.SceneError) as refused:
+            changed(arm(), bad, found.point(i)[bad])[0].simulate(1.0)
+        assert told == f"SceneError: {refused.value}"
+
+
+def test_a_wrong_scene_is_refused():
+    s = arm()
+    s.link("c", (0, 0), (0, 1), mass=-1.0)
+    with pytest.raises(mb.SceneError, match="link 'c': mass = -1 kg is negative"):
+        here(s, {"a.mass": [1.0, 2.0]})
+
+
 def lethal(folder, job, values):
     """Kills its process where the third mass is among the points, the first time or always."""
     from mbdae.sweep.scenes import solved
@@ -144,7 +167,7 @@ def test_failed_points_again(tmp_path):
 def test_bad_options(grid, options, told):
     with pytest.raises(mb.OptionError, match=told):
         mb.sweep(arm(), grid, **{"t_end": 1.0} | options)
-    with pytest.raises(mb.OptionError, match="t_end and outputs are for a sweep of a scene"):
+    with pytest.raises(mb.OptionError, match="t_end = 1.0 is for sweeps of a scene"):
         mb.sweep(arm, {"damper": [0.1]}, t_end=1.0)
 
 
