@@ -12,11 +12,12 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
 
-from mbdae.errors import AccuracyWarning, MbdaeError, OptionError
+from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SceneError
 from mbdae.run.batch import Batches
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import with_open_tree
@@ -25,6 +26,7 @@ from mbdae.system.base import Array
 from mbdae.system.prepare import modelled
 
 SAMPLED = 7  #: values of a name at which the numbers of laws are looked at
+TOGETHER = 6  #: names of one item whose least and largest values are checked together
 STRAIGHT = 1e-12  #: deviation of a number from a straight line over the value, over its size
 BESIDE = 1.0009  #: the scene of a batch has other numbers than 0 and 1, which would be compiled in
 SAME = 1e-9  #: difference of start and equations of a point in a batch from its own, above which batches are not taken
@@ -83,6 +85,7 @@ def planned(job: SceneJob, values: Array) -> SceneJob:
         named = [number for found in lines.values() for number in found]
         if len(set(named)) < len(named):
             raise OptionError("two of the names set the same number of a law")
+        _check_together(job, values)
         made = replace(job, middle=middle, lines=lines)
         _compare(made, values[[0, -1]])
     except MbdaeError as error:
@@ -116,6 +119,8 @@ def _lines(base: SceneData, name: str, values: Array, t_end: float) -> dict[str,
 
 def _law_numbers(scene: SceneData) -> tuple[list[Any], list[float], dict[str, float]]:
     """Which laws there are, where they act, and their own numbers by name."""
+    if scene.problems:
+        raise SceneError(scene.problems)
     model, _ = modelled(with_open_tree(scene) or scene)
     shape, places, found = [], list[float](), dict[str, float]()
     for g, _, instance in model.instances():
@@ -126,6 +131,20 @@ def _law_numbers(scene: SceneData) -> tuple[list[Any], list[float], dict[str, fl
             if n in law.params and found.setdefault(f"{instance.item}.{n}", v) != v:
                 raise OptionError(f"the laws of '{instance.item}' have several numbers {n}")
     return shape, places, found
+
+
+def _check_together(job: SceneJob, values: Array) -> None:
+    """Refuse points (k, names) at which a statement is wrong by several of its numbers together: what it refuses is beyond bounds
+    of numbers and of their sums, so that all points are right where those of least and largest values are."""
+    items = [name.partition(".")[0] for name in job.names]
+    for item in dict.fromkeys(items):
+        of_item = [i for i, other in enumerate(items) if other == item]
+        if len(of_item) > TOGETHER:
+            raise OptionError(f"more than {TOGETHER} of the names are of '{item}'")
+        some = replace(job, names=tuple(job.names[i] for i in of_item))
+        for corner in product(*({np.min(values[:, i]), np.max(values[:, i])} for i in of_item)) if len(of_item) > 1 else ():
+            if problems := some.at(corner).problems:
+                raise SceneError(problems)
 
 
 def _compare(job: SceneJob, values: Array) -> None:

@@ -9,6 +9,7 @@ import signal
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ import pytest
 import mbdae as mb
 from mbdae.sweep import scene_sweep
 from mbdae.sweep.scene_sweep import Points
+from mbdae.sweep.scenes import SceneJob, _check_together
 from mbdae.sweep.statements import changed
 
 GRID = {"a.mass": [0.5, 1.0, 1.7], "b.mass": [0.4, 0.7]}
@@ -96,6 +98,25 @@ def test_a_wrong_value_of_any_name_fails_as_simulate_refuses_it(grid, wrong):
         assert told == f"SceneError: {refused.value}"
 
 
+@pytest.mark.parametrize("grid", [{"b.mass": [0.7, -1.0, 0.7]}, {"b.mass": [0.7, -1.0, 0.7], "a.mass": [1.0, 2.0]}])
+def test_wrong_values_among_others_are_seen_in_no_batch(grid):
+    """The same first and last value: what is between them decides too."""
+    found = here(arm(), grid)
+    wrong = [i for i in range(len(found.grid)) if found.point(i)["b.mass"] < 0]
+    assert list(found.failures) == wrong
+    assert not found.batched
+    assert "mass = -1 kg is negative" in found.why
+
+
+def test_values_that_are_wrong_only_together_are_seen(monkeypatch):
+    """Names of one item, each right by itself: what simulate refuses is not made in a batch."""
+    job = SceneJob(arm(), ("b.mass", "b.length"), 1.0, 1e-6, np.array(OUTPUTS))
+    monkeypatch.setattr(SceneJob, "at", lambda job, values: SimpleNamespace(problems=["together"] * int(sum(values) > 3)))
+    with pytest.raises(mb.SceneError, match="together"):
+        _check_together(job, np.array([[1.0, 1.0], [2.0, 0.5], [0.5, 2.0]]))
+    _check_together(job, np.array([[1.0, 1.0], [1.5, 0.5], [0.5, 1.5]]))
+
+
 def test_a_wrong_scene_is_refused():
     s = arm()
     s.link("c", (0, 0), (0, 1), mass=-1.0)
@@ -167,7 +188,7 @@ def test_failed_points_again(tmp_path):
 def test_bad_options(grid, options, told):
     with pytest.raises(mb.OptionError, match=told):
         mb.sweep(arm(), grid, **{"t_end": 1.0} | options)
-    with pytest.raises(mb.OptionError, match="t_end = 1.0 is for sweeps of a scene"):
+    with pytest.raises(mb.OptionError, match=r"t_end = 1\.0 is for sweeps of a scene"):
         mb.sweep(arm, {"damper": [0.1]}, t_end=1.0)
 
 
