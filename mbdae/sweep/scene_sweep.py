@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -26,8 +27,9 @@ from mbdae.sweep.workers import with_executor, with_processes
 from mbdae.system.base import Array
 from mbdae.values import array, option, shown, text
 
-FORMAT = "mbdae sweep of a scene 1"
+FORMAT = "mbdae sweep of a scene 2"
 PART, ALONE, PIECES = 512, 8, 8  #: points of a part in batches, and of their own; pieces of a part that failed
+STATEMENT = "statement.json"  #: file of a folder that says what its sweep is
 FOLDER = "give a folder, new or one that such a call made, or None"
 GRID = "give a mapping of names such as 'crank.mass' to lists of numbers, or a list of such points"
 _NAME = re.compile(r"part(\d+)-(\d+)\.npz")
@@ -84,7 +86,9 @@ class SceneSweep(ListsAttributes):
     grid: names and values; t (m,) outputs, s; names: unknowns; batched: whether native batches made it; why: why not.
     What the runs returned is in parts, on the disk where a folder was given: `array` reads it."""
 
-    def __init__(self, points: Points, job: SceneJob, folder: Path | None) -> None:
+    def __init__(self, points: Points, job: SceneJob, folder: Path | None, statement: str = "") -> None:
+        """folder: of the parts, None for memory; statement: what this sweep is, whose hash each part in a folder carries."""
+        self._statement, self._key = statement, hashlib.sha256(statement.encode()).hexdigest()
         self.grid, self.t, self.batched, self.why = points, job.outputs, job.lines is not None, job.why
         self._folder, self._parts = folder, dict[tuple[int, int], Any]()
         self.names: tuple[str, ...] = ()
@@ -155,20 +159,24 @@ class SceneSweep(ListsAttributes):
         self._parts[place] = part
         if self._folder is not None:
             path = self._folder / f"part{place[0]:08d}-{place[1]:08d}.npz"
-            write_tree(path, part)
+            write_tree(path, part | {"sweep": self._key})
             self._parts[place] = path
 
     def read_folder(self, again: bool) -> None:
-        """Know the parts that a folder holds; again: without those in which a point failed."""
+        """Know the parts that a folder holds, and state there what it holds; again: without those in which a point failed."""
         assert self._folder is not None
         for path in sorted(self._folder.glob("part*.npz")):
             named = _NAME.fullmatch(path.name)
             if named is None:
                 continue
             part = read_tree(path)
+            if part.get("sweep") != self._key:
+                raise OptionError(f"resume = '{self._folder}' holds another sweep: {path.name} is not of this one; "
+                                  f"delete the folder, or name another one")  # fmt: skip
             if not (again and any(part["errors"])):
                 self._parts[int(named[1]), int(named[2])] = path
                 self.names = self.names or tuple(part["names"])
+        write_file(self._folder / STATEMENT, self._statement + "\n")
 
     def __repr__(self) -> str:
         how = "in batches" if self.batched else f"one by one ({self.why})"
@@ -184,7 +192,7 @@ def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers:
     for name, value in zip(points.names, points.values(0, 1)[0], strict=True):
         replace(job, names=(name,)).at([value])  # refuses unknown names before anything is computed
     job = planned(job, points.extent())
-    made = SceneSweep(points, job, _folder(resume, job, points))
+    made = SceneSweep(points, job, *_folder(resume, job, points))
     if resume is not None:
         made.read_folder(again)
     size = PART if job.lines is not None else ALONE
@@ -222,22 +230,20 @@ def _failed(error: str | None, outputs: int) -> dict[str, Any]:
     return {"names": [], "y": np.full((1, outputs, 0), np.nan), "estimate": np.array([np.nan]), "errors": [error], "warnings": {}}
 
 
-def _folder(resume: Any, job: SceneJob, points: Points) -> Path | None:
-    """The folder of a sweep; one that holds another sweep is refused."""
+def _folder(resume: Any, job: SceneJob, points: Points) -> tuple[Path | None, str]:
+    """The folder of a sweep, and its statement; one that holds another sweep is refused."""
     if resume is None:
-        return None
+        return None, ""
     folder: Path = option("resume", resume, path_of, FOLDER)
     values = [axis.tolist() for axis in points.axes or (points.values(0, len(points)),)]
     said = {"format": FORMAT, "job": job.key, "accuracy": job.accuracy, "t_end": job.t_end, "names": list(points.names),
             "shape": list(points.shape), "values": values}  # fmt: skip
-    place = folder / "statement.json"
+    place, statement = folder / STATEMENT, json.dumps(said)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         there = json.loads(place.read_text(encoding="utf-8")) if place.exists() else None
     except (OSError, ValueError) as error:
         raise OptionError(f"resume = '{folder}' cannot be used ({error}): {FOLDER}") from error
-    if there is None:
-        write_file(place, json.dumps(said) + "\n")
-    elif difference := first_difference(there, json.loads(json.dumps(said))):
+    if there is not None and (difference := first_difference(there, json.loads(statement))):
         raise OptionError(f"resume = '{folder}' holds another sweep: {difference}; ask for the same one, or name another folder")
-    return folder
+    return folder, statement

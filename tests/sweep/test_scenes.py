@@ -172,6 +172,19 @@ def test_a_folder_keeps_parts_and_goes_on(tmp_path, monkeypatch):
         here(arm(), GRID | {"b.mass": [0.4, 0.8]}, resume=tmp_path / "kept")
 
 
+def test_parts_of_another_sweep_are_not_taken(tmp_path):
+    """Every part says of which sweep it is, whatever became of the statement beside it."""
+    first = here(arm(), GRID, resume=tmp_path).array("A.angle")
+    (tmp_path / "statement.json").unlink()
+    with pytest.raises(mb.OptionError, match=r"holds another sweep: part00000000-00000006\.npz is not of this one"):
+        here(arm(damper=0.9), GRID, resume=tmp_path)
+    assert not (tmp_path / "statement.json").exists()  # the folder does not become one of the other sweep
+    seen = []
+    again = here(arm(), GRID, resume=tmp_path, progress=lambda done, total: seen.append(done))
+    assert not seen
+    assert again.array("A.angle").tobytes() == first.tobytes()
+
+
 def test_failed_points_again(tmp_path):
     points = [{"b.mass": 0.5}, {"b.mass": -1.0}]
     for again, seen in ((False, 1), (False, 0), (True, 1)):
