@@ -6,7 +6,7 @@ import functools
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ from mbdae.sweep.resume import interruption
 from mbdae.sweep.scenes import SceneJob, planned, solved
 from mbdae.sweep.workers import with_executor, with_processes
 from mbdae.system.base import Array
-from mbdae.values import array, option, shown, text
+from mbdae.values import BadValueError, array, number, option, several, shown, text, whole
 
 FORMAT = "mbdae sweep of a scene 2"
 PART, ALONE, PIECES = 512, 8, 8  #: points of a part in batches, and of their own; pieces of a part that failed
@@ -69,15 +69,30 @@ class Points:
     def of(cls, grid: Any) -> Points:
         """Read what a user gave."""
         if isinstance(grid, Mapping):
-            axes = tuple(option(f"grid: {shown(name)}", list(values), array, GRID) for name, values in grid.items())
-            if not axes or any(axis.ndim != 1 or not len(axis) for axis in axes):
-                raise OptionError(f"grid has {len(axes)} names: {GRID}")
-            return cls(tuple(grid), axes, None)
-        listed = list(grid) if isinstance(grid, Iterable) else []
+            axes = tuple(option(f"grid: {shown(name)}", values, _axis, GRID) for name, values in grid.items())
+            return cls(_names(grid), axes, None)
+        listed = list(grid) if several(grid) else []
         if not listed or not all(isinstance(p, Mapping) and p.keys() == listed[0].keys() for p in listed):
             raise OptionError(f"grid = {shown(grid)}: {GRID}")
-        names = tuple(listed[0])
-        return cls(names, None, option("grid", [[p[name] for name in names] for p in listed], array, GRID))
+        names = _names(listed[0])
+        return cls(names, None, np.array([[option(f"grid: '{n}'", p[n], number, GRID) for n in names] for p in listed]))
+
+
+def _names(point: Mapping[Any, Any]) -> tuple[str, ...]:
+    if not point:
+        raise OptionError(f"grid has 0 names: {GRID}")
+    return tuple(option("grid: name", name, text, GRID) for name in point)
+
+
+def _axis(values: Any) -> Array:
+    """The values of a name, (k,)."""
+    listed = list(values) if several(values) else None
+    if not listed:
+        raise BadValueError(f"{shown(values)} is {'no list of numbers' if listed is None else 'empty'}")
+    found = array(listed)
+    if found.ndim != 1:
+        raise BadValueError(f"{shown(values)} has shape {found.shape}, needs ({len(found)},)")
+    return found
 
 
 class SceneSweep(ListsAttributes):
@@ -94,7 +109,8 @@ class SceneSweep(ListsAttributes):
         self.names: tuple[str, ...] = ()
 
     def array(self, name: str) -> Array:
-        """An unknown at the outputs on the grid, (one length per axis, ..., m) or (points, m); nan where it is missing."""
+        """An unknown at the outputs on the grid, (one length per axis, ..., m) or (points, m); nan where it is missing.
+        Where every point failed the unknowns are not known, and every name gives nan."""
         column = self._column(name)
         out = np.full((len(self.grid), len(self.t)), np.nan)
         for (first, last), part in self._all():
@@ -104,9 +120,9 @@ class SceneSweep(ListsAttributes):
 
     def _column(self, name: str) -> int:
         name = option("name", name, text, "give the name of an unknown")
-        if name not in self.names:
-            raise OptionError(f"name = '{name}' is no unknown of these runs: there are {', '.join(self.names) or 'none'}")
-        return self.names.index(name)
+        if self.names and name not in self.names:
+            raise OptionError(f"name = '{name}' is no unknown of these runs: there are {', '.join(self.names)}")
+        return self.names.index(name) if self.names else 0
 
     @property
     def estimate(self) -> Array:
@@ -127,7 +143,9 @@ class SceneSweep(ListsAttributes):
         return {first + int(i): said for (first, _), part in self._all() for i, said in part["warnings"].items()}
 
     def point(self, i: int) -> dict[str, float]:
-        """The values of point number i."""
+        """The values of point number i; OptionError where there is none of this number."""
+        last = len(self.grid) - 1
+        i = option("i", i, whole, f"give the number of a point, from 0 to {last}", least=0, most=last)
         return dict(zip(self.grid.names, self.grid.values(i, i + 1)[0].tolist(), strict=True))
 
     @property

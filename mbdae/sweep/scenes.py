@@ -89,7 +89,7 @@ def planned(job: SceneJob, values: Array) -> SceneJob:
         made = replace(job, middle=middle, lines=lines)
         _compare(made, values[[0, -1]])
     except MbdaeError as error:
-        return replace(job, why=str(error))
+        return replace(job, why=" ".join(str(error).split()))
     return made
 
 

@@ -15,6 +15,7 @@ from mbdae.scene.record import item_name, read, stored
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
 from mbdae.sweep.pulses import varying
+from mbdae.values import array, option
 
 SHORTHANDS = "mass, stiffness, speed, clearance; begin, width, strength of a pulse"
 Statements = list[Any]
@@ -27,6 +28,8 @@ def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tu
     if scene.problems:  # what is wrong is not among the statements: another scene would come out of them
         raise SceneError(scene.problems)
     item, *keys = name.split(".")
+    if not keys:
+        raise OptionError(f"vary: '{name}' names no number; add one of its arguments after a dot, such as '{name}.mass'")
     statements = copy.deepcopy(scene.statements)
     index, call = call_of(scene, statements, item)
     pulse, factor = varying(call, keys, t_end, name), 1.0
@@ -177,9 +180,9 @@ def _descend(holder: Any, keys: list[str], value: float, name: str) -> None:
     if len(keys) > 1:
         return _descend(holder[key], keys[1:], value, name)
     old = holder[key]
-    if isinstance(old, list):
-        size = np.max(np.abs(np.asarray(old, dtype=float)))
-        holder[key] = (np.asarray(old, dtype=float) * _ratio(value, float(size), name)).tolist()
+    if isinstance(old, list | tuple):
+        entries = option(f"vary: '{name}': its value", old, array, "vary one of its entries, by their numbers after a dot")
+        holder[key] = (entries * _ratio(value, float(np.max(np.abs(entries), initial=0.0)), name)).tolist()
     elif isinstance(old, dict) and "by" in old:
         raise OptionError(f"vary: '{name}' has values by coordinate; say {' or '.join(repr(f'{name}.{c}') for c in old['by'])}")
     elif isinstance(old, bool | str | dict):

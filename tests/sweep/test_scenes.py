@@ -124,6 +124,30 @@ def test_a_wrong_scene_is_refused():
         here(s, {"a.mass": [1.0, 2.0]})
 
 
+@pytest.mark.parametrize("i", [7, -1, 2, 0.5, "a"])
+def test_points_that_are_not_there(i):
+    found = here(arm(), {"b.mass": [-1.0, -2.0]})
+    assert found.point(1) == {"b.mass": -2.0}
+    with pytest.raises(mb.OptionError, match="give the number of a point, from 0 to 1"):
+        found.point(i)
+
+
+def test_where_every_point_failed_all_is_missing():
+    found = here(arm(), {"b.mass": [-1.0, -2.0], "a.mass": [1.0]})
+    assert list(found.failures) == [0, 1]
+    assert found.array("A.angle").shape == (2, 1, 2)
+    assert np.isnan(found.array("A.angle")).all()
+    assert len(repr(found).splitlines()) == 1
+    with pytest.raises(mb.OptionError, match=r"'A\.angel' is no unknown of these runs: there are A"):
+        here(arm(), {"b.mass": [-1.0, 1.0]}).array("A.angel")
+
+
+def test_a_list_of_numbers_is_scaled_whatever_kind_of_list_it_is():
+    """The points of a link are any number of arguments."""
+    scene = changed(arm(), "b.points", 4.0)[0]
+    assert scene.statements[1][1] == ["b", [2.0, 0.0, 0.0], [4.0, 0.0, 0.0]]
+
+
 def lethal(folder, job, values):
     """Kills its process where the third mass is among the points, the first time or always."""
     from mbdae.sweep.scenes import solved
@@ -194,7 +218,12 @@ def test_failed_points_again(tmp_path):
 
 
 @pytest.mark.parametrize(("grid", "options", "told"), [
-    ({}, {}, "grid has 0 names"), ({"a.mass": []}, {}, "grid has 1 names"), ({"nobody.mass": [1.0]}, {}, "no item 'nobody'"),
+    ({}, {}, "grid has 0 names"), ({"a.mass": []}, {}, r"grid: 'a.mass' = \[\] is empty"),
+    ({"nobody.mass": [1.0]}, {}, "no item 'nobody'"),
+    ({"a": [1, 2]}, {}, "'a' names no number; add one"), ({"a.mass": 1.0}, {}, "'a.mass' = 1.0 is no list of numbers"),
+    ({"a.mass": None}, {}, "= None is no list"), ({"a.mass": "12"}, {}, "= '12' is no list"), ({1: [2.0]}, {}, "1 is not text"),
+    ({"a.mass": [[1, 2], [3, 4]]}, {}, r"has shape \(2, 2\), needs \(2,\)"), ([{}], {}, "grid has 0 names"),
+    ([{"a.mass": [1, 2]}], {}, r"'a.mass' = \[1, 2\] is not a number"),
     ([{"a.mass": 1.0}, {"b.mass": 1.0}], {}, "give a mapping of names such as"), (GRID, {"t_end": None}, "t_end"),
     (GRID, {"accuracy": 3}, "accuracy = 3"), (GRID, {"outputs": [5.0]}, "outputs"), (GRID, {"workers": 0}, "workers = 0"),
 ])  # fmt: skip
