@@ -9,7 +9,6 @@ import signal
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ import pytest
 import mbdae as mb
 from mbdae.sweep import scene_sweep
 from mbdae.sweep.scene_sweep import Points
-from mbdae.sweep.scenes import SceneJob, _check_together
 from mbdae.sweep.statements import changed
 
 GRID = {"a.mass": [0.5, 1.0, 1.7], "b.mass": [0.4, 0.7]}
@@ -108,13 +106,18 @@ def test_wrong_values_among_others_are_seen_in_no_batch(grid):
     assert "mass = -1 kg is negative" in found.why
 
 
-def test_values_that_are_wrong_only_together_are_seen(monkeypatch):
-    """Names of one item, each right by itself: what simulate refuses is not made in a batch."""
-    job = SceneJob(arm(), ("b.mass", "b.length"), 1.0, 1e-6, np.array(OUTPUTS))
-    monkeypatch.setattr(SceneJob, "at", lambda job, values: SimpleNamespace(problems=["together"] * int(sum(values) > 3)))
-    with pytest.raises(mb.SceneError, match="together"):
-        _check_together(job, np.array([[1.0, 1.0], [2.0, 0.5], [0.5, 2.0]]))
-    _check_together(job, np.array([[1.0, 1.0], [1.5, 0.5], [0.5, 1.5]]))
+def test_values_that_are_wrong_only_together_are_seen():
+    """Moments of inertia of which two are together less than the third: each of them is right beside the others' usual values."""
+    s = mb.Scene("top")
+    body = s.rigid_body("b", 1.0, [0.5, 0.5, 0.6], at=(1, 0, 0))
+    s.revolute("S", s.ground, body, at=(0, 0, 0), axis=(0, 1, 1))
+    pairs = [(0.5, 0.5), (0.2, 0.5), (0.5, 0.2), (0.2, 0.2), (0.5, 0.5), (0.5, 0.45)]
+    found = here(s, [dict(zip(("b.inertia.0", "b.inertia.1"), pair, strict=True)) for pair in pairs])
+    assert list(found.failures) == [3]
+    assert "triangle inequality" in found.failures[3]
+    assert "triangle inequality" in found.why
+    right = here(s, [dict(zip(("b.inertia.0", "b.inertia.1"), pair, strict=True)) for pair in pairs if min(pair) > 0.2])
+    assert right.batched, right.why
 
 
 def test_a_wrong_scene_is_refused():
