@@ -20,7 +20,7 @@ from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
 from mbdae.system.motion.all_bodies import AllBodies, TreeMechanics
 from mbdae.system.motion.mechanics import Mechanics
-from mbdae.system.motion.ordered_motion import OrderedBodies, OrderedMechanics
+from mbdae.system.motion.ordered_motion import OrderedMechanics, bodies_of
 from mbdae.system.rank.redundancy import RankReport, analyse
 from mbdae.system.rank.rows import smallest, unit_rows
 from mbdae.system.rank.undetermined import massless_coordinates, massless_motions, massless_unknowns, undecided
@@ -101,7 +101,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
                           f"and {model.nu}; continue it with the same bodies and joint models"])  # fmt: skip
     model.conditions.time = after(begin_time)  # the start of a run belongs to what comes after it
     model.conditions.end = t_end if t_end is not None else inf
-    all_bodies = (OrderedBodies if moved.ordered else AllBodies)(model, moved)
+    all_bodies = bodies_of(model, moved)
     if not all_bodies.numbering.free:
         raise SceneError([f"scene '{scene.name}': every joint is recursive and prescribed, so there is nothing to solve for; use "
                           f"model=mb.Kinematic() for one of them"])  # fmt: skip
