@@ -17,6 +17,7 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.inputs.numpy_functions import teach
+from mbdae.inputs.sensed import path_of
 from mbdae.inputs.text import FUNCTIONS, canonical
 from mbdae.inputs.text import TIME as TIME
 from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_sided, rebuilt, without_overflow
@@ -38,8 +39,9 @@ def time_symbol() -> Any:
     return sympy.Symbol("t")
 
 
-def expression(value: Any) -> Expr:
-    """A number or expression of time as symengine sees it, its numbers plain; raises BadValueError with the reason."""
+def expression(value: Any, sensors: bool = False) -> Expr:
+    """A number or expression of time as symengine sees it, its numbers plain; raises BadValueError with the reason. sensors:
+    whether it may depend on sensors too."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if callable(value) and not isinstance(value, type) and not hasattr(value, "free_symbols"):
@@ -56,9 +58,13 @@ def expression(value: Any) -> Expr:
         raise BadValueError(f"{shown(value)} is neither a number nor an expression of mb.t") from error
     if not isinstance(e, se.Basic) or isinstance(e, se.DenseMatrix) or is_condition(e):
         raise BadValueError(f"{shown(value)} is neither a number nor an expression of mb.t")
-    others = sorted(str(s) for s in e.free_symbols if s != TIME)
+    others = sorted(str(s) for s in e.free_symbols if s != TIME and not (sensors and path_of(s)))
     if others:
-        raise BadValueError(f"{shown(value)} contains the symbol {others[0]}; only mb.t may appear")
+        if path_of(others[0]):
+            raise BadValueError(f"{shown(value)} depends on the sensor '{path_of(others[0])}': it may depend on the time mb.t alone; "
+                                f"loads, states and signals may depend on sensors")  # fmt: skip
+        what = "only mb.t and sensors, s.sensor(path), may appear" if sensors else "only mb.t may appear"
+        raise BadValueError(f"{shown(value)} contains the symbol {others[0]}; {what}")
     if not e.free_symbols:
         return _plain_number(e)
     plain = _with_plain_numbers(e)

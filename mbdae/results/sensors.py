@@ -14,6 +14,7 @@ from mbdae.notation import QUANTITIES
 from mbdae.results.contacts import Contacts, contacts_at
 from mbdae.results.states import RunStates
 from mbdae.scene.components import Body, Connection
+from mbdae.scene.sensed import rates_of as rates_of
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Element
@@ -56,12 +57,6 @@ def placed(scene: Any, key: str) -> tuple[Any, Any]:
     if not isinstance(item, Body) or len(where) not in (1, 2, 3):
         raise SceneError([f"there is no place '{key}'; give a body and a number from 0 to 1, or a point of 2 or 3 coordinates"])
     return item, where[0] if len(where) == 1 else where
-
-
-def rates_of(item: Connection) -> dict[str, str]:
-    """Angles and displacements of a joint by the names of the sensors of their rates."""
-    names = item.scalars
-    return {f"{c}_rate": c for c in names} | ({"rate": names[0]} if len(names) == 1 else {})
 
 
 def measured(scene: Any, sensor: str) -> tuple[str, str]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
+from mbdae.inputs.sensed import paths
 from mbdae.laws.contact import Normal
 from mbdae.laws.forces.line_load import LineLoad
 from mbdae.laws.friction import Friction
@@ -131,6 +132,21 @@ class Place:
 
     body: Body
     point: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """What loads may depend on beside the motion: a "state" with its law, a named expression ("signal") with its value, an
+    "output" of a controller with the law that holds it."""
+
+    name: str
+    kind: str
+    law: TwoBodyLaw | None = None
+    value: Any = None
+
+    def reads(self) -> list[str]:
+        """Paths of the sensors on which it depends."""
+        return paths(getattr(self.law, "rate", None) if self.law is not None else self.value)
 
 
 @dataclass(frozen=True)

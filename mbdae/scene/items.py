@@ -9,9 +9,10 @@ import numpy as np
 
 from mbdae.errors import SceneError
 from mbdae.scene import reading
-from mbdae.scene.components import Beam, BeamLoad, Body, Connection
+from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Signal
 from mbdae.scene.reading import Argument
 from mbdae.scene.record import Own, Statement
+from mbdae.scene.sensed import keep_read_coordinates
 
 
 class SceneItems:
@@ -32,11 +33,13 @@ class SceneItems:
         self.bodies: list[Body] = []
         self.connections: list[Connection] = []
         self.line_loads: list[BeamLoad] = []
+        self.signals: list[Signal] = []  #: states, named expressions, outputs of controllers
+        self.sampled: list[str] = []  #: paths of the sensors that controllers read
         self.attachments: dict[Beam, tuple[float, ...]] = {}  #: places on beams where something is attached, see `nearest_place`
 
     @property
     def _items(self) -> list[Any]:
-        return [*self.bodies, *self.connections, *self.line_loads]
+        return [*self.bodies, *self.connections, *self.line_loads, *self.signals]
 
     @property
     def joints(self) -> list[Connection]:
@@ -52,6 +55,9 @@ class SceneItems:
     def _names(self) -> str:
         names = [item.name for item in self._items]
         return ", ".join(repr(n) for n in names[:12]) + (", ..." if len(names) > 12 else "")
+
+    def _keep_read_coordinates(self) -> None:
+        keep_read_coordinates(self)
 
     def _claim(self, name: str) -> None:
         """Report a name that another item has already."""

@@ -11,6 +11,7 @@ import symengine as se
 from mbdae.inputs import timed
 from mbdae.inputs.breaks import TooManyError, jump, unresolved
 from mbdae.inputs.resolution import Stretches, resolved
+from mbdae.inputs.sensed import paths
 from mbdae.scene.components import BeamLoad, Connection
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
@@ -36,7 +37,7 @@ def inputs(connections: list[Connection], loads: list[BeamLoad]) -> Iterator[Inp
     for kind, name, law in stated + [("load", load.name, load.law) for load in loads]:
         for key, parameter in law.params.items():
             value = getattr(law, key)
-            if value is not None and getattr(se.sympify(value), "free_symbols", None):
+            if value is not None and getattr(se.sympify(value), "free_symbols", None) and not paths(value):
                 drives = law.drives() if isinstance(law, Joint) else {}
                 what = f"{kind} '{name}': {drives.get(key, key)} = {value}"
                 yield Input(what, se.sympify(value), parameter.unit, isinstance(law, Joint | Coupling))

@@ -88,7 +88,7 @@ def _encode_expression(value: Any) -> Any:
     try:
         if not getattr(value, "free_symbols", None):
             return number(value)
-        return {"expression": text.written(timed.expression(value))}
+        return {"expression": text.written(timed.expression(value, sensors=True))}
     except Exception:  # the statement itself reports it
         return {"unreadable": shown(value)}
 

@@ -19,7 +19,7 @@ from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Law, Structure
 from mbdae.symbolic.motion import Rotation, refuse_amounts, value_of
 from mbdae.symbolic.rebuild import one_sided, without_overflow
-from mbdae.symbolic.statement import Statement
+from mbdae.symbolic.statement import Feeds, Statement
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
@@ -48,6 +48,7 @@ class Derived:
     state_rates: tuple[Expr, ...]
     state_starts: tuple[Expr, ...]
     variation: Variation
+    feeds: Feeds = Feeds()
 
     @property
     def multipliers(self) -> list[Expr]:
@@ -120,12 +121,13 @@ class Derived:
 def derive(cls: type[Law], structure: Structure, sides: tuple[Side, ...]) -> Derived:
     """Derive a law class for the kinds of its nodes (one side for an element, else k and l)."""
     law = cls.symbolic(structure)
-    frames = tuple(make_frame(s, *side) for s, side in zip(side_names(law), sides, strict=True))
+    names = (*side_names(law), *structure.feeds.sides)
+    frames = tuple(make_frame(s, *side) for s, side in zip(names, sides, strict=True))
     if structure.timed and cls.timeless:
         raise LawError(f"{cls.__name__}: {min(structure.timed)} may not depend on time; give a number")
-    for name, frame in zip(law.own_coordinates, frames[len(law.frames) :], strict=True):
+    for name, frame in zip(law.own_coordinates, frames[len(law.frames) :], strict=False):
         setattr(law, name, frame.q[0] if frame.kind is NodeKind.COORDINATE else Rotation(tuple(frame.q), frame.body, frame.spin))
-    return _Derivation(law, Variation(frames, _clock(structure.timed))).run()
+    return _Derivation(law, Variation(frames, _clock(structure.timed)), structure.feeds).run()
 
 
 def side_names(law: Law) -> tuple[str, ...]:
@@ -165,9 +167,14 @@ class _Stated(NamedTuple):
 class _Derivation(Statement):
     """The steps from a statement to a `Derived`."""
 
+    def __init__(self, law: Any, variation: Variation, feeds: Feeds) -> None:
+        super().__init__(law, variation)
+        self.feeds = feeds
+
     def run(self) -> Derived:
         self.refuse_clashes()
         self.refuse_undefined()
+        self._define_feeds()
         if isinstance(self.law, Joint):
             refuse_amounts(self.law)
         rows, vanished, undefined, g, G = self._constraints()
@@ -176,11 +183,22 @@ class _Derivation(Statement):
         resolve = self.variation.resolve
         energy, dissipated, work = map(resolve, powers)
         states, rates, starts = self._states([*g, energy, dissipated, work, *self.variation.values.values()])
+        self.variation.release()
         return Derived(
             self.law, self.frames, tuple(rows), tuple(vanished), tuple(undefined), tuple(g), tuple(G), force, energy, dissipated,
             work,
-            self._coordinates(), states, rates, starts, self.variation,
+            self._coordinates(), states, rates, starts, self.variation, self.feeds,
         )  # fmt: skip
+
+    def _define_feeds(self) -> None:
+        """Name what is fed into the law."""
+        read = self.frames[len(self.frames) - len(self.feeds.sides) :]
+        for name, statement in self.feeds.stated(read):
+            e = without_overflow(one_sided(statement))
+            for frame, quantity in self.undefined(e):
+                raise LawError(f"{type(self.law).__name__} is fed by a sensor that a {frame.kind.value} node does not have: its "
+                               f"{quantity}; use s.rigid_body")  # fmt: skip
+            self.variation.define(se.Symbol(name), e)
 
     def _coordinates(self) -> dict[str, Expr]:
         stated = {name: e for name, e in self.law.read(*self.sides).items() if not self.undefined(e)}
@@ -279,6 +297,8 @@ class _Derivation(Statement):
             loads -= _power(load, f)
             total = (sum(p, ZERO) for p in zip(v.gradient(f, energy), drag, load, strict=True))
             force[f.side] = self._in_plane((next(total), next(total)), f, "its force")
+        if self.feeds and energy != 0:  # what feeds it does work on it, so that it stores nothing of its own
+            return force, (_ZERO, dissipated, dissipated - sum((_power(force[f.side], f) for f in self.frames), _ZERO))
         resisting = law.dissipative or isinstance(law, Joint)
         return force, (energy, dissipated - loads, clocked) if resisting else (energy, dissipated, clocked + loads)
 
@@ -295,7 +315,7 @@ class _Derivation(Statement):
     def _states(self, used_in: list[Expr]) -> tuple[tuple[str, ...], tuple[Expr, ...], tuple[Expr, ...]]:
         """Internal states on which the law depends for these frames, their rates and start values."""
         used = set().union(*(e.free_symbols for e in used_in))
-        names = tuple(n for n in self.law.states if se.Symbol(f"state_{n}") in used)
+        names = tuple(n for n in self.law.states if self.law.keeps_states or se.Symbol(f"state_{n}") in used)
         rates, starts = (self.law.rates(*self.sides), self.law.initial(*self.sides)) if names else ({}, {})
         for what, table in (("the rate", rates), ("the start", starts)):
             for n in names:

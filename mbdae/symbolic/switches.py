@@ -43,7 +43,7 @@ def switches_of(d: Derived) -> list[Switch]:
         return []
     resolve, name = d.variation.resolve, d.variation.name
     arguments = insert(d, [resolve(name(s.argument)) for s in found])
-    of_motion = {symbol for target, symbol in input_symbols(d) if target[0] in ("q", "u", "s")} | set(d.variation.clock)
+    of_motion = {symbol for target, symbol in input_symbols(d) if target[0] in ("q", "u", "s", "foreign")} | set(d.variation.clock)
     reactions = {*d.multipliers, *d.stabilisers}  # not known where they are eliminated
     out: dict[tuple[str, Expr], Switch] = {}
     for switch, e in zip(found, arguments, strict=True):
@@ -67,10 +67,10 @@ def known_switches(d: Derived) -> tuple[Switch, ...]:
 
 def _statements(d: Derived) -> Iterator[tuple[Any, bool]]:
     """The expressions of a law as stated, and whether they are a Rayleigh function."""
-    law = d.law
+    law, sides = d.law, d.sides
+    yield from ((e, False) for _, e in d.feeds.stated(d.frames[len(d.frames) - len(d.feeds.sides) :]))
     if not isinstance(law, Force | Joint):
         return
-    sides = d.sides
     if isinstance(law, Force):
         if law.gaps(*sides):
             return  # a contact: its gaps are watched

@@ -11,7 +11,7 @@ import numpy as np
 
 from mbdae.errors import SceneError, StartError
 from mbdae.inputs.timed import after
-from mbdae.scene import prescribed
+from mbdae.scene import prescribed, sensed
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model, build
@@ -87,7 +87,8 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     Prescribed values are followed to t_end, or for `FORESIGHT` seconds where no end is known."""
     begin_time = start.t if start is not None else t0
     end = t_end if t_end is not None and t_end > begin_time else begin_time + FORESIGHT
-    problems = scene.problems + prescribed.problems(scene.connections, scene.line_loads, begin_time, end, start is not None)
+    problems = scene.problems + sensed.problems(scene)
+    problems += prescribed.problems(scene.connections, scene.line_loads, begin_time, end, start is not None)
     if problems:
         raise SceneError(problems)
     if not scene.bodies:

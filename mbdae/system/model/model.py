@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf, isnan, nan
 from typing import Any
@@ -22,6 +22,7 @@ from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Structure
 from mbdae.system.model.beams import Line, meshed
+from mbdae.system.model.feedback import Scenery, fed_into
 from mbdae.system.model.joint_motion import JointMotion
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import rotation_matrices
@@ -40,6 +41,7 @@ class Instance:
     numbers: dict[str, float]
     timed: dict[str, Any]  #: parameter -> expression of time
     item: str
+    states: tuple[str, ...] = ()  #: names of the states of other laws that it reads
 
 
 @dataclass
@@ -256,6 +258,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
             nodes.append(Node(called, None, kind, q, u, unit, c.name, name))
             q, u = q + kind.sizes[0], u + kind.sizes[1]
     by_coordinate = {(n.joint, n.coordinate): n for n in nodes if n.body is None}
+    scenery = Scenery(scene, planar, by_body, by_coordinate, meshes, attached, lambda c: laws_of(c, kept)[0])
     groups: dict[Any, Group] = {}
     vanished: list[str] = []
     undefined: list[str] = []
@@ -266,9 +269,13 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
         own = tuple(by_coordinate[key] for key in law.coordinates_in(item))
         ends, sides = (*ends, *own), (*sides, *((n.kind, Axes.GENERAL) for n in own))
         values = {p: getattr(law, p) for p in law.params if getattr(law, p) is not None}
+        fed = fed_into(scenery, values)
+        values = {p: v for p, v in values.items() if p not in dict(fed.names)} | fed.numbers | fed.timed
+        ends, sides = (*ends, *fed.nodes), (*sides, *fed.sides)
         timed = {p: v for p, v in values.items() if not isinstance(v, float)}
         numbers |= {p: v for p, v in values.items() if p not in timed}
-        key: tuple[Any, Structure, tuple[Side, ...]] = (type(law), law.structure(frozenset(timed)), sides)
+        structure = replace(law.structure(frozenset(timed)), feeds=fed.feeds)
+        key: tuple[Any, Structure, tuple[Side, ...]] = (type(law), structure, sides)
         try:
             derived = derive(*key)
             vanished += [f"{item}.{row}" for row in derived.vanished]
@@ -282,7 +289,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
             if planar:
                 raise LawError(f"{item}: {error}") from error
             refused.append(f"'{item}': {error}")
-        groups.setdefault(key, Group(key)).instances.append(Instance(law, ends, numbers, timed, item))
+        groups.setdefault(key, Group(key)).instances.append(Instance(law, ends, numbers, timed, item, tuple(fed.states)))
     length = scene_length(scene)
     refused += [f"{c.kind} '{c.name}': {off}" for c in scene.joints if (off := JointMotion(c).not_as_drawn(length))]
     if refused:
@@ -322,6 +329,7 @@ def _laws(scene: SceneData, kept: Mapping[str, str], attached: Mapping[tuple[str
     for c in scene.connections:
         sides = {side: attached.get((c.name, side), body) for side, body in (("k", c.k), ("l", c.l), *c.others.items())}
         out += [(law, tuple(sides[side] for side in law.frames), c.name) for law in laws_of(c, kept)]
+    out += [(signal.law, (), signal.name) for signal in scene.signals if signal.law is not None]
     return out
 
 
