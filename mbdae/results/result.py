@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError, SceneError
+from mbdae.inputs.sensed import symbol
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.beams import BeamSensor
@@ -17,8 +18,9 @@ from mbdae.results.clearance import ClearanceSensor
 from mbdae.results.energy import Energy, energy
 from mbdae.results.sensors import BodySensor, ConnectionSensor, placed, split
 from mbdae.results.states import RunStates
-from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Place
+from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Place, Signal
 from mbdae.scene.scene import SceneData
+from mbdae.scene.sensed import split_entry
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import smallest, unit_rows
@@ -141,13 +143,19 @@ class Result(RunStates, ListsAttributes):
             item, where = placed(self.prepared.model.scene, key)
             if isinstance(item, BeamLoad):
                 raise OptionError(f"'{key}' is a distributed load: it has no sensors; read its beam '{item.beam.name}'")
+            if isinstance(item, Signal):
+                return self.observed(symbol(key))[:, 0]
             sensor = _sensor(self, item)
             self._sensors[key] = sensor if where is None else sensor.at(where)
         return self._sensors[key]
 
     def read(self, path: str) -> Array:
-        """A sensor by its path, e.g. "C.angle", "crank.position" or "beam.at(0.5).position" (nt, ...)."""
-        name, quantity = split(option("sensor", path, text, "name a sensor such as 'C.angle' or 'crank.position'"))
+        """A sensor by its path, e.g. "C.angle", "crank.position" or "beam.at(0.5).position" (nt, ...), one component of it,
+        "crank.position[1]" (nt,), or a state, signal or output of a controller by its name (nt,)."""
+        path, entry = split_entry(option("sensor", path, text, "name a sensor such as 'C.angle' or 'crank.position'"))
+        if any(signal.name == path for signal in self.prepared.model.scene.signals):
+            return np.asarray(self[path])
+        name, quantity = split(path)
         try:
             sensor = self[name] if name and quantity else None
         except SceneError as error:
@@ -157,7 +165,10 @@ class Result(RunStates, ListsAttributes):
             items = self.prepared.model.scene._names()
             told = f"'{name}' has {known}" if known else f"give item.quantity of an item, such as {items}"
             raise SceneError([f"there is no sensor '{path}'; {told}"])
-        return np.asarray(getattr(sensor, quantity))
+        found = np.asarray(getattr(sensor, quantity))
+        if len(entry) >= found.ndim or any(n >= size for n, size in zip(entry, found.shape[1:], strict=False)):
+            raise SceneError([f"there is no sensor '{path}{list(entry)}': '{path}' has the shape {found.shape[1:]} at every time"])
+        return np.asarray(found[(slice(None), *entry)])
 
     # -- energy, drift and rank
 

@@ -15,6 +15,7 @@ from mbdae.results.contacts import Contacts, contacts_at
 from mbdae.results.states import RunStates
 from mbdae.scene.components import Body, Connection
 from mbdae.scene.sensed import rates_of as rates_of
+from mbdae.scene.sensed import split_entry
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Element
@@ -61,7 +62,9 @@ def placed(scene: Any, key: str) -> tuple[Any, Any]:
 
 def measured(scene: Any, sensor: str) -> tuple[str, str]:
     """What a sensor measures in words, and its SI unit ("" where it has none)."""
-    name, quantity = split(sensor)
+    if any(signal.name == sensor for signal in scene.signals):
+        return sensor, ""
+    name, quantity = split(split_entry(sensor)[0])
     item = placed(scene, name)[0]
     if isinstance(item, Connection):
         known = {c: item.unit(c) for c in item.scalars} | {r: f"{item.unit(c)}/s" for r, c in rates_of(item).items()}

@@ -13,6 +13,7 @@ from mbdae.integrators.solution import Solution
 from mbdae.kernels.plan import Outputs
 from mbdae.scene.components import Connection
 from mbdae.symbolic.outputs import coordinate
+from mbdae.system.assembled.observed import Observer
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
@@ -112,6 +113,11 @@ class RunStates:
     def multiplier_names(self) -> tuple[str, ...]:
         """"joint.row" of every multiplier."""
         return tuple(row.name for row in self.prepared.with_all_rows.rows)
+
+    def observed(self, *expressions: Any) -> Array:
+        """(nt, count) values of expressions of sensors and time (of symengine)."""
+        moved = self.prepared.all_bodies.moved
+        return Observer(self.prepared.model, moved, expressions)(self.t, self.solution(self.t))
 
     def sum_over_laws(self, outputs: Outputs, item: Connection, width: int) -> Array:
         """(nt, width) outputs of the laws of one item, summed; those with multipliers included."""

@@ -39,19 +39,24 @@ def rates_of(item: Connection) -> dict[str, str]:
 
 def found(scene: Any, path: str) -> Sensed:
     """What a path names in a scene; BadValueError with a sentence where there is nothing that can be read."""
-    whole = _ENTRY.fullmatch(path)
-    assert whole is not None  # every text has this form
-    entry = tuple(int(n) for n in re.findall(r"\d+", whole["entry"]))
+    plain, entry = split_entry(path)
     signal = next((one for one in scene.signals if one.name == path), None)
     if signal is not None:
         return Sensed(signal)
-    name, _, quantity = whole["path"].rpartition(".")
+    name, _, quantity = plain.rpartition(".")
     item, point = _placed(scene, name)
     if isinstance(item, Connection):
         return _of_connection(scene, path, item, quantity)
     if isinstance(item, Body):
         return _of_body(scene, path, Sensed(item, quantity, entry, point=point))
     raise BadValueError(_unknown(scene, path))
+
+
+def split_entry(path: str) -> tuple[str, tuple[int, ...]]:
+    """A path without the component it names at its end, "b.position[1]", and the component."""
+    whole = _ENTRY.fullmatch(path)
+    assert whole is not None  # every text has this form
+    return whole["path"], tuple(int(n) for n in re.findall(r"\d+", whole["entry"]))
 
 
 def _placed(scene: Any, name: str) -> tuple[Any, Array | None]:

@@ -51,16 +51,17 @@ class _Arguments:
         nb = Numbering(model, [], (), False, moved.nodes, loaded, moved.replaced, moved.constants, moved.sharing)
         plans = [plan(model.groups[g].derived, switch_outputs) for g, _ in watched]
         gathers = [nb.gather(g, p.all_inputs, active) for p, (g, active) in zip(plans, watched, strict=True)]
-        return Values(nb, self._motion(nb) if loaded else (), gathers, [p.kernel for p in plans])
+        return Values(nb, motion_of_all(moved, nb) if loaded else (), gathers, [p.kernel for p in plans])
 
     def __call__(self, t: Array, y: Array) -> Array:
         return self._values.at_states(t, y)
 
-    def _motion(self, nb: Numbering) -> Loaded:
-        """The motion of every node moved by joint coordinates, written where the laws read it."""
-        pieces = []
-        for p, trees in self.moved.plans():
-            piece = p.motion_of_all
-            places = [[nb.node_place(head, tree.node(j), i) for head, j, i in piece.targets] for tree in trees]
-            pieces.append((piece, self.moved.gather(nb, piece, trees), np.array(places, dtype=np.intp)))
-        return pieces
+
+def motion_of_all(moved: MovedBodies, nb: Numbering) -> Loaded:
+    """The motion of every node moved by joint coordinates, written where the laws read it."""
+    pieces = []
+    for p, trees in moved.plans():
+        piece = p.motion_of_all
+        places = [[nb.node_place(head, tree.node(j), i) for head, j, i in piece.targets] for tree in trees]
+        pieces.append((piece, moved.gather(nb, piece, trees), np.array(places, dtype=np.intp)))
+    return pieces

@@ -50,14 +50,15 @@ class Scenery:
 
 @dataclass
 class Fed:
-    """What is fed into one law: names with their expressions, readings with kinds and nodes of their frames, numbers, values in
-    time, and names of the states of other laws."""
+    """What is fed into one law: names with their expressions, readings with kinds and nodes of their frames, numbers, those of
+    the frames, values in time, and names of the states of other laws."""
 
     names: list[tuple[str, Expr]] = field(default_factory=list)
     readings: list[Reading] = field(default_factory=list)
     sides: list[Side] = field(default_factory=list)
     nodes: list[Node | None] = field(default_factory=list)
     numbers: dict[str, float] = field(default_factory=dict)
+    frames: dict[str, float] = field(default_factory=dict)
     timed: dict[str, Expr] = field(default_factory=dict)
     states: list[str] = field(default_factory=list)
 
@@ -176,6 +177,6 @@ class _Feeding:
         sides, numbers = sides_of(law, bodies, nodes, self.scenery.planar)
         for name in names:
             own = f"m{len(self.fed.sides) + names.index(name) + 1}"
-            self.fed.numbers |= {own + key[len(name) :]: v for key, v in numbers.items() if key.startswith(f"{name}_")}
+            self.fed.frames |= {own + key[len(name) :]: v for key, v in numbers.items() if key.startswith(f"{name}_")}
         self.fed.sides += sides
         self.fed.nodes += nodes

@@ -105,6 +105,7 @@ class Model:
     lines: list[Line] = field(default_factory=list)  #: flexible beams
     attached: dict[tuple[str, str], Body] = field(default_factory=dict)  #: (item, side) on a beam -> the node it is attached to
     undefined: list[str] = field(default_factory=list)  #: of the rows vanished those that need axes of a point mass
+    scenery: Any = None  #: by which sensors are found, see `Scenery`
     conditions: ConditionTime = field(default_factory=ConditionTime)
 
     @property
@@ -265,17 +266,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
     refused: list[str] = []
     for law, bodies, item in _laws(scene, kept, attached, [b for b in by_body if b is not None]):
         ends = tuple(by_body.get(b) for b in bodies)
-        sides, numbers = sides_of(law, bodies, ends, planar)
-        own = tuple(by_coordinate[key] for key in law.coordinates_in(item))
-        ends, sides = (*ends, *own), (*sides, *((n.kind, Axes.GENERAL) for n in own))
-        values = {p: getattr(law, p) for p in law.params if getattr(law, p) is not None}
-        fed = fed_into(scenery, values)
-        values = {p: v for p, v in values.items() if p not in dict(fed.names)} | fed.numbers | fed.timed
-        ends, sides = (*ends, *fed.nodes), (*sides, *fed.sides)
-        timed = {p: v for p, v in values.items() if not isinstance(v, float)}
-        numbers |= {p: v for p, v in values.items() if p not in timed}
-        structure = replace(law.structure(frozenset(timed)), feeds=fed.feeds)
-        key: tuple[Any, Structure, tuple[Side, ...]] = (type(law), structure, sides)
+        key, instance = entry_of(scenery, law, bodies, ends, item)
         try:
             derived = derive(*key)
             vanished += [f"{item}.{row}" for row in derived.vanished]
@@ -289,7 +280,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
             if planar:
                 raise LawError(f"{item}: {error}") from error
             refused.append(f"'{item}': {error}")
-        groups.setdefault(key, Group(key)).instances.append(Instance(law, ends, numbers, timed, item, tuple(fed.states)))
+        groups.setdefault(key, Group(key)).instances.append(instance)
     length = scene_length(scene)
     refused += [f"{c.kind} '{c.name}': {off}" for c in scene.joints if (off := JointMotion(c).not_as_drawn(length))]
     if refused:
@@ -298,7 +289,22 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
         for n in by_coordinate.values():
             key = (JointCoordinate, Structure(), ((n.kind, Axes.GENERAL),))
             groups.setdefault(key, Group(key)).instances.append(Instance(JointCoordinate(n.name), (n,), {}, {}, n.name))
-    return Model(scene, planar, why, nodes, list(groups.values()), length, vanished, kept, lines, attached, undefined)
+    return Model(scene, planar, why, nodes, list(groups.values()), length, vanished, kept, lines, attached, undefined, scenery)
+
+
+def entry_of(scenery: Scenery, law: Any, bodies: tuple[Body, ...], ends: tuple[Node | None, ...],
+             item: str) -> tuple[tuple[Any, Structure, tuple[Side, ...]], Instance]:  # fmt: skip
+    """The key of the group of a law between bodies with these nodes, and its instance there."""
+    sides, numbers = sides_of(law, bodies, ends, scenery.planar)
+    own = tuple(scenery.by_coordinate[key] for key in law.coordinates_in(item))
+    values = {p: getattr(law, p) for p in law.params if getattr(law, p) is not None}
+    fed = fed_into(scenery, values)
+    values = {p: v for p, v in values.items() if p not in dict(fed.names)} | fed.numbers | fed.timed
+    timed = {p: v for p, v in values.items() if not isinstance(v, float)}
+    numbers |= fed.frames | {p: v for p, v in values.items() if p not in timed}
+    structure = replace(law.structure(frozenset(timed)), feeds=fed.feeds)
+    nodes, sides = (*ends, *own, *fed.nodes), (*sides, *((n.kind, Axes.GENERAL) for n in own), *fed.sides)
+    return (type(law), structure, sides), Instance(law, nodes, numbers, timed, item, tuple(fed.states))
 
 
 def without_rows(item: str, d: Derived) -> list[str]:
