@@ -161,20 +161,32 @@ class Solver(ABC):
         """Integrate from break to break of the inputs of time, with consistent values at the beginning of each part."""
         system = loop.system
         line = system.timeline(system.t0, loop.run_end) if system.timeline is not None else None
-        if line is None:
+        sampler = system.sampled(system.t0) if system.sampled is not None else None
+        if line is None and sampler is None:
             self._part(loop, h0)
             return
-        longest = line.longest_step(SHARE if share is None and self.fixed else share or 1.0)
+        longest = None if line is None else line.longest_step(SHARE if share is None and self.fixed else share or 1.0)
+        edges = [system.t0, loop.run_end] if line is None else line.edges.tolist()
         try:
-            for a, b in pairwise(line.edges.tolist()):
-                loop.t_end = b
-                loop.system.read_at((a + b) / 2)
-                values = loop.state if a == system.t0 else loop.system.restarted(a, loop.state[0])
-                loop.system = loop.system.starting(a, *values, longest)
-                loop.restart(*values)
-                self._part(loop, h0 if a == system.t0 else None)
+            for a, b in pairwise(edges):
+                if line is not None:
+                    loop.system.read_at((a + b) / 2)
+                for begin, end in [(a, b)] if sampler is None else sampler.parts(a, b):
+                    self._begin(loop, end, longest, sampler, begin == a != system.t0)
+                    self._part(loop, h0 if begin == system.t0 else None if begin == a else loop.longest)
         finally:
             system.read_at(None)
+
+    def _begin(self, loop: StepLoop, end: float, longest: Any, sampler: Any, anew: bool) -> None:
+        """Begin a part of the run, up to `end`: with consistent values after a break (anew) and after outputs of controllers
+        changed."""
+        t, (y, yp) = loop.t, loop.state
+        held = y if sampler is None else sampler.at(t, y)
+        if anew or held is not y:
+            y, yp = loop.system.restarted(t, held)
+        loop.t_end = end
+        loop.system = loop.system.starting(t, y, yp, longest)
+        loop.restart(y, yp)
 
     def _part(self, loop: StepLoop, h0: float | None) -> None:
         """Integrate to the end of a part, from one choice of equations to the next where the system renews itself."""

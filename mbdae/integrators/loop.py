@@ -80,6 +80,7 @@ class StepLoop:
         self._pieces: list[Any] = []
         self._renewed: System | None = None  # the system to continue with
         self._systems: list[tuple[float, System]] = [(float(system.t0), system)]
+        self._restarted = 0  # number of the step at which the run was restarted last
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the run was restarted there
 
     @property
@@ -91,6 +92,12 @@ class StepLoop:
     def last_step(self) -> float:
         """Length of the last accepted step, s; 0 before the first."""
         return self._t[-1] - self._t[-2] if len(self._t) > 1 else 0.0
+
+    @property
+    def longest(self) -> float | None:
+        """Longest step since the last restart, s; None where there was none."""
+        steps = np.diff(self._t[self._restarted :])
+        return float(steps.max()) if len(steps) else None
 
     @property
     def state(self) -> tuple[Array, Array]:
@@ -173,6 +180,7 @@ class StepLoop:
 
     def restart(self, y: Array, yp: Array) -> None:
         """Continue from the last step with other values: accelerations and multipliers jump at a break of the inputs."""
+        self._restarted = len(self._t) - 1
         if len(self._t) > 1:
             self._breaks[len(self._t) - 1] = self.state
         self._y.tail[-1], self._yp.tail[-1] = y, yp

@@ -149,6 +149,26 @@ class Signal:
         return paths(getattr(self.law, "rate", None) if self.law is not None else self.value)
 
 
+@dataclass(frozen=True, eq=False)
+class Program:
+    """What a sampled controller calls: a function, and what it remembers at the start; remembers: whether it takes a memory."""
+
+    function: Callable[..., Any]
+    memory: Any = None
+    remembers: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Controller:
+    """A function that is called every so many seconds: paths of the sensors it reads, names of the outputs it sets."""
+
+    name: str
+    program: Program
+    every: float
+    reads: tuple[str, ...]
+    sets: tuple[str, ...]
+
+
 @dataclass(frozen=True)
 class JointModel:
     """How a joint is modelled."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbdae.errors import SceneError
 from mbdae.scene import reading
-from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Signal
+from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Controller, Signal
 from mbdae.scene.reading import Argument
 from mbdae.scene.record import Own, Statement
 from mbdae.scene.sensed import keep_read_coordinates
@@ -34,12 +34,12 @@ class SceneItems:
         self.connections: list[Connection] = []
         self.line_loads: list[BeamLoad] = []
         self.signals: list[Signal] = []  #: states, named expressions, outputs of controllers
-        self.sampled: list[str] = []  #: paths of the sensors that controllers read
+        self.controllers: list[Controller] = []
         self.attachments: dict[Beam, tuple[float, ...]] = {}  #: places on beams where something is attached, see `nearest_place`
 
     @property
     def _items(self) -> list[Any]:
-        return [*self.bodies, *self.connections, *self.line_loads, *self.signals]
+        return [*self.bodies, *self.connections, *self.line_loads, *self.signals, *self.controllers]
 
     @property
     def joints(self) -> list[Connection]:

@@ -19,7 +19,7 @@ import numpy as np
 from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs import text
 from mbdae.laws.friction import Friction
-from mbdae.scene.components import Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
+from mbdae.scene.components import Body, Classical, Clearance, JointModel, Kinematic, Place, Program, Recursive, Stop
 from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, stored_name, without_module
 from mbdae.scene.section import Section
 from mbdae.symbolic.coupling import Coupling
@@ -33,7 +33,7 @@ _KINDS: dict[str, tuple[type, ...]] = {
     "name": (str,), "frame": (str,), "k": (str, Body, Place), "l": (str, Body, Place), "body": (str, Body, Place),
     "beam": (str, Body), "law": (Joint, Force, Coupling), "joint": (type,), "model": (JointModel,),
     "friction": (Friction, dict), "stop": (Stop, dict), "section": (Section,),
-    "curve": (str, FunctionType),
+    "curve": (str, FunctionType), "program": (Program,), "reads": (list, str), "sets": (list, str),
     **dict.fromkeys(("driving", "driven", "pinion", "rack", "first", "second", "carrier"), (str,)), "of": (dict,),
 }  # fmt: skip
 
@@ -76,7 +76,7 @@ class Known:
         short = name.rpartition(":")[2].rpartition(".")[2]
         found = [self.own[name]] if name in self.own else []
         if not found and self.loose:
-            found = list({id(one): one for one in self.own.values() if one.__name__ == short and not _is_built_in(one)}.values())
+            found = list({id(one): one for one in self.own.values() if getattr(one, "__name__", "") == short and not _is_built_in(one)}.values())
         if len(found) != 1 or (self.loose and f"{name} (2)" in self.own):
             what = f"several of `laws` are called {shown(short)}" if found else f"{shown(name)} is neither mbdae's nor in `laws`"
             remedy = "pass laws=[...] with the right one alone" if found else f"pass laws=[...] with {_word(short)} in it"
@@ -129,6 +129,14 @@ def _expression(value: Any, scene: Any, known: Known) -> Any:
         return text.read(value["expression"])
     except ValueError as error:
         raise SceneError([f"{shown(value['expression'])} is no expression of t: {error}"]) from None
+
+
+def _program(value: Any, scene: Any, known: Known) -> Program:
+    """A controller's function with its memory: that of the scene this one is made from, or from plain data."""
+    own = known.own.get(value["program"])
+    if isinstance(own, Program):
+        return own
+    return Program(_decode(value["function"], scene, known), _decode(value["memory"], scene, known), bool(value["remembers"]))
 
 
 def _place(value: Any, scene: Any, known: Known) -> Place:
@@ -222,6 +230,7 @@ def _takes(cls: type, arguments: dict[str, Any]) -> bool:
 
 _READERS: dict[frozenset[str], Callable[[Any, Any, Known], Any]] = {
     frozenset({"body"}): lambda value, scene, known: _body(value["body"], scene),
+    frozenset({"program", "function", "memory", "remembers"}): _program,
     frozenset({"place", "point"}): _place, frozenset({"expression"}): _expression,
     frozenset({"class"}): lambda value, scene, known: known.find(value["class"], Law, Part, FunctionType),
     frozenset({"object", "fields"}): _object,

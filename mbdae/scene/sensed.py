@@ -120,6 +120,7 @@ def fed(scene: Any) -> list[tuple[str, list[str]]]:
     """What depends on sensors: the item in words, and the paths."""
     out = [(f"{c.kind} '{c.name}'", paths(getattr(law, key))) for c in scene.connections for law in c.laws for key in law.params]
     out += [(f"{one.kind} '{one.name}'", one.reads()) for one in scene.signals]
+    out += [(f"controller '{one.name}'", list(one.reads)) for one in scene.controllers]
     return [(item, read) for item, read in out if read]
 
 
@@ -151,7 +152,7 @@ def _circles(scene: Any) -> list[str]:
 
 def keep_read_coordinates(scene: Any) -> None:
     """Angles that are read, and coordinates that bodies do not show, become unknowns of their own: whole turns count."""
-    read = {path for _, some in fed(scene) for path in some} | set(scene.sampled)
+    read = {path for _, some in fed(scene) for path in some}
     for c in scene.joints:
         wanted = [q for path in read if path.rpartition(".")[0] == c.name
                   for q in [rates_of(c).get(path.rpartition(".")[2], path.rpartition(".")[2])] if q in c.scalars]  # fmt: skip

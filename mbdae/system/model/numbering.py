@@ -224,9 +224,13 @@ class Numbering:
         if head in ("s", "sp"):
             return self.start["s"] + self._state[g, i, target[1]] + (self.n if head == "sp" else 0)
         if head == "foreign":
-            return self.start["s"] + self._kept_state[self.model.groups[g].instances[i].states[target[1]]]
+            return self.place_of_state(self.model.groups[g].instances[i].states[target[1]])
         row = self._row.get((g, i, target[1]))
         return -1 if row is None else self.start[head] + row + (self.n if self.derivatives else 0)
+
+    def place_of_state(self, item: str) -> int:
+        """Place among the unknowns of the state of an item that has one for others to read."""
+        return self.start["s"] + self._kept_state[item]
 
     def velocity(self, target: Target, g: int, i: int) -> int:
         """Number among the velocities of a target ("u" or another head, side, component)."""
