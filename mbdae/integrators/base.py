@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from mbdae.errors import OptionError
+from mbdae.inputs.resolution import LongestStep
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.system.base import Array, System
@@ -166,6 +167,9 @@ class Solver(ABC):
             self._part(loop, h0)
             return
         longest = None if line is None else line.longest_step(SHARE if share is None and self.fixed else share or 1.0)
+        if sampler is not None and share is not None and share < 1:  # steps that instants alone bound have to differ too
+            inputs = np.zeros(0) if longest is None else longest.edges
+            longest = LongestStep(np.unique(np.concatenate([inputs, sampler.instants(loop.run_end)])), share)
         edges = [system.t0, loop.run_end] if line is None else line.edges.tolist()
         try:
             for a, b in pairwise(edges):

@@ -109,6 +109,11 @@ class Sampler:
     called: list[_Called]
     due: list[_Called] = field(default_factory=list)
 
+    def instants(self, end: float) -> Array:
+        """Begin, instants and end (s) of the run."""
+        times = [np.arange(c.begin, end, c.controller.every) for c in self.called]
+        return np.concatenate([*times, [end]])
+
     def parts(self, begin: float, end: float) -> Iterator[tuple[float, float]]:
         """Begin and end (s) of the parts of an interval between instants; `due` holds the controllers of each begin."""
         while begin < end:
