@@ -95,20 +95,26 @@ class _Read(NamedTuple):
 
 def read(text: Any) -> Expr:
     """The expression of time a text stands for; raises ValueError with the reason where it is none."""
+    e = whole(text)
+    if is_condition(e):
+        raise ValueError("it is a condition, not a number")
+    return e
+
+
+def whole(text: Any) -> Expr:
+    """The expression or condition a text stands for; raises ValueError with the reason where it is none."""
     if not isinstance(text, str) or len(text) > LONGEST:
         raise ValueError(f"an expression of t is a text of up to {LONGEST} characters")
     try:
         e = _Reader(text).whole()
     except (RuntimeError, OverflowError, ZeroDivisionError, TypeError, RecursionError, NotImplementedError) as error:
         raise ValueError(f"it has no value: {error}") from error
-    for part in () if is_condition(e) else nodes(e):
+    for part in nodes(e):
         name = type(part).__name__
         if name == "RealDouble":
             _finite(float(part))
         if not (name in _PARTS or is_condition(part)):
             raise ValueError(f"{name} is no real number or function of t")
-    if is_condition(e):
-        raise ValueError("it is a condition, not a number")
     return e
 
 

@@ -154,7 +154,7 @@ class Solver(ABC):
         solver = self if self.fixed or self.rtol is not None else self.at_accuracy(DEFAULT_ACCURACY, system.label)
         solver.check(system)
         with StepLoop(system, solver, asked.t_end, asked.times, asked.max_wall, asked.progress, asked.max_residuals,
-                      asked.begin) as loop:  # fmt: skip
+                      asked.begin, asked.stop) as loop:  # fmt: skip
             solver._between_breaks(loop, asked.h0, asked.share)
         return loop.solution()
 
@@ -176,6 +176,8 @@ class Solver(ABC):
                 if line is not None:
                     loop.system.read_at((a + b) / 2)
                 for begin, end in [(a, b)] if sampler is None else sampler.parts(a, b):
+                    if loop.stopped:
+                        return
                     self._begin(loop, end, longest, sampler, begin == a != system.t0)
                     self._part(loop, h0 if begin == system.t0 else None if begin == a else loop.longest)
         finally:
@@ -202,7 +204,8 @@ class Solver(ABC):
 
 @dataclass(frozen=True)
 class Asked:
-    """What `Solver.solve` was asked for, as plain values; see there."""
+    """What `Solver.solve` was asked for, as plain values; see there. stop: whether a run that came so far may end, which is asked
+    now and then."""
 
     t_end: float
     times: Array | None = None
@@ -212,6 +215,7 @@ class Asked:
     max_residuals: float = inf
     begin: float | None = None
     share: float | None = None
+    stop: Callable[[Solution], bool] | None = None
 
     @classmethod
     def of(cls, system: System, t_end: Any, outputs: Any = None, *, max_wall: Any = None, progress: Any = None, h0: Any = None,

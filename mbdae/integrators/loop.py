@@ -17,6 +17,7 @@ from mbdae.system.base import Array, System
 from mbdae.threads import one_thread
 
 PROGRESS_PERIOD = 0.1
+FIRST_LOOK = 16  #: steps after which it is asked for the first time whether a run may stop
 FEW = 8  #: rows that are kept one by one, not as a block of their own
 
 
@@ -65,6 +66,7 @@ class StepLoop:
         progress: Callable[[float, float, Stats], None] | None,
         max_residuals: float = inf,
         begin: float | None = None,
+        stop: Callable[[Solution], bool] | None = None,
     ) -> None:
         self.system, self.solver, self.t_end, self.run_end = system, solver, t_end, t_end
         self.stats = Stats()
@@ -72,6 +74,7 @@ class StepLoop:
         self._max_wall = np.inf if max_wall is None else max_wall
         self._max_residuals = max_residuals
         self._begin = begin
+        self._stop, self.stopped, self._next_look = stop, False, FIRST_LOOK
         self._progress = progress
         self._next_progress = 0.0
         self._t = array("d", [float(system.t0)])
@@ -144,7 +147,7 @@ class StepLoop:
         self.system.accept(t, y)
         self._renewed = self.system.renewed(t, y)
         self.guard()
-        return t < self.t_end and self._renewed is None
+        return t < self.t_end and self._renewed is None and not self._may_stop()
 
     def accept_many(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> bool:
         """Keep steps t (m,), y and yp (m, n) of a system that does not look at them one by one (`System.looks_at_steps`); arrays
@@ -160,7 +163,14 @@ class StepLoop:
         self._yp.extend(yp)
         self._pieces += pieces
         self.guard()
-        return self.t < self.t_end
+        return self.t < self.t_end and not self._may_stop()
+
+    def _may_stop(self) -> bool:
+        """Whether the run may end before its end; asked each time when it has grown by a third."""
+        if self._stop is not None and not self.stopped and len(self._t) >= self._next_look:
+            self._next_look = len(self._t) * 4 // 3
+            self.stopped = self._stop(self.solution())
+        return self.stopped
 
     @property
     def evaluations_left(self) -> float:

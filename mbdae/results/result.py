@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,6 +40,15 @@ class Drift:
     velocity: Array
 
 
+class Event(NamedTuple):
+    """A condition that was met: the time (s), the condition as it was given, and 1 where it began to hold (of an equation: where
+    its left side rose through the right one), -1 where it ceased to (fell), 0 where it was only touched."""
+
+    time: float
+    name: str
+    direction: int
+
+
 @dataclass(frozen=True)
 class RunInfo:
     """How a result was made."""
@@ -53,6 +62,7 @@ class RunInfo:
     warnings: tuple[str, ...] = ()
     choice: str = ""  #: why this solver, where mbdae chose it
     reliable: bool = True  #: see `Result.reliable`
+    events: tuple[Event, ...] = ()
 
 
 class Result(RunStates, ListsAttributes):
@@ -86,6 +96,11 @@ class Result(RunStates, ListsAttributes):
         """False where the energy balance is off by more than a tenth of what contact and friction dissipate (with constant steps:
         of the energy exchanged), or where the steps damped a contact that friction makes unstable."""
         return self.info.reliable
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """The conditions of `record=` that were met, and the one of `until=` that ended the run, in the order of time."""
+        return self.info.events
 
     @property
     def contacts(self) -> dict[str, dict[str, float]]:

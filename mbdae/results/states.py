@@ -29,6 +29,11 @@ class States:
     s: Array
     z: Array | None
 
+    def until(self, end: float) -> States:
+        """Those up to a time (s)."""
+        kept = self.t <= end
+        return States(self.t[kept], self.q[kept], self.u[kept], self.s[kept], None if self.z is None else self.z[kept])
+
 
 @dataclass(frozen=True, eq=False)
 class Instant:

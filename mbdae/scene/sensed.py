@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
@@ -150,9 +151,9 @@ def _circles(scene: Any) -> list[str]:
     return [text for name in needs if (text := walk(name, ()))][:1]
 
 
-def keep_read_coordinates(scene: Any) -> None:
-    """Angles that are read, and coordinates that bodies do not show, become unknowns of their own: whole turns count."""
-    read = {path for _, some in fed(scene) for path in some}
+def keep_read_coordinates(scene: Any, further: Sequence[str] = ()) -> None:
+    """Angles that are read, by `further` paths too, and coordinates that bodies do not show, become unknowns of their own: whole turns count."""
+    read = {path for _, some in fed(scene) for path in some} | set(further)
     for c in scene.joints:
         wanted = [q for path in read if path.rpartition(".")[0] == c.name
                   for q in [rates_of(c).get(path.rpartition(".")[2], path.rpartition(".")[2])] if q in c.scalars]  # fmt: skip
