@@ -38,9 +38,9 @@ class Watched:
     def __bool__(self) -> bool:
         return bool(self.until or self.record)
 
-    def end(self, prepared: Prepared, solution: Solution) -> Event | None:
-        """The first event that ends the run; OptionError where it holds from the start on."""
-        found = _events(self.until, prepared, solution, until=True)
+    def end(self, prepared: Prepared, solution: Solution, touch: float = 0.0) -> Event | None:
+        """The first event that ends the run; OptionError where it holds from the start on. touch: see `roots`."""
+        found, _ = _events(self.until, prepared, solution, touch, until=True)
         first = min(found, key=lambda event: event.time, default=None)
         if first is not None and first.time <= solution.t[0]:
             raise OptionError(f"until = '{first.name}': it holds from the start t = {solution.t[0]:g} s on; give a condition that "
@@ -64,8 +64,9 @@ class Watched:
             job = replace(job, asked=replace(job.asked, t_end=event.time), times=_times(job, outputs, event.time))
             others = tuple(replace(other, states=other.states.until(event.time)) for other in run.others)
             run = replace(run, solution=ended(run.solution, event.time), others=others)
-        found = job.result(run, verify)
-        found.info = replace(found.info, events=self.events(job.prepared, run.solution, event))
+        events, notes = self.events(job.prepared, run.solution, event, job.accuracy)
+        found = job.result(replace(run, notes=(*run.notes, *notes)), verify)
+        found.info = replace(found.info, events=events)
         return found
 
     def _to_event(self, job: Job, solver: Solver, made: Callable[[Job], tuple[Controlled, Job]]
@@ -80,24 +81,26 @@ class Watched:
                 run, done = made(replace(job, asked=replace(job.asked, t_end=stop), times=np.append(job.times[job.times < stop], stop)))
             except SolverError as error:
                 known = getattr(error.solution, "solution", None)
-                event = self.end(job.prepared, known) if isinstance(known, Solution) else None
+                event = self.end(job.prepared, known, job.accuracy) if isinstance(known, Solution) else None
                 if event is None or beyond <= NARROW:
                     raise
                 near, beyond = event.time, NARROW  # behind the event the motion ends
                 continue
-            event = self.end(done.prepared, run.solution)
+            event = self.end(done.prepared, run.solution, job.accuracy)
             if event is not None or stop == end:
                 return run, done, event
             near, beyond = stop, 1.0
 
-    def events(self, prepared: Prepared, solution: Solution, end: Event | None) -> tuple[Event, ...]:
-        """What is recorded, in the order of time, and the event that ended the run."""
-        found = _events(self.record, prepared, solution)
+    def events(self, prepared: Prepared, solution: Solution, end: Event | None,
+               accuracy: float) -> tuple[tuple[Event, ...], list[str]]:  # fmt: skip
+        """What is recorded, in the order of time, with the event that ended the run, and what accuracy leaves undecided."""
+        found, notes = _events(self.record, prepared, solution, accuracy)
+        notes += _events(self.until, prepared, solution, accuracy, until=True)[1]
         same = 0.0 if end is None else SAME * (solution.t[-1] - solution.t[0])
         if end is not None:  # recorded conditions that are met at the end are met there too
             found = [event._replace(time=end.time) if abs(event.time - end.time) <= same else event for event in found]
             found.append(end)
-        return tuple(sorted(dict.fromkeys(found), key=lambda event: event.time))
+        return tuple(sorted(dict.fromkeys(found), key=lambda event: event.time)), notes
 
 
 def _times(job: Job, outputs: Any, end: float) -> Array:
@@ -107,18 +110,29 @@ def _times(job: Job, outputs: Any, end: float) -> Array:
     return np.append(job.times[job.times < end], end)
 
 
-def _events(conditions: list[Condition], prepared: Prepared, solution: Solution, until: bool = False) -> list[Event]:
-    """Events of conditions on a solution; until: only those at which they begin to hold, the start among them."""
-    found: list[Event] = []
+def _events(conditions: list[Condition], prepared: Prepared, solution: Solution, touch: float,
+            until: bool = False) -> tuple[list[Event], list[str]]:  # fmt: skip
+    """Events of conditions on a solution, and sentences on conditions that are missed by less than the accuracy `touch`; until:
+    only those at which they begin to hold, the start among them."""
+    found, notes = list[Event](), list[str]()
     for condition in conditions:
-        found += _of(condition, prepared, solution, until)
-    return found
+        observer = Observer(prepared.model, prepared.all_bodies.moved, condition.functions)
+        zeros = [roots(lambda t, i=i, o=observer: o(t, solution.interpolant.value(t))[:, i], solution.t, touch, e)  # type: ignore[misc]
+                 for i, e in enumerate(condition.equations)]  # fmt: skip
+        found += _of(condition, observer, zeros, solution, until)
+        notes += _near_misses(condition, zeros)
+    return found, notes
 
 
-def _of(condition: Condition, prepared: Prepared, solution: Solution, until: bool) -> list[Event]:
-    observer = Observer(prepared.model, prepared.all_bodies.moved, condition.functions)
-    zeros = [roots(lambda t, i=i: observer(t, solution.interpolant.value(t))[:, i], solution.t)  # type: ignore[misc]
-             for i in range(len(condition.functions))]  # fmt: skip
+def _near_misses(condition: Condition, zeros: list[list[Root]]) -> list[str]:
+    """Where an inequality is nearly met, or nearly ceases to be, within the accuracy."""
+    near = [root.time for of_one, equation in zip(zeros, condition.equations, strict=True) if not equation
+            for root in of_one if root.before == root.after]  # fmt: skip
+    return [f"'{condition.name}' comes so near to its limit at t = {near[0]:.9g} s that the accuracy does not decide whether it is "
+            f"passed: ask for a higher accuracy, or another limit"] if near else []  # fmt: skip
+
+
+def _of(condition: Condition, observer: Observer, zeros: list[list[Root]], solution: Solution, until: bool) -> list[Event]:
     instants = np.unique([root.time for of_one in zeros for root in of_one])
     instants = instants[np.diff(instants, prepend=-np.inf) > SAME * (solution.t[-1] - solution.t[0])]
     truth = _truth(condition, observer, solution, instants)

@@ -24,7 +24,8 @@ FIT = np.linalg.inv(chebyshev.chebvander(NODES, DEGREE))
 
 
 class Root(NamedTuple):
-    """A zero: its time (s), and the sign of the function before and after it (0: at the start, or at the end)."""
+    """A zero: its time (s), and the sign of the function before and after it (0: at the start, or at the end); equal signs: it is
+    touched, or approached to within the tolerance for that."""
 
     time: float
     before: int
@@ -39,15 +40,17 @@ class _Pieces(NamedTuple):
     c: Array
 
 
-def roots(function: Callable[[Array], Array], edges: Array) -> list[Root]:
-    """Zeros of a function, (k,) at times (k,), between edges (n+1,): breaks and ends of steps, where it may jump."""
+def roots(function: Callable[[Array], Array], edges: Array, touch: float = 0.0, merge: bool = True) -> list[Root]:
+    """Zeros of a function, (k,) at times (k,), between edges (n+1,): breaks and ends of steps, where it may jump. touch: extremes
+    nearer to 0 than this, over the largest value of the function, count as touching it; merge: whether zeros between which it stays so near are one."""
     pieces = _resolved(function, edges)
     size = float(np.max(np.abs(pieces.c).sum(axis=1), initial=0.0))
     if size == 0:
         return []
     small = NOISE * size
-    found = _inside(pieces, small) + _at_edges(pieces, small)
-    return _merged(sorted(found), pieces, SAME * float(edges[-1] - edges[0]))
+    near = max(small, touch * size)
+    found = _inside(pieces, small, near) + _at_edges(pieces, small, near)
+    return _merged(sorted(found), function, SAME * float(edges[-1] - edges[0]), near if merge else small)
 
 
 def _resolved(function: Callable[[Array], Array], edges: Array) -> _Pieces:
@@ -70,16 +73,16 @@ def _resolved(function: Callable[[Array], Array], edges: Array) -> _Pieces:
     return _Pieces(*(part[order] for part in joined))
 
 
-def _inside(pieces: _Pieces, small: float) -> list[Root]:
+def _inside(pieces: _Pieces, small: float, near: float) -> list[Root]:
     """Zeros inside the intervals of polynomials that may have some there."""
-    may = np.abs(pieces.c[:, 0]) <= np.abs(pieces.c[:, 1:]).sum(axis=1) + small
+    may = np.abs(pieces.c[:, 0]) <= np.abs(pieces.c[:, 1:]).sum(axis=1) + near
     found: list[Root] = []
     for i in np.flatnonzero(may):
-        found += _of_one(float(pieces.low[i]), float(pieces.high[i]), pieces.c[i], small)
+        found += _of_one(float(pieces.low[i]), float(pieces.high[i]), pieces.c[i], small, near)
     return found
 
 
-def _of_one(low: float, high: float, c: Array, small: float) -> list[Root]:
+def _of_one(low: float, high: float, c: Array, small: float, near: float) -> list[Root]:
     """Zeros of one polynomial where it changes its sign, and extremes at which it touches 0."""
     kept = c[: int(np.max(np.flatnonzero(np.abs(c) > 1e-17 * np.max(np.abs(c))), initial=0)) + 1]
     x = np.concatenate([[-1.0], _extremes(kept), [1.0]])
@@ -96,6 +99,8 @@ def _of_one(low: float, high: float, c: Array, small: float) -> list[Root]:
             found.append(Root(time(_bisected(kept, float(x[k]), float(x[k + 1]), signs[k])), int(signs[k]), int(signs[k + 1])))
         if 0 < k and signs[k] == 0:
             found.append(Root(time(float(x[k])), _sign(signs[:k][::-1]), _sign(signs[k + 1 :])))
+        elif 0 < k and abs(y[k]) <= near and signs[k - 1] == signs[k] == signs[k + 1]:
+            found.append(Root(time(float(x[k])), int(signs[k]), int(signs[k])))
     return found
 
 
@@ -128,15 +133,25 @@ def _bisected(c: Array, a: float, b: float, sign: int) -> float:
     return (a + b) / 2
 
 
-def _at_edges(pieces: _Pieces, small: float) -> list[Root]:
+def _at_edges(pieces: _Pieces, small: float, near: float) -> list[Root]:
     """Zeros at the ends of the run, and where two intervals meet: touched, crossed within round-off, or jumped over."""
     first, last = (chebyshev.chebval(x, pieces.c.T) for x in (-1.0, 1.0))
     first, last = (np.where(np.abs(y) <= small, 0.0, y) for y in (first, last))
     found = [Root(float(pieces.low[0]), 0, _after(pieces, 0, small))] if first[0] == 0 else []
     found += [Root(float(pieces.high[-1]), _before(pieces, len(pieces.low) - 1, small), 0)] if last[-1] == 0 else []
-    for i in np.flatnonzero((last[:-1] == 0) | (first[1:] == 0) | (np.sign(last[:-1]) != np.sign(first[1:]))):
+    met = (last[:-1] == 0) | (first[1:] == 0) | (np.sign(last[:-1]) != np.sign(first[1:]))
+    for i in np.flatnonzero(met | (np.minimum(np.abs(last[:-1]), np.abs(first[1:])) <= near)):
+        if not met[i] and not _turns(pieces, i):
+            continue
         found.append(Root(float(pieces.high[i]), _before(pieces, i, small), _after(pieces, i + 1, small)))
     return found
+
+
+def _turns(pieces: _Pieces, i: int) -> bool:
+    """Whether the size of the function has a minimum where interval i ends."""
+    ends = (pieces.c[i], 1.0, pieces.high[i] - pieces.low[i]), (pieces.c[i + 1], -1.0, pieces.high[i + 1] - pieces.low[i + 1])
+    falls, rises = (float(chebyshev.chebval(x, chebyshev.chebder(c)) * np.sign(chebyshev.chebval(x, c)) / h) for c, x, h in ends)
+    return falls <= 0 <= rises
 
 
 def _before(pieces: _Pieces, i: int, small: float) -> int:
@@ -155,12 +170,18 @@ def _near(c: Array, end: float, small: float) -> int:
     return _sign(np.sign(np.where(np.abs(y) <= small, 0.0, y)).astype(int))
 
 
-def _merged(found: list[Root], pieces: _Pieces, same: float) -> list[Root]:
-    """Zeros of which those nearer to each other than `same` are one, as long as the function does not change its sign there."""
-    out: list[Root] = []
-    for root in found:
-        if out and root.time - out[-1].time <= same and (out[-1].after == root.after or out[-1].after * root.before >= 0):
-            out[-1] = Root(out[-1].time, out[-1].before, root.after)
+def _merged(found: list[Root], function: Callable[[Array], Array], same: float, level: float) -> list[Root]:
+    """Zeros of which neighbours are one, in their middle, where the function stays within `level` between them: a zero of higher
+    order that round-off, or the error of the run, has split; and where they are nearer than `same` and it changes no sign."""
+    if len(found) < 2:
+        return found
+    times = np.array([root.time for root in found])
+    between = times[:-1, None] + np.diff(times)[:, None] * np.linspace(0.1, 0.9, 9)
+    flat = np.max(np.abs(function(between.ravel()).reshape(between.shape)), axis=1) <= level
+    groups = [[found[0]]]
+    for root, one in zip(found[1:], flat, strict=True):
+        if one or (root.time - groups[-1][-1].time <= same and groups[-1][-1].after * root.before >= 0):
+            groups[-1].append(root)
         else:
-            out.append(root)
-    return out
+            groups.append([root])
+    return [Root((group[0].time + group[-1].time) / 2, group[0].before, group[-1].after) for group in groups]
