@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
 
+from mbdae.errors import OptionError
 from mbdae.inputs.sensed import paths
 from mbdae.scene.components import Array, Body, Connection, Signal
 from mbdae.symbolic.joint import Joint
@@ -115,6 +116,13 @@ def known_paths(scene: Any) -> list[str]:
     joints = [f"{c.name}.{q}" for c in scene.joints for q in (*c.scalars, *rates_of(c))]
     bodies = [f"{b.name}.{q}[{', '.join('0' for _ in shape)}]" for b in scene.bodies for q, shape in MOTION.items()]
     return [*(one.name for one in scene.signals), *joints, *bodies]
+
+
+def refuse_sampled(scene: Any, what: str) -> None:
+    """Raise OptionError where a scene has a sampled controller, of which `what` would know nothing."""
+    for one in scene.controllers:
+        raise OptionError(f"{what}: controller '{one.name}' is a function called every {one.every:g} s, which only runs know; state "
+                          f"its law as feedback, with s.sensor and s.state, or use s.simulate")  # fmt: skip
 
 
 def fed(scene: Any) -> list[tuple[str, list[str]]]:
