@@ -135,6 +135,9 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     return Prepared(model, mechanics, rank, begin, T, all_bodies, touching)
 
 
+FITS = 1e-4  #: part of the scene's length, or of its speed, by which a continued run may be off the joints: the error of a run
+
+
 def _not_finite(all_rows: Mechanics, t: Array, q: Array) -> list[str]:
     """Constraint rows that have no finite value or derivative where the scene is drawn, one sentence each."""
     g, G = all_rows.position_residual(t, q[None])[0], all_rows.constraint_jacobian(t, q[None])[0]
@@ -225,5 +228,28 @@ def _continued(mechanics: Mechanics, start: Start) -> Start:
         known = {wanted[n]: start.coordinates[key] for key, n in mechanics.followed.items() if key in start.coordinates}
         known |= dict(zip(start.names, start.s, strict=True))
         s = np.array([known.get(name, value) for name, value in zip(wanted, s, strict=True)])
-    a, multipliers = mechanics.accelerations(t, start.q[None], start.u[None], s[None])
-    return Start(start.t, start.q, start.u, s, a[0], multipliers[0], coordinates=start.coordinates)
+    u, changes = _joined_suddenly(mechanics, start)
+    a, multipliers = mechanics.accelerations(t, start.q[None], u[None], s[None])
+    return Start(start.t, start.q, u, s, a[0], multipliers[0], changes, coordinates=start.coordinates)
+
+
+def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[str]]:
+    """Velocities (nu,) of a continued run, and what was changed for them. Where joints of this scene that the run before did not
+    have stop a motion, they do so by impulses: M (u+ - u-) + G^T P = 0, G u+ + g_t = 0, an impact without rebound."""
+    t, q, u = np.array([start.t]), start.q[None], start.u[None]
+    g, rate = mechanics.position_residual(t, q)[0], mechanics.velocity_residual(t, q, u)[0]
+    speed = float(np.max(np.abs(start.u) * mechanics.velocity_units, initial=0.0))
+    if np.max(np.abs(g), initial=0.0) > FITS * max(1.0, mechanics.model.length):
+        worst = int(np.argmax(np.abs(g)))
+        raise StartError([f"start: row {mechanics.rows[worst].name} is off by {g[worst]:.3g} (m or rad) where that run ended: the "
+                          f"joints of this scene do not fit there; draw or prescribe them as they are then"])  # fmt: skip
+    if np.max(np.abs(rate), initial=0.0) <= FITS * speed / max(1.0, mechanics.model.length):
+        return start.u, []
+    G, M = mechanics.constraint_jacobian(t, q)[0], mechanics.mass
+    M = M.toarray() if mechanics.model.lines else M
+    K = np.block([[M, G.T], [G, np.zeros((len(G), len(G)))]])
+    change = np.linalg.lstsq(K, np.concatenate([np.zeros(len(M)), -rate]), rcond=1e-13)[0][: len(M)]
+    worst = mechanics.rows[int(np.argmax(np.abs(rate)))].name
+    lost = float(-(change @ M @ (start.u + change / 2)))
+    return start.u + change, [f"joints that the run before did not have stop motions suddenly (most: {worst}): an impact without "
+                              f"rebound that takes {lost:.4g} J"]  # fmt: skip

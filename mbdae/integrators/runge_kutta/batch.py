@@ -173,8 +173,8 @@ class _Run:
         line = s.timeline(s.t0, self.asked.t_end) if s.timeline is not None else None
         watched = any(part is not None for part in (line, s.guards, s.switches, s.longest_step, s.sampled))
         if watched and self.points.at is not None:
-            raise OptionError("numbers: contacts, switching laws, sampled controllers and breaks of inputs are watched with numbers of their own; "
-                              "build a scene for every value, and solve them one by one")  # fmt: skip
+            raise OptionError("numbers: contacts, switching laws, sampled controllers and breaks of inputs are watched with "
+                              "numbers of their own; build a scene for every value, and solve them one by one")  # fmt: skip
         return not (watched or s.looks_at_steps)
 
     def _native(self) -> None:
