@@ -82,7 +82,8 @@ class Scene(SceneData):
     def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Solver | type[Solver] | str | None = None,
                  form: Form | type[Form] | str | None = None, outputs: int | Sequence[float] | Array | None = None,
                  start: Result | None = None, verify: bool = False, max_wall: float | None = None,
-                 progress: Callable[..., None] | bool | None = None, until: Any = None, record: Any = None) -> Result:  # fmt: skip
+                 progress: Callable[..., None] | bool | None = None, until: Any = None,
+                 record: Any = None) -> Result:  # fmt: skip
         """Run to t_end (s), or to the event `until`.
 
         accuracy: bound asked for the error over the run (positions relative to the scene's length, angles in rad,

@@ -1,7 +1,8 @@
 """The language of inputs: expressions of time as text that keeps every digit, and the strict reader of that text.
 
 The text is the notation of Python and SymPy: numbers, + - * / **, comparisons, the functions of `timed`, Piecewise, And, Or, Not,
-Xor, pi, E, the time t, and sensors by their paths, sensor("J.angle"). It may come from a file of unknown origin, so Python and SymPy evaluate nothing of it: the reader
+Xor, pi, E, the time t, and sensors by their paths, sensor("J.angle"). It
+may come from a file of unknown origin, so Python and SymPy evaluate nothing of it: the reader
 knows these words only, and refuses expressions that would take long to calculate or produce huge numbers.
 """
 
@@ -27,7 +28,8 @@ LONGEST, DEEPEST = 100_000, 120  #: characters, brackets inside each other
 MOST_BITS = 100_000  #: size of the integers that may arise while a text is read; fractions of doubles have up to 1100
 
 _TOKEN = re.compile(r"\s*(?:(?P<float>\d+\.\d*(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)|(?P<integer>\d+)"
-                    r"|(?P<sensor>sensor\(\"(?:[^\"\\]|\\.)*\"\))|(?P<name>[A-Za-z]\w*)|(?P<sign>\*\*|<=|>=|==|!=|[-+*/(),<>]))", re.ASCII)  # fmt: skip
+                    r"|(?P<sensor>sensor\(\"(?:[^\"\\]|\\.)*\"\))|(?P<name>[A-Za-z]\w*)"
+                    r"|(?P<sign>\*\*|<=|>=|==|!=|[-+*/(),<>]))", re.ASCII)  # fmt: skip
 _CONSTANTS: dict[str, Any] = {
     "t": TIME, "pi": se.pi, "E": se.E, "GoldenRatio": se.GoldenRatio, "EulerGamma": se.EulerGamma, "Catalan": se.Catalan,
     "True": se.true, "False": se.false,

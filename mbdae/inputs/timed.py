@@ -61,8 +61,8 @@ def expression(value: Any, sensors: bool = False) -> Expr:
     others = sorted(str(s) for s in e.free_symbols if s != TIME and not (sensors and path_of(s)))
     if others:
         if path_of(others[0]):
-            raise BadValueError(f"{shown(value)} depends on the sensor '{path_of(others[0])}': it may depend on the time mb.t alone; "
-                                f"loads, states and signals may depend on sensors")  # fmt: skip
+            raise BadValueError(f"{shown(value)} depends on the sensor '{path_of(others[0])}': it may depend on the time mb.t "
+                                f"alone; loads, states and signals may depend on sensors")  # fmt: skip
         what = "only mb.t and sensors, s.sensor(path), may appear" if sensors else "only mb.t may appear"
         raise BadValueError(f"{shown(value)} contains the symbol {others[0]}; {what}")
     if not e.free_symbols:

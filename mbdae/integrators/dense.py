@@ -145,7 +145,8 @@ def cut(interpolant: Any, t: float) -> Any:
         return Joined([*parts[:-1], cut(parts[-1], t)])
     times, last = np.array([t]), int(np.clip(np.searchsorted(interpolant.t, t, side="left") - 1, 0, None))
     steps, y = np.concatenate([interpolant.t[: last + 1], times]), interpolant.y[: last + 1]
-    end = interpolant.value(times) if t < interpolant.t[last + 1] else getattr(interpolant, "ends", interpolant.y[1:])[last : last + 1]
+    ends = getattr(interpolant, "ends", interpolant.y[1:])[last : last + 1]
+    end = interpolant.value(times) if t < interpolant.t[last + 1] else ends
     if isinstance(interpolant, Collocation):
         table, width = interpolant.table, t - steps[-2]
         inner = interpolant.value(steps[-2] + width * table.c[:-1]) - y[-1]

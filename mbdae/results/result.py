@@ -182,8 +182,10 @@ class Result(RunStates, ListsAttributes):
             raise SceneError([f"there is no sensor '{path}'; {told}"])
         found = np.asarray(getattr(sensor, quantity))
         if len(entry) >= found.ndim or any(n >= size for n, size in zip(entry, found.shape[1:], strict=False)):
-            raise SceneError([f"there is no sensor '{path}{list(entry)}': '{path}' has the shape {found.shape[1:]} at every time"])
-        return np.asarray(found[(slice(None), *entry)])
+            raise SceneError([f"there is no sensor '{path}{list(entry)}': '{path}' has the shape {found.shape[1:]} at each time"])
+        for n in entry:
+            found = found[:, n]
+        return found
 
     # -- energy, drift and rank
 

@@ -25,7 +25,6 @@ from mbdae.system.assembled.observed import Observer
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
-
 BEYOND, NARROW = 0.02, 1e-6  #: how far a run reaches beyond its event, over the time until then; where it fails behind it
 
 
@@ -43,8 +42,8 @@ class Watched:
         found, _ = _events(self.until, prepared, solution, touch, until=True)
         first = min(found, key=lambda event: event.time, default=None)
         if first is not None and first.time <= solution.t[0]:
-            raise OptionError(f"until = '{first.name}': it holds from the start t = {solution.t[0]:g} s on; give a condition that "
-                              f"does not, or start from another state")  # fmt: skip
+            raise OptionError(f"until = '{first.name}': it holds from the start t = {solution.t[0]:g} s on; give a condition "
+                              f"that does not, or start from another state")  # fmt: skip
         return first
 
     def with_turns(self, prepared: Prepared, prepare_again: Callable[[Any], Prepared]) -> Prepared:
@@ -78,7 +77,8 @@ class Watched:
         while True:
             stop = end if near is None else min(end, begin + (1 + beyond) * (near - begin))
             try:
-                run, done = made(replace(job, asked=replace(job.asked, t_end=stop), times=np.append(job.times[job.times < stop], stop)))
+                times = np.append(job.times[job.times < stop], stop)
+                run, done = made(replace(job, asked=replace(job.asked, t_end=stop), times=times))
             except SolverError as error:
                 known = getattr(error.solution, "solution", None)
                 event = self.end(job.prepared, known, job.accuracy) if isinstance(known, Solution) else None
@@ -128,8 +128,8 @@ def _near_misses(condition: Condition, zeros: list[list[Root]]) -> list[str]:
     """Where an inequality is nearly met, or nearly ceases to be, within the accuracy."""
     near = [root.time for of_one, equation in zip(zeros, condition.equations, strict=True) if not equation
             for root in of_one if root.before == root.after]  # fmt: skip
-    return [f"'{condition.name}' comes so near to its limit at t = {near[0]:.9g} s that the accuracy does not decide whether it is "
-            f"passed: ask for a higher accuracy, or another limit"] if near else []  # fmt: skip
+    return [f"'{condition.name}' comes so near to its limit at t = {near[0]:.9g} s that the accuracy does not decide whether it "
+            f"is passed: ask for a higher accuracy, or another limit"] if near else []  # fmt: skip
 
 
 def _of(condition: Condition, observer: Observer, zeros: list[list[Root]], solution: Solution, until: bool) -> list[Event]:

@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError, keeping
 from mbdae.formulations import Form, system_for

@@ -1,7 +1,7 @@
 """Zeros of functions of a solution, inside its steps too: by Chebyshev polynomials that reproduce the function to round-off.
 
-In every step a function is represented by a polynomial; where that is not accurate enough the step is halved. Between neighbouring
-extremes of a polynomial it is monotonic, so that none of its zeros is missed, however close they are together.
+In every step a function is represented by a polynomial; where that is not accurate enough the step is halved. Between
+neighbouring extremes of a polynomial it is monotonic, so that none of its zeros is missed, however close they are together.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ class _Pieces(NamedTuple):
 
 def roots(function: Callable[[Array], Array], edges: Array, touch: float = 0.0, merge: bool = True) -> list[Root]:
     """Zeros of a function, (k,) at times (k,), between edges (n+1,): breaks and ends of steps, where it may jump. touch: extremes
-    nearer to 0 than this, over the largest value of the function, count as touching it; merge: whether zeros between which it stays so near are one."""
+    nearer to 0 than this, over the largest value of the function, count as touching it; merge: whether zeros between which it
+    stays so near are one."""
     pieces = _resolved(function, edges)
     size = float(np.max(np.abs(pieces.c).sum(axis=1), initial=0.0))
     if size == 0:
@@ -97,9 +98,9 @@ def _of_one(low: float, high: float, c: Array, small: float, near: float) -> lis
     for k in range(len(x) - 1):
         if signs[k] * signs[k + 1] < 0:
             found.append(Root(time(_bisected(kept, float(x[k]), float(x[k + 1]), signs[k])), int(signs[k]), int(signs[k + 1])))
-        if 0 < k and signs[k] == 0:
+        if k > 0 and signs[k] == 0:
             found.append(Root(time(float(x[k])), _sign(signs[:k][::-1]), _sign(signs[k + 1 :])))
-        elif 0 < k and abs(y[k]) <= near and signs[k - 1] == signs[k] == signs[k + 1]:
+        elif k > 0 and abs(y[k]) <= near and signs[k - 1] == signs[k] == signs[k + 1]:
             found.append(Root(time(float(x[k])), int(signs[k]), int(signs[k])))
     return found
 
@@ -135,15 +136,15 @@ def _bisected(c: Array, a: float, b: float, sign: int) -> float:
 
 def _at_edges(pieces: _Pieces, small: float, near: float) -> list[Root]:
     """Zeros at the ends of the run, and where two intervals meet: touched, crossed within round-off, or jumped over."""
-    first, last = (chebyshev.chebval(x, pieces.c.T) for x in (-1.0, 1.0))
-    first, last = (np.where(np.abs(y) <= small, 0.0, y) for y in (first, last))
+    ends = [np.asarray(chebyshev.chebval(x, pieces.c.T)) for x in (-1.0, 1.0)]
+    first, last = (np.where(np.abs(y) <= small, 0.0, y) for y in ends)
     found = [Root(float(pieces.low[0]), 0, _after(pieces, 0, small))] if first[0] == 0 else []
     found += [Root(float(pieces.high[-1]), _before(pieces, len(pieces.low) - 1, small), 0)] if last[-1] == 0 else []
     met = (last[:-1] == 0) | (first[1:] == 0) | (np.sign(last[:-1]) != np.sign(first[1:]))
     for i in np.flatnonzero(met | (np.minimum(np.abs(last[:-1]), np.abs(first[1:])) <= near)):
-        if not met[i] and not _turns(pieces, i):
-            continue
-        found.append(Root(float(pieces.high[i]), _before(pieces, i, small), _after(pieces, i + 1, small)))
+        n = int(i)
+        if met[n] or _turns(pieces, n):
+            found.append(Root(float(pieces.high[n]), _before(pieces, n, small), _after(pieces, n + 1, small)))
     return found
 
 

@@ -14,6 +14,7 @@ from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import statement
 from mbdae.values import option, shown, text
 
+
 def _words(arg: Argument, value: Any) -> list[str]:
     """Texts; one alone stands for a list of one."""
     given = [value] if isinstance(value, str) else value
@@ -30,7 +31,8 @@ def _program(arg: Argument, value: Any) -> Program:
     if isinstance(value, Program) and callable(value.function):
         return value
     given = value.function if isinstance(value, Program) else value
-    arg.scene.problems.append(f"{arg.item.replace('sampled', 'controller')}: f = {shown(given)} is no function; give one of (t, *values)")
+    item = arg.item.replace("sampled", "controller")
+    arg.scene.problems.append(f"{item}: f = {shown(given)} is no function; give one of (t, *values)")
     return Program(lambda *_: 0.0)
 
 

@@ -76,7 +76,8 @@ class Known:
         short = name.rpartition(":")[2].rpartition(".")[2]
         found = [self.own[name]] if name in self.own else []
         if not found and self.loose:
-            found = list({id(one): one for one in self.own.values() if getattr(one, "__name__", "") == short and not _is_built_in(one)}.values())
+            alike = [one for one in self.own.values() if getattr(one, "__name__", "") == short and not _is_built_in(one)]
+            found = list({id(one): one for one in alike}.values())
         if len(found) != 1 or (self.loose and f"{name} (2)" in self.own):
             what = f"several of `laws` are called {shown(short)}" if found else f"{shown(name)} is neither mbdae's nor in `laws`"
             remedy = "pass laws=[...] with the right one alone" if found else f"pass laws=[...] with {_word(short)} in it"

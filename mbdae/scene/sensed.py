@@ -1,4 +1,4 @@
-"""Sensors that loads, states, controllers and events may read: found in a scene by their paths, checked before anything is solved."""
+"""Sensors that loads, states, controllers and events read: found in a scene by their paths, checked before anything is solved."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 from mbdae.errors import OptionError
 from mbdae.inputs.sensed import paths
-from mbdae.scene.components import Array, Body, Connection, Signal
+from mbdae.scene.components import Array, Body, Connection
 from mbdae.symbolic.joint import Joint
 from mbdae.values import BadValueError
 
@@ -121,8 +121,8 @@ def known_paths(scene: Any) -> list[str]:
 def refuse_sampled(scene: Any, what: str) -> None:
     """Raise OptionError where a scene has a sampled controller, of which `what` would know nothing."""
     for one in scene.controllers:
-        raise OptionError(f"{what}: controller '{one.name}' is a function called every {one.every:g} s, which only runs know; state "
-                          f"its law as feedback, with s.sensor and s.state, or use s.simulate")  # fmt: skip
+        raise OptionError(f"{what}: controller '{one.name}' is a function called every {one.every:g} s, which only runs know; "
+                          f"state its law as feedback, with s.sensor and s.state, or use s.simulate")  # fmt: skip
 
 
 def fed(scene: Any) -> list[tuple[str, list[str]]]:
@@ -160,7 +160,8 @@ def _circles(scene: Any) -> list[str]:
 
 
 def keep_read_coordinates(scene: Any, further: Sequence[str] = ()) -> None:
-    """Angles that are read, by `further` paths too, and coordinates that bodies do not show, become unknowns of their own: whole turns count."""
+    """Angles that are read, by `further` paths too, and coordinates that bodies do not show, become unknowns of their own: whole
+    turns count."""
     read = {path for _, some in fed(scene) for path in some} | set(further)
     for c in scene.joints:
         wanted = [q for path in read if path.rpartition(".")[0] == c.name

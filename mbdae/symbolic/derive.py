@@ -19,7 +19,7 @@ from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Law, Structure
 from mbdae.symbolic.motion import Rotation, refuse_amounts, value_of
 from mbdae.symbolic.rebuild import one_sided, without_overflow
-from mbdae.symbolic.statement import Feeds, Statement
+from mbdae.symbolic.statement import NO_FEEDS, Feeds, Statement
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
@@ -48,7 +48,7 @@ class Derived:
     state_rates: tuple[Expr, ...]
     state_starts: tuple[Expr, ...]
     variation: Variation
-    feeds: Feeds = Feeds()
+    feeds: Feeds = NO_FEEDS
 
     @property
     def multipliers(self) -> list[Expr]:

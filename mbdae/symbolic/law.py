@@ -33,7 +33,7 @@ from mbdae.errors import LawError
 from mbdae.symbolic.class_checks import check_class
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.part import Parameter, Part, PartStructure, params
-from mbdae.symbolic.statement import Feeds
+from mbdae.symbolic.statement import NO_FEEDS, Feeds
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.values import shown
 
@@ -50,7 +50,7 @@ class Structure:
     absent: frozenset[str] = frozenset()
     timed: frozenset[str] = frozenset()
     options: tuple[tuple[str, Any], ...] = ()
-    feeds: Feeds = Feeds()
+    feeds: Feeds = NO_FEEDS
 
 
 class Law:

@@ -25,7 +25,7 @@ _TIME = se.Symbol("t")
 
 @dataclass(frozen=True)
 class Reading:
-    """What is read on one place of a feedback. symbol: its name in expressions; frames: how many frames it is stated on; quantity:
+    """What is read on one place of a feedback. symbol: its name in expressions; frames: how many it is stated on; quantity:
     "state" (no frame), "coordinate" (of a joint that keeps it as an unknown), "joint" (the coordinate that the frames k, l of a
     joint show), or the motion of a body: "position", "velocity", "angular_velocity", "rotation" with its entry; rated: its time
     derivative; joint: class and structure of a joint, and the name of its coordinate."""
@@ -90,6 +90,9 @@ class Feeds:
     def foreign(self) -> list[Expr]:
         """Symbols of internal states of other laws, in the order of their readings."""
         return [se.Symbol(foreign(r.symbol)) for r in self.readings if r.quantity == "state"]
+
+
+NO_FEEDS = Feeds()
 
 
 class Statement:

@@ -43,7 +43,8 @@ def switches_of(d: Derived) -> list[Switch]:
         return []
     resolve, name = d.variation.resolve, d.variation.name
     arguments = insert(d, [resolve(name(s.argument)) for s in found])
-    of_motion = {symbol for target, symbol in input_symbols(d) if target[0] in ("q", "u", "s", "foreign")} | set(d.variation.clock)
+    of_motion = {symbol for target, symbol in input_symbols(d) if target[0] in ("q", "u", "s", "foreign")}
+    of_motion |= set(d.variation.clock)
     reactions = {*d.multipliers, *d.stabilisers}  # not known where they are eliminated
     out: dict[tuple[str, Expr], Switch] = {}
     for switch, e in zip(found, arguments, strict=True):

@@ -70,7 +70,7 @@ class Variation:
         """Differentiate what was defined like all other names from now on."""
         self.constant -= set(self._defined)
         for table in (self._gradients, self._partials, self._rates) if self._defined else ():
-            table.clear()  # type: ignore[attr-defined]
+            table.clear()
 
     # -- naming
 

@@ -240,9 +240,9 @@ def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[st
     g, rate = mechanics.position_residual(t, q)[0], mechanics.velocity_residual(t, q, u)[0]
     speed = float(np.max(np.abs(start.u) * mechanics.velocity_units, initial=0.0))
     if np.max(np.abs(g), initial=0.0) > FITS * max(1.0, mechanics.model.length):
-        worst = int(np.argmax(np.abs(g)))
-        raise StartError([f"start: row {mechanics.rows[worst].name} is off by {g[worst]:.3g} (m or rad) where that run ended: the "
-                          f"joints of this scene do not fit there; draw or prescribe them as they are then"])  # fmt: skip
+        off = int(np.argmax(np.abs(g)))
+        raise StartError([f"start: row {mechanics.rows[off].name} is off by {g[off]:.3g} (m or rad) where that run ended: "
+                          f"the joints of this scene do not fit there; draw or prescribe them as they are then"])  # fmt: skip
     if np.max(np.abs(rate), initial=0.0) <= FITS * speed / max(1.0, mechanics.model.length):
         return start.u, []
     G, M = mechanics.constraint_jacobian(t, q)[0], mechanics.mass

@@ -1,7 +1,7 @@
 """Sampled controllers in a run: called at their instants with values of sensors, their outputs held in between.
 
-The outputs are internal states without a rate, so that they are part of every solution. A run ends a step at every instant and goes
-on from the state with the new outputs.
+The outputs are internal states without a rate, so that they are part of every solution. A run ends a step at every instant and
+goes on from the state with the new outputs.
 """
 
 from __future__ import annotations
@@ -52,9 +52,9 @@ class _Called:
         if again:
             twice, memory = self._outputs(t, values, before)
             if not (_same(twice, found) and _same(memory, self.memory)):
-                raise self._error(t, values, f"is not pure: called twice with the same values it returned {found} and then {twice}; "
-                                             f"a run is repeated to measure its error, so what it remembers has to be in "
-                                             f"`memory`")  # fmt: skip
+                raise self._error(t, values, f"is not pure: called twice with the same values it returned {found} and then "
+                                             f"{twice}; a run is repeated to measure its error, so what it remembers has to be "
+                                             f"in `memory`")  # fmt: skip
         return found
 
     def _outputs(self, t: float, values: Sequence[float], memory: Any) -> tuple[list[float], Any]:

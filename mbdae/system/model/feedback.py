@@ -1,7 +1,7 @@
 """Feedback in a model: what the sensors in the parameters of a law read, as frames, nodes, numbers and values in time.
 
-An expression of sensors is brought into a form that laws with other numbers share: readings, signals, numbers and whatever depends
-on time alone become symbols of their own.
+An expression of sensors is brought into a form that laws with other numbers share: readings, signals, numbers and whatever
+depends on time alone become symbols of their own.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Scenery:
 
     scene: Any
     planar: bool
-    by_body: Mapping[Body, Node]
+    by_body: Mapping[Any, Node]
     by_coordinate: Mapping[tuple[str, str], Node]
     meshes: Mapping[Beam, Meshed]
     attached: Mapping[tuple[str, str], Body]
@@ -167,8 +167,8 @@ class _Feeding:
         length = float(np.linalg.norm(np.ptp(beam.outline, axis=0)))
         if np.linalg.norm(nearest.position - point) > AT * length:
             at = np.round(nearest.position, 9).tolist()
-            raise SceneError([f"a sensor at {np.round(point, 9).tolist()} m of beam '{beam.name}' has no node there; read the node "
-                              f"at {at} m, or attach something at the place, such as a bushing of no stiffness"])  # fmt: skip
+            raise SceneError([f"a sensor at {np.round(point, 9).tolist()} m of beam '{beam.name}' has no node there; read "
+                              f"the node at {at} m, or attach something at the place, such as a bushing of no stiffness"])  # fmt: skip
         return nearest
 
     def _frames(self, law: Any, names: tuple[str, ...], bodies: tuple[Body, ...]) -> None:
