@@ -50,10 +50,14 @@ def conditions(scene: Any, option: str, given: Any) -> list[Condition]:
     """Those given for an option: one, or a list; OptionError where one is no condition or reads a sensor that does not exist."""
     if given is None:
         return []
-    return [_read(scene, option, one) for one in (given if isinstance(given, list | tuple) else [given])]
+    if not isinstance(given, list | tuple):
+        return [_read(scene, f"{option} = {shown(given)}", given)]
+    head = f"{option} = {shown(given)}: {option}"
+    return [_read(scene, f"{head}[{i}] = {shown(one)}", one) for i, one in enumerate(given)]
 
 
-def _read(scene: Any, option: str, given: Any) -> Condition:
+def _read(scene: Any, stated: str, given: Any) -> Condition:
+    """A condition; stated: option and value, for a message."""
     try:
         e = _condition_of(scene, given)
         name = given if isinstance(given, str) else str(given)
@@ -63,7 +67,7 @@ def _read(scene: Any, option: str, given: Any) -> Condition:
         for path in sorted({path for g in made.functions for path in paths(g)}):
             sensed.found(scene, path)
     except (BadValueError, ValueError) as refused:
-        raise OptionError(f"{option} = {shown(given)}: {refused}") from None
+        raise OptionError(f"{stated}: {refused}") from None
     return Condition(name, tuple(made.functions), tuple(made.equations), tree)
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from mbdae.errors import OptionError, SolverError
+from mbdae.errors import AccuracyWarning, OptionError, SolverError
 from mbdae.inputs.sensed import paths
 from mbdae.integrators.base import Solver, output_times
 from mbdae.integrators.dense import cut
@@ -64,8 +65,10 @@ class Watched:
             others = tuple(replace(other, states=other.states.until(event.time)) for other in run.others)
             run = replace(run, solution=ended(run.solution, event.time), others=others)
         events, notes = self.events(job.prepared, run.solution, event, job.accuracy)
-        found = job.result(replace(run, notes=(*run.notes, *notes)), verify)
-        found.info = replace(found.info, events=events)
+        found = job.result(run, verify)
+        found.info = replace(found.info, events=events, warnings=(*found.info.warnings, *notes))
+        for note in notes:
+            warnings.warn(f"scene '{job.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)
         return found
 
     def _to_event(self, job: Job, solver: Solver, made: Callable[[Job], tuple[Controlled, Job]]

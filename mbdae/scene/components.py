@@ -150,20 +150,20 @@ class Signal:
 
 
 @dataclass(frozen=True, eq=False)
-class Program:
-    """What a sampled controller calls: a function, and what it remembers at the start; remembers: whether it takes a memory."""
+class AsGiven:
+    """An object of the user's own that a scene keeps as it is: the function of a controller, or what it remembers."""
 
-    function: Callable[..., Any]
-    memory: Any = None
-    remembers: bool = False
+    value: Any
 
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """A function that is called every so many seconds: paths of the sensors it reads, names of the outputs it sets."""
+    """A function that is called every so many seconds: paths of the sensors it reads, names of the outputs it sets, and what it
+    remembers at the start; None: it takes no memory."""
 
     name: str
-    program: Program
+    function: Callable[..., Any]
+    memory: AsGiven | None
     every: float
     reads: tuple[str, ...]
     sets: tuple[str, ...]

@@ -8,7 +8,7 @@ from typing import Any
 from mbdae.inputs import sensed as symbols
 from mbdae.laws.control import HeldOutput, InternalState
 from mbdae.scene import reading
-from mbdae.scene.components import Controller, Program, Signal
+from mbdae.scene.components import AsGiven, Controller, Signal
 from mbdae.scene.connections import ConnectionStatements
 from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import statement
@@ -26,23 +26,26 @@ def _words(arg: Argument, value: Any) -> list[str]:
     return list(given)
 
 
-def _program(arg: Argument, value: Any) -> Program:
-    """A function with its memory."""
-    if isinstance(value, Program) and callable(value.function):
-        return value
-    given = value.function if isinstance(value, Program) else value
-    item = arg.item.replace("sampled", "controller")
-    arg.scene.problems.append(f"{item}: f = {shown(given)} is no function; give one of (t, *values)")
-    return Program(lambda *_: 0.0)
+def _function(arg: Argument, value: Any) -> AsGiven:
+    """A function."""
+    given = value.value if isinstance(value, AsGiven) else value
+    if callable(given) and not isinstance(given, type):
+        return AsGiven(given)
+    arg.wrong(f"{shown(given)} is no function", "give one of (t, *values)")
+    return AsGiven(lambda *_: 0.0)
 
 
-def _not_called(program: Program, values: int) -> str:
+def _memory(arg: Argument, value: Any) -> AsGiven:
+    """Anything."""
+    return value if isinstance(value, AsGiven) else AsGiven(value)
+
+
+def _not_called(f: Any, values: int, remembers: bool) -> str:
     """Why a function cannot be called with so many values, "" where it can or where Python does not know."""
-    count = 1 + values + program.remembers
     try:
-        inspect.signature(program.function).bind(*range(count))
+        inspect.signature(f).bind(*range(1 + values + remembers))
     except TypeError as error:
-        takes = ", ".join(["t", *(f"value {n + 1}" for n in range(values)), *(["memory"] if program.remembers else [])])
+        takes = ", ".join(["t", *(f"value {n + 1}" for n in range(values)), *(["memory"] if remembers else [])])
         return f"f cannot be called with ({takes}): {error}"
     except ValueError:  # no signature is known
         pass
@@ -78,26 +81,21 @@ class ControlStatements(ConnectionStatements):
         self._add_signal(Signal(name, "signal", value=value))
         return _symbol(name)
 
+    @reads(name=reading.name, f=_function, every=reading.quantity("s", "positive"), reads=_words, sets=_words, memory=_memory)
+    @statement
     def controller(self, name: str, f: Any, every: float, reads: Any = (), sets: Any = (), memory: Any = None) -> None:
         """A sampled controller: f(t, *values) is called at the start and every `every` s with the values of the sensors `reads`;
         it returns the outputs `sets` (a number where that is one name), which act from that instant on and are held until the
         next: torque="u", s.sensor("u"). With `memory` it is f(t, *values, memory) and returns (outputs, memory); `memory` is what
         it gets at the start. Values are those before any output changes. f must be pure: runs are repeated to measure errors."""
-        takes = Program(f, memory, memory is not None)
-        self.sampled(name, takes, every, reads, sets)
-
-    @reads(name=reading.name, program=_program, every=reading.quantity("s", "positive"), reads=_words, sets=_words)
-    @statement
-    def sampled(self, name: str, program: Any, every: float, reads: Any, sets: Any) -> None:
-        """As `controller`, with function and memory in one."""
         item = f"controller '{name}'"
         if not sets:
-            self.problems.append(f"{item}: sets = (): it has no outputs; name them, as in sets=['u']")
-        wrong = _not_called(program, len(reads))
+            self.problems.append(f"{item}: sets = []: it has no outputs; name them, as in sets=['u']")
+        wrong = _not_called(f.value, len(reads), memory is not None)
         if wrong:
             self.problems.append(f"{item}: {wrong}")
         self._claim(name)
-        self.controllers.append(Controller(name, program, every, tuple(reads), tuple(sets)))
+        self.controllers.append(Controller(name, f.value, memory, every, tuple(reads), tuple(sets)))
         for output in sets:
             self._add_signal(Signal(output, "output", HeldOutput(output, rate=0.0, start=0.0, size=1.0)))
         self._keep_read_coordinates()

@@ -196,11 +196,12 @@ def values(remedy: str, *counts: int) -> Reader:
     return lambda arg, value: _read(arg, value, lambda v: array(v, *((n,) for n in counts)), remedy, np.zeros(counts[0]))
 
 
-def driven(unit: str, sensors: bool = False) -> Reader:
-    """A float, or an expression of time; sensors: of sensors too, or the path of one as text."""
+def driven(unit: str, sensors: bool = False, named: bool = False) -> Reader:
+    """A float, or an expression of time; sensors: of sensors too; named: a text is the path of one."""
 
     def read(value: Any) -> Any:
-        found = timed.expression(symbol(value) if sensors and isinstance(value, str) else value, sensors)
+        path = named and isinstance(value, str) and value[:1].isalpha()
+        found = timed.expression(symbol(value) if path else value, sensors)
         return found if found.free_symbols else float(found)
 
     return lambda arg, value: _read(arg, value, read, f"its unit is {unit}", 0.0)

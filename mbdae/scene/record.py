@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mbdae.inputs import text, timed
-from mbdae.scene.components import Body, Place, Program
+from mbdae.scene.components import AsGiven, Body, Place
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.law import Law
 from mbdae.symbolic.part import Part
@@ -68,8 +68,8 @@ def encode(value: Any, own: Own | None = None) -> Any:
         return _encode_law(value, own)
     if isinstance(value, type | FunctionType):
         return {"class": stored_name(value, own)}
-    if isinstance(value, Program):
-        return _encode_program(value, own)
+    if isinstance(value, AsGiven):
+        return _encode_as_given(value, own)
     if isinstance(value, Mapping):
         return {"by": {str(key): encode(v, own) for key, v in value.items()}}
     if isinstance(value, list | tuple):
@@ -87,11 +87,10 @@ def encode(value: Any, own: Own | None = None) -> Any:
     return {"object": stored_name(type(value), own), "fields": {key: encode(v, own) for key, v in given.items()}}
 
 
-def _encode_program(value: Program, own: Own | None) -> dict[str, Any]:
-    """A controller's function and memory: as they are in `own`, and as plain data for files."""
-    number = 0 if own is None else next(n for n in count() if own.setdefault(f"program {n}", value) is value)
-    return {"program": f"program {number}", "function": encode(value.function), "memory": encode(value.memory),
-            "remembers": value.remembers}  # fmt: skip
+def _encode_as_given(value: AsGiven, own: Own | None) -> dict[str, Any]:
+    """An object as it is in `own`, and as plain data for files."""
+    number = 0 if own is None else next(n for n in count() if own.setdefault(f"kept {n}", value) is value)
+    return {"kept": f"kept {number}", "plain": encode(value.value)}
 
 
 def _encode_expression(value: Any) -> Any:

@@ -19,7 +19,7 @@ import numpy as np
 from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs import text
 from mbdae.laws.friction import Friction
-from mbdae.scene.components import Body, Classical, Clearance, JointModel, Kinematic, Place, Program, Recursive, Stop
+from mbdae.scene.components import AsGiven, Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
 from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, stored_name, without_module
 from mbdae.scene.section import Section
 from mbdae.symbolic.coupling import Coupling
@@ -33,7 +33,7 @@ _KINDS: dict[str, tuple[type, ...]] = {
     "name": (str,), "frame": (str,), "k": (str, Body, Place), "l": (str, Body, Place), "body": (str, Body, Place),
     "beam": (str, Body), "law": (Joint, Force, Coupling), "joint": (type,), "model": (JointModel,),
     "friction": (Friction, dict), "stop": (Stop, dict), "section": (Section,),
-    "curve": (str, FunctionType), "program": (Program,), "reads": (list, str), "sets": (list, str),
+    "curve": (str, FunctionType), "f": (AsGiven,), "memory": (AsGiven,), "reads": (list, str), "sets": (list, str),
     **dict.fromkeys(("driving", "driven", "pinion", "rack", "first", "second", "carrier"), (str,)), "of": (dict,),
 }  # fmt: skip
 
@@ -132,12 +132,10 @@ def _expression(value: Any, scene: Any, known: Known) -> Any:
         raise SceneError([f"{shown(value['expression'])} is no expression of t: {error}"]) from None
 
 
-def _program(value: Any, scene: Any, known: Known) -> Program:
-    """A controller's function with its memory: that of the scene this one is made from, or from plain data."""
-    own = known.own.get(value["program"])
-    if isinstance(own, Program):
-        return own
-    return Program(_decode(value["function"], scene, known), _decode(value["memory"], scene, known), bool(value["remembers"]))
+def _as_given(value: Any, scene: Any, known: Known) -> AsGiven:
+    """An object of the scene this one is made from, or made from plain data."""
+    own = known.own.get(value["kept"]) if isinstance(value["kept"], str) else None
+    return own if isinstance(own, AsGiven) else AsGiven(_decode(value["plain"], scene, known))
 
 
 def _place(value: Any, scene: Any, known: Known) -> Place:
@@ -231,7 +229,7 @@ def _takes(cls: type, arguments: dict[str, Any]) -> bool:
 
 _READERS: dict[frozenset[str], Callable[[Any, Any, Known], Any]] = {
     frozenset({"body"}): lambda value, scene, known: _body(value["body"], scene),
-    frozenset({"program", "function", "memory", "remembers"}): _program,
+    frozenset({"kept", "plain"}): _as_given,
     frozenset({"place", "point"}): _place, frozenset({"expression"}): _expression,
     frozenset({"class"}): lambda value, scene, known: known.find(value["class"], Law, Part, FunctionType),
     frozenset({"object", "fields"}): _object,

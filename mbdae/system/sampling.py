@@ -58,12 +58,12 @@ class _Called:
         return found
 
     def _outputs(self, t: float, values: Sequence[float], memory: Any) -> tuple[list[float], Any]:
-        program, names = self.controller.program, self.controller.sets
+        names, function, remembers = self.controller.sets, self.controller.function, self.controller.memory is not None
         try:
-            found = program.function(t, *values, memory) if program.remembers else program.function(t, *values)
+            found = function(t, *values, memory) if remembers else function(t, *values)
         except Exception as error:
             raise self._error(t, values, f"raised {type(error).__name__}: {error}") from error
-        if program.remembers:
+        if remembers:
             if not (isinstance(found, tuple) and len(found) == 2):
                 raise self._error(t, values, f"returned {shown(found)}: with memory= it has to return (outputs, memory)")
             found, memory = found
@@ -147,5 +147,6 @@ class Sampling:
         called, first = [], 0
         for c in self._controllers:
             inputs = slice(first, first := first + len(c.reads))
-            called.append(_Called(c, inputs, [self._slots[name] for name in c.sets], begin, deepcopy(c.program.memory)))
+            memory = None if c.memory is None else deepcopy(c.memory.value)
+            called.append(_Called(c, inputs, [self._slots[name] for name in c.sets], begin, memory))
         return Sampler(self._observer, called)

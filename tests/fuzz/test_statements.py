@@ -78,8 +78,11 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "force": ({"name": "x", "body": "rod", "value": (1.0, 0, 0)}, {"at": (0, 0), "frame": "body"}),
     "torque": ({"name": "x", "body": "rod", "value": (0, 0, 1.0)}, {"frame": "body"}),
     "add": ({"law": Own("x", "ground", "rod", stiffness=1.0)}, {"model": None}),
+    "state": ({"name": "x", "rate": 1.0}, {"start": 1.0, "size": 1.0}), "signal": ({"name": "x", "value": 1.0}, {}),
+    "controller": ({"name": "x", "f": lambda t, *values: 1.0, "every": 1.0, "sets": ["u"]},
+                   {"reads": ["A.angle"], "memory": 1.0}),
 }  # fmt: skip
-NO_STATEMENTS = {"replace", "recursive", "joints"}  #: public, but they state nothing
+NO_STATEMENTS = {"replace", "recursive", "joints", "sensor"}  #: public, but they state nothing
 LAW = {"name": "x", "k": "ground", "l": "rod"}
 LAW_PLACES: dict[str, Any] = {"at": (0, 1, 0), "axis": (0, 0, 1), "at_l": (0, 1), "axis_x": (1, 0)}
 AUGMENTED = {"scaling": 1.0, "penalty": 1.0}
@@ -133,6 +136,9 @@ LEGITIMATE: dict[tuple[str, str], str] = (
     | {("inertia", "a range"): "three principal moments", ("elements", "one entry"): "the elements of one segment"}
     | {("friction", "none"): "no friction", ("radius", "text"): "a unit", ("radius", "digits as text"): "a unit"}
     | {("radius", "a tuple of text"): "a unit and a meaning", ("point", "a list"): "a place", ("point", "a range"): "a place"}
+    | {(argument, "text"): "the name of a sensor" for argument in ("torque", "load", "force")}
+    | {(argument, kind): "names" for argument in ("reads", "sets") for kind in (*TEXTS, "a tuple of text")}
+    | {("memory", kind): "anything can be remembered" for kind in HOSTILE}
 )  # fmt: skip
 
 

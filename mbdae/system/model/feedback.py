@@ -168,7 +168,7 @@ class _Feeding:
         if np.linalg.norm(nearest.position - point) > AT * length:
             at = np.round(nearest.position, 9).tolist()
             raise SceneError([f"a sensor at {np.round(point, 9).tolist()} m of beam '{beam.name}' has no node there; read "
-                              f"the node at {at} m, or attach something at the place, such as a bushing of no stiffness"])  # fmt: skip
+                              f"the node at {at} m, or attach something at the place"])  # fmt: skip
         return nearest
 
     def _frames(self, law: Any, names: tuple[str, ...], bodies: tuple[Body, ...]) -> None:
