@@ -38,7 +38,8 @@ def computed_torque(s):
     for i in range(6):
         arm = named(R @ (sp.Matrix(JOINTS[i]) - sp.Matrix(JOINTS[max(i - 1, 0)])))
         lift = named(lift + spin_up.cross(arm) + w.cross(w.cross(arm)))
-        axis, v = R @ sp.Matrix(AXES[i]), sp.diff(PATH[i], mb.t, 2) + 2 * W * (sp.diff(PATH[i], mb.t) - qd[i]) + W**2 * (PATH[i] - q[i])
+        axis, path = R @ sp.Matrix(AXES[i]), PATH[i]
+        v = sp.diff(path, mb.t, 2) + 2 * W * (sp.diff(path, mb.t) - qd[i]) + W**2 * (path - q[i])
         spin_up, w = named(spin_up + axis * v + w.cross(axis) * qd[i]), named(w + axis * qd[i])
         K = sp.Matrix(3, 3, lambda a, b, n=AXES[i]: -sum(sp.LeviCivita(a, b, c) * n[c] for c in range(3)))
         R = named(R @ (sp.eye(3) + sp.sin(q[i]) * K + (1 - sp.cos(q[i])) * K @ K))

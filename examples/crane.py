@@ -1,8 +1,8 @@
 r"""A crane whose trolley is driven to 3 m and stopped there by a lock: how far the load swings.
 
-The drive holds a speed, F = c (v - x'). The run ends where the trolley has come to 3 m; a second scene, in which it is held there,
-goes on from that state. The lock stops the trolley by an impulse; rope and load keep their angular momentum about the pivot. From
-then on they are a pendulum of inertia I and first moment S = sum m d, which swings to
+The drive holds a speed, F = c (v - x'). The run ends where the trolley has come to 3 m; a second scene, in which it is held
+there, goes on from that state. The lock stops the trolley by an impulse; rope and load keep their angular momentum about the
+pivot. From then on they are a pendulum of inertia I and first moment S = sum m d, which swings to
 
     cos(a) = cos(a0) - I w0^2 / (2 g S),
 

@@ -18,7 +18,7 @@ from mbdae.symbolic.rebuild import CONDITIONS, is_condition
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import BadValueError, shown
 
-EXAMPLE = "write one such as 'J.angle > 1.0', 'b.position[1] == 0', or sympy.And(...) of such"
+EXAMPLE = "write one such as 'J.angle > 0.5', 'b.position[1] == 0', or sympy.And(...) of such"
 _NAME = re.compile(r'sensor\("(?:[^"\\]|\\.)*"\)|(?<![\w.])[A-Za-z_]\w*(?:\.at\([^()]*\)|\.[A-Za-z_]\w*)*(?:\[[\d\s,]*\])*')
 Truth = NDArray[np.bool_]
 

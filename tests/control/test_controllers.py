@@ -150,7 +150,7 @@ def test_statements_of_controllers_are_checked_before_solving(change, said):
 
 def test_analyses_that_know_no_instants_refuse():
     for analysis in (lambda s: s.equilibrium(), lambda s: s.linearize(), lambda s: s.floquet(1.0)):
-        with pytest.raises(OptionError, match="controller 'pid' is a function called every 0.01 s"):
+        with pytest.raises(OptionError, match=r"controller 'pid' is a function called every 0\.01 s"):
             analysis(pendulum())
 
 

@@ -86,7 +86,8 @@ def test_what_a_load_reads_is_what_the_result_shows(model, space):
 
 
 def test_models_and_spaces_move_alike():
-    ends = [double(model, space).simulate(0.7, accuracy=1e-8)["K"].angle[-1] for model in MODELS for space in ("planar", "spatial")]
+    ends = [double(model, space).simulate(0.7, accuracy=1e-8)["K"].angle[-1]
+            for model in MODELS for space in ("planar", "spatial")]  # fmt: skip
     np.testing.assert_allclose(ends, ends[0], atol=1e-8)
 
 
@@ -136,8 +137,8 @@ def test_rest_of_a_spring_follows_a_state():
     rod = s.link("rod", (0, 0), (1, 0), mass=3.0)
     s.revolute("J", s.ground, rod, at=(0, 0))
     rest = s.state("rest", rate=(0.3 - s.sensor("rest")) / 0.2)
-    s.add(JointSpring("spring", "ground", rod, at=(0, 0), joint=mb.Revolute, coordinate="angle", kept=False, stiffness=4.0, rest=rest,
-                      turns=0.0))  # fmt: skip
+    s.add(JointSpring("spring", "ground", rod, at=(0, 0), joint=mb.Revolute, coordinate="angle", kept=False, stiffness=4.0,
+                      rest=rest, turns=0.0))  # fmt: skip
     r = s.simulate(2.0, accuracy=1e-8)
     # phi'' = 4 (rest - phi), rest = 0.3 (1 - exp(-5 t)): w = 2, a = -0.3 * 4 / (25 + 4)
     w, p = 2.0, -0.3 * 4 / 29

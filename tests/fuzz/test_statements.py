@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 import mbdae as mb
+from mbdae.inputs.sensed import paths
 from mbdae.scene.components import JointModel
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.law import Law
@@ -139,6 +140,7 @@ LEGITIMATE: dict[tuple[str, str], str] = (
     | {(argument, "text"): "the name of a sensor" for argument in ("torque", "load", "force")}
     | {(argument, kind): "names" for argument in ("reads", "sets") for kind in (*TEXTS, "a tuple of text")}
     | {("memory", kind): "anything can be remembered" for kind in HOSTILE}
+    | {("f", kind): "a function" for kind in ("a function", "a lambda")}
 )  # fmt: skip
 
 
@@ -156,7 +158,7 @@ def scene(with_beam: bool = False, with_joints: bool = False) -> mb.Scene:
 def stated(s: mb.Scene) -> tuple[list[str], Any]:
     """Problems, and what was stated, as JSON has it (1 is 1.0)."""
     assert not s.problems or _refuses(s)
-    assert s.problems or all(type(v) in PLAIN for v in _values(s))
+    assert s.problems or all(type(v) in PLAIN or paths(v) for v in _values(s))
     return s.problems, None if s.problems else json.loads(json.dumps([s.name, s.space, s.gravity.tolist(), s.statements]))
 
 
