@@ -48,8 +48,8 @@ class _Builder(JointShapes):
 
     def _body(self, body: Body, colour: str) -> None:
         if body.is_point:
-            self._add(body.name, "mass", body.position[None], body, colour)
-            return self._name(body.name, body, body.position, True)
+            self._add(body.name, "mass", body.drawn.position[None], body, colour)
+            return self._name(body.name, body, body.drawn.position, True)
         if body in self.lines:
             points = self.lines[body]
             self._add(body.name, "bar", points, colour=colour)
@@ -134,7 +134,7 @@ class _Builder(JointShapes):
         for i, stiffness in enumerate("xyz"):
             if not getattr(law, f"k{stiffness}", None):
                 continue
-            axis = item.k.rotation[:, i]
+            axis = item.k.drawn.rotation[:, i]
             axis = -axis if axis @ self.down < -0.5 else axis * (1 if axis @ self.down > 0.5 else -1)
             anchor = law.at + 6 * self.mark * axis
             self._spring_between(item, anchor, law.at)

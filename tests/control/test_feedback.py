@@ -206,7 +206,17 @@ def test_circles_of_signals_and_prescribed_values_by_sensors_are_refused():
     assert "may depend on the time mb.t alone" in str(refused.value)
 
 
-def test_drawn_arrays_and_foreign_symbols_are_no_loads():
+@pytest.mark.parametrize("what", ["position", "rotation", "velocity", "angular_velocity"])
+def test_what_moves_is_no_number_of_a_body(what):
+    """`s["b"].position` in a load would stay as drawn."""
+    s = mb.Scene("drawn")
+    s.link("b", (0, 0), (1, 0), mass=1.0)
+    with pytest.raises(AttributeError, match=rf"s\.sensor\('b\.{what}\["):
+        getattr(s["b"], what)
+    assert getattr(s["b"].drawn, what).shape == ((3, 3) if what == "rotation" else (3,))
+
+
+def test_foreign_symbols_are_no_loads():
     s = mb.Scene("bad", gravity=(0, -G, 0))
     rod = s.link("rod", (0, 0), (1, 0), mass=1.0)
     s.force("F", rod, (sp.Symbol("x"), 0, 0))

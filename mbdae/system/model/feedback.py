@@ -154,7 +154,7 @@ class _Feeding:
 
     def _of_body(self, symbol: str, sensed: Sensed) -> Reading:
         body = sensed.item
-        point = body.position if sensed.point is None else sensed.point
+        point = body.drawn.position if sensed.point is None else sensed.point
         if isinstance(body, Beam):
             body = self._station(body, point)
         place = SimpleNamespace(frames=("b",), axes_of="k", at_nodes=True, point_on=lambda side: point)
@@ -163,10 +163,10 @@ class _Feeding:
 
     def _station(self, beam: Beam, point: Any) -> Body:
         stations = self.scenery.meshes[beam].stations
-        nearest = min(stations, key=lambda s: float(np.linalg.norm(s.position - point)))
+        nearest = min(stations, key=lambda s: float(np.linalg.norm(s.drawn.position - point)))
         length = float(np.linalg.norm(np.ptp(beam.outline, axis=0)))
-        if np.linalg.norm(nearest.position - point) > AT * length:
-            at = np.round(nearest.position, 9).tolist()
+        if np.linalg.norm(nearest.drawn.position - point) > AT * length:
+            at = np.round(nearest.drawn.position, 9).tolist()
             raise SceneError([f"a sensor at {np.round(point, 9).tolist()} m of beam '{beam.name}' has no node there; read "
                               f"the node at {at} m, or attach something at the place"])  # fmt: skip
         return nearest

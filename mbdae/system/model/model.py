@@ -193,7 +193,7 @@ def _rotations(scene: SceneData) -> dict[str, str]:
 
 def scene_length(scene: SceneData) -> float:
     """Largest distance between any two points of the scene along an axis, m (1 m for a single point)."""
-    points = [p for b in scene.bodies for p in (b.position, *b.outline)]
+    points = [p for b in scene.bodies for p in (b.drawn.position, *b.outline)]
     points += [law.point_on(side) for c in scene.connections for law in c.laws for side in "kl"]
     races = [(c.joint, c.model.outer) for c in scene.joints if isinstance(c.model, Clearance)]
     points += [joint.at + side for joint, radius in races for side in (-radius * np.ones(3), radius * np.ones(3))]
@@ -207,12 +207,12 @@ def out_of_plane(scene: SceneData) -> str | None:
     if abs(scene.gravity[2]) > 0:
         return f"gravity has the z component {scene.gravity[2]:g} m/s^2"
     for b in scene.bodies:
-        points = np.array([b.position, *b.outline])
+        points = np.array([b.drawn.position, *b.outline])
         if np.max(np.abs(points[:, 2])) > tolerance:
             return f"body '{b.name}' has a point at z = {points[np.argmax(np.abs(points[:, 2])), 2]:g} m"
-        if np.max(np.abs(b.rotation[2] - [0, 0, 1])) > 1e-12:
+        if np.max(np.abs(b.drawn.rotation[2] - [0, 0, 1])) > 1e-12:
             return f"body '{b.name}' is rotated out of the plane"
-        if abs(b.velocity[2]) > 0 or np.max(np.abs(b.angular_velocity[:2])) > 0:
+        if abs(b.drawn.velocity[2]) > 0 or np.max(np.abs(b.drawn.angular_velocity[:2])) > 0:
             return f"body '{b.name}' starts with a velocity out of the plane"
         if isinstance(b, Beam) and mesh_of(b).normal_axis is None:
             return f"beam '{b.name}' has no section axis normal to the plane"
@@ -330,7 +330,7 @@ def _laws(scene: SceneData, kept: Mapping[str, str], attached: Mapping[tuple[str
         out.append((element_of(b), (b,), b.name))
         if np.any(scene.gravity) and b.mass:
             field_ = {n: float(g) for n, g in zip(("gx", "gy", "gz"), scene.gravity, strict=True) if g}
-            gravity = Gravity(b.name, scene.ground, b, b.position, mass=float(b.mass), **field_)
+            gravity = Gravity(b.name, scene.ground, b, b.drawn.position, mass=float(b.mass), **field_)
             out.append((gravity, (scene.ground, b), b.name))
     for c in scene.connections:
         sides = {side: attached.get((c.name, side), body) for side, body in (("k", c.k), ("l", c.l), *c.others.items())}

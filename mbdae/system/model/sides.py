@@ -25,8 +25,8 @@ def sides_of(law: Any, bodies: tuple[Body, ...], nodes: tuple[Node | None, ...],
     numbers: dict[str, float] = {}
     for side, body, node in zip(law.frames, bodies, nodes, strict=True):
         kind = node.kind if node is not None else (NodeKind.PLANAR_GROUND if planar else NodeKind.GROUND)
-        Q = body.rotation.T @ J
-        offset = body.rotation.T @ (law.point_on(side) - body.position)
+        Q = body.drawn.rotation.T @ J
+        offset = body.drawn.rotation.T @ (law.point_on(side) - body.drawn.position)
         sides.append((kind, pattern(Q) if planar else Axes.GENERAL))
         numbers |= {f"{side}_p{i + 1}": float(v) for i, v in enumerate(offset)}
         numbers |= {f"{side}_Q{a}{i + 1}": float(Q[i, j]) for j, a in enumerate("xyz") for i in range(3)}
@@ -39,9 +39,9 @@ def sides_of(law: Any, bodies: tuple[Body, ...], nodes: tuple[Node | None, ...],
 def joint_axes(law: Any, k: Body) -> Array:
     """Joint axes as drawn (columns, inertial): z along the axis; laws along the axes of a body take that body's."""
     if law.axes_of == "k":
-        return k.rotation
+        return k.drawn.rotation
     if law.axes_of == "l":
-        return law.l.rotation  # type: ignore[no-any-return]
+        return law.l.drawn.rotation  # type: ignore[no-any-return]
     z = np.asarray(law.axis, dtype=float)
     if law.axis_x is not None:
         x = np.asarray(law.axis_x, dtype=float) - (law.axis_x @ z) * z
