@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from mbdae.reports.report import report
     from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive, Stop
     from mbdae.scene.section import Section
+    from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Sphere
     from mbdae.sweep import sweep
     from mbdae.symbolic.coupling import Coupling
     from mbdae.symbolic.joint import Joint
@@ -64,19 +65,21 @@ __version__ = "0.1.0"
 
 #: name -> module it comes from, imported on first use so that `import mbdae` stays light
 _HOME = {
-    "Audit": "mbdae.audit", "CVODE": "mbdae.integrators.sundials.cvode", "Classical": "mbdae.scene.components",
-    "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.laws.friction", "Coupling": "mbdae.symbolic.coupling",
-    "Cylindrical": "mbdae.laws.joints", "DAE": "mbdae.system.dae", "DOP853": "mbdae.integrators.runge_kutta.dop853",
-    "Distance": "mbdae.laws.joints", "Export": "mbdae.export", "FixedOrientation": "mbdae.laws.joints",
-    "Force": "mbdae.symbolic.law", "Free": "mbdae.laws.joints", "Friction": "mbdae.laws.friction", "GGL": "mbdae.formulations",
+    "Audit": "mbdae.audit", "Box": "mbdae.scene.shapes", "CVODE": "mbdae.integrators.sundials.cvode",
+    "Classical": "mbdae.scene.components", "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.laws.friction",
+    "Coupling": "mbdae.symbolic.coupling", "Cylinder": "mbdae.scene.shapes", "Cylindrical": "mbdae.laws.joints",
+    "DAE": "mbdae.system.dae", "DOP853": "mbdae.integrators.runge_kutta.dop853", "Distance": "mbdae.laws.joints",
+    "Export": "mbdae.export", "FixedOrientation": "mbdae.laws.joints", "Force": "mbdae.symbolic.law", "Free": "mbdae.laws.joints",
+    "Friction": "mbdae.laws.friction", "GGL": "mbdae.formulations",
     "GeneralizedAlpha": "mbdae.integrators.alpha.generalized_alpha", "HHT": "mbdae.integrators.alpha.generalized_alpha",
     "Hertz": "mbdae.laws.contact", "IDA": "mbdae.integrators.sundials.ida", "Index1": "mbdae.formulations",
     "Index3": "mbdae.formulations", "Joint": "mbdae.symbolic.joint", "Kinematic": "mbdae.scene.components",
     "LuGre": "mbdae.laws.friction", "Normal": "mbdae.laws.contact", "ODE": "mbdae.formulations",
-    "OneStep": "mbdae.integrators.one_step", "Planar": "mbdae.laws.joints", "PointOnLine": "mbdae.laws.joints",
-    "PointOnPlane": "mbdae.laws.joints", "Prismatic": "mbdae.laws.joints", "RadauIIA": "mbdae.integrators.runge_kutta.radau",
-    "Recursive": "mbdae.scene.components", "Revolute": "mbdae.laws.joints", "Run": "mbdae.compare", "Scene": "mbdae.api",
-    "Screw": "mbdae.laws.joints", "Section": "mbdae.scene.section", "Spherical": "mbdae.laws.joints",
+    "OneStep": "mbdae.integrators.one_step", "Planar": "mbdae.laws.joints", "Plane": "mbdae.scene.shapes",
+    "Point": "mbdae.scene.shapes", "PointOnLine": "mbdae.laws.joints", "PointOnPlane": "mbdae.laws.joints",
+    "Prismatic": "mbdae.laws.joints", "RadauIIA": "mbdae.integrators.runge_kutta.radau", "Recursive": "mbdae.scene.components",
+    "Revolute": "mbdae.laws.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Screw": "mbdae.laws.joints",
+    "Section": "mbdae.scene.section", "Sphere": "mbdae.scene.shapes", "Spherical": "mbdae.laws.joints",
     "Stop": "mbdae.scene.components", "Switches": "mbdae.system.base", "Universal": "mbdae.laws.joints",
     "Weld": "mbdae.laws.joints", "audit": "mbdae.audit", "compare": "mbdae.compare", "export": "mbdae.export",
     "extremes": "mbdae.extremes", "load": "mbdae.api", "measure_order": "mbdae.integrators.orders",
@@ -85,13 +88,13 @@ _HOME = {
 }  # fmt: skip
 
 __all__ = [
-    "CVODE", "DAE", "DOP853", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Classical", "Clearance", "Coulomb",
-    "Coupling", "Cylindrical", "Distance", "EquilibriumError", "Export", "FixedOrientation", "Force", "Free", "Friction",
-    "GeneralizedAlpha", "Hertz", "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError", "Normal",
-    "OneStep", "OptionError", "Planar", "PointOnLine", "PointOnPlane", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run",
-    "Scene", "SceneError", "Screw", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Stop", "Switches",
-    "Universal", "Weld", "audit", "compare", "export", "extremes", "load", "measure_order", "params", "report", "selftest",
-    "sweep", "t",
+    "CVODE", "DAE", "DOP853", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Box", "Classical", "Clearance", "Coulomb",
+    "Coupling", "Cylinder", "Cylindrical", "Distance", "EquilibriumError", "Export", "FixedOrientation", "Force", "Free",
+    "Friction", "GeneralizedAlpha", "Hertz", "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError",
+    "Normal", "OneStep", "OptionError", "Planar", "Plane", "Point", "PointOnLine", "PointOnPlane", "Prismatic", "RadauIIA",
+    "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw", "Section", "SolverError", "Sphere", "Spherical", "StartError",
+    "SteadyError", "Stop", "Switches", "Universal", "Weld", "audit", "compare", "export", "extremes", "load", "measure_order",
+    "params", "report", "selftest", "sweep", "t",
 ]  # fmt: skip
 
 

@@ -21,7 +21,7 @@ was computed until then: a Result of `simulate`, a Sweep of `sweep`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import wraps
@@ -164,6 +164,13 @@ class AccuracyWarning(UserWarning):
     """A result does not, or may not, meet the accuracy asked for."""
 
 
+def meant(name: str, known: Iterable[str]) -> str:
+    """A question for the known name that is closest to one that is not known, in any case of its letters; empty where none is."""
+    by_letters = {one.lower(): one for one in known}
+    close = get_close_matches(name.lower(), by_letters, 1)
+    return f"did you mean '{by_letters[close[0]]}'? " if close else ""
+
+
 class ListsAttributes:
     """Base of results: the error for an attribute that does not exist lists those that do."""
 
@@ -180,6 +187,4 @@ class ListsAttributes:
             if name.startswith("_"):
                 raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
             known = [n for n in dir(self) if not n.startswith("_")]
-            close = get_close_matches(name, known, 1)
-            meant = f"did you mean '{close[0]}'? " if close else ""
-            raise AttributeError(f"{self._called} has no '{name}': {meant}it has {', '.join(known)}")
+            raise AttributeError(f"{self._called} has no '{name}': {meant(name, known)}it has {', '.join(known)}")

@@ -53,3 +53,9 @@ def axis_label(name: str, quantity: str) -> str:
     """Label of a plot axis: the sensor's name with its unit."""
     unit = QUANTITIES[quantity].unit if quantity in QUANTITIES else ""
     return f"{name} [{unit}]" if unit else name
+
+
+def counted(count: int, noun: str) -> str:
+    """A number of things in words: "1 row", "2 rows", "1 degree of freedom"."""
+    first, *rest = noun.split(" of ")
+    return " of ".join([f"{count} {first}{'' if count == 1 else 's'}", *rest])

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import cmath
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import symengine as se
 
-from mbdae.audit.evaluate import SizeError, Value
+from mbdae.audit.evaluate import SizeError, Value, expression_value
 from mbdae.laws import joints
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
-from mbdae.symbolic.program import Program
-from mbdae.symbolic.rebuild import substituted
 from mbdae.symbolic.tree import tree_program
 from mbdae.symbolic.tree_structure import Link, TreeStructure
 
@@ -29,8 +26,8 @@ def joint_class(word: str, own: Any = ()) -> Any:
 
 
 @lru_cache(maxsize=16)
-def _program(cls: Any) -> tuple[list[tuple[Any, ...]], Any]:
-    """Places of the inputs of the program of a free body k with l on the joint, and the motion of l: q, u, u', as a function."""
+def _program(cls: Any) -> tuple[dict[Any, tuple[Any, ...]], dict[Any, Any], list[Any]]:
+    """Places of the inputs of the program of a free body k with l on the joint; its steps, and the motion q, u, u' of l."""
     law = cls("audited", None, None, **dict.fromkeys(cls.params, 1.0))
     of_side = [*("p1", "p2", "p3"), *(f"Q{a}{i}" for a in "xyz" for i in (1, 2, 3)), *(f"P{i}" for i in range(4))]
     structure, names = law.structure(), tuple(cls.coordinates)
@@ -40,18 +37,7 @@ def _program(cls: Any) -> tuple[list[tuple[Any, ...]], Any]:
     tree = tree_program(TreeStructure(NodeKind.SPATIAL, (link,), (), (1,)))
     found = {(name, i): se.sympify(e) for (name, _, i), e in tree.states((1,))}
     outputs = [found[name, i] for name, size in (("q", 7), ("u", 6), ("up", 6)) for i in range(size)]
-    return list(tree.inputs.values()), _function(list(tree.inputs), tree.program, outputs)
-
-
-def _function(inputs: list[Any], program: Program, outputs: list[Any]) -> Any:
-    """A program as a function of complex numbers; symengine's own takes powers by logarithms, which spoils complex steps."""
-    short = {x: se.Symbol(f"x{i}") for i, x in enumerate([*inputs, *program.steps])}
-    lines = [f"{short[n]} = {substituted(program.steps[n], short)}" for n in program.needed(outputs)]
-    text = "\n ".join([f"def motion({', '.join(str(short[x]) for x in inputs)}):", *lines,
-                       f"return [{', '.join(str(substituted(e, short)) for e in outputs)}]"])  # fmt: skip
-    names: dict[str, Any] = {n: getattr(cmath, n) for n in ("sin", "cos", "tan", "exp", "log", "sqrt", "pi")}
-    exec(text, names)
-    return names["motion"]
+    return tree.inputs, {name: tree.program.steps[name] for name in tree.program.needed(outputs)}, outputs
 
 
 class Carried:
@@ -64,14 +50,14 @@ class Carried:
         if any(spec.unit == "rotation" for spec in cls.coordinates.values()):
             raise SizeError(f"the joint '{word}' turns freely: an audit knows joints with angles and displacements")
         self.coordinates = tuple(cls.coordinates)
-        self.inputs, self.program = _program(cls)
+        self.inputs, self.steps, self.outputs = _program(cls)
 
     def motion(self, k: dict[str, Value], state: Any) -> dict[str, Value]:
         """Attitude "Q", Euler parameters "P" and the vectors of l for those of k and the coordinates of the state."""
-        try:
-            found = np.array(self.program(*(complex(self._input(place, k, state)) for place in self.inputs)), dtype=complex)
-        except (NameError, TypeError) as error:
-            raise SizeError(f"the motion of the joint cannot be followed by complex numbers: {error}") from None
+        values = {x: complex(self._input(place, k, state)) for x, place in self.inputs.items()}
+        for name, step in self.steps.items():
+            values[name] = expression_value(step, values)
+        found = np.array([expression_value(e, values) for e in self.outputs], dtype=complex)
         q, u, up = found[:7, None], found[7:13, None], found[13:, None]
         Q = _rotation(q[3:])
         return {"Q": Q, "P": q[3:], "x": q[:3], "v": u[:3], "w": Q @ u[3:], "a": up[:3], "alpha": Q @ up[3:]}

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+import symengine as se
 
 from mbdae.audit import notation
-from mbdae.audit.evaluate import SizeError, Value, evaluate
-from mbdae.audit.motion import Motion
+from mbdae.audit.evaluate import SizeError, Value, attempt, evaluate, infinite
+from mbdae.audit.motion import VECTORS, Motion
 from mbdae.audit.notation import Node, Statement
 from mbdae.audit.phrases import Env
 from mbdae.audit.reading import Printed
@@ -29,7 +31,7 @@ class States:
     inner: str = "l"
     side: int = 1
     absent: str | None = None
-    shared: dict[tuple[str, int], Motion] = field(default_factory=dict)
+    shared: dict[tuple[str, int, str], Motion] = field(default_factory=dict)
     fill: int = 1
 
     def of(self, kind: str, count: int = STATES) -> list[Env]:
@@ -37,9 +39,10 @@ class States:
         return [self._env(kind, seed) for seed in range(count)]
 
     def _env(self, kind: str, seed: int) -> Env:
-        if (kind, seed) not in self.shared:
-            self.shared[kind, seed] = Motion(seed, kind, self.equation.scope.own)
-        motion = self.shared[kind, seed]
+        section = self.equation.states
+        if (kind, seed, section) not in self.shared:
+            self.shared[kind, seed, section] = Motion(seed, kind, self.equation.scope.own, section)
+        motion = self.shared[kind, seed, section]
         return Env(motion.without(self.absent) if self.absent else motion, self.equation.scope, self.inner, self.side, self.fill)
 
     @property
@@ -76,12 +79,8 @@ class States:
 
 
 def _fits(statement: Statement, states: States) -> bool:
-    env = states.free[0]
-    try:
-        sizes = {np.shape(evaluate(s, env)) for s in statement.sides if not notation.is_zero(s)}
-    except (SizeError, MbdaeError):
-        return False
-    return len(sizes) == 1
+    values = [attempt(s, states.free[0]) for s in statement.sides if not notation.is_zero(s)]
+    return all(v is not None for v in values) and len({np.shape(v) for v in values}) == 1
 
 
 def difference(a: Value, b: Value) -> float:
@@ -114,8 +113,9 @@ class Compared:
 def _values(sides: Sequence[Node], env: Env) -> list[Value]:
     with np.errstate(all="ignore"):
         found = [evaluate(side, env) for side in sides]
-    if any(not np.all(np.isfinite(np.asarray(v, dtype=complex))) for v in found):
-        raise SizeError("not finite in a random state")
+    for side, value in zip(sides, found, strict=True):
+        if not np.all(np.isfinite(np.asarray(value, dtype=complex))):
+            raise SizeError(f"{infinite(side, env) or side} is not finite in a random state of motion")
     return found
 
 
@@ -181,3 +181,58 @@ def _vanishing(statement: Statement, states: States) -> bool:
         return max(float(np.max(np.abs(env.value(name)))) for env in envs)
 
     return any(size(n, states.joint) < SAME < size(n, states.free) for n in symbols)
+
+
+# -- in symbols
+
+
+class SymbolicMotion(Motion):
+    """Two free bodies, their quantities symbols. What needs a complex step or the relative angle has no value (SizeError)."""
+
+    def __init__(self) -> None:
+        self.seed, self.kind, self.absent = 0, "free", frozenset()
+        self.stepped, self.origin, self.memory, self.symbolic = False, None, {}, True
+        self.clock, self.arc, self.virtual, self.link = 0, 0, 0, None
+        self.Q = {s: self.matrix(f"attitude {s}") for s in "kl"}
+        self.R0 = self.matrix("reference attitude")
+        self.x0 = {s: self.vector(f"reference place {s}") for s in "kl"}
+        self.vectors = {n: {s: self.vector(f"{n} {s}") for s in "kl"} for n in VECTORS}
+        self.coordinates = {"angle": [self.number(n) for n in ("phi", "phidot", "phiddot")]}
+
+    def number(self, name: str) -> Any:
+        return se.Symbol(name)
+
+    def positive(self, name: str) -> Any:
+        return se.Symbol(name)
+
+    def vector(self, name: str) -> Value:
+        return np.array([[se.Symbol(f"{name} {i}")] for i in range(3)], dtype=object)
+
+    def matrix(self, name: str, symmetric: bool = False) -> Value:
+        return np.array([[se.Symbol(f"{name} {i} {j}") for j in range(3)] for i in range(3)], dtype=object)
+
+    def relative_angle(self) -> Value:
+        raise SizeError("the relative angle of free bodies in symbols")
+
+    def _copy(self, amount: complex) -> Motion:
+        raise SizeError("a complex step in symbols")
+
+
+def identical(equation: Printed, inner: str, side: int = 1) -> bool:
+    """Whether all sides are the same polynomials in the components of free vectors; False where that cannot be said."""
+    env = Env(SymbolicMotion(), equation.scope, inner, side)
+    try:
+        return all(_identical(equation, i, env) for i in range(len(equation.statements)))
+    except (SizeError, MbdaeError, TypeError, ValueError, AttributeError, RuntimeError, IndexError):
+        return False
+
+
+def _identical(equation: Printed, i: int, env: Env) -> bool:
+    statement = equation.statements[i]
+    values = [evaluate(s, env) for s in statement.sides if not notation.is_zero(s)]
+    if i == 0 and equation.quantity is not None:
+        values.append(equation.quantity.value(env))
+    if statement.relation != "=" or len(values) < 2:
+        return False
+    first, *others = values
+    return all(np.shape(v) == np.shape(first) and all(se.expand(d) == 0 for d in np.ravel(np.asarray(first - v))) for v in others)

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.audit import notation
-from mbdae.audit.evaluate import SizeError, evaluate, size
-from mbdae.audit.notation import Node, Statement
+from mbdae.audit.evaluate import SizeError, evaluate, expression_value, size
+from mbdae.audit.laws import LawState, Own, derived, part_class
+from mbdae.audit.motion import Motion
+from mbdae.audit.notation import BASIC, Node, Statement, Unit, unit
 from mbdae.audit.phrases import Definition, Env
-from mbdae.audit.units import BASIC, Unit
+from mbdae.errors import MbdaeError
 
 FACTOR = 1.25  #: by which a basic unit changes its size
 
@@ -45,7 +49,7 @@ def faults(statement: Statement, envs: Sequence[Env]) -> list[str]:
         if len(sizes) > 1:
             return [f"sizes do not fit: {' = '.join(sizes)}"]
     except SizeError as error:
-        return [f"sizes do not fit: {error}"]
+        return [str(error)]
     known = []
     for side, p in found:
         if p is None:
@@ -99,3 +103,73 @@ def shown(p: NDArray[np.float64]) -> str:
     columns = [c for c in p.T if not np.any(np.isnan(c))]
     units = dict.fromkeys(str(Unit((round(c[0], 3) + 0, round(c[1], 3) + 0, round(c[2], 3) + 0))) for c in columns)
     return ", ".join(units) or "1"
+
+
+# -- laws of the user
+
+_PLACES = {"center": "m", "arm": "m", "center_velocity": "m/s", "w": "1/s", "spin": "1/s"}  #: vectors of a body
+#: functions of normal laws and friction laws, with the units of their arguments and of what they return
+_FUNCTIONS = {"elastic_force": (("m",), "N"), "damping_force": (("m", "m/s"), "N"), "energy": (("m",), "J"),
+              "coefficient": (("m/s",), "1")}  # fmt: skip
+Stated = tuple[str, Any, str]  #: what a law states, the expression, the unit that it must have (or any)
+
+
+def of_laws(names: Iterable[str], own: Own) -> list[str]:
+    """Laws of the user among some names whose units do not fit; a law with a unit that is not known is left out."""
+    out = []
+    for name in sorted(set(names) & set(dict(own))):
+        try:
+            fault = _fault(*(_part if part_class(name, own) else _between_bodies)(name, own))
+        except (MbdaeError, SizeError, ArithmeticError):
+            continue
+        out += [f"the law {name} that judges this has wrong units: {fault}"] if fault else []
+    return out
+
+
+def _fault(stated: Sequence[Stated], value: Callable[[Any, int, Mapping[str, float]], Any]) -> str:
+    """value: of an expression in a random state, by the sizes of the basic units."""
+    for what, e, wanted in stated:
+        before = [value(e, seed, dict.fromkeys(BASIC, 1.0)) for seed in range(3)]
+        after = [[value(e, seed, dict.fromkeys(BASIC, 1.0) | {basic: FACTOR}) for seed in range(3)] for basic in BASIC]
+        if np.min(np.abs(before)) < 1e-12:
+            continue
+        p = np.log(np.abs(np.divide(after, before))) / np.log(FACTOR)
+        if np.ptp(p, axis=1).max() > 1e-6:
+            return f"{what} is a sum of terms with different units"
+        if wanted and np.abs(p[:, 0] - unit(wanted).powers).max() > 1e-6:
+            return f"{what} has the unit {shown(p[:, :1])}, not {wanted}"
+    return ""
+
+
+def _between_bodies(name: str, own: Own) -> tuple[list[Stated], Any]:
+    d = derived(name, own)
+    units = {se.Symbol(p): unit(spec.unit) for p, spec in d.law.params.items()}
+    units |= {x: unit(u) for frame in d.sides for place, u in _PLACES.items() for x in getattr(frame, place)}
+    for frame, spec in zip(d.frames[2:], d.law.coordinates.values() if d.frames[2:] else (), strict=False):
+        units |= dict.fromkeys(frame.q, unit(spec.unit)) | dict.fromkeys(frame.u, unit(f"{spec.unit}/s"))
+
+    def value(e: Any, seed: int, scale: Mapping[str, float]) -> Any:
+        state = LawState(name, Motion(seed), {}, own)
+        state.values = {x: v * units[x].size(scale) if x in units else v for x, v in state.values.items()}
+        return state.number(e)
+
+    forces = [(f"the {what} on {side}", e, u) for side in "kl" if side in d.force
+              for what, u, entries in zip(("force", "moment"), ("N", "N m"), d.force[side], strict=True) for e in entries]
+    rows = [(f"the row {row}", g, "") for row, g in zip(d.rows, d.g, strict=True)]
+    return [*rows, ("the energy", d.energy, "J"), ("the dissipated power", d.dissipated_power, "W"), *forces], value
+
+
+def _part(name: str, own: Own) -> tuple[list[Stated], Any]:
+    cls: Any = part_class(name, own)
+
+    def value(function: str, seed: int, scale: Mapping[str, float]) -> Any:
+        made, motion = object.__new__(cls), Motion(seed)
+        for key in (*cls.options, *getattr(cls, "states", ())):
+            setattr(made, key, None)
+        for p, spec in cls.params.items():
+            setattr(made, p, motion.positive(p) * unit(spec.unit).size(scale))
+        arguments = [motion.positive(u) * unit(u).size(scale) for u in _FUNCTIONS[function][0]]
+        return expression_value(se.sympify(getattr(made, function)(*arguments)), {})
+
+    stated = [(f"its {f}", f, u) for f, (_, u) in _FUNCTIONS.items() if f in vars(cls) and not getattr(cls, "states", ())]
+    return stated, value

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mbdae.audit import latex
-from mbdae.audit.evaluate import SizeError
+from mbdae.audit.evaluate import attempt
 from mbdae.audit.fits import places
-from mbdae.audit.notation import Node, negated, symbol
+from mbdae.audit.notation import Node, bare, made, negated, symbol
 from mbdae.audit.phrases import Env, Scope
-from mbdae.errors import MbdaeError
 
 Edited = tuple["Edit", Node]
-Place = tuple[Counter[Node], tuple[Node, ...]]  #: number of times each piece appears in the formula; pieces around this one
 _EXCHANGED = {"sin": "cos", "cos": "sin"}
 
 
@@ -57,29 +55,24 @@ class Candidates:
     def __init__(self, scope: Scope, env: Env) -> None:
         self.scope, self.env = scope, env
         self.sizes: dict[str, tuple[int, ...]] = {}
-        self.any_size = False  #: whether symbols of another size may replace one
+        self.any_size = self.any_unit = False  #: whether symbols of another size, or unit, may replace one
 
     def _size(self, name: str) -> tuple[int, ...]:
         if name not in self.sizes:
-            try:
-                self.sizes[name] = np.shape(self.env.value(name))
-            except (SizeError, MbdaeError, ArithmeticError):
-                self.sizes[name] = (0,)
+            value = attempt(symbol(name), self.env)
+            self.sizes[name] = (0,) if value is None else np.shape(value)
         return self.sizes[name]
 
-    def of(self, name: str) -> Iterator[str]:
-        """Names that may replace `name`."""
+    def of(self, name: str) -> Iterator[tuple[str, float]]:
+        """Names that may replace `name`, and how far that goes: least with the same letter, most with another unit."""
         if name not in self.scope.symbols:
             return
         stem, dots = _dots(name)
-        units = self.scope.symbols[name].units
-        for other in self.scope.symbols:
-            if other != name:
-                near = _dots(other)
-                family = near[0] == stem and near[1] != dots
-                if (family or self.scope.symbols[other].units == units) and (
-                        self.any_size or self._size(other) == self._size(name)):
-                    yield other
+        for other in (n for n in self.scope.symbols if n != name):
+            near = _dots(other)
+            alike = (near[0] == stem and near[1] != dots) or self.scope.symbols[name].units == self.scope.symbols[other].units
+            if (alike or self.any_unit) and (self.any_size or self._size(other) == self._size(name)):
+                yield other, (1.2 if name[0] == other[0] else 1.6) + 0.3 * (not alike)
 
     def known(self) -> list[str]:
         """Symbols that have a value in this state."""
@@ -88,11 +81,6 @@ class Candidates:
     def numbers(self) -> list[str]:
         """Symbols that are numbers."""
         return [name for name in self.scope.symbols if self._size(name) == ()]
-
-
-def _alike(a: str, b: str) -> bool:
-    """Whether two names share their letter, as b1k and b2l do."""
-    return a[0] == b[0]
 
 
 def _dots(name: str) -> tuple[str, int]:
@@ -104,37 +92,20 @@ def _dots(name: str) -> tuple[str, int]:
 
 def edits(node: Node, candidates: Candidates) -> Iterator[Edited]:
     """The formula after every single change: first those of single places, then those of all places alike."""
-    yield from _inside(node, candidates, lambda new: new, (Counter(node.walk()), ()))
+    counts = Counter(node.walk())
+    for piece, rebuilt, around in places(node):
+        where = None if counts[piece] == 1 else next((a for a in around if a.kind != "row" and counts[a] == 1), None)
+        for edit, new in _here(piece, candidates):
+            yield replace(edit, where=where), rebuilt(new)
     yield from everywhere(node, candidates)
     yield from _exchanges(node, candidates)
 
 
-def _inside(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node], place: Place) -> Iterator[Edited]:
-    for edit, new in _here(node, candidates):
-        yield _placed(edit, node, place), rebuilt(new)
-    for i, part in enumerate(node.parts):
-
-        def outer(new: Node, i: int = i) -> Node:
-            return rebuilt(node.with_parts((*node.parts[:i], new, *node.parts[i + 1 :])))
-
-        yield from _inside(part, candidates, outer, (place[0], (node, *place[1])))
-
-
-def _placed(edit: Edit, node: Node, place: Place) -> Edit:
-    """The edit with the surrounding piece, where the changed node appears more than once."""
-    counts, around = place
-    if counts[node] == 1:
-        return edit
-    where = next((a for a in around if a.kind != "row" and counts[a] == 1), None)
-    return edit if where is None else replace(edit, where=where)
-
-
 def _here(node: Node, candidates: Candidates) -> Iterator[Edited]:
-    """Changes of one node."""
     kind, parts = node.kind, node.parts
     if kind == "symbol":
-        for other in candidates.of(node.value):
-            yield Edit("{} -> {}", (node, other), size=1.2 if _alike(node.value, other) else 1.6), symbol(other)
+        for other, size in candidates.of(node.value):
+            yield Edit("{} -> {}", (node, other), size=size), symbol(other)
     if kind in ("cross", "transposed", "power"):
         yield Edit("{} -> {}", (node, parts[0]), resizes=True, size=1.4), parts[0]
     if kind == "neg":
@@ -150,24 +121,24 @@ def _here(node: Node, candidates: Candidates) -> Iterator[Edited]:
 def _in_sum(node: Node) -> Iterator[Edited]:
     parts = node.parts
     for i, term in enumerate(parts):
-        yield Edit("sign of {}", (_bare(term),), size=1), node.with_parts((*parts[:i], negated(term), *parts[i + 1 :]))
-        yield Edit("without the term {}", (term,), resizes=True), node.with_parts((*parts[:i], *parts[i + 1 :]))
+        yield Edit("sign of {}", (bare(term),), size=1), node.with_parts((*parts[:i], negated(term), *parts[i + 1 :]))
+        yield Edit("without the term {}", (term,), resizes=True, size=1.8), node.with_parts((*parts[:i], *parts[i + 1 :]))
     for i, term in enumerate(parts):  # a (b) + c -> a (b + c)
         if term.kind == "product" and len(parts) > 1:
             for cut in range(1, len(term.parts)):
-                inner = Node("sum", None, (term.with_parts(term.parts[cut:]), *parts[:i], *parts[i + 1 :]))
+                inner = made("sum", term.with_parts(term.parts[cut:]), *parts[:i], *parts[i + 1 :])
                 edit = Edit("bracket after {}", (term.with_parts(term.parts[:cut]),), resizes=True)
-                yield edit, Node("product", None, (*term.parts[:cut], inner))
+                yield edit, made("product", *term.parts[:cut], inner)
 
 
 def _in_product(node: Node) -> Iterator[Edited]:
     parts = node.parts
     yield Edit("sign of {}", (node,), size=1), negated(node)
     for i, factor in enumerate(parts):
-        yield Edit("without the factor {}", (factor,), resizes=True), node.with_parts((*parts[:i], *parts[i + 1 :]))
+        yield Edit("without the factor {}", (factor,), resizes=True, size=1.8), node.with_parts((*parts[:i], *parts[i + 1 :]))
         if factor.kind == "sum" and len(parts) > 1:  # a (b + c) -> a b + c
             head = node.with_parts((*parts[:i], factor.parts[0], *parts[i + 1 :]))
-            yield Edit("no bracket around {}", (factor,), resizes=True), Node("sum", None, (head, *factor.parts[1:]))
+            yield Edit("no bracket around {}", (factor,), resizes=True), made("sum", head, *factor.parts[1:])
         if i + 1 < len(parts):
             swapped = (*parts[:i], parts[i + 1], factor, *parts[i + 2 :])
             edit = Edit("{} and {} the other way round", (factor, parts[i + 1]), resizes=True, size=1.3)
@@ -175,16 +146,12 @@ def _in_product(node: Node) -> Iterator[Edited]:
 
 
 def _in_call(node: Node) -> Iterator[Edited]:
-    if node.value in ("abs",):
+    if node.value == "abs":
         yield Edit("{} -> {}", (node, node.parts[0]), size=1.4), node.parts[0]
     if node.value in _EXCHANGED:
         yield Edit("{} -> {}", (node.value, _EXCHANGED[node.value]), size=1.1), Node("call", _EXCHANGED[node.value], node.parts)
     if node.value == "atan2":
         yield Edit("arguments of atan2 exchanged", size=1.1), Node("call", "atan2", node.parts[::-1])
-
-
-def _bare(node: Node) -> Node:
-    return node.parts[0] if node.kind == "neg" else node
 
 
 def everywhere(node: Node, candidates: Candidates) -> Iterator[Edited]:
@@ -195,18 +162,17 @@ def everywhere(node: Node, candidates: Candidates) -> Iterator[Edited]:
             continue
         news = [piece.parts[0]] if piece.kind in ("cross", "transposed") else []
         if piece.kind == "symbol":
-            news = [symbol(other) for other in candidates.of(piece.value)]
+            news = [symbol(other) for other, _ in candidates.of(piece.value)]
         for new in news:
             edit = Edit("{} -> {} everywhere", (piece, new), ((piece, new),), piece.kind != "symbol")
             yield edit, node.replaced({piece: new})
 
 
 def _exchanges(node: Node, candidates: Candidates) -> Iterator[Edited]:
-    """Two symbols exchanged."""
     names = sorted(node.symbols())
     for i, a in enumerate(names):
         for b in names[i + 1 :]:
-            if b in set(candidates.of(a)):
+            if b in dict(candidates.of(a)):
                 table = {symbol(a): symbol(b), symbol(b): symbol(a)}
                 yield Edit("{} and {} exchanged", (a, b), tuple(table.items())), node.replaced(table)
 
@@ -215,12 +181,12 @@ def supplements(node: Node, candidates: Candidates) -> Iterator[Edited]:
     """The formula with a factor added that is a vector or a matrix: one that the text left out altogether."""
     numbers = set(candidates.numbers())
     columns = [symbol(name) for name in candidates.known() if name not in numbers]
-    for piece, rebuilt in places(node):
+    for piece, rebuilt, _ in places(node):
         if piece.kind in ("product", "symbol", "cross", "transposed", "sum"):
             factors = piece.parts if piece.kind == "product" else (piece,)
-            for extra in (form for v in columns for form in (v, Node("transposed", None, (v,)), Node("cross", None, (v,)))):
+            for extra in (form for v in columns for form in (v, made("transposed", v), made("cross", v))):
                 for i in range(len(factors) + 1):
-                    new = Node("product", None, (*factors[:i], extra, *factors[i:]))
+                    new = made("product", *factors[:i], extra, *factors[i:])
                     yield Edit("{} -> {}", (piece, new)), rebuilt(new)
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import symengine as se
 
 from mbdae.audit.notation import Node
+from mbdae.errors import MbdaeError
 from mbdae.symbolic.functions import complex_atan2
 
 STEP = 1e-30  #: of the complex step
@@ -18,47 +19,34 @@ FINITE = 0.02  #: of the differences by which a derivative of a derivative is ta
 #: coefficients of central differences of order 10 at 1 to 5 steps
 _CENTRAL = (5 / 6, -5 / 21, 5 / 84, -5 / 504, 1 / 1260)
 Value = Any  #: a complex number, or a matrix (rows, columns) of them
+Source = Any  #: where the values of symbols come from, and states that are moved or hold other values: an `Env` of phrases
 
 
 class SizeError(Exception):
-    """A value that cannot be computed, mostly because sizes do not fit."""
+    """A value that cannot be computed, mostly because sizes do not fit; says where."""
+
+    placed = False  #: whether it says where
 
 
 class NestedError(SizeError):
     """A derivative inside of a complex step: the outer derivative is taken by finite differences then."""
 
+    placed = True
 
-class Source(Protocol):
-    """Where the values of symbols come from: a state of motion of two bodies."""
 
-    @property
-    def stepped(self) -> bool:
-        """Whether its values carry a complex step."""
+#: causes that numbers have, in words
+_CAUSES = {ZeroDivisionError: "a quantity it divides by is 0", OverflowError: "a number in it grows beyond all bounds",
+           np.linalg.LinAlgError: "its matrix has no inverse"}  # fmt: skip
 
-    @property
-    def fill(self) -> int:
-        """Rows of a literal 0 beside which nothing says how many they are."""
 
-    def size_of(self, what: str) -> float:
-        """The size of the unit of "time" or "length"."""
+def reason(error: Exception, what: object) -> str:
+    """Why something has no value, in words."""
+    why = next((words for kind, words in _CAUSES.items() if isinstance(error, kind)), str(error))
+    return why if isinstance(error, MbdaeError) or getattr(error, "placed", False) else f"{what} has no value: {why}"
 
-    def constant(self, number: float) -> Value:
-        """A number of a formula."""
 
-    def value(self, name: str) -> Value:
-        """The value of a symbol."""
-
-    def moved(self, how: str, amount: complex) -> Source:
-        """The same state moved: "virtual", "time" or "line"."""
-
-    def shifted(self, name: str, amount: complex, entry: int = 0) -> Source:
-        """The same state with one symbol, or one entry of it, moved."""
-
-    def kept(self, node: Node, compute: Callable[[], Value]) -> Value:
-        """The value of a piece of a formula, computed once."""
-
-    def bound(self, name: str, value: Value) -> Source:
-        """The same state with a name that stands for a value."""
+#: what keeps a formula from having a value in a state
+NO_VALUE = (SizeError, MbdaeError, ArithmeticError, np.linalg.LinAlgError)
 
 
 def derivative(value_at: Callable[[complex], Value], stepped: bool = False) -> Value:
@@ -74,7 +62,7 @@ def derivative(value_at: Callable[[complex], Value], stepped: bool = False) -> V
 def cross(v: Value) -> Value:
     """The matrix with cross(v) c = v x c."""
     if np.shape(v) != (3, 1):
-        raise SizeError(f"~ of {size(v)}")
+        raise SizeError(f"a tilde is put on a 3 x 1, not on {size(v)}")
     x, y, z = v[0, 0], v[1, 0], v[2, 0]
     return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 
@@ -103,7 +91,7 @@ def _square(v: Value) -> Value:
 
 def _length(v: Value) -> Value:
     if np.shape(v)[1:] != (1,):
-        raise SizeError(f"norm of {size(v)}")
+        raise SizeError(f"a norm is that of a column, not of {size(v)}")
     return np.sqrt(np.sum(v * v) + 0j)
 
 
@@ -117,7 +105,30 @@ _PLAIN: dict[str, Callable[..., Value]] = {
 
 def evaluate(node: Node, at: Source) -> Value:
     """The value of a formula in a state; SizeError where the sizes of its pieces do not fit."""
-    return _BY_KIND[node.kind](node, at)
+    try:
+        return _BY_KIND[node.kind](node, at)
+    except (SizeError, ArithmeticError, np.linalg.LinAlgError) as error:
+        if getattr(error, "placed", False):
+            raise
+        found = SizeError(reason(error, node))
+        found.placed = True
+        raise found from error
+
+
+def infinite(node: Node, at: Source) -> Node | None:
+    """The innermost piece of a formula whose value is not finite; None where all are."""
+    inner = next(filter(None, (infinite(p, at) for p in node.parts)), None) if node.kind not in ("call", "block") else None
+    value = None if inner is not None or node.kind == "row" else attempt(node, at)
+    return inner or (node if value is not None and not np.all(np.isfinite(np.asarray(value, dtype=complex))) else None)
+
+
+def attempt(node: Node, at: Source) -> Any:
+    """The value of a formula; None where it has none."""
+    try:
+        with np.errstate(all="ignore"):
+            return evaluate(node, at)
+    except NO_VALUE:
+        return None
 
 
 def _sum(node: Node, at: Source) -> Value:
@@ -125,7 +136,7 @@ def _sum(node: Node, at: Source) -> Value:
     for part in node.parts[1:]:
         term = evaluate(part, at)
         if np.shape(total) != np.shape(term):
-            raise SizeError(f"{size(total)} + {size(term)}")
+            raise SizeError(f"sizes do not fit: {size(total)} + {size(term)}")
         total = total + term
     return total
 
@@ -141,7 +152,7 @@ def _times(a: Value, b: Value) -> Value:
     if np.ndim(a) == 0 or np.ndim(b) == 0:
         return a * b
     if a.shape[1] != b.shape[0]:
-        raise SizeError(f"{size(a)} times {size(b)}")
+        raise SizeError(f"sizes do not fit: {size(a)} times {size(b)}")
     c = a @ b
     return c[0, 0] if c.shape == (1, 1) else c
 
@@ -179,7 +190,10 @@ def _call(node: Node, at: Source) -> Value:
     if name == "diff":
         return at.kept(node, lambda: _partial(parts[0], parts[1], at))
     if name == "sum":
-        first, last = (int(np.real(_number(evaluate(p, at)))) for p in parts[2:])
+        ends = [float(np.real(_number(evaluate(p, at)))) for p in parts[2:]]
+        if not all(map(float.is_integer, ends)):
+            raise SizeError("the ends of a sum are whole numbers")
+        first, last = map(int, ends)
         return sum(evaluate(parts[0], at.bound(parts[1].value, complex(i))) for i in range(first, last + 1))
     if name == "integral":
         return at.kept(node, lambda: _integral(node, at))
@@ -193,7 +207,7 @@ def _call(node: Node, at: Source) -> Value:
 def _partial(e: Node, by: Node, at: Source) -> Value:
     """Derivative by a number; by a column a matrix with one column for each of its entries."""
     if by.kind != "symbol":
-        raise SizeError("diff by something that is no symbol")
+        raise SizeError("a derivative is taken by a symbol")
 
     def along(entry: int) -> Value:
         return derivative(lambda h: evaluate(e, at.shifted(by.value, h, entry)), at.stepped)
@@ -240,7 +254,7 @@ def _block(node: Node, at: Source) -> Value:
 def _common(sizes: list[int], fill: int = 1) -> int:
     """The size that all entries of a row or column share; literal zeros take it (`fill` where there is nothing else)."""
     if len(set(sizes)) > 1:
-        raise SizeError(f"a block of {sizes[0]} beside a block of {next(s for s in sizes if s != sizes[0])}")
+        raise SizeError(f"sizes do not fit: a block of {sizes[0]} beside a block of {next(s for s in sizes if s != sizes[0])}")
     return sizes[0] if sizes else fill
 
 
@@ -264,7 +278,10 @@ def expression_value(e: Any, known: Mapping[Any, complex]) -> Any:
         return complex(e)
     if isinstance(e, se.Piecewise):
         pairs = zip(e.args[::2], e.args[1::2], strict=True)
-        return next(expression_value(result, known) for result, condition in pairs if _holds(condition, known))
+        for result, condition in pairs:
+            if _holds(condition, known):
+                return expression_value(result, known)
+        raise SizeError("a law says nothing for the case that a state is in")
     a = [expression_value(x, known) for x in e.args]
     if isinstance(e, se.Add):
         return sum(a)
@@ -278,6 +295,8 @@ def expression_value(e: Any, known: Mapping[Any, complex]) -> Any:
         return a[0]
     if name == "floor":
         return complex(math.floor(a[0].real))
+    if not hasattr(cmath, name) and name != "atan2":
+        raise SizeError(f"a law contains the function {name}, which an audit does not know")
     return complex_atan2(a[0], a[1]) if name == "atan2" else getattr(cmath, name)(*a)
 
 

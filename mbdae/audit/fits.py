@@ -6,7 +6,7 @@ product of powers of quantities of the text, times a simple number.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -15,34 +15,37 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.audit.evaluate import STEP, SizeError, Value, evaluate
-from mbdae.audit.notation import PLAIN, Node, negated, number, symbol
+from mbdae.audit.evaluate import STEP, Value, attempt
+from mbdae.audit.notation import BINDING, PLAIN, Node, made, negated, number, symbol
 from mbdae.audit.phrases import Env
-from mbdae.errors import MbdaeError
 
 UNKNOWN = symbol("@")
 _ONE = number(1)
 EXACT = 1e-7  #: of fitted exponents and logarithms
 MANY = 6_000  #: products of vectors and matrices that are tried as terms
+LARGE = 64  #: product of numerator and denominator of a number that is missing as a factor
+LONG = 6  #: pieces of a combination of the formula that is missing as a factor
 MOST = 30  #: quantities among which powers are sought
+Rebuilt = Callable[[Node], Node]
+Place = tuple[Node, Rebuilt, tuple[Node, ...]]
 
 
-def attempt(node: Node, env: Env) -> Any:
-    """The value of a formula; None where it has none."""
-    try:
-        with np.errstate(all="ignore"):
-            return evaluate(node, env)
-    except (SizeError, MbdaeError, ArithmeticError, np.linalg.LinAlgError):
-        return None
-
-
-def places(node: Node, rebuilt: Any = lambda new: new) -> Iterator[tuple[Node, Any]]:
-    """Every piece of a formula with the function that puts another in its place."""
-    yield node, rebuilt
+def places(node: Node, rebuilt: Rebuilt = lambda new: new, around: tuple[Node, ...] = ()) -> Iterator[Place]:
+    """Every piece of a formula, the function that puts another in its place, and the pieces around it from the inside out."""
+    yield node, rebuilt, around
     for i, part in enumerate(node.parts):
-        if node.kind == "call" and i and node.value in ("diff", "sum", "integral"):
-            continue
-        yield from places(part, lambda new, i=i: rebuilt(node.with_parts((*node.parts[:i], new, *node.parts[i + 1 :]))))
+        if not (node.kind == "call" and i == 1 and node.value in BINDING):  # a name of its own
+
+            def outer(new: Node, i: int = i) -> Node:
+                return rebuilt(node.with_parts((*node.parts[:i], new, *node.parts[i + 1 :])))
+
+            yield from places(part, outer, (node, *around))
+
+
+def _ratio(value: Fraction) -> list[Node]:
+    """A positive number as factors of a product."""
+    below = [] if value.denominator == 1 else [made("inverse", number(value.denominator))]
+    return [number(value.numerator), *below]
 
 
 @dataclass(frozen=True)
@@ -55,36 +58,40 @@ class Monomial:
     @property
     def factors(self) -> list[Node]:
         """Its factors as pieces of a product."""
-        out = []
-        if abs(self.c) != 1 or not self.powers:
-            top, bottom = abs(self.c.numerator), self.c.denominator
-            out = [number(top)] + ([Node("inverse", None, (number(bottom),))] if bottom != 1 else [])
+        out = _ratio(abs(self.c)) if abs(self.c) != 1 or not self.powers else []
         for piece, p in self.powers:
-            size = abs(p)
-            exponent = number(size.numerator) if size.denominator == 1 else Node(
-                "product", None, (number(size.numerator), Node("inverse", None, (number(size.denominator),))))  # fmt: skip
-            shown = piece if size == 1 else Node("power", None, (piece, exponent))
-            out.append(shown if p > 0 else Node("inverse", None, (shown,)))
+            shown = piece if abs(p) == 1 else made("power", piece, made("product", *_ratio(abs(p))))
+            out.append(shown if p > 0 else made("inverse", shown))
         return out
 
     def times(self, node: Node | None = None) -> Node:
         """The formula times this."""
         inside = () if node is None or node == _ONE else node.parts if node.kind == "product" else (node,)
         factors = [f for f in (*self.factors, *inside) if not (f == _ONE and (inside or len(self.factors) > 1))]
-        new = factors[0] if len(factors) == 1 else Node("product", None, tuple(factors))
+        new = made("product", *factors)
         return negated(new) if self.c < 0 else new
 
 
 class Fit:
-    """Numbers in some states as powers of the scalar quantities of a text."""
+    """What a formula lacks to have the values in some states, as powers of the scalar quantities of a text."""
 
-    def __init__(self, envs: Sequence[Env], pieces: Sequence[Node]) -> None:
-        self.envs, self.pieces = envs, pieces
+    def __init__(self, envs: Sequence[Env], values: Sequence[Value], pieces: Sequence[Node]) -> None:
+        self.envs, self.values, self.pieces = envs, values, pieces
+
+    def lacking(self, probe: Node) -> Monomial | None:
+        """The simplest product of powers that @ in a formula must be for it to have the values."""
+        found = []
+        for env, wanted in zip(self.envs, self.values, strict=True):
+            r = _solved(probe, env, wanted)
+            if r is None or abs(r) < 1e-9:
+                return None
+            found.append(r)
+        return self.monomial(found)
 
     @cached_property
     def _scalars(self) -> list[tuple[Node, Any]]:
         found: list[tuple[Node, Any]] = []
-        for piece in self.pieces:
+        for piece in (p for p in self.pieces if sum(1 for _ in p.walk()) <= LONG):
             values = [attempt(piece, env) for env in self.envs]
             if all(v is not None and np.ndim(v) == 0 and np.isfinite(v) and abs(v) > 1e-9 for v in values):
                 v = np.real(np.array(values, dtype=complex))
@@ -131,7 +138,7 @@ class Fit:
     def _of(self, r: Any, some: Sequence[tuple[Node, Any]], x: Any) -> Monomial | None:
         powers = [Fraction(round(2 * p), 2) for p in x[1:]]
         c = Fraction(float(np.exp(x[0]))).limit_denominator(48)
-        exact = all(abs(p - f) < EXACT and f for p, f in zip(x[1:], powers, strict=True)) and c.numerator <= 64
+        exact = all(abs(p - f) < EXACT and f for p, f in zip(x[1:], powers, strict=True)) and c.numerator * c.denominator <= LARGE
         if not exact or abs(float(c) - np.exp(x[0])) > EXACT * float(c):
             return None
         signs = np.prod([np.sign(v) ** int(p) if p.denominator == 1 else np.where(v > 0, 1.0, np.nan)
@@ -139,17 +146,6 @@ class Fit:
         if np.any(np.isnan(signs)) or np.ptp(np.atleast_1d(signs)) != 0:
             return None
         return Monomial(c * int(np.ravel(signs)[0]), tuple((piece, p) for (piece, _), p in zip(some, powers, strict=True)))
-
-
-def solved(node: Node, envs: Sequence[Env], values: Sequence[Value]) -> list[complex] | None:
-    """The number @ in every state for which the formula has the values; None where there is none."""
-    out = []
-    for env, wanted in zip(envs, values, strict=True):
-        r = _solved(node, env, wanted)
-        if r is None or abs(r) < 1e-9:
-            return None
-        out.append(r)
-    return out
 
 
 def _solved(node: Node, env: Env, wanted: Value) -> complex | None:
@@ -181,60 +177,43 @@ def _newton(node: Node, env: Env, wanted: Value) -> complex | None:
     return None
 
 
-def factors(node: Node, envs: Sequence[Env], values: Sequence[Value], fit: Fit) -> Iterator[tuple[Node, Monomial, Node]]:
-    """Pieces with a factor that is missing there, and the formula with it."""
-    for piece, rebuilt in places(node):
+def factors(node: Node, fit: Fit) -> Iterator[tuple[Node, Monomial, Node]]:
+    """Pieces with a factor or an exponent that is missing there, and the formula with it."""
+    for piece, rebuilt, _ in places(node):
         if piece.kind in ("block", "row", "neg"):
             continue
-        factors_ = piece.parts if piece.kind == "product" else (piece,)
-        probe = rebuilt(Node("product", None, (UNKNOWN, *factors_)))
-        r = _first_two(probe, envs, values)
-        found = fit.monomial(r) if r is not None else None
+        inside = piece.parts if piece.kind == "product" else (piece,)
+        found = fit.lacking(rebuilt(made("product", UNKNOWN, *inside)))
         if found is not None and found != Monomial(Fraction(1)) and piece not in (p for p, _ in found.powers):
             yield piece, found, rebuilt(_merged(found, piece))
-        if not np.shape(values[0]) and piece.kind in ("symbol", "call", "sum"):
-            yield from _powers(piece, rebuilt, envs, values, fit)
-
-
-def _powers(piece: Node, rebuilt: Any, envs: Sequence[Env], values: Sequence[Value], fit: Fit) -> Iterator[
-        tuple[Node, Monomial, Node]]:  # fmt: skip
-    """A piece with an exponent that is missing: a quantity of the text."""
-    r = _first_two(rebuilt(Node("power", None, (piece, UNKNOWN))), envs, values)
-    found = fit.monomial(r) if r is not None else None
-    if found is not None and found.powers:
-        power = Node("power", None, (piece, found.times()))
-        yield piece, Monomial(Fraction(1), ((power, Fraction(1)), (piece, Fraction(-1)))), rebuilt(power)
-
-
-def _first_two(probe: Node, envs: Sequence[Env], values: Sequence[Value]) -> list[complex] | None:
-    first = solved(probe, envs[:1], values[:1])
-    rest = solved(probe, envs[1:], values[1:]) if first else None
-    return [*first, *rest] if first and rest else None
+        if not np.shape(fit.values[0]) and piece.kind in ("symbol", "call", "sum"):
+            found = fit.lacking(rebuilt(made("power", piece, UNKNOWN)))
+            if found is not None and found.powers:  # an exponent that is a quantity of the text
+                power = made("power", piece, found.times())
+                yield piece, Monomial(Fraction(1), ((power, Fraction(1)), (piece, Fraction(-1)))), rebuilt(power)
 
 
 def _merged(found: Monomial, piece: Node) -> Node:
-    """A piece times a factor: numbers multiplied, equal powers joined."""
+    """A piece times a factor: numbers multiplied."""
     if piece.kind == "number":
         return Monomial(found.c * Fraction(piece.value).limit_denominator(10**6), found.powers).times()
     return found.times(piece)
 
 
-def terms(node: Node, envs: Sequence[Env], values: Sequence[Value], fit: Fit, vectors: Sequence[Node]) -> Iterator[
-        tuple[Node, Node]]:  # fmt: skip
+def terms(node: Node, fit: Fit, vectors: Sequence[Node]) -> Iterator[tuple[Node, Node]]:
     """Terms that are missing in the formula or in one of its sums, and the formula with them."""
-    for piece, rebuilt in places(node):
+    for piece, rebuilt, _ in places(node):
         if (piece is not node and piece.kind not in ("sum", "symbol")) or piece.kind in ("block", "row"):
             continue
         inside = piece.parts if piece.kind == "sum" else (piece,)
-        base = attempt(piece, envs[0])
+        base = attempt(piece, fit.envs[0])
         longest = 3 if piece is node or piece.kind == "sum" else 1
-        for shape in _shapes(np.shape(base), vectors, envs[0], longest) if base is not None else ():
-            term = UNKNOWN if shape == _ONE else Node("product", None, (UNKNOWN, shape))
-            r = _first_two(rebuilt(Node("sum", None, (*inside, term))), envs, values)
-            found = fit.monomial(r) if r is not None else None
-            if found is not None:
-                more = found.times(shape)
-                yield more, rebuilt(Node("sum", None, (*inside, more)))
+        for shape in _shapes(np.shape(base), vectors, fit.envs[0], longest) if base is not None else ():
+            term = UNKNOWN if shape == _ONE else made("product", UNKNOWN, shape)
+            found = fit.lacking(rebuilt(made("sum", *inside, term)))
+            more = found.times(shape) if found is not None else None
+            if more is not None and negated(more) not in (piece, *inside):
+                yield more, rebuilt(made("sum", *inside, more))
 
 
 def _shapes(size: tuple[int, ...], vectors: Sequence[Node], env: Env, longest: int) -> Iterator[Node]:
@@ -244,16 +223,12 @@ def _shapes(size: tuple[int, ...], vectors: Sequence[Node], env: Env, longest: i
     forms: list[Node] = []
     for v in vectors:
         known = np.shape(attempt(v, env))
-        if known == (3, 1):
-            forms += [v, Node("cross", None, (v,)), Node("transposed", None, (v,))]
-        elif known:
-            forms += [v, Node("transposed", None, (v,))]
+        forms += [v, *([made("cross", v)] if known == (3, 1) else []), made("transposed", v)] if known else []
     shapes = {f: np.shape(attempt(f, env)) for f in forms}
-    chains: list[tuple[tuple[Node, ...], tuple[int, ...]]] = [((f,), s) for f, s in shapes.items()]
     rows, width = size or (1, 1)
-    chains = [(c, s) for c, s in chains if s[0] == rows]
+    chains: list[tuple[tuple[Node, ...], tuple[int, ...]]] = [((f,), s) for f, s in shapes.items() if s[0] == rows]
     for length in range(1, longest + 1):
-        yield from (_product(c) for c, s in chains if _fits(s, size))
+        yield from (made("product", *c) for c, s in chains if s == (size or (1, 1)))
         last = length + 1 == longest
         chains = [((*c, f), (s[0], t[1])) for c, s in chains for f, t in shapes.items()
                   if s[1] == t[0] and (not last or t[1] == width)]  # fmt: skip
@@ -261,23 +236,15 @@ def _shapes(size: tuple[int, ...], vectors: Sequence[Node], env: Env, longest: i
             return
 
 
-def _fits(shape: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
-    return shape == wanted or (wanted == () and shape == (1, 1))
-
-
-def _product(chain: tuple[Node, ...]) -> Node:
-    return chain[0] if len(chain) == 1 else Node("product", None, chain)
-
-
-def wrapped(node: Node) -> Iterator[tuple[Node, Node, Node]]:
+def wrapped(node: Node, env: Env) -> Iterator[tuple[Node, Node, Node]]:
     """Pieces put into a tilde, a transposition, an absolute value, a root or another function; or out of one."""
-    for piece, rebuilt in places(node):
+    for piece, rebuilt, _ in places(node):
         news = []
         if piece.kind in ("symbol", "cross", "sum", "product"):
-            news += [Node(kind, None, (piece,)) for kind in ("cross", "transposed")]
+            news += [made(kind, piece) for kind in ("cross", "transposed")]
         if piece.kind in ("symbol", "sum", "product", "call", "power"):
             news += [Node("call", name, (piece,)) for name in ("abs", "sqrt", "norm", "sign", "sin", "cos", "tanh", "rate")]
-            news += [Node("power", None, (piece, e)) for e in (number(2), number(-1))]
+            news += [made("power", piece, e) for e in (number(2), number(-1))]
         if piece.kind == "call" and piece.value in PLAIN:
             news += [Node("call", name, piece.parts) for name in PLAIN if name != piece.value]
         for new in news:

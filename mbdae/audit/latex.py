@@ -6,17 +6,21 @@ import re
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from mbdae.audit.notation import Node, Statement
+from mbdae.audit.notation import Node, Statement, bare
 from mbdae.documents.mathml import GREEK
 
 _LETTERS = {name: "\\" + name for name in GREEK} | {"phi": r"\varphi", "w": r"\omega"}
 _WORDS = "|".join(sorted(GREEK, key=len, reverse=True))
 _NAME = re.compile(
     rf"(?P<change>delta(?=.)|d(?=(?:{_WORDS})|[wW]))?(?P<letter>{_WORDS}|[A-Za-z])(?P<bar>bar)?"
-    r"(?P<figure>\d*)(?P<index>phi|[a-z]*?)(?P<last>\d*)(?P<body>k|l)?(?P<dots>ddot|dot)?_*$"
+    r"(?P<figure>\d*)(?P<index>phi|[a-z]*?)(?P<last>\d*)(?P<body>k|l)?(?P<dots>ddot|dot)?$"
 )
-_CALLS = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "det"}
 _SIGNS = {"delta": r"\delta", "rate": r"\frac{d}{dt}", "slope": r"\frac{d}{ds}"}
+#: functions by their arguments in LaTeX; the others stand as names before brackets
+_CALLS = {"norm": r"\left\|{0}\right\|", "abs": r"\left|{0}\right|", "sqrt": r"\sqrt{{{0}}}",
+          "sum": r"\sum_{{{1}={2}}}^{{{3}}} {0}", "integral": r"\int_{{{2}}}^{{{3}}} {0} \, d{1}",
+          "diff": r"\frac{{\partial {0}}}{{\partial {1}}}"}  # fmt: skip
+_KNOWN = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "det"}  #: names that LaTeX has
 Letters = Mapping[str, str]  #: how a text prints a name, in TeX
 _NONE: Letters = MappingProxyType({})
 
@@ -30,6 +34,7 @@ def name(text: str, letters: Letters = _NONE, transposed: bool = False, tilde: b
         return f"{{{inner}}}{mark}" if mark else inner
     if text == "pi":
         return r"\pi"
+    text = text.replace("_", r"\_")
     if match is None or text == "I":
         return (rf"\tilde{{{text}}}" if tilde else text if text == "I" else rf"\mathrm{{{text}}}") + mark
     body, index = match["body"] or "", match["index"]
@@ -85,55 +90,33 @@ def _marked(node: Node, letters: Letters) -> str:
 
 def _sum(node: Node, letters: Letters) -> str:
     terms = node.parts if node.kind == "sum" else (node,)
-    text = ""
-    for term in terms:
-        if term.kind == "neg":
-            text += ("" if not text else " ") + "- " + formula(term.parts[0], letters, 1)
-        else:
-            text += (" + " if text else "") + formula(term, letters, 1)
-    return text
+    text = "".join((" - " if t.kind == "neg" else " + ") + formula(bare(t), letters, 1) for t in terms)
+    return text.removeprefix(" + ").lstrip()
 
 
 def _product(node: Node, letters: Letters) -> str:
+    """A single factor stands above all that divide it; of several, each above those that follow it."""
     above = [formula(p, letters, 1) for p in node.parts if p.kind != "inverse"]
-    below = [formula(p.parts[0], letters, 1) for p in node.parts if p.kind == "inverse"]
-    text = r" \, ".join(above) or "1"
-    if not below:
-        return text
-    bottom = below[0] if len(below) == 1 else r" \, ".join(below)
-    if len(above) > 1:  # a/b c: the quotient stands where its inverse stands
-        return r" \, ".join(_factors(node, letters))
-    return rf"\frac{{{text}}}{{{bottom}}}"
-
-
-def _factors(node: Node, letters: Letters) -> list[str]:
-    """Factors with every inverse put below the one before it."""
+    below = [p.parts[0] for p in node.parts if p.kind == "inverse"]
+    if below and len(above) < 2:
+        bottom = r" \, ".join(formula(p, letters, 1) for p in below)
+        return rf"\frac{{{above[0] if above else 1}}}{{{bottom}}}"
     out: list[str] = []
     for part in node.parts:
         if part.kind == "inverse" and out:
             out[-1] = rf"\frac{{{out[-1]}}}{{{formula(part.parts[0], letters)}}}"
         else:
             out.append(formula(part, letters, 1))
-    return out
+    return r" \, ".join(out)
 
 
 def _call(node: Node, letters: Letters) -> str:
-    inner = [formula(p, letters) for p in node.parts]
-    if node.value == "norm":
-        return rf"\left\|{inner[0]}\right\|"
-    if node.value == "abs":
-        return rf"\left|{inner[0]}\right|"
-    if node.value == "sqrt":
-        return rf"\sqrt{{{inner[0]}}}"
-    if node.value in ("sum", "integral"):
-        _body, bound, low, high = inner
-        if node.value == "sum":
-            return rf"\sum_{{{bound}={low}}}^{{{high}}} {formula(node.parts[0], letters, 1)}"
-        return rf"\int_{{{low}}}^{{{high}}} {formula(node.parts[0], letters, 1)} \, d{bound}"
-    if node.value == "diff":
-        return rf"\frac{{\partial {inner[0]}}}{{\partial {inner[1]}}}"
+    level = 1 if node.value in ("sum", "integral") else 0
+    inner = [formula(p, letters, level if i == 0 else 0) for i, p in enumerate(node.parts)]
+    if node.value in _CALLS:
+        return _CALLS[node.value].format(*inner)
     if node.value in _SIGNS:
         sign = _SIGNS[node.value]
         return rf"{sign} \left({inner[0]}\right)" if node.parts[0].parts else f"{sign} {inner[0]}"
-    head = rf"\{node.value}" if node.value in _CALLS else rf"\operatorname{{{node.value}}}"
+    head = rf"\{node.value}" if node.value in _KNOWN else rf"\operatorname{{{node.value}}}"
     return rf"{head}\left({', '.join(inner)}\right)"

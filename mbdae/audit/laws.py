@@ -127,25 +127,27 @@ class LawState:
 
 def journal(motion: Motion, radii: tuple[float, float], sides: str, rubbing: bool = True) -> LawState:
     """The contact of a pin in its race; radii outer, inner; sides: the bodies of race and pin; rubbing: with friction."""
-    key = ("journal", radii, sides, rubbing)
-    if key not in motion.memory:
+
+    def made() -> LawState:
         given = dict(zip(("outer", "inner"), radii, strict=True)) | {"friction_v_c": 1e-3, "normal_damping": 0.0}
-        given |= {} if rubbing else {"friction_mu": 0.0}
-        motion.memory[key] = LawState("JournalContact", motion, given, sides=sides)
-    found: LawState = motion.memory[key]
-    return found
+        return LawState("JournalContact", motion, given if rubbing else given | {"friction_mu": 0.0}, sides=sides)
+
+    return motion.once(("journal", radii, sides, rubbing), made)
+
+
+def _sensor(contact: LawState, name: str) -> Any:
+    v, d = contact.d.variation, contact.d
+    (e,) = d.law.observed(*d.sides)[name]
+    return v.resolve(v.name(e))
 
 
 def observed(contact: LawState, name: str) -> Value:
     """A sensor of the contact."""
-    v, d = contact.d.variation, contact.d
-    (e,) = d.law.observed(*d.sides)[name]
-    return contact.number(v.resolve(v.name(e)))
+    return contact.number(_sensor(contact, name))
 
 
 def outward(contact: LawState) -> Value:
     """Unit vector from the centre of the race to that of the pin: gradient of the penetration by the displacement of the pin."""
-    v, d = contact.d.variation, contact.d
-    (e,) = d.law.observed(*d.sides)["gap"]
-    move, _ = v.gradient(d.frames[1], v.resolve(v.name(e)))
+    v = contact.d.variation
+    move, _ = v.gradient(contact.d.frames[1], _sensor(contact, "gap"))
     return -contact.vector(map(v.resolve, move))

@@ -7,25 +7,27 @@ A state belongs to a motion: accelerations are constant, so that all time deriva
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeVar
 from zlib import crc32
 
 import numpy as np
 
-from mbdae.audit.carried import Carried
+from mbdae.audit.carried import Carried, joint_class
 from mbdae.audit.evaluate import STEP, NestedError, SizeError, Value, cross
 from mbdae.symbolic.functions import complex_atan2
 
 _E3 = np.array([[0.0], [0.0], [1.0]])
 #: independent vectors of each body: position, velocity, acceleration, angular velocity, angular acceleration
 VECTORS = ("x", "v", "a", "w", "alpha")
+T = TypeVar("T")
 _TERMS = 24  #: of the series of a rotation
 
 
 def turned(vector: Value) -> Value:
-    """Rotation matrix of a (complex) rotation vector, rad: the exponential series."""
+    """Rotation matrix of a (complex) rotation vector, rad: the exponential series, whose small imaginary parts stay exact."""
     total, term, n = np.eye(3) + 0j, np.eye(3) + 0j, cross(np.asarray(vector) + 0j)
     for i in range(1, _TERMS):
         term = term @ n / i
@@ -72,7 +74,7 @@ class Motion:
 
     symbolic = False  #: whether its quantities are symbols
 
-    def __init__(self, seed: int, kind: str = "free", own: Any = ()) -> None:
+    def __init__(self, seed: int, kind: str = "free", own: Any = (), section: str = "") -> None:
         self.seed, self.kind, self.absent = seed, kind, frozenset[str]()
         self.stepped, self.origin = False, None  # type: tuple[bool, Motion | None]
         self.clock, self.arc, self.virtual = 0j, 0j, 0j  #: time and length along the line since the state, virtual displacement
@@ -83,7 +85,7 @@ class Motion:
         self.x0 = {s: self.vector(f"reference place {s}") for s in "kl"}
         self.vectors: dict[str, dict[str, Value]] = {n: {s: self.vector(f"{n} {s}") + 0j for s in "kl"} for n in VECTORS}
         #: value, rate and second rate of the coordinates of the joint, of its relative angle alone where it has none
-        names = ("angle", "first shift", "second shift") if self.link is None else self.link.coordinates
+        names = self.link.coordinates if self.link is not None else free_coordinates(section, own)
         self.coordinates: dict[str, list[Value]] = {
             name: [self.number(n + ("" if i == 0 else f" of {name}")) + 0j for n in ("phi", "phidot", "phiddot")]
             for i, name in enumerate(names)
@@ -128,6 +130,13 @@ class Motion:
         other.absent, other.memory = self.absent | {name}, {}
         return other
 
+    def once(self, key: Any, compute: Callable[[], T]) -> T:
+        """What belongs to this state, computed when it is first asked for."""
+        if key not in self.memory:
+            self.memory[key] = compute()
+        found: T = self.memory[key]
+        return found
+
     # -- quantities of motion
 
     @property
@@ -137,11 +146,11 @@ class Motion:
 
     def _l(self) -> dict[str, Value]:
         """Motion of l where the bodies are joined: "Q" and the vectors."""
-        if "l" not in self.memory:
+        def carried() -> dict[str, Value]:
             k = {n: self.vectors[n]["k"] for n in VECTORS} | {"Q": self.Q["k"], "P": quaternion(self.Q["k"])}
-            self.memory["l"] = self.link.motion(k, self) if self.link else self._apart(k)
-        found: dict[str, Value] = self.memory["l"]
-        return found
+            return self.link.motion(k, self) if self.link else self._apart(k)
+
+        return self.once("l", carried)
 
     def _apart(self, k: dict[str, Value]) -> dict[str, Value]:
         """l turned about k's third axis, its centre moved in the plane normal to it."""
@@ -168,19 +177,9 @@ class Motion:
         return self._l()["P"] if side == "l" and self.link else quaternion(self.rotation(side))
 
     @property
-    def phi(self) -> Value:
-        """The first coordinate of the joint, with its rates `phidot` and `phiddot`."""
-        return next(iter(self.coordinates.values()))[0]
-
-    @property
-    def phidot(self) -> Value:
-        """Rate of the first coordinate."""
-        return next(iter(self.coordinates.values()))[1]
-
-    @property
-    def phiddot(self) -> Value:
-        """Second rate of the first coordinate."""
-        return next(iter(self.coordinates.values()))[2]
+    def first(self) -> list[Value]:
+        """The first coordinate of the joint with its rate and second rate."""
+        return next(iter(self.coordinates.values()))
 
     def relative_angle(self) -> Value:
         """Angle of l relative to k: the twist about the third axes of free bodies, or the joint's coordinate, rad."""
@@ -193,10 +192,7 @@ class Motion:
 
     def section(self) -> tuple[Value, Value]:
         """Position and attitude of a section, functions of time and of the length along the line."""
-        if "section" not in self.memory:
-            self.memory["section"] = self._section()
-        found: tuple[Value, Value] = self.memory["section"]
-        return found
+        return self.once("section", self._section)
 
     def _section(self) -> tuple[Value, Value]:
         r, angles = (self._field(n) for n in ("place", "angles"))
@@ -205,7 +201,6 @@ class Motion:
         return r + self.virtual * self._field("virtual place"), Q
 
     def _field(self, name: str) -> Value:
-        """A vector on the line."""
         c = [self.vector(f"section {name} {i}") for i in range(6)]
         s, t = self.arc, self.clock
         return c[0] + s * c[1] + t * c[2] + s * t * c[3] + s * s * c[4] / 2 + t * t * c[5] / 2
@@ -214,19 +209,18 @@ class Motion:
 
     def moved(self, how: str, amount: complex = 1j * STEP) -> Motion:
         """The state after a step: "virtual" displacement, "time", "line", or "linear" (all quantities independently)."""
-        key = ("moved", how, amount)
-        if key not in self.memory:
-            other = self._copy(amount)
-            if how == "time":
-                other._advance(amount)
-            elif how == "line":
-                other.arc = self.arc + amount
-            else:
-                other._step(self._increments(how), amount)
-                other.virtual = self.virtual + amount * (how == "virtual")
-            self.memory[key] = other
-        found: Motion = self.memory[key]
-        return found
+        return self.once(("moved", how, amount), lambda: self._moved(how, amount))
+
+    def _moved(self, how: str, amount: complex) -> Motion:
+        other = self._copy(amount)
+        if how == "time":
+            other._advance(amount)
+        elif how == "line":
+            other.arc = self.arc + amount
+        else:
+            other._step(self._increments(how), amount)
+            other.virtual = self.virtual + amount * (how == "virtual")
+        return other
 
     def _copy(self, amount: complex) -> Motion:
         if self.stepped and np.imag(amount):
@@ -275,7 +269,7 @@ class Motion:
             elif side:
                 self.vectors[what][side] = self.vectors[what][side] + step
             else:
-                next(iter(self.coordinates.values()))[("phi", "phidot", "phiddot").index(what)] += step
+                self.first[("phi", "phidot", "phiddot").index(what)] += step
 
     def turn_between(self, other: Motion, side: str) -> Value:
         """Rotation of a body from this state to a state moved by a complex step."""
@@ -285,8 +279,14 @@ class Motion:
         """The same state with given angular velocity of k and rate of the first coordinate."""
         other = self._copy(0j)
         other.vectors["w"]["k"] = w
-        next(iter(other.coordinates.values()))[1] = phidot
+        other.first[1] = phidot
         return other
+
+
+def free_coordinates(section: str, own: Any) -> tuple[str, ...]:
+    """Names of numbers that stand for coordinates between free bodies: first those of the joint that the section speaks of."""
+    stated = tuple(getattr(joint_class(section, own), "coordinates", ()))
+    return (*stated, *(name for name in ("angle", "first shift", "second shift") if name not in stated))
 
 
 def checked_kind(kind: str, own: Any = ()) -> str:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from mbdae.errors import MbdaeError
@@ -71,9 +71,7 @@ class Node:
 
     def with_parts(self, parts: tuple[Node, ...]) -> Node:
         """The same with other parts; sums and products of one are that one."""
-        if self.kind in ("sum", "product") and len(parts) == 1:
-            return parts[0]
-        return Node(self.kind, self.value, parts)
+        return made(self.kind, *parts) if self.value is None else Node(self.kind, self.value, parts)
 
     def replaced(self, table: Mapping[Node, Node]) -> Node:
         """The same with the pieces in the table replaced, wherever they appear."""
@@ -111,6 +109,11 @@ def symbol(name: str) -> Node:
     return Node("symbol", name)
 
 
+def made(kind: str, *parts: Node) -> Node:
+    """A piece of some parts; sums and products of one are that one."""
+    return parts[0] if kind in ("sum", "product") and len(parts) == 1 else Node(kind, None, parts)
+
+
 ZERO = number(0)
 
 
@@ -119,9 +122,14 @@ def is_zero(node: Node) -> bool:
     return node == ZERO
 
 
+def bare(node: Node) -> Node:
+    """The piece without its sign."""
+    return node.parts[0] if node.kind == "neg" else node
+
+
 def negated(node: Node) -> Node:
     """The piece with the other sign."""
-    return node.parts[0] if node.kind == "neg" else Node("neg", None, (node,))
+    return node.parts[0] if node.kind == "neg" else made("neg", node)
 
 
 # -- reading
@@ -136,11 +144,10 @@ class Reader:
     def statement(self) -> Statement:
         """Sides and relation."""
         sides, relation = [self._sum()], "="
-        while self._next() in ("=", "<="):
-            relation = self._take()
+        while found := self._accept("=", "<="):
+            relation = found
             sides.append(self._sum())
-        if self._next() is not None:
-            raise self._error(f"'{self._next()}' is not expected here")
+        self._end()
         if len(sides) == 1:
             raise self._error("there is no '=' or '<='")
         return Statement(tuple(sides), relation, self.line)
@@ -148,8 +155,7 @@ class Reader:
     def expression(self) -> Node:
         """A formula without a relation."""
         found = self._sum()
-        if self._next() is not None:
-            raise self._error(f"'{self._next()}' is not expected here")
+        self._end()
         return found
 
     def _error(self, what: str) -> AuditError:
@@ -158,104 +164,93 @@ class Reader:
     def _next(self) -> str | None:
         return self.tokens[self.at] if self.at < len(self.tokens) else None
 
-    def _take(self, wanted: str | None = None) -> str:
+    def _accept(self, *wanted: str) -> str:
+        """The next token where it is one of those wanted, else nothing."""
         token = self._next()
-        if token is None or (wanted is not None and token != wanted):
-            missing = f"'{wanted}' is missing" if wanted else "the formula ends too early"
-            raise self._error(missing + (f" before '{token}'" if token else ""))
-        self.at += 1
-        return token
+        self.at += token in wanted
+        return token if token is not None and token in wanted else ""
+
+    def _end(self) -> None:
+        if self._next() is not None:
+            raise self._error(f"'{self._next()}' is not expected here")
+
+    def _demand(self, wanted: str) -> None:
+        if not self._accept(wanted):
+            raise self._error(f"'{wanted}' is missing" + (f" before '{self._next()}'" if self._next() else ""))
 
     def _sum(self) -> Node:
-        terms = []
-        sign = self._take() if self._next() in ("-", "+") else "+"
-        while True:
-            term = self._product()
-            terms.append(negated(term) if sign == "-" else term)
-            if self._next() not in ("+", "-"):
-                return terms[0] if len(terms) == 1 else Node("sum", None, tuple(terms))
-            sign = self._take()
+        terms = [self._term(self._accept("-", "+"))]
+        while sign := self._accept("-", "+"):
+            terms.append(self._term(sign))
+        return made("sum", *terms)
 
-    def _product(self) -> Node:
+    def _term(self, sign: str) -> Node:
         factors = [self._prefixed()]
-        while self._next() in ("*", "/"):
-            inverse = self._take() == "/"
+        while relation := self._accept("*", "/"):
             factor = self._prefixed()
-            factors.append(Node("inverse", None, (factor,)) if inverse else factor)
-        return factors[0] if len(factors) == 1 else Node("product", None, tuple(factors))
+            factors.append(made("inverse", factor) if relation == "/" else factor)
+        term = made("product", *factors)
+        return negated(term) if sign == "-" else term
 
     def _prefixed(self) -> Node:
-        if self._next() == "-":
-            self._take()
+        if self._accept("-"):
             return negated(self._prefixed())
-        return self._power()
-
-    def _power(self) -> Node:
         base = self._postfixed()
-        if self._next() == "^":
-            self._take()
-            sign = self._next() == "-" and self._take()
-            exponent = self._postfixed()
-            return Node("power", None, (base, negated(exponent) if sign else exponent))
-        return base
+        if not self._accept("^"):
+            return base
+        sign, exponent = self._accept("-"), self._postfixed()
+        return made("power", base, negated(exponent) if sign else exponent)
 
     def _postfixed(self) -> Node:
-        node = self._crossed()
-        while self._next() == "'":
-            self._take()
-            node = Node("transposed", None, (node,))
+        node = self._atom()
+        while self._accept("'"):
+            node = made("transposed", node)
         return node
 
-    def _crossed(self) -> Node:
-        if self._next() == "~":
-            self._take()
-            return Node("cross", None, (self._crossed(),))
-        return self._atom()
-
     def _atom(self) -> Node:
-        token = self._take()
-        if token == "(":
+        if self._accept("~"):
+            return made("cross", self._atom())
+        if self._accept("("):
             inner = self._sum()
-            self._take(")")
+            self._demand(")")
             return inner
-        if token == "[":
+        if self._accept("["):
             return self._block()
+        token = self._next()
+        if token is None:
+            raise self._error("the formula ends too early")
+        self.at += 1
         if token[0].isdigit():
             return number(float(token))
         if token.isidentifier():
-            return self._call(token) if self._next() == "(" else symbol(token)
+            return self._call(token) if self._accept("(") else symbol(token)
         raise self._error(f"'{token}' is not expected here")
+
+    def _list(self) -> tuple[Node, ...]:
+        parts = [self._sum()]
+        while self._accept(","):
+            parts.append(self._sum())
+        return tuple(parts)
 
     def _call(self, name: str) -> Node:
         if name not in FUNCTIONS:
             raise self._error(f"'{name}' is no function of the notation; there are {', '.join(sorted(FUNCTIONS))}")
-        self._take("(")
-        parts = [self._sum()]
-        while self._next() == ",":
-            self._take()
-            parts.append(self._sum())
-        self._take(")")
+        parts = self._list()
+        self._demand(")")
         if len(parts) != FUNCTIONS[name]:
             raise self._error(f"'{name}' takes {FUNCTIONS[name]} argument{'s' * (FUNCTIONS[name] > 1)}, not {len(parts)}")
         if name in BINDING and parts[1].kind != "symbol":
             raise self._error(f"the second argument of '{name}' is a name")
-        return Node("call", name, tuple(parts))
+        return Node("call", name, parts)
 
     def _block(self) -> Node:
-        rows: list[Node] = []
-        while True:
-            row = [self._sum()]
-            while self._next() == ",":
-                self._take()
-                row.append(self._sum())
-            rows.append(Node("row", None, tuple(row)))
-            if self._next() != ";":
-                break
-            self._take()
-        self._take("]")
+        rows = [made("row", *self._list())]
+        while self._accept(";"):
+            rows.append(made("row", *self._list()))
+        self._demand("]")
         if len({len(row.parts) for row in rows}) > 1:
             raise self._error("the rows of a block differ in length")
-        return Node("block", None, tuple(rows))
+        return made("block", *rows)
 
 
 def _tokens(text: str, line: int) -> list[str]:
@@ -308,3 +303,44 @@ def _compound(node: Node) -> tuple[str, int]:
     for factor in node.parts[1:]:
         text += "/" + _text(factor.parts[0], 2) if factor.kind == "inverse" else "*" + _text(factor, 1)
     return text, 1
+
+
+# -- units: products of powers of m, kg and s; angles have the unit 1
+
+BASIC = ("m", "kg", "s")
+_KNOWN = {"m": (1, 0, 0), "kg": (0, 1, 0), "s": (0, 0, 1), "rad": (0, 0, 0), "1": (0, 0, 0), "N": (1, 1, -2), "J": (2, 1, -2),
+          "W": (2, 1, -3), "Pa": (-1, 1, -2), "Hz": (0, 0, -1)}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Powers of m, kg and s."""
+
+    powers: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    text: str = field(default="", compare=False)  #: as it was written
+
+    def size(self, scale: Mapping[str, float]) -> float:
+        """Size of the unit for given sizes of the basic units."""
+        out = 1.0
+        for name, power in zip(BASIC, self.powers, strict=True):
+            out *= scale[name] ** power
+        return out
+
+    def __str__(self) -> str:
+        if self.text:
+            return self.text
+        shown = [name if power == 1 else f"{name}^{power:g}" for name, power in zip(BASIC, self.powers, strict=True) if power]
+        return " ".join(shown) or "1"
+
+
+def unit(text: str, line: int = 0) -> Unit:
+    """The unit of a text such as "N m s/rad" or "N/m^1.5"."""
+    powers = [0.0, 0.0, 0.0]
+    for i, part in enumerate(text.split("/")):
+        for word in part.strip(" ()").split():
+            match = re.fullmatch(r"(\w+?)(?:\^(-?[\d.]+))?", word)
+            if match is None or match[1] not in _KNOWN:
+                raise AuditError(f"line {line}: the unit '{word}' is not known; there are {', '.join(_KNOWN)}")
+            for j, power in enumerate(_KNOWN[match[1]]):
+                powers[j] += (1 if i == 0 else -1) * power * float(match[2] or 1)
+    return Unit((powers[0], powers[1], powers[2]), text.strip())

@@ -10,9 +10,8 @@ from typing import Any
 
 from mbdae.audit import latex
 from mbdae.audit.notation import AuditError
-from mbdae.audit.phrases import is_expression
-from mbdae.audit.reading import Claimed, Printed, read
-from mbdae.audit.verdicts import RIGHT, Row, audit_text
+from mbdae.audit.reading import Claimed, Printed, is_expression, read
+from mbdae.audit.verdicts import RIGHT, VERDICTS, Row, audit_text, told
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.document import Document
 from mbdae.documents.formulas import escaped
@@ -21,13 +20,6 @@ from mbdae.sweep.writing import as_json
 from mbdae.values import BadValueError, of_class, option, shown, whole
 from mbdae.values import path as path_of
 
-VERDICTS = {
-    "RIGHT": "both sides agree in random states of motion, and are defined wherever the text speaks of",
-    "MISPRINT": "the sides differ; the repair is the smallest change after which they agree",
-    "INCOMPLETE": "right, but a term with a quantity the text names nowhere, a case, or a listed force is missing",
-    "AMBIGUOUS": "right on one side of the equations of motion, while formulas that belong to it are right on the other",
-    "CANNOT JUDGE": "the formula cannot be read, a piece of it has no value, or nothing says what a quantity is",
-}
 HOW = (
     "Every formula is evaluated in random states of two bodies and compared with what the laws of mbdae, the virtual rotation "
     r"$\delta a = \delta\psi \times a$ and complex steps give for the quantity it is said to be: first in states of free bodies, "
@@ -101,7 +93,7 @@ class Audit:
         """One line per equation: number, verdict, residual, repair or remark."""
         lines = [f"{'equation':>8}  {'verdict':<13}  {'residual':>8}  repair or remark"]
         for row in self.equations:
-            lines.append(f"{row.equation:>8}  {row.verdict:<13}  {_shown(row.residual):>8}  {_repair_and_remark(row)}".rstrip())
+            lines.append(f"{row.equation:>8}  {row.verdict:<13}  {_shown(row.residual):>8}  {row.said}".rstrip())
         lines += [f"{c.claimed.name:>8}  {c.verdict:<13}  {'':>8}  claimed {c.claimed.count}, counted {_counted(c)}"
                   for c in self.claims]  # fmt: skip
         return "\n".join(lines)
@@ -130,7 +122,7 @@ class Audit:
         rows = [[v, str(n), VERDICTS[v]] for v, n in counts.items() if n]
         blocks: list[Block] = [Paragraph(HOW), Table(["verdict", "equations", "meaning"], rows)]
         blocks.append(Section("Overview", [Table(["equation", "verdict", "residual", "repair or remark"], [
-            [r.equation, r.verdict, _shown(r.residual), escaped(_repair_and_remark(r))] for r in self.equations])]))  # fmt: skip
+            [r.equation, r.verdict, _shown(r.residual), escaped(r.said)] for r in self.equations])]))  # fmt: skip
         for section in dict.fromkeys(r.printed.section for r in self.equations):
             rows_in = [r for r in self.equations if r.printed.section == section]
             inside = [b for r in rows_in for b in _blocks(r)]
@@ -143,10 +135,6 @@ class Audit:
     def save(self, path: str | Path) -> Path:
         """Write the document (.html, .md or .tex)."""
         return self.document().save(path)
-
-
-def _repair_and_remark(row: Row) -> str:
-    return "; ".join(text for text in (row.repair, row.remark) if text)
 
 
 def _counted(c: Count) -> str:
@@ -167,8 +155,7 @@ def _blocks(row: Row) -> list[Block]:
         return [Paragraph(f"{escaped(row.equation)}: {escaped(row.printed.raw)}: {row.verdict}: {escaped(row.remark)}.")]
     out: list[Block] = [Equation(_latex(row.printed), row.equation, row.verdict + how)]
     if row.repair or row.remark:
-        said = "; ".join(filter(None, [row.tex or escaped(row.repair), escaped(row.remark)]))
-        out.append(Paragraph(said + "."))
+        out.append(Paragraph(told(row.tex or escaped(row.repair), escaped(row.remark)) + "."))
     after = ", the sides are identical in symbols" if row.symbolic else ""
     if row.repaired is not None and row.repaired.statements != row.printed.statements:
         out.append(Equation(_latex(row.repaired), None, f"repaired, residual {_shown(row.repaired_residual)}{after}"))
@@ -180,17 +167,15 @@ def _symbols(rows: list[Row]) -> Table:
     found: dict[tuple[str, str, str], None] = {}
     for row in rows:
         equation = row.repaired or row.printed
-        names = set().union(*(s.symbols() for s in (*equation.statements, *row.printed.statements)))
-        for name in sorted(names & set(equation.scope.symbols)):
+        for name in sorted(equation.used | (row.printed.used & set(equation.scope.symbols))):
             meaning = equation.scope.symbols[name]
-            letters = {name: meaning.letter} if meaning.letter else {}
-            found[f"${latex.name(name, letters)}$ ({name})", ", ".join(map(str, meaning.units)), meaning.text] = None
+            letter = f"${latex.name(name, equation.scope.letters)}$ ({name})"
+            found[letter, ", ".join(map(str, meaning.units)), meaning.text] = None
     return Table(["symbol", "unit", "meaning"], [list(key) for key in found])
 
 
 def _latex(equation: Printed) -> str:
-    letters = {n: m.letter for n, m in equation.scope.symbols.items() if m.letter}
-    return r" \\ ".join(latex.statement(s, letters) for s in equation.statements)
+    return r" \\ ".join(latex.statement(s, equation.scope.letters) for s in equation.statements)
 
 
 def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Counts | None = None,

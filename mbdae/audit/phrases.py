@@ -1,7 +1,7 @@
 """Phrases that say what a symbol stands for ("force of rows tilt_y of Revolute on turn k"), each with the rule that computes it.
 
-The modules `rules_*` register one rule for every kind of phrase under `@phrase`; `meaning` loads them all. Nothing here knows
-any printed formula.
+The modules `rules_*` register a rule for every kind of phrase by `register` or `@phrase`; `reading` loads them all. Nothing here
+knows any printed formula.
 """
 
 from __future__ import annotations
@@ -14,13 +14,11 @@ from typing import Any
 
 import numpy as np
 import symengine as se
-import sympy
 
 from mbdae.audit.evaluate import STEP, SizeError, Value, derivative, evaluate
 from mbdae.audit.laws import WITH_COORDINATES, Own
 from mbdae.audit.motion import Motion
-from mbdae.audit.notation import AuditError, Node, Statement
-from mbdae.audit.units import Unit, unit
+from mbdae.audit.notation import AuditError, Node, Statement, Unit, unit
 
 Rule = Callable[..., Value]
 PARAMETER = re.compile(r"parameter (\w+) of (.+)$")  #: of a law, as a text declares it
@@ -43,28 +41,39 @@ class Phrase:
 PHRASES: list[Phrase] = []
 
 
-def phrase(wording: str, vanishes: bool = False, side: str = "", needs: tuple[tuple[str, str, str], ...] = (),
-           given: bool = False, drawn: bool = False) -> Callable[[Rule], Rule]:  # fmt: skip
-    """Register a rule under its wording: "axis {i} of {side}"; {side} is k or l, {i} 1 to 3, {name} a word, {...} any words."""
-    pattern = re.escape(wording).replace(r"\ ", " ")
+def register(rules: Mapping[str, Rule], vanishes: bool = True, side: str = "", needs: tuple[tuple[str, str, str], ...] = (),
+             given: bool = False, drawn: bool = False) -> None:  # fmt: skip
+    """Register rules under their wordings: "axis {i} of {side}"; {side} is k or l, {i} 1 to 3, {name} a word, {...} any words."""
     kinds = {"side": "(k|l)", "i": r"([123])", "name": rf"(\w+(?:{WITH_COORDINATES})?)"}
-    pattern = re.sub(r"\\\{(\w+)\\\}", lambda m: kinds.get(m[1].rstrip("0123456789"), "(.+?)"), pattern)
-
-    def register(rule: Rule) -> Rule:
+    for wording, rule in rules.items():
+        plain = re.escape(wording).replace(r"\ ", " ")
+        pattern = re.sub(r"\\\{(\w+)\\\}", lambda m: kinds.get(m[1].rstrip("0123456789"), "(.+?)"), plain)
         PHRASES.append(Phrase(re.compile(pattern + "$"), rule, vanishes, side, wording, needs, given, drawn or given))
+
+
+def phrase(*wordings: str, **how: Any) -> Callable[[Rule], Rule]:
+    """`register` for one rule, as a decorator."""
+
+    def decorate(rule: Rule) -> Rule:
+        register(dict.fromkeys(wordings, rule), **how)
         return rule
 
-    return register
+    return decorate
 
 
 def random_number(wording: str) -> Rule:
     """Register a quantity that the text gives, in every state a random number of either sign; returns its rule."""
-    return phrase(wording, vanishes=True, drawn=True)(lambda env: env.number(wording) + 0j)
+    return phrase(wording, drawn=True)(lambda env: env.number(wording))
 
 
 def random_positive(wording: str) -> Rule:
     """The same with a positive number."""
-    return phrase(wording, drawn=True)(lambda env: env.positive(wording) + 0j)
+    return phrase(wording, vanishes=False, drawn=True)(lambda env: env.positive(wording))
+
+
+def wordings() -> list[str]:
+    """The wordings a meaning may have; {side} is k or l, {i} a figure, the rest names or lists."""
+    return sorted(re.sub(r"\d+\}", "}", p.wording) for p in PHRASES)
 
 
 @dataclass(frozen=True)
@@ -93,8 +102,7 @@ def understand(text: str, units: tuple[Unit, ...], line: int = 0, name: str = ""
                      "from mbdae.audit import wordings; wordings()")  # fmt: skip
 
 
-def _special(rule: Rule, text: str) -> Phrase:
-    return Phrase(re.compile(""), rule, True, "", text)
+OWN = Phrase(re.compile(""), lambda env: None, True, "", "")  #: of a meaning that the text or its reader gives
 
 
 @dataclass(frozen=True)
@@ -103,32 +111,6 @@ class Definition(Meaning):
 
     node: Any = None
     scope: Any = None
-
-    @classmethod
-    def of(cls, text: str, units: tuple[Unit, ...], node: Node, scope: Scope, letter: str = "") -> Definition:
-        """The definition of a symbol by a formula in the symbols of a scope."""
-        return cls(text, units, _special(lambda env: None, text), (), letter, node, scope)
-
-
-def is_expression(e: Any) -> bool:
-    """Whether a value is an expression or a matrix of SymPy, or a number."""
-    return isinstance(e, sympy.Basic | sympy.MatrixBase | int | float) and not isinstance(e, bool)
-
-
-def stated_by_caller(text: str, units: tuple[Unit, ...], e: Any, letter: str = "") -> Meaning:
-    """A meaning that the caller of `audit` gives as a SymPy expression in names of the text, t the time."""
-    e = sympy.sympify(e)
-    names = sorted({str(s) for s in e.free_symbols})
-    by_name = [next(s for s in e.free_symbols if str(s) == n) for n in names]
-    compute = sympy.lambdify(by_name, e, modules="numpy")
-
-    def rule(env: Env) -> Value:
-        if missing := [n for n in names if n != "t" and n not in env.scope.symbols]:
-            raise AuditError(f"'{text}' contains {missing[0]}, which the text does not declare")
-        found = compute(*(env.motion.clock if n == "t" and n not in env.scope.symbols else env.value(n) for n in names))
-        return np.asarray(found) + 0j if np.ndim(found) else complex(found)
-
-    return Meaning(text, units, _special(rule, text), (), letter)
 
 
 @dataclass(frozen=True)
@@ -150,6 +132,11 @@ class Scope:
                         new += "_"
                     table[new] = understand(text, (unit(units),))
         return replace(self, symbols=table)
+
+    @cached_property
+    def letters(self) -> dict[str, str]:
+        """How the text prints its symbols, in TeX, where it says so."""
+        return {n: m.letter for n, m in self.symbols.items() if m.letter}
 
     @cached_property
     def texts(self) -> frozenset[str]:
@@ -200,16 +187,13 @@ class Env:
 
     def kept(self, node: Node, compute: Callable[[], Value]) -> Value:
         """The value of a piece of a formula, computed once."""
-        if self.names:
-            return compute()
-        if node not in self.store:
+        if not self.names and node not in self.store:
             self.store[node] = compute()
-        return self.store[node]
+        return compute() if self.names else self.store[node]
 
-    def _inner(self, *key: Any) -> dict[Any, Any]:
+    def _inner(self, *key: Any) -> Any:
         """The store of a state that is reached from this one."""
-        found: dict[Any, Any] = self.store.setdefault(key, {})
-        return found
+        return self.store.setdefault(key, {})
 
     def _value(self, name: str) -> Value:
         if name == "I":
@@ -277,10 +261,10 @@ class Env:
         if name in self.names:
             return replace(self, names={**self.names, name: self.names[name] + amount})
         if self.shift is not None:
-            raise SizeError("diff of a diff")
+            raise SizeError("a derivative by a symbol inside of another one")
         meaning = self._meaning(name)
         if isinstance(meaning, Definition):
-            raise SizeError(f"diff by '{name}', which is defined by others")
+            raise SizeError(f"a derivative by '{name}', which is defined by others")
         factors = 1.0 if self.scale is None else scaled(meaning.units, self.plain.value(name), self.scale)
         size = float(np.real(np.ravel(factors)[0]))
         return replace(self, shift=(meaning.text, entry, amount / size), store=self._inner(name, entry, amount))
@@ -305,14 +289,11 @@ class Env:
 
     def number(self, key: str) -> Value:
         """A random number of either sign, the same for the same wording."""
-        return self.motion.number(key) + self._shift(key)
+        return self.drawn(key, self.motion.number)
 
     def positive(self, key: str) -> Value:
         """A random positive number, the same for the same wording."""
-        return self.motion.positive(key) + self._shift(key)
-
-    def _shift(self, key: str) -> Value:
-        return self.shift[2] if self.shift is not None and self.shift[0] == key else 0.0
+        return self.drawn(key, self.motion.positive)
 
     def parameters(self, of: str) -> frozenset[str]:
         """The parameters of a law that the text declares."""

@@ -16,24 +16,30 @@ A line that cannot be read spoils itself and what needs it: it becomes an equati
 
 from __future__ import annotations
 
+import html
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+import sympy
+
+from mbdae.audit import rules_contact, rules_laws, rules_motion
+from mbdae.audit.evaluate import SizeError, Value
 from mbdae.audit.laws import Own
-from mbdae.audit.meaning import understand
 from mbdae.audit.motion import checked_kind
-from mbdae.audit.notation import AuditError, Node, Reader, Statement
-from mbdae.audit.phrases import PARAMETER, Definition, Meaning, Scope, stated_by_caller
-from mbdae.audit.rules_joints import unit_of_parameter
-from mbdae.audit.units import Unit, unit
+from mbdae.audit.notation import AuditError, Node, Reader, Statement, Unit, unit
+from mbdae.audit.phrases import OWN, PARAMETER, Definition, Env, Meaning, Scope, understand
+from mbdae.audit.rules_laws import unit_of_parameter
+from mbdae.documents.mathml import FormulaError, inline
 
 _LETTER = r"(?:\$([^$]*)\$\s*)?"
 _SYMBOL = re.compile(r"([^\W\d]\w*)\s*\[([^\]]*)\]\s*" + _LETTER + r":\s*(.+)$", re.S)
 _LET = re.compile(r"let\s+([^\W\d]\w*)\s*\[([^\]]*)\]\s*" + _LETTER + r"=\s*(.+)$", re.S)
 _EQUATION = re.compile(r"([\w.]+)\s*(?:\((.*?)\))?\s*:\s*(.+)$")
 _CONSTANTS = {"I", "pi"}
+RULES = (rules_contact, rules_laws, rules_motion)  #: the modules whose import registers the phrases
 
 
 @dataclass(frozen=True)
@@ -56,6 +62,11 @@ class Printed:
     def text(self) -> str:
         """The formulas as they were read."""
         return "; ".join(map(str, self.statements)) or self.raw
+
+    @property
+    def used(self) -> set[str]:
+        """The symbols that appear, without bound names."""
+        return set().union(*(s.symbols() for s in self.statements)) & set(self.scope.symbols)
 
 
 @dataclass(frozen=True)
@@ -88,6 +99,7 @@ class _File:
         self.symbols: dict[str, Meaning] = {}
         self.before: dict[str, str] = {}
         self.unread: dict[str, str] = {}  #: why a symbol has no meaning
+        self.places: dict[str, int] = {}  #: the line of every number
         self.printed: dict[str, tuple[Statement, ...]] = {}
         self.section, self.states, self.only, self.sides, self.doubt = "", "free", False, "", ""
         self.in_claims = False
@@ -171,6 +183,8 @@ class _File:
     def _symbol(self, at: int, name: str, units: str, letter: str | None, meaning: str, defined: bool = False) -> None:
         old = self.symbols.pop(name, None)
         try:
+            if letter is not None and not _prints(letter):
+                raise AuditError(f"line {at}: '${letter}$' prints nothing or is no TeX: say how the text prints {name}")
             known = () if defined and units.strip() == "?" else tuple(unit(u, at) for u in units.split(","))
             words = " ".join(meaning.split())
             self.symbols[name] = self._defined(at, name, words, known, letter or "") if defined else (
@@ -195,12 +209,14 @@ class _File:
         node = Reader(words, at).expression()
         scope = self._scope()
         self._known(node, f"line {at}", node.symbols(), scope)
-        return Definition.of(f"defined as {node}", units, node, scope, letter)
+        return Definition(f"defined as {node}", units, OWN, (), letter, node, scope)
 
     def _claim(self, at: int, line: str) -> None:
         match = re.match(r"(\w+)\s*:\s*(\d+)\s*=\s*(.+)$", line)
         if match is None:
             raise AuditError(f"line {at}: '{line}' is no claim: write `NAME: NUMBER = WORDS`")
+        if match[1] in {c.name for c in self.found.claims}:
+            raise AuditError(f"line {at}: a claim above has the name {match[1]} too: give each a name of its own")
         self.found.claims.append(Claimed(match[1], int(match[2]), match[3]))
 
     def _scope(self) -> Scope:
@@ -212,6 +228,9 @@ class _File:
             raise AuditError(f"{line}: the symbol '{name}' has no meaning: {why} (in '{where}')")
 
     def _equation(self, at: int, line: str, match: re.Match[str]) -> None:
+        first = self.places.setdefault(match[1], at)
+        if first != at:
+            raise AuditError(f"line {at}: the equation in line {first} is {match[1]} too: give each a number of its own")
         said = understand(match[2], (), at) if match[2] else None
         statements = tuple(Reader(text, at + shift).statement() for shift, text in _statements(line[match.start(3) :]))
         scope = self._scope()
@@ -223,6 +242,38 @@ class _File:
 
     def _add(self, equation: Printed) -> None:
         self.found.equations.append(equation)
+
+
+def is_expression(e: Any) -> bool:
+    """Whether a value is an expression or a matrix of SymPy, or a number."""
+    return isinstance(e, sympy.Basic | sympy.MatrixBase | int | float) and not isinstance(e, bool)
+
+
+def stated_by_caller(text: str, units: tuple[Unit, ...], e: Any, letter: str = "") -> Meaning:
+    """A meaning that the caller of `audit` gives as a SymPy expression in names of the text, t the time."""
+    e = sympy.sympify(e)
+    names = sorted({str(s) for s in e.free_symbols})
+    by_name = [next(s for s in e.free_symbols if str(s) == n) for n in names]
+    compute = sympy.lambdify(by_name, e, modules="numpy")
+
+    def rule(env: Env) -> Value:
+        if missing := [n for n in names if n != "t" and n not in env.scope.symbols]:
+            raise AuditError(f"'{text}' contains {missing[0]}, which the text does not declare")
+        values = [env.motion.clock if n == "t" and n not in env.scope.symbols else env.value(n) for n in names]
+        try:
+            found = compute(*values)
+            return np.asarray(found) + 0j if np.ndim(found) else complex(found)
+        except (TypeError, ValueError, NameError, AttributeError) as error:
+            raise SizeError(f"the expression {e} given for '{text}' is not one of complex numbers and columns") from error
+
+    return Meaning(text, units, replace(OWN, rule=rule), (), letter)
+
+
+def _prints(letter: str) -> bool:
+    try:
+        return bool(re.sub(r"<[^>]*>|\s", "", html.unescape(inline(letter))))
+    except FormulaError:
+        return False
 
 
 def _statements(body: str) -> list[tuple[int, str]]:

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 
 from mbdae.audit.compare import SAME, States
-from mbdae.audit.evaluate import SizeError, Value, evaluate
+from mbdae.audit.evaluate import NO_VALUE, Value, evaluate
 from mbdae.audit.motion import turned
 from mbdae.audit.notation import Node, Statement, is_zero
 from mbdae.audit.phrases import Env, Meaning
 from mbdae.audit.reading import Printed
-from mbdae.audit.rules_friction import energy_fed
-from mbdae.audit.rules_joints import names
-from mbdae.errors import MbdaeError
+from mbdae.audit.rules_contact import energy_fed
+from mbdae.audit.rules_laws import names
 
 HALF, SOME = np.pi, 0.4  #: turns by which other solutions are looked for, rad
 FAST = -100.0  #: m/s, a rate of separation
@@ -27,10 +26,10 @@ def remarks(equation: Printed, states: States) -> list[str]:
     """Remarks on a formula that is right as it is printed."""
     try:
         found = [r for rule in (_solutions, _balance, _pull, _energy) for r in rule(equation, states)]
-    except (SizeError, MbdaeError, ArithmeticError):
+    except NO_VALUE:
         found = []
     return found + [f"{n} meant something else before: {was}" for n, was in sorted(equation.before.items())
-                    if n in set().union(*(s.symbols() for s in equation.statements))]  # fmt: skip
+                    if n in equation.used]  # fmt: skip
 
 
 # -- other solutions of a constraint

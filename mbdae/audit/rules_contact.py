@@ -1,4 +1,7 @@
-"""Rules of contact: geometry of a pin in its race, material points, forces of the contact law that runs, normal laws."""
+"""Rules of contact: geometry of a pin in its race, points and forces of the contact law that runs, normal and friction laws.
+
+Directions and senses of forces are those of the contact law; points, speeds and the normal force those of the text.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +14,22 @@ import symengine as se
 from mbdae.audit.evaluate import STEP, Value, cross, expression_value
 from mbdae.audit.laws import LawState, journal, observed, outward, part_class
 from mbdae.audit.notation import AuditError
-from mbdae.audit.phrases import Env, phrase, random_positive
+from mbdae.audit.phrases import Env, Rule, phrase, random_number, random_positive, register
+from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.laws.contact import Normal
+from mbdae.laws.friction import Friction
+
+_normal_force = random_positive("normal force")
+_mu = random_positive("coefficient of friction")
+_penetration = random_positive("penetration")
+_impact_speed = random_positive("impact speed")
+_speed = random_number("sliding speed")
+_deflection = random_number("deflection")
+_step = random_positive("time step")
+_before = random_number("deflection at the stage before")
+_before_rate = random_number("rate of deflection at the stage before")
+AT = " at {name}, {name2} of {number}"  #: the points on k and l that an equation of the text prints
+
 
 # -- the pin in its race: `env.inner` is the body with the pin
 
@@ -32,96 +49,40 @@ def _contact(env: Env, rubbing: bool = True) -> LawState:
     return journal(env.motion, _radii(env), _sides(env), rubbing)
 
 
-@phrase("radius on {side}")
 def _radius(env: Env, side: str) -> Value:
     return complex(_radii(env)[side == env.inner])
 
 
-@phrase("distance of race and pin", vanishes=True)
-def _gap(env: Env) -> Value:
-    return observed(_contact(env), "gap")
-
-
-def _outward(env: Env) -> Value:
-    return outward(_contact(env))
-
-
-@phrase("normal direction from k to l")
 def _normal(env: Env) -> Value:
-    return _outward(env) * (1 if env.inner == "l" else -1)
-
-
-@phrase("point of contact on {side}", vanishes=True)
-def _contact_point(env: Env, side: str) -> Value:
-    return env.motion.of("x", side) + _radius(env, side) * _outward(env)
-
-
-@phrase("{name} as printed in {number}", vanishes=True)
-def _as_printed(env: Env, name: str, number: str) -> Value:
-    return env.printed(name, number)
+    """Unit vector from k to l."""
+    return outward(_contact(env)) * (1 if env.inner == "l" else -1)
 
 
 # -- material points at the points a text prints
-
-
-@phrase("material point of {side} at {name} of {number}", vanishes=True)
-def _material_point(env: Env, side: str, name: str, number: str) -> Value:
-    m, base = env.motion, env.motion.base
-    arm = np.real(_printed_at_base(env, name, number)) - np.real(base.of("x", side))
-    return m.of("x", side) + m.rotation(side) @ np.real(base.rotation(side)).T @ arm
 
 
 def _printed_at_base(env: Env, name: str, number: str) -> Value:
     return env.at_base().printed(name, number)
 
 
-@phrase("velocity of {side} at {name} of {number}", vanishes=True)
+def _material_point(env: Env, side: str, name: str, number: str) -> Value:
+    m, base = env.motion, env.motion.base
+    arm = np.real(_printed_at_base(env, name, number)) - np.real(base.of("x", side))
+    return m.of("x", side) + m.rotation(side) @ np.real(base.rotation(side)).T @ arm
+
+
 def _point_velocity(env: Env, side: str, name: str, number: str) -> Value:
     m, point = env.motion, _printed_at_base(env, name, number)
     return m.of("v", side) + cross(m.of("w", side)) @ (point - m.of("x", side))
 
 
-@phrase("velocity of l relative to k at {name}, {name2} of {number}", vanishes=True)
 def _relative_velocity(env: Env, k: str, l: str, number: str) -> Value:
     return _point_velocity(env, "l", l, number) - _point_velocity(env, "k", k, number)
 
 
-@phrase("sliding velocity at {name}, {name2} of {number}", vanishes=True)
 def _sliding(env: Env, k: str, l: str, number: str) -> Value:
     v, n = _relative_velocity(env, k, l, number), _normal(env)
     return v - n * (n.T @ v)[0, 0]
-
-
-@phrase("direction of sliding at {name}, {name2} of {number}")
-def _direction(env: Env, k: str, l: str, number: str) -> Value:
-    v = _sliding(env, k, l, number)
-    return v / np.sqrt(np.sum(v * v))
-
-
-# -- forces of contact: directions and senses are those of the contact law, points and speeds those of the text
-
-_normal_force = random_positive("normal force")
-_mu = random_positive("coefficient of friction")
-
-
-def rubbing_sense(env: Env) -> float:
-    """Sense of the law's friction force on l along the sliding of l over k: -1 if it brakes."""
-    at = _contact(env)
-    return -float(np.sign(np.real(observed(at, "friction_power")))) or _no_contact()
-
-
-def _no_contact() -> float:
-    raise AuditError("race and pin do not touch in this state")
-
-
-@phrase("friction force along the sliding", vanishes=True)
-def _friction(env: Env) -> Value:
-    return rubbing_sense(env) * _mu(env) * _normal_force(env)
-
-
-def _applied(env: Env, side: str, rubbing: bool) -> Value:
-    """Force that the law applies to a body."""
-    return -_contact(env, rubbing).force("move", "kl"[_sides(env).index(side)])
 
 
 def _unit(v: Value) -> Value:
@@ -129,38 +90,73 @@ def _unit(v: Value) -> Value:
     return v / length if np.real(length) > 0 else _no_contact()
 
 
-@phrase("contact force of the normal force on {side}", vanishes=True, side="open")
+# -- forces of contact
+
+
+def _sense(env: Env) -> float:
+    """Sense of the law's friction force on l along the sliding of l over k: -1 if it brakes."""
+    return -float(np.sign(np.real(observed(_contact(env), "friction_power")))) or _no_contact()
+
+
+def _no_contact() -> float:
+    raise AuditError("race and pin do not touch, or do not slide, in this state")
+
+
+def _friction_force(env: Env) -> Value:
+    return _sense(env) * _mu(env) * _normal_force(env)
+
+
+def _applied(env: Env, side: str, rubbing: bool) -> Value:
+    return -_contact(env, rubbing).force("move", "kl"[_sides(env).index(side)])
+
+
 def _normal_on(env: Env, side: str) -> Value:
     return _unit(_applied(env, side, rubbing=False)) * _normal_force(env)
 
 
-@phrase("contact force and moment of friction on {side} at {name}, {name2} of {number}", vanishes=True, side="open")
 def _friction_on(env: Env, side: str, k: str, l: str, number: str) -> Value:
-    t = _direction(env, k, l, number)
+    """Force and moment (6, 1) of friction."""
     rubbing = _applied(env, side, rubbing=True) - _applied(env, side, rubbing=False)
     on_l = _applied(env, "l", rubbing=True) - _applied(env, "l", rubbing=False)
-    force = t * _friction(env) * np.sign(np.real((rubbing.T @ on_l)[0, 0]))  # action or reaction, as the law has it
+    action = np.sign(np.real((rubbing.T @ on_l)[0, 0]))  # or reaction, as the law has it
+    force = _unit(_sliding(env, k, l, number)) * _friction_force(env) * action
     arm = _printed_at_base(env, {"k": k, "l": l}[side], number) - env.motion.of("x", side)
     return np.vstack([force, np.cross(arm, force, axis=0)])
 
 
-def _virtual(env: Env, side: str, name: str, number: str) -> Value:
+def _work(env: Env, force_on: Callable[[str], Value], points: dict[str, str], number: str) -> Value:
+    """Virtual work of the forces on k and l at the material points."""
     moved = env.moved("virtual")
-    return np.imag(_material_point(moved, side, name, number)) / STEP + 0j
+    change = {s: np.imag(_material_point(moved, s, name, number)) / STEP for s, name in points.items()}
+    return sum((force_on(s)[:3].T @ change[s])[0, 0] for s in points)
 
 
-@phrase("contact work of the normal force at {name}, {name2} of {number}", vanishes=True, side="open")
-def _normal_work(env: Env, k: str, l: str, number: str) -> Value:
-    return sum((_normal_on(env, s).T @ _virtual(env, s, p, number))[0, 0] for s, p in (("k", k), ("l", l)))
+register({
+    "distance of race and pin": lambda env: observed(_contact(env), "gap"),
+    "point of contact on {side}": lambda env, side: env.motion.of("x", side) + _radius(env, side) * outward(_contact(env)),
+    "{name} as printed in {number}": lambda env, name, number: env.printed(name, number),
+    "material point of {side} at {name} of {number}": _material_point,
+    "velocity of {side} at {name} of {number}": _point_velocity,
+    "velocity of l relative to k" + AT: _relative_velocity,
+    "sliding velocity" + AT: _sliding,
+    "friction force along the sliding": _friction_force,
+})  # fmt: skip
+register({
+    "radius on {side}": _radius,
+    "normal direction from k to l": _normal,
+    "direction of sliding" + AT: lambda env, k, l, number: _unit(_sliding(env, k, l, number)),
+}, vanishes=False)  # fmt: skip
+register({
+    "contact force of the normal force on {side}": _normal_on,
+    "contact force and moment of friction on {side}" + AT: _friction_on,
+    "contact work of the normal force" + AT: lambda env, k, l, number: (
+        _work(env, lambda side: _normal_on(env, side), {"k": k, "l": l}, number)),
+    "contact work of friction" + AT: lambda env, k, l, number: (
+        _work(env, lambda side: _friction_on(env, side, k, l, number), {"k": k, "l": l}, number)),
+}, side="open")  # fmt: skip
 
 
-@phrase("contact work of friction at {name}, {name2} of {number}", vanishes=True, side="open")
-def _friction_work(env: Env, k: str, l: str, number: str) -> Value:
-    on = {s: _friction_on(env, s, k, l, number)[:3] for s in "kl"}
-    return sum((on[s].T @ _virtual(env, s, p, number))[0, 0] for s, p in (("k", k), ("l", l)))
-
-
-# -- parts of laws: normal laws here, friction laws in `rules_friction`
+# -- parts of laws
 
 
 def part(env: Env, name: str, base: type, options: dict[str, Any] | None = None, **states: Any) -> Any:
@@ -186,45 +182,142 @@ def number_of(law: Callable[..., Any], *arguments: Value, state: str = "") -> Va
     return expression_value(se.sympify(stated[state] if state else stated), known)
 
 
-_penetration = random_positive("penetration")
-_impact_speed = random_positive("impact speed")
-
-
-@phrase("rate of penetration", vanishes=True)
-def _penetration_rate(env: Env) -> Value:
-    return 0.5 * env.number("rate of penetration") + 0j
-
-
-@phrase("damping of {name}")
-def _damping(env: Env, name: str) -> Value:
-    return complex(part(env, name, Normal).damping or 0.0)
-
-
-@phrase("elastic force of {name}")
-def _elastic(env: Env, name: str) -> Value:
-    return number_of(part(env, name, Normal).elastic_force, _penetration(env))
-
-
-@phrase("damping force of {name}", vanishes=True)
-def _damping_force(env: Env, name: str) -> Value:
-    return number_of(part(env, name, Normal).damping_force, _penetration(env), _penetration_rate(env))
-
-
-@phrase("damping factor of {name}", vanishes=True)
-def _damping_factor(env: Env, name: str) -> Value:
-    return _damping_force(env, name) / _elastic(env, name)
-
-
-@phrase("normal force of {name}")
-def _normal_of(env: Env, name: str) -> Value:
-    return _elastic(env, name) + _damping_force(env, name)
-
-
-@phrase("coefficient of restitution of {name}")
-def _restitution(env: Env, name: str) -> Value:
-    return complex(part(env, name, Normal).coefficient_of_restitution(float(np.real(_impact_speed(env)))))
+# -- normal laws
 
 
 def potential(env: Env, name: str) -> Value:
     """Energy of a normal law at the penetration."""
     return number_of(part(env, name, Normal).energy, _penetration(env))
+
+
+@phrase("rate of penetration")
+def _penetration_rate(env: Env) -> Value:
+    return 0.5 * env.number("rate of penetration")
+
+
+@phrase("elastic force of {name}", vanishes=False)
+def _elastic(env: Env, name: str) -> Value:
+    return number_of(part(env, name, Normal).elastic_force, _penetration(env))
+
+
+@phrase("damping force of {name}")
+def _damping_force(env: Env, name: str) -> Value:
+    return number_of(part(env, name, Normal).damping_force, _penetration(env), _penetration_rate(env))
+
+
+register({"damping factor of {name}": lambda env, name: _damping_force(env, name) / _elastic(env, name)})
+register({
+    "damping of {name}": lambda env, name: complex(part(env, name, Normal).damping or 0.0),
+    "normal force of {name}": lambda env, name: _elastic(env, name) + _damping_force(env, name),
+    "coefficient of restitution of {name}": lambda env, name: (
+        complex(part(env, name, Normal).coefficient_of_restitution(float(np.real(_impact_speed(env)))))),
+}, vanishes=False)  # fmt: skip
+
+
+# -- friction laws
+
+
+def _options(env: Env) -> dict[str, Any]:
+    """Exponent of the Stribeck curve, and bristle damping that does not fall with the speed, as texts have it."""
+    return {"gamma": 1 + env.motion.positive("friction gamma"), "damping_decay": False}
+
+
+@phrase("friction parameter {name}", vanishes=False)
+def friction_parameter(env: Env, name: str) -> Value:
+    """Value of a parameter of the friction law; mu_s is above mu_k, whatever was drawn, and mu is another name of mu_k."""
+    if name == "gamma":
+        return complex(_options(env)["gamma"])
+    above = env.motion.positive("parameter mu_k") if name == "mu_s" else 0.0
+    return complex(above + env.motion.positive(f"parameter {'mu_k' if name == 'mu' else name}"))
+
+
+def _friction(env: Env, name: str, z: Value = 0.0) -> Any:
+    """The law with all of its states at z."""
+    law = part(env, name, Friction, _options(env))
+    for p in law.params:
+        setattr(law, p, friction_parameter(env, p).real)
+    for state in law.states:
+        setattr(law, state, se.sympify(complex(z)))
+    return law
+
+
+def _along(env: Env, coefficient: Value) -> Value:
+    """Force on l along t, by the contact law's sense of a positive coefficient."""
+    return _sense(env.touching()) * coefficient * _normal_force(env)
+
+
+def _coefficient(env: Env, name: str, speed: Value | None = None, z: Value | None = None) -> Value:
+    law = _friction(env, name, _deflection(env) if z is None else z)
+    return number_of(law.coefficient, _speed(env) if speed is None else speed)
+
+
+def _start(env: Env, name: str, speed: Value | None = None) -> Value:
+    """Steady value of the first state at a sliding speed."""
+    law = _friction(env, name)
+    return number_of(law.initial, _speed(env) if speed is None else speed, state=next(iter(law.states)))
+
+
+def _rate_at(env: Env, name: str, z: Value) -> Value:
+    law = _friction(env, name, z)
+    return number_of(law.rate, _speed(env), state=next(iter(law.states)))
+
+
+def _steady_coefficient(env: Env, name: str) -> Value:
+    return _coefficient(env, name, z=_start(env, name) if _friction(env, name).states else 0.0)
+
+
+def _sticking(env: Env) -> Value:
+    """Force of bristles at rest, deflected up to break-away; half of the states are at break-away, in both directions."""
+    breaking = abs(_start(env, "LuGre", 1e-12))
+    share = (1.0, -1.0)[env.motion.seed % 2] if env.motion.seed % 4 < 2 else env.motion.number("share") / 1.5
+    return _along(env, _coefficient(env, "LuGre", 0.0, share * breaking))
+
+
+def energy_fed(env: Env, name: str) -> float | None:
+    """The lowest of some sliding speeds (m/s) at which a law with a state feeds energy, at a deflection that it may have.
+
+    0.0 where none does; None of a law without states."""
+    if not _friction(env, name).states:
+        return None
+    most = abs(_start(env, name, 1e-12))
+    for v in np.logspace(-3, 4, 71):
+        for z in most * np.linspace(-1, 1, 41):
+            law, dz = _friction(env, name, z), 1e-6 * most
+            stored = [number_of(_friction(env, name, z + d).stored, v) for d in (-dz, dz)]
+            slope, rate = (stored[1] - stored[0]) / (2 * dz), number_of(law.rate, v, state=next(iter(law.states)))
+            if np.real(number_of(law.coefficient, v) * v - slope * rate) < -1e-6:
+                return float(v)
+    return 0.0
+
+
+# -- a law with a state over one stage of Radau IIA by the trapezoidal rule
+
+
+@phrase("length of the stage", vanishes=False)
+def _stage(env: Env) -> Value:
+    """(c_i - c_(i-1)) times the step, of one of the stages of Radau IIA with 2 or 3 stages."""
+    spacings = [d for s in (2, 3) for d in np.diff(radau_table(s).c, prepend=0.0)]
+    return _step(env) * spacings[env.motion.seed % len(spacings)]
+
+
+@phrase("deflection at the stage by the trapezoidal rule", needs=(("hi", "s", "length of the stage"),))
+def _trapezoidal(env: Env) -> Value:
+    """z of (z' + z'_before)/2 = (z - z_before)/length with LuGre's z', which is linear in z."""
+    length = _stage(env)
+    at0, at1 = (_rate_at(env, "LuGre", z) for z in (0.0, 1.0))
+    return (_before(env) + length / 2 * (_before_rate(env) + at0)) / (1 - length / 2 * (at1 - at0))
+
+
+FRICTION: dict[str, Rule] = {
+    "coefficient of {name}": _coefficient,
+    "friction force of {name}": lambda env, name: _along(env, _coefficient(env, name)),
+    "friction force of sliding": lambda env: _along(env, _coefficient(env, "Coulomb", 1e3 * friction_parameter(env, "v_c"))),
+    "friction force of sticking": _sticking,
+    "rate of deflection of {name}": lambda env, name: _rate_at(env, name, _deflection(env)),
+    "rate of deflection at the stage": lambda env: _rate_at(env, "LuGre", _trapezoidal(env)),
+    "bristle energy of {name}": lambda env, name: (  # over the normal force, m
+        number_of(_friction(env, name, _deflection(env)).stored, _speed(env))),
+    "steady coefficient of {name}": _steady_coefficient,
+}
+register(FRICTION)
+register({"steady deflection of {name}": lambda env, name: abs(_start(env, name))}, vanishes=False)

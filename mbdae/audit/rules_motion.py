@@ -6,7 +6,7 @@ import numpy as np
 
 from mbdae.audit.evaluate import STEP, Value
 from mbdae.audit.motion import Motion, axial
-from mbdae.audit.phrases import Env, Rule, phrase
+from mbdae.audit.phrases import Env, Rule, register
 from mbdae.symbolic.functions import complex_atan2
 
 #: rotations and other quantities that are not zero, by their wording, and how a state gives them
@@ -50,9 +50,9 @@ QUANTITIES: dict[str, Rule] = {
 }  # fmt: skip
 #: quantities that the text alone gives, by the name of their symbol
 GIVEN: dict[str, Rule] = {
-    "number": lambda env, name: env.number(f"number {name}") + 0j,
-    "positive number": lambda env, name: env.positive(f"positive number {name}") + 0j,
-    "angle": lambda env, name: env.number(f"angle {name}") + 0j,
+    "number": lambda env, name: env.number(f"number {name}"),
+    "positive number": lambda env, name: env.positive(f"positive number {name}"),
+    "angle": lambda env, name: env.number(f"angle {name}"),
     "vector": lambda env, name: env.drawn(f"vector {name}", env.motion.vector),
     "matrix": lambda env, name: env.drawn(f"matrix {name}", env.motion.matrix),
     "symmetric matrix": lambda env, name: env.motion.matrix(f"symmetric matrix {name}", symmetric=True) + 0j,
@@ -82,44 +82,24 @@ def _spin(env: Env, how: str) -> Value:
 
 
 def _rotation_vector(P: Value) -> Value:
-    """Rotation vector of Euler parameters."""
     sine = np.sqrt(np.sum(P[1:] * P[1:]))
     return P[1:] / sine * 2 * complex_atan2(sine, P[0, 0])
 
 
-for _rules, _vanishes in ((ROTATIONS, False), (QUANTITIES, True)):
-    for _wording, _rule in _rules.items():
-        phrase(_wording, _vanishes)(_rule)
-for _wording, _rule in GIVEN.items():
-    phrase(_wording, "positive" not in _wording, given=True)(_rule)
-
-
 # -- the equations of l in the unknowns of k and the relative angle
 
-
-@phrase("inertia of l")
-def _inertia(env: Env) -> Value:
-    return env.motion.matrix("inertia", symmetric=True) + 0j
-
-
-@phrase("stiffness of l")
-def _stiffness(env: Env) -> Value:
-    return env.motion.matrix("stiffness") + 0j
-
-
-@phrase("damping of l")
-def _damping(env: Env) -> Value:
-    return env.motion.matrix("damping") + 0j
-
-
-@phrase("residual of l", vanishes=True)
-def _residual(env: Env) -> Value:
-    return env.motion.ingredient("residual of l") + 0j
-
-
-@phrase("right-hand side of l in motion", vanishes=True)
-def _right_hand_side(env: Env) -> Value:
-    return _inertia(env) @ env.motion.of("alpha", "l")
+#: matrices of the equations of l, and the right-hand side of M w' = f
+MATRICES: dict[str, Rule] = {
+    "inertia of l": lambda env: env.motion.matrix("inertia", symmetric=True) + 0j,
+    "stiffness of l": lambda env: env.motion.matrix("stiffness") + 0j,
+    "damping of l": lambda env: env.motion.matrix("damping") + 0j,
+    "mass matrix of l in the unknowns of k and the angle": lambda env: _tangent(env, "alpha", "phiddot"),
+    "damping matrix of l in the unknowns of k and the angle": lambda env: _tangent(env, "w", "phidot"),
+}
+FORCES: dict[str, Rule] = {
+    "residual of l": lambda env: env.motion.ingredient("residual of l") + 0j,
+    "right-hand side of l in motion": lambda env: MATRICES["inertia of l"](env) @ env.motion.of("alpha", "l"),
+}
 
 
 def _map(m: Motion) -> Value:
@@ -130,32 +110,21 @@ def _map(m: Motion) -> Value:
 def _reduced(env: Env, m: Motion) -> Value:
     """B' r in a state m, r the residual of l, linearised about the state of env: M w' + C w + K psi."""
     base = env.motion
-    r = _residual(env) + _inertia(env) @ (m.of("alpha", "l") - base.of("alpha", "l"))
-    r = r + _damping(env) @ (m.of("w", "l") - base.of("w", "l"))
-    if m is not base:
-        r = r + _stiffness(env) @ base.turn_between(m, "l") * 1j * STEP
+    M, C, K = (MATRICES[f"{name} of l"](env) for name in ("inertia", "damping", "stiffness"))
+    r = FORCES["residual of l"](env) + M @ (m.of("alpha", "l") - base.of("alpha", "l")) + C @ (m.of("w", "l") - base.of("w", "l"))
+    r = r + K @ base.turn_between(m, "l") * 1j * STEP
     return _map(m).T @ r
 
 
 def _tangent(env: Env, of_k: str, of_angle: str) -> Value:
     """Derivative of the reduced residual by unknowns of k and of the angle, by complex steps."""
-    columns = []
-    for unit in np.eye(4):
-        m = env.motion.stepped_by({f"{of_k} k": unit[:3, None], of_angle: unit[3]})
-        columns.append(np.imag(_reduced(env, m)) / STEP)
-    return np.hstack(columns) + 0j
+    stepped = [env.motion.stepped_by({f"{of_k} k": unit[:3, None], of_angle: unit[3]}) for unit in np.eye(4)]
+    return np.hstack([np.imag(_reduced(env, m)) / STEP for m in stepped]) + 0j
 
 
-@phrase("mass matrix of l in the unknowns of k and the angle")
-def _reduced_mass(env: Env) -> Value:
-    return _tangent(env, "alpha", "phiddot")
-
-
-@phrase("damping matrix of l in the unknowns of k and the angle")
-def _reduced_damping(env: Env) -> Value:
-    return _tangent(env, "w", "phidot")
-
-
-@phrase("stiffness matrix of l in the unknowns of k and the angle", needs=(("r", "N m", "residual of l"),))
-def _reduced_stiffness(env: Env) -> Value:
-    return _tangent(env, "turn", "phi")
+register(ROTATIONS | MATRICES, vanishes=False)
+register({"stiffness matrix of l in the unknowns of k and the angle": lambda env: _tangent(env, "turn", "phi")},
+         vanishes=False, needs=(("r", "N m", "residual of l"),))  # fmt: skip
+register(QUANTITIES | FORCES)
+register({wording: rule for wording, rule in GIVEN.items() if "positive" not in wording}, given=True)
+register({wording: rule for wording, rule in GIVEN.items() if "positive" in wording}, vanishes=False, given=True)

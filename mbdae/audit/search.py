@@ -10,17 +10,18 @@ import numpy as np
 
 from mbdae.audit import notation
 from mbdae.audit.compare import SAME, States, compared, difference
+from mbdae.audit.dimensions import faults, powers
 from mbdae.audit.edits import Candidates, Edit, applied, edits, everywhere, supplements
-from mbdae.audit.evaluate import SizeError, Value, evaluate
+from mbdae.audit.evaluate import SizeError, Value, attempt, evaluate
 from mbdae.audit.fits import Fit, factors, terms, wrapped
-from mbdae.audit.notation import Node, Statement, symbol
+from mbdae.audit.notation import BINDING, Node, Statement, made, symbol
 from mbdae.audit.phrases import Env, Scope
 from mbdae.audit.reading import Printed
-from mbdae.errors import MbdaeError
 
 COLUMNS = 12  #: vectors and matrices of which missing terms are made
 LEVELS = (0, 1, 2)  #: of the search: small changes; factors and terms that are missing; two changes
 PLAIN = 1.6  #: size of a change beside which no factor is looked for that would do the same
+NEAR = 1.85  #: size of a change beside which no bare symbol is changed where units do not fit
 LARGEST = 20_000  #: formulas tried for one place with two changes
 
 
@@ -42,9 +43,7 @@ def repair(equation: Printed, states: States) -> Repair | None:
     other = _other_roles(equation, states)
     if other is not None:
         return other
-    used = set().union(*(s.symbols() for s in equation.statements)) & set(equation.scope.symbols)
-    scope = equation.scope.widened(used)
-    wide = replace(equation, scope=scope)
+    wide = replace(equation, scope=equation.scope.widened(equation.used))
     states = replace(states, equation=wide)
     done: list[Edit] = []
     statements, known = [], list[Edit]()
@@ -55,8 +54,7 @@ def repair(equation: Printed, states: States) -> Repair | None:
         statements.append(found[0])
         known += found[1]
         done += [e for e in found[1] if e.words not in [d.words for d in done]]
-    letters = {n: m.letter for n, m in scope.symbols.items() if m.letter}
-    tex = "; ".join(e.tex(letters) for e in done)
+    tex = "; ".join(e.tex(wide.scope.letters) for e in done)
     return Repair(tuple(e.words for e in done), replace(wide, statements=tuple(statements)), tex, all(e.accent for e in done))
 
 
@@ -86,22 +84,33 @@ class _Goal:
 
     def met(self, node: Node) -> bool:
         """Whether a formula has the values in all states."""
-        try:
-            with np.errstate(all="ignore"):
-                pairs = zip(self.envs, self.values, strict=True)
-                if notation.is_zero(node):
-                    return max(float(np.max(np.abs(v))) for v in self.values) < SAME
-                return node not in self.banned and all(difference(evaluate(node, e), v) < SAME for e, v in pairs)
-        except (SizeError, MbdaeError, ArithmeticError, np.linalg.LinAlgError):
-            return False
+        if notation.is_zero(node):
+            return max(float(np.max(np.abs(v))) for v in self.values) < SAME
+        found = ((attempt(node, e), v) for e, v in zip(self.envs, self.values, strict=True))
+        return node not in self.banned and all(a is not None and difference(a, v) < SAME for a, v in found)
 
     def sized(self, node: Node) -> bool:
         """Whether a formula has the size of the values."""
-        try:
-            with np.errstate(all="ignore"):
-                return np.shape(evaluate(node, self.envs[0])) == np.shape(self.values[0])
-        except (SizeError, MbdaeError, ArithmeticError, np.linalg.LinAlgError):
+        found = attempt(node, self.envs[0])
+        return found is not None and np.shape(found) == np.shape(self.values[0])
+
+    def mended(self, node: Node, new: Node) -> bool:
+        """Whether a changed formula that has the values is one that can have been meant.
+
+        That is one whose sums have units where those of the formula have them, and in which nothing new is idle."""
+        if self._idle(new) - self._idle(node):
             return False
+        return powers(new, self.envs[:2]) is not None or powers(node, self.envs[:2]) is None
+
+    def _idle(self, node: Node) -> set[Node]:
+        """Functions with the same value in all states, as derivatives of constants have, and inner sums that are 0."""
+        return {n for n in node.walk() if (n.kind == "call" and n.value not in BINDING and self._same(n, 1))
+                or (n.kind == "sum" and n is not node and self._same(n, 0))}  # fmt: skip
+
+    def _same(self, node: Node, factor: int) -> bool:
+        """Whether a formula has in all states the value of the first one, or 0."""
+        values = [attempt(node, e) for e in self.envs]
+        return all(v is not None and values[0] is not None and difference(v, factor * values[0]) < SAME for v in values)
 
     def rows(self, count: int) -> list[_Goal]:
         """The goals of the rows of a column of `count` equal blocks; none where the values are no such column."""
@@ -114,28 +123,29 @@ class _Goal:
 
 
 def _statement(statement: Statement, states: States, known: Sequence[Edit]) -> Found | None:
-    """The repair with the fewest changes of one statement."""
     return next(filter(None, (_at_level(statement, states, known, level) for level in LEVELS)), None)
 
 
 def _at_level(statement: Statement, states: States, known: Sequence[Edit], level: int) -> Found | None:
-    """The smallest repair on one level."""
     best: Found | None = None
     envs: Sequence[Env] = ()
+    misfit = bool(faults(statement, states.free[:2]))
     for i, goal in _places(statement, states):
-        if best is not None and (_extent(best[1]) <= (1, PLAIN) or statement.sides[i].kind == "symbol" or goal.envs is not envs):
-            break  # a repair was found: no bare symbol is replaced, and no states of the joint are tried
+        least = (1, PLAIN) if statement.sides[i].kind != "symbol" else (1, NEAR) if misfit else (3, 0)
+        if best is not None and (_extent(best[1]) <= least or goal.envs is not envs):
+            break  # a repair was found: a bare symbol is changed only instead of a far one, and no states of the joint are tried
         envs = goal.envs
-        found = _side(statement.sides[i], goal, Candidates(states.equation.scope, goal.envs[0]), known, level)
+        candidates = Candidates(states.equation.scope, goal.envs[0])
+        candidates.any_unit = misfit and level == 1
+        found = _side(statement.sides[i], goal, candidates, known, level)
         if found is not None and (best is None or _extent(found[1]) < _extent(best[1])):
             tried = replace(statement, sides=(*statement.sides[:i], found[0], *statement.sides[i + 1 :]))
-            if compared(tried, states).same:
+            if compared(tried, states).same and (misfit or not faults(tried, states.free[:2])):
                 best = tried, found[1]
     return best
 
 
 def _extent(done: Sequence[Edit]) -> tuple[int, float]:
-    """Number of changes and how far they go."""
     return len(done), round(sum(e.size for e in done), 6)
 
 
@@ -192,23 +202,21 @@ def _node(node: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]
     for edit, new in edits(node, candidates):
         if new != node:
             once.setdefault(new, edit)
-    plain = _smallest(((e, n) for n, e in once.items()), goal)
+    plain = _smallest(node, ((e, n) for n, e in once.items()), goal)
     if level == 0 or (plain is not None and plain[1][0].size <= PLAIN):
         return plain if plain is not None and plain[1][0].size <= PLAIN else None
-    found = (_smallest(chain(((plain[1][0], plain[0]),) if plain else (), lacking(node, goal, candidates)), goal)
-             or _smallest(missing(node, goal, candidates), goal))  # fmt: skip
+    found = (_smallest(node, chain(((plain[1][0], plain[0]),) if plain else (), lacking(node, goal, candidates)), goal)
+             or _smallest(node, missing(node, goal, candidates), goal))  # fmt: skip
     if found or level == 1:
         return found
-    return _twice(node, once, goal, candidates) or _smallest(supplements(node, candidates), goal)
+    return _twice(node, once, goal, candidates) or _smallest(node, supplements(node, candidates), goal)
 
 
-def _smallest(tried: Iterator[tuple[Edit, Node]], goal: _Goal) -> Changed | None:
-    """The smallest of the changes after which a formula meets its goal."""
+def _smallest(node: Node, tried: Iterator[tuple[Edit, Node]], goal: _Goal) -> Changed | None:
+    """The smallest of the changes of a formula after which it meets its goal."""
     found = [(edit, new) for edit, new in tried if goal.met(new)]
-    if not found:
-        return None
-    edit, new = min(found, key=lambda pair: pair[0].size)
-    return new, [edit]
+    best = next(((new, edit) for edit, new in sorted(found, key=lambda pair: pair[0].size) if goal.mended(node, new)), None)
+    return None if best is None else (best[0], [best[1]])
 
 
 def _fit(node: Node, goal: _Goal, candidates: Candidates) -> tuple[Fit, list[Node]]:
@@ -220,25 +228,26 @@ def _fit(node: Node, goal: _Goal, candidates: Candidates) -> tuple[Fit, list[Nod
     columns += [n for n in others if n.value not in numbers] if columns or np.shape(goal.values[0]) else []
     inside = [n for n in dict.fromkeys(node.walk()) if n != node and n.kind in ("product", "sum", "call")]
     lengths = [Node("call", "norm", (n,)) for n in (*used, *others)]
-    return Fit(goal.envs, [n for n in (*used, *inside, *others, *lengths) if n not in goal.banned]), columns[:COLUMNS]
+    pieces = [n for n in (*used, *inside, *others, *lengths) if n not in goal.banned]
+    return Fit(goal.envs, goal.values, pieces), columns[:COLUMNS]
 
 
 def lacking(node: Node, goal: _Goal, candidates: Candidates) -> Iterator[tuple[Edit, Node]]:
     """The formula with a factor, a power or a function that is missing."""
     fit, _ = _fit(node, goal, candidates)
-    for piece, monomial, new in factors(node, goal.envs, goal.values, fit):
+    for piece, monomial, new in factors(node, fit):
         sign = monomial.c == -1 and not monomial.powers
         size = 1.0 if sign else 1.3 + 0.5 * len(monomial.powers) + 0.02 * (abs(monomial.c.numerator) + monomial.c.denominator)
         edit = Edit("sign of {}", (piece,)) if sign else Edit("the factor {} at {}", (monomial.times(), piece))
         yield replace(edit, size=size), new
-    for piece, wrap, new in wrapped(node):
+    for piece, wrap, new in wrapped(node, goal.envs[0]):
         yield Edit("{} -> {}", (piece, wrap), size=1.7), new
 
 
 def missing(node: Node, goal: _Goal, candidates: Candidates) -> Iterator[tuple[Edit, Node]]:
     """The formula with a term that is missing."""
     fit, vectors = _fit(node, goal, candidates)
-    for term, new in terms(node, goal.envs, goal.values, fit, vectors):
+    for term, new in terms(node, fit, vectors):
         yield Edit("the term {} more", (term,), size=sum(1 for _ in term.walk())), new
 
 
@@ -258,7 +267,7 @@ def _twice(node: Node, once: dict[Node, Edit], goal: _Goal, candidates: Candidat
                 tried.add(new)
                 if len(tried) > LARGEST:
                     return None
-                if goal.met(new):
+                if goal.met(new) and goal.mended(node, new):
                     return new, [once[first], edit]
     return None
 
@@ -291,8 +300,8 @@ def _range(what: str, first: int, last: int) -> str:
 def _terms(name: str, scope: Scope, env: Env) -> Iterator[Node]:
     """Terms linear in a vector: itself, its product with a vector, both transposed, both signs."""
     r = symbol(name)
-    crossed = [Node("product", None, (Node("cross", None, (symbol(other),)), r)) for other in scope.symbols
+    crossed = [made("product", made("cross", symbol(other)), r) for other in scope.symbols
                if np.shape(env.value(other)) == (3, 1)]  # fmt: skip
     for term in [r, *crossed]:
-        for shown in (term, Node("transposed", None, (term,))):
-            yield from (shown, Node("neg", None, (shown,)))
+        for shown in (term, made("transposed", term)):
+            yield from (shown, made("neg", shown))

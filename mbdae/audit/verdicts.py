@@ -1,38 +1,33 @@
-"""Verdicts on printed formulas, by rules that depend on no particular formula:
-
-RIGHT          the sides agree in random states (free bodies; else bodies connected by the joint), and stay finite where a
-               quantity they contain vanishes
-MISPRINT       both sides were evaluated and differ; the repair is the smallest change after which they agree. Where sizes do not
-               fit, a formula that a change mends
-INCOMPLETE     they agree only where a quantity of the derivation that the text names nowhere is zero; or they agree but are not
-               defined where a quantity of the formula vanishes; or a force acts on a body where the text lists none
-AMBIGUOUS      forces that agree on the other side of the equations of motion (or with multipliers of the other sign), or on
-               another side than other formulas of the section, where the text does not declare it
-CANNOT JUDGE   the formula cannot be read, a piece of it has no value, or nothing says what a quantity is: with the reason
+"""Verdicts on printed formulas, by rules that depend on no particular formula: RIGHT, MISPRINT with a repair, INCOMPLETE,
+AMBIGUOUS, CANNOT JUDGE. Where sizes do not fit, a formula is a misprint if a change mends it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from mbdae.audit.compare import SAME, Compared, States, compared
-from mbdae.audit.dimensions import faults, of_definitions
-from mbdae.audit.evaluate import SizeError, evaluate
+from mbdae.audit.compare import SAME, Compared, States, compared, identical
+from mbdae.audit.dimensions import faults, of_definitions, of_laws
+from mbdae.audit.evaluate import NO_VALUE, attempt, reason
 from mbdae.audit.motion import Motion
-from mbdae.audit.notation import is_zero
-from mbdae.audit.phrases import Definition, Scope
+from mbdae.audit.notation import Node, Statement, is_zero
+from mbdae.audit.phrases import Definition, Env, Meaning, Scope
 from mbdae.audit.reading import Printed, Text
 from mbdae.audit.remarks import remarks
-from mbdae.audit.rules_joints import UnlistedError
+from mbdae.audit.rules_laws import UnlistedError
 from mbdae.audit.search import Repair, missing_term, repair
-from mbdae.audit.symbolic import identical
-from mbdae.errors import MbdaeError
 
 RIGHT, MISPRINT, INCOMPLETE, AMBIGUOUS, CANNOT = "RIGHT", "MISPRINT", "INCOMPLETE", "AMBIGUOUS", "CANNOT JUDGE"
+VERDICTS = {
+    RIGHT: "both sides agree in random states of motion, and are defined wherever the text speaks of",
+    MISPRINT: "the sides differ; the repair is the smallest change after which they agree",
+    INCOMPLETE: "right, but a term with a quantity the text names nowhere, a case, or a listed force is missing",
+    AMBIGUOUS: "right on one side of the equations of motion, while formulas that belong to it are right on the other",
+    CANNOT: "the formula cannot be read, a piece of it has no value, or nothing says what a quantity is",
+}
 SIDES = {1: "applied to the bodies", -1: "on the left-hand side of the equations of motion"}
 
 
@@ -57,6 +52,11 @@ class Row:
         return self.printed.number
 
     @property
+    def said(self) -> str:
+        """Repair and remark."""
+        return told(self.repair, self.remark)
+
+    @property
     def derived(self) -> str:
         """The right formula: as printed where that is right, else repaired, else the quantity in words."""
         if self.repaired is not None and self.repaired.statements != self.printed.statements:
@@ -66,6 +66,11 @@ class Row:
         if self.verdict == INCOMPLETE and self.residual > SAME:
             return f"{self.printed.text}; {self.repair}"
         return meanings(self.printed)
+
+
+def told(*remarks: str) -> str:
+    """Remarks in one text, without empty ones."""
+    return "; ".join(filter(None, remarks))
 
 
 def meanings(equation: Printed) -> str:
@@ -81,12 +86,12 @@ def meanings(equation: Printed) -> str:
 
 def audit_text(text: Text) -> list[Row]:
     """A verdict on every equation."""
-    shared: dict[tuple[str, int], Motion] = {}
+    shared: dict[tuple[str, int, str], Motion] = {}
     rows = [audit_equation(equation, shared) for equation in text.equations]
     return [_of_group(row, rows) for row in rows]
 
 
-def audit_equation(equation: Printed, shared: dict[tuple[str, int], Motion] | None = None, search: bool = True) -> Row:
+def audit_equation(equation: Printed, shared: dict[tuple[str, int, str], Motion] | None = None, search: bool = True) -> Row:
     """The verdict on one equation by itself; search: whether a repair is sought."""
     if equation.trouble:
         return _cannot(equation, equation.trouble)
@@ -95,9 +100,10 @@ def audit_equation(equation: Printed, shared: dict[tuple[str, int], Motion] | No
         with np.errstate(all="ignore"):
             states = states.fitting()
             wrong = [fault for s in equation.statements for fault in of_definitions(s, states.free[:2])]
+            wrong += of_laws(_named(equation), equation.scope.own)
             return _cannot(equation, wrong[0]) if wrong else _beside_others(_verdict(equation, states, search), states)
-    except (MbdaeError, SizeError, ArithmeticError, np.linalg.LinAlgError) as error:
-        return _cannot(equation, str(error))
+    except NO_VALUE as error:
+        return _cannot(equation, reason(error, meanings(equation)))
 
 
 def _beside_others(row: Row, states: States) -> Row:
@@ -107,22 +113,31 @@ def _beside_others(row: Row, states: States) -> Row:
         return row
     if row.verdict == RIGHT:
         return replace(row, verdict=INCOMPLETE, remark=said)  # remarks on a resultant speak of all the forces
-    return replace(row, remark="; ".join(filter(None, [said, row.remark])))
+    return replace(row, remark=told(said, row.remark))
 
 
 def _unlisted(equation: Printed, states: States) -> str:
     """A force that acts where the text lists none; empty where there is none."""
-    used = [equation.scope.symbols[n] for n in sorted(equation.scope.reached(_used(equation)))]
-    meanings = [m for m in [*used, equation.quantity] if m is not None and not isinstance(m, Definition)]
     try:
         for env in (*states.free, *states.joint):
-            for meaning in meanings:
+            for meaning in _meanings(equation):
                 meaning.value(replace(env, complete=True, store={}))
     except UnlistedError as error:
         return str(error)
-    except (MbdaeError, SizeError, ArithmeticError, np.linalg.LinAlgError):
-        return ""
+    except NO_VALUE:
+        pass
     return ""
+
+
+def _meanings(equation: Printed) -> list[Meaning]:
+    """The meanings that the formulas need, without definitions of the text."""
+    used = [equation.scope.symbols[n] for n in sorted(equation.scope.reached(equation.used))]
+    return [m for m in [*used, equation.quantity] if m is not None and not isinstance(m, Definition)]
+
+
+def _named(equation: Printed) -> set[str]:
+    """Words of the meanings, among them the names of laws."""
+    return {word for m in _meanings(equation) for word in m.words if isinstance(word, str)}
 
 
 def _cannot(equation: Printed, why: str) -> Row:
@@ -145,9 +160,9 @@ def _verdict(equation: Printed, states: States, search: bool) -> Row:
     undefined = _undefined_at(equation, states)
     if undefined:
         return Row(equation, INCOMPLETE, residual, f"say what holds where {undefined} = 0",
-                   f"not defined where {undefined} = 0" + (f"; {nowhere_else}" if nowhere_else else ""))  # fmt: skip
-    units = _units(equation, states)
-    said = units or "; ".join(filter(None, [nowhere_else, *remarks(equation, states)]))
+                   told(f"not defined where {undefined} = 0", nowhere_else))  # fmt: skip
+    units = "; ".join(f for s in equation.statements for f in faults(s, states.free[:2]))
+    said = units or told(nowhere_else, *remarks(equation, states))
     return Row(equation, MISPRINT if units else RIGHT, residual, remark=said,
                symbolic=not nowhere_else and identical(equation, states.inner))  # fmt: skip
 
@@ -155,7 +170,7 @@ def _verdict(equation: Printed, states: States, search: bool) -> Row:
 def _open_sides(equation: Printed) -> set[str]:
     """Sides ("open", "left") of the forces of a formula, where the text declares none."""
     symbols = equation.scope.symbols
-    return set() if equation.scope.sides else {symbols[n].phrase.side for n in _used(equation)} - {""}
+    return set() if equation.scope.sides else {symbols[n].phrase.side for n in equation.used} - {""}
 
 
 def _on_a_side(equation: Printed, states: States, side: int, gap: float, open_sides: set[str]) -> Row:
@@ -182,10 +197,6 @@ def _unbalanced(equation: Printed, states: States) -> str:
     return "" if np.max(np.abs(total)) < SAME else "action and reaction act at two points and leave a moment"
 
 
-def _units(equation: Printed, states: States) -> str:
-    return "; ".join(f for s in equation.statements for f in faults(s, states.free[:2]))
-
-
 def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool) -> Row:
     residual = max(c.gap for c in gaps)
     doubt = next((c.doubt for c in gaps if c.doubt), "")
@@ -194,11 +205,11 @@ def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool
     defined = [n for s in equation.statements for n in _defined_by(s, equation.scope)]
     if defined:
         return _cannot(equation, f"nothing but this formula says what {defined[0]} is: write it as `let`, or give its meaning")
-    units = _units(equation, states)
+    units = "; ".join(f for s in equation.statements for f in faults(s, states.free[:2]))
     lacking = _lacking(equation, states)
     if lacking:
         name, text = lacking
-        scope = equation.scope.widened(_used(equation))
+        scope = equation.scope.widened(equation.used)
         found = missing_term(equation, states, scope, name) if len(equation.statements) == 1 else None
         remark = f"agrees where the {text} is zero, which the text names nowhere ({name} here)"
         return Row(equation, INCOMPLETE, residual, str(found or f"terms in the {text} are missing"), remark)
@@ -216,19 +227,18 @@ def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool
 
 def _joined(equation: Printed, states: States) -> bool:
     """Whether an equation about a relative angle, in a text that says nothing of a joint, holds for a revolute one."""
-    if equation.states != "free" or not any("relative angle" in equation.scope.symbols[n].text for n in _used(equation)):
+    if equation.states != "free" or not any("relative angle" in equation.scope.symbols[n].text for n in equation.used):
         return False
     joined = replace(states, equation=replace(equation, states="revolute", only=True))
     return all(compared(s, joined).same for s in equation.statements)
 
 
 def _given_numbers(names: Iterable[str], scope: Scope) -> set[str]:
-    """Symbols that are numbers of the text."""
     known = {n: scope.symbols[n] for n in names if n in scope.symbols}
     return {n for n, m in known.items() if m.phrase.given and m.text.removesuffix(f" {n}") in ("number", "positive number")}
 
 
-def _defined_by(statement: Any, scope: Scope) -> list[str]:
+def _defined_by(statement: Statement, scope: Scope) -> list[str]:
     """Numbers of the text that stand alone on one side and appear on no other."""
     out = []
     for i, side in enumerate(statement.sides):
@@ -254,21 +264,17 @@ def _repaired(row: Row, found: Repair, states: States) -> Row:
     again = replace(states, equation=found.equation, inner=found.equation.inner or "l")
     gap = max(compared(s, again).gap for s in found.equation.statements)
     new = [f"{n} is the {m.text}" for n, m in found.equation.scope.symbols.items()
-           if n not in row.printed.scope.symbols and n in _used(found.equation)]  # fmt: skip
+           if n not in row.printed.scope.symbols and n in found.equation.used]  # fmt: skip
     accents = ["accents alone, which type and its reading easily lose"] if found.accents else []
-    row = replace(row, remark="; ".join([*filter(None, [row.remark]), *new, *accents]))
+    row = replace(row, remark=told(row.remark, *new, *accents))
     same = identical(found.equation, again.inner, states.side)
     return replace(row, repaired=found.equation, repaired_residual=gap, symbolic=same)
-
-
-def _used(equation: Printed) -> set[str]:
-    return set().union(*(s.symbols() for s in equation.statements)) & set(equation.scope.symbols)
 
 
 def _lacking(equation: Printed, states: States) -> tuple[str, str] | None:
     """A quantity of the derivation that the text does not name, and without which the equation is right: symbol and wording."""
     known = set(equation.scope.symbols)
-    scope = equation.scope.widened(_used(equation))
+    scope = equation.scope.widened(equation.used)
     for name in set(scope.symbols) - known:
         without = replace(states, absent=scope.symbols[name].text)
         if all(compared(s, without).same for s in equation.statements):
@@ -289,12 +295,9 @@ def _undefined_at(equation: Printed, states: States) -> str:
     return ""
 
 
-def _finite(side: Any, env: Any) -> bool:
-    try:
-        with np.errstate(all="ignore"):
-            return bool(np.all(np.isfinite(evaluate(side, env))))
-    except (SizeError, ZeroDivisionError):
-        return False
+def _finite(side: Node, env: Env) -> bool:
+    value = attempt(side, env)
+    return value is not None and bool(np.all(np.isfinite(value)))
 
 
 def _of_group(row: Row, rows: list[Row]) -> Row:
@@ -304,8 +307,8 @@ def _of_group(row: Row, rows: list[Row]) -> Row:
     group = [r for r in rows if r.side is not None and r.printed.section == row.printed.section]
     against = [r.equation for r in group if r.side != row.side]
     if not against:
-        return replace(row, remark="; ".join(filter(None, [f"as {SIDES[row.side]}", row.remark])))
+        return replace(row, remark=told(f"as {SIDES[row.side]}", row.remark))
     others = f"{', '.join(against)} {'is' if len(against) == 1 else 'are'} right {SIDES[-row.side]}"
-    remark = "; ".join(filter(None, [f"right {SIDES[row.side]}", others, row.remark]))
+    remark = told(f"right {SIDES[row.side]}", others, row.remark)
     return replace(row, verdict=AMBIGUOUS, remark=remark, repair=f"the other sign here, or in {', '.join(against)}")
 

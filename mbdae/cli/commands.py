@@ -15,7 +15,7 @@ from typing import Any
 
 from mbdae.cli.usage import REPORTS, UsageError
 from mbdae.cli.userfile import scene_of, user_file
-from mbdae.errors import OptionError, SolverError
+from mbdae.errors import OptionError, SolverError, meant
 
 # -- commands
 
@@ -106,7 +106,8 @@ def report(a: argparse.Namespace) -> int:
         a.file = a.what
         document = make(_scene(a, _load(a)))
     else:
-        raise UsageError(f"report '{a.what}': neither a file nor one of {', '.join(names())}")
+        closest = f"; {meant(a.what, names())}".rstrip("; ")
+        raise UsageError(f"report '{a.what}': neither a file nor one of {', '.join(names())}{closest}")
     holds = "NOT EQUAL" not in document.to_markdown()
     format_ = _report_format(a, "md")
     facts = {"report": a.what, "title": document.title, "holds": holds, "format": format_}

@@ -5,11 +5,11 @@ from __future__ import annotations
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mbdae.documents.blocks import Block, Picture, every
+from mbdae.documents.blocks import Block, Picture, Section, every
 from mbdae.documents.html import html
 from mbdae.documents.latex import latex
 from mbdae.documents.markdown import markdown
@@ -25,7 +25,11 @@ class Document:
     """A title and blocks."""
 
     title: str
-    blocks: Sequence[Block] = field(default=())
+    blocks: Sequence[Block] = ()
+
+    def __repr__(self) -> str:
+        sections = ", ".join(block.title for block in self.blocks if isinstance(block, Section))
+        return f"Document({self.title!r}: {sections or 'no sections'}; .save(path) writes .html, .md, .tex or .pdf)"
 
     def to_html(self) -> str:
         """One page that needs nothing else: mathematics as MathML, pictures inside."""

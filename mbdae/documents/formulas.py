@@ -3,7 +3,7 @@ r"""LaTeX formulas taken apart: tokens, and the places where a long one may be b
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 _TOKEN = re.compile(r"\\[A-Za-z]+\*?|\\.|[^\\]", re.DOTALL)
 _OPEN, _CLOSE = {"{", r"\left", r"\begin", "(", "[", r"\{", r"\lbrack"}, {"}", r"\right", r"\end", ")", "]", r"\}", r"\rbrack"}
@@ -66,13 +66,13 @@ def width(latex: str) -> float:
     return total
 
 
-def folded(latex: str, letters: float = 78.0) -> list[str]:
-    """Lines of a formula, each no wider than about `letters` where it can be broken."""
+def folded(latex: str, letters: float = 78.0, measure: Callable[[str], float] = width) -> list[str]:
+    """Lines of a formula, each no wider than about `letters` where it can be broken. measure: how wide a part is, in letters."""
     lines: list[str] = []
     for parts in pieces(latex):
         line, used = "", 0.0
         for part in parts:
-            size = width(part)
+            size = measure(part)
             if line and used + size > letters and line.strip() != parts[0].strip():
                 lines.append(line)
                 line, used = r"\quad " + part, size + 2

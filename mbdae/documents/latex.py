@@ -18,6 +18,7 @@ HEAD = r"\documentclass[a4paper,10pt]{article}" + "\n" + PACKAGES + r"""\usepack
 _NEXT = "\n\\end{gather*}\n\n\\begin{gather*}\n"  #: between two equations: they become one display
 _SPACE = r"\s+(?=[^$]*(?:\$[^$]*\$[^$]*)*$)"  #: between words, outside of formulas
 WIDEST = 44.0  #: em, a line that is wider is made smaller
+LETTERS = 76.0  #: of a line of a formula
 _LEVELS = {2: "section", 3: "subsection", 4: "subsubsection"}
 
 
@@ -54,12 +55,15 @@ def _block(block: Block, level: int, files: Mapping[int, str]) -> str:
     return _picture(block, files)
 
 
-def _equation(equation: Equation) -> str:
-    lines = folded(signs(equation.latex), 84.0)
-    tag = f" \\tag{{{equation.number}}}" if equation.number is not None else ""
+def displayed(formula: str) -> str:
+    """A formula that fits the width of the text: broken between its terms, made smaller where a term is wider."""
+    lines = folded(signs(formula), LETTERS, lambda part: max(width(part), 2 * extent(part)))
     body = "\\begin{aligned}\n& " + " \\\\\n& ".join(lines) + "\n\\end{aligned}" if len(lines) > 1 else lines[0]
-    if max(map(extent, lines)) > WIDEST:
-        body = f"\\resizebox{{0.9\\linewidth}}{{!}}{{$\\displaystyle {body}$}}"
+    return f"\\resizebox{{0.9\\linewidth}}{{!}}{{$\\displaystyle {body}$}}" if max(map(extent, lines)) > WIDEST else body
+
+
+def _equation(equation: Equation) -> str:
+    tag, body = f" \\tag{{{equation.number}}}" if equation.number is not None else "", displayed(equation.latex)
     note = f"\n\n{{\\small {_text(equation.note)}}}" if equation.note else ""
     return f"\\begin{{gather*}}\n{body}{tag}\n\\end{{gather*}}{note}"
 
@@ -69,7 +73,8 @@ def _table(table: Table) -> str:
     head = " & ".join(f"\\textbf{{{_text(cell)}}}" for cell in table.head)
     rows = " \\\\\n".join(" & ".join(map(_text, row)) for row in table.rows)
     caption = f"{_text(table.caption)}\n\n" if table.caption else ""
-    body = f"{head} \\\\\n\\hline\n\\endhead\n{rows} \\\\\n"
+    below = r"\hline\noalign{\smallskip}"
+    body = f"{head} \\\\\n{below}\n\\endhead\n{rows} \\\\\n"
     size = "small" if len(table.head) < 6 else "scriptsize"
     return f"{caption}{{\\{size}\\begin{{longtable}}{{{columns}}}\n{body}\\end{{longtable}}}}"
 
@@ -77,14 +82,19 @@ def _table(table: Table) -> str:
 def _shares(table: Table) -> list[float]:
     """Widths of the columns, by what stands in them: no narrower than their longest word, further room for long texts."""
     cells = list(zip(table.head, *table.rows, strict=True))
-    words = [max(1.25 * width(word) + 1.2 for cell in column for word in re.split(_SPACE, cell)) for column in cells]
-    texts = [max(map(width, column)) for column in cells]
+    words = [max(1.25 * _letters(word) + 1.2 for cell in column for word in re.split(_SPACE, cell)) for column in cells]
+    texts = [max(map(_letters, column)) for column in cells]
     need, spare = sum(words), 86.0 - 2.2 * len(cells)
-    more = [text - word for text, word in zip(texts, words, strict=True)]
+    more = [max(0.0, text - word) for text, word in zip(texts, words, strict=True)]
     room = max(0.0, spare - need)
     share = min(1.0, room / max(sum(more), 1e-9))
     wide = [word + share * m for word, m in zip(words, more, strict=True)]
     return [(0.98 - 0.014 * len(cells)) * w / max(sum(wide), spare) for w in wide]
+
+
+def _letters(word: str) -> float:
+    """How wide a text is, in letters; low lines count outside of formulas."""
+    return width(word) + sum(0.8 * part.count("_") for formula, part in split_text(word) if not formula)
 
 
 def _picture(picture: Picture, files: Mapping[int, str]) -> str:

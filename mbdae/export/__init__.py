@@ -30,7 +30,7 @@ FORMATS = {"sympy": (text.sympy_text, ".py"), "c": (c.source, ".c"), "casadi": (
            "latex": (text.latex_text, ".tex")}  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Export:
     """Equations that left mbdae.
 
@@ -51,6 +51,11 @@ class Export:
     arguments: Mapping[str, tuple[str, ...]]
     pattern: tuple[NDArray[np.int64], NDArray[np.int64]] | None
     missing: Mapping[str, str]
+
+    def __repr__(self) -> str:
+        functions = ", ".join(f"{name} ({len(entries)})" for name, entries in self.outputs.items())
+        inputs = ", ".join(f"{name} ({len(entries)})" for name, entries in self.inputs.items())
+        return f"Export({self.program.title!r}, format '{self.format}': functions {functions or 'none'}; inputs {inputs})"
 
     @cached_property
     def text(self) -> str:

@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
-from mbdae.documents.tex import PACKAGES, plain
+from typing import Any
+
+import symengine as se
+
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
+from mbdae.documents.document import Document
+from mbdae.documents.formulas import escaped, extent
+from mbdae.documents.latex import WIDEST, displayed
+from mbdae.documents.tex import plain
 from mbdae.export.languages import CASADI, SYMPY, described
 from mbdae.export.program import Function, Program
 from mbdae.export.symbolic import Derivation, derivation
+from mbdae.reports.letters import unit_text
+from mbdae.reports.vectors import Record
+from mbdae.reports.writer import Writer
+from mbdae.symbolic.rebuild import rebuilt
 from mbdae.symbolic.source import Language, written
 
 
@@ -64,29 +76,52 @@ def casadi_text(program: Program) -> str:
 
 
 def latex_text(program: Program) -> str:
-    """A document with tables of the inputs and the equations of every function."""
-    lines = [r"\documentclass{article}", f"{PACKAGES}\\usepackage{{amsmath,amssymb,longtable}}", r"\begin{document}",
-             f"\\section*{{{plain(program.title)}}}", "SI units, angles in rad."]  # fmt: skip
+    """A document with tables of the inputs and the equations of every function, long ones broken to the width of the text."""
+    blocks: list[Block] = [Paragraph("SI units, angles in rad.")]
     for vector, entries in program.inputs.items():
         if vector != "t" and entries:
-            rows = [f"${_letter(vector, i)}$ & {plain(e.name)} & {plain(e.unit)} \\\\" for i, e in enumerate(entries)]
-            lines += [r"\begin{longtable}{lll}", *rows, r"\end{longtable}"]
+            rows = [[f"${_letter(vector, i)}$", _words(e.name), unit_text(e.unit) or "-"] for i, e in enumerate(entries)]
+            blocks.append(Table(["symbol", "name", "unit"], rows))
     for f in program.functions.values():
-        lines += [f"\\subsection*{{{plain(f.name)}: {plain(f.meaning)}}}", *latex_equations(program, f)]
-    return "\n".join([*lines, r"\end{document}", ""])
+        blocks.append(Section(_words(f"{f.name}: {f.meaning}"), [Equation(line) for line in _equations(program, f)]))
+    return Document(_words(program.title), blocks).to_latex()
 
 
 def latex_equations(program: Program, f: Function) -> list[str]:
     """The equations of a function, each in displayed mathematics of its own."""
-    import sympy
+    return [f"\\[{displayed(line)}\\]" for line in _equations(program, f)]
 
-    d = derivation(program, f)
+
+def _equations(program: Program, f: Function) -> list[str]:
+    """Names and outputs by their formulas. A sum inside of a formula that would take half a line gets a name of its own, v."""
+    d, lines, parts = derivation(program, f), list[str](), dict[Any, Any]()
     names = {str(s): _letter(vector, i) for vector, symbols in d.vectors.items() for i, s in enumerate(symbols)}
     names |= {str(s): f"w_{{{i}}}" for i, (s, _) in enumerate(d.steps)}
-    letters = {sympy.Symbol(name): letter for name, letter in names.items()}
+    writer = Writer(Record(), names)
     left = [*(names[str(s)] for s, _ in d.steps), *(f"\\text{{{plain(e.name)}}}" for e in f.outputs)]
-    right = [sympy.latex(sympy.sympify(e), symbol_names=letters, full_prec=True) for e in (*(e for _, e in d.steps), *d.outputs)]
-    return [f"\\[{a} = {b}\\]" for a, b in zip(left, right, strict=True)]
+
+    def parted(whole: Any) -> Any:
+        def rule(node: Any, args: list[Any]) -> Any:
+            inside = se.Add(*args) if isinstance(node, se.Add) and node != whole else None
+            if inside is None or extent(text := writer.scalar(inside)) < WIDEST / 2:
+                return inside
+            if inside not in parts:
+                names[f"v{len(parts)}"] = f"v_{{{len(parts)}}}"
+                parts[inside] = se.Symbol(f"v{len(parts)}")
+                lines.append(f"{names[str(parts[inside])]} = {text}")
+            return parts[inside]
+
+        return rebuilt(whole, rule)
+
+    for a, e in zip(left, (*(e for _, e in d.steps), *d.outputs), strict=True):
+        short = parted(se.sympify(e))
+        lines.append(f"{a} = {writer.scalar(short)}")
+    return lines
+
+
+def _words(text: str) -> str:
+    """Text in which nothing is mathematics or code."""
+    return escaped(text.replace("`", "'"))
 
 
 def _letter(vector: str, i: int) -> str:

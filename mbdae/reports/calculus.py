@@ -12,6 +12,7 @@ from typing import Any
 import symengine as se
 
 from mbdae.reports.vectors import Atom, Base, NamedVector, Record, Vector
+from mbdae.symbolic.rebuild import nodes, rebuilt
 from mbdae.symbolic.vectors import Expr
 
 _ZERO = se.Integer(0)
@@ -29,22 +30,16 @@ def _through(e: Expr, leaf: Callable[[Expr], bool]) -> Iterable[tuple[Expr, Expr
 
 def _divides(e: Expr) -> bool:
     """Whether a sum stands in a denominator; expanding the expression would repeat it."""
-    if isinstance(e, se.Pow) and e.args[1].is_Number and e.args[1] < 0 and isinstance(e.args[0], se.Add):
-        return True
-    return any(_divides(a) for a in e.args)
+    return any(isinstance(node, se.Pow) and isinstance(node.args[0], se.Add) and node.args[1].is_Number and node.args[1] < 0
+               for node in nodes(e))  # fmt: skip
 
 
 def tidy(e: Expr) -> Expr:
     """The expression with every Piecewise whose cases are all the same replaced by that case."""
-    if not e.args or e.is_Number:
-        return e
-    if isinstance(e, se.Piecewise):
-        values, conditions = [tidy(a) for a in e.args[::2]], e.args[1::2]
-        return values[0] if all(v == values[0] for v in values) else se.Piecewise(*zip(values, conditions, strict=True))
-    if not hasattr(e, "func"):  # a comparison
-        return e
-    function = se.Function(e.get_name()) if isinstance(e, se.FunctionSymbol) else e.func
-    return function(*map(tidy, e.args))
+    def rule(node: Expr, args: list[Expr]) -> Expr | None:
+        return args[0] if isinstance(node, se.Piecewise) and all(value == args[0] for value in args[::2]) else None
+
+    return rebuilt(e, rule)
 
 
 FIXED = ("x", "y", "z", "s", "bx", "by", "bz")  #: vectors that turn with their body
@@ -132,6 +127,19 @@ def distributed(a: Vector, b: Atom) -> Vector:
     for atom, c in a.terms.items():
         total = total + (Vector(a.record, {atom: c}).cross(Vector(a.record, {b: se.Integer(1)})))
     return total
+
+
+def times(pairs: dict[str, Pair], factor: Expr) -> dict[str, Pair]:
+    """Forces and moments by side, times a number."""
+    return {side: (force * factor, moment * factor) for side, (force, moment) in pairs.items()}
+
+
+def summed(record: Record, parts: Iterable[dict[str, Pair]]) -> dict[str, Pair]:
+    """The sums of forces and moments on all sides."""
+    out = {side: (record.zero(), record.zero()) for side in record.sides}
+    for pairs in parts:
+        out |= {side: (out[side][0] + force, out[side][1] + moment) for side, (force, moment) in pairs.items()}
+    return out
 
 
 @dataclass

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,17 +12,16 @@ from mbdae.symbolic.law import Law, Structure
 from mbdae.symbolic.part import Parameter
 
 GREEK = {"alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu", "xi", "pi",
-         "rho",
-         "sigma", "tau", "phi", "chi", "psi", "omega"}  # fmt: skip
+         "rho", "sigma", "tau", "phi", "chi", "psi", "omega"}  # fmt: skip
 #: letters of parameters that have words for names
 WORDS = {
     "stiffness": "k", "damping": "c", "length": "L", "mass": "m", "rest": "c_0", "turns": r"\varphi_n", "torque": r"\tau",
-    "force": "f", "normal_force": "f_n", "radius": r"\rho", "outer": r"\rho_k", "inner": r"\rho_l",
-    "scaling": r"\sigma", "penalty": "p",
-    "normal_stiffness": "k_h", "normal_damping": r"\lambda_h", "followed": r"\hat\varphi", "mass_per_length": r"\rho_A",
-    "angle": r"\varphi", "displacement": "s", "load": "f",
+    "force": "f", "normal_force": "f_n", "radius": r"\rho", "outer": r"\rho_k", "inner": r"\rho_l", "scaling": r"\sigma",
+    "penalty": "p", "normal_stiffness": "k_h", "normal_damping": r"\lambda_h", "followed": r"\hat\varphi",
+    "mass_per_length": r"\rho_A", "angle": r"\varphi", "displacement": "s", "load": "f",
     "mu": r"\mu_0", "phi": r"\varphi", "x": "x", "weight": "w", "ds": r"\mathrm{d}s",
 }  # fmt: skip
+INERTIA = "kg, kg m, kg m^2"  #: units of the blocks of a matrix of mass
 #: letters of vectors that a law gives no name
 VECTORS = tuple(f"\\mathbf{{{letter}}}" for letter in "abcegpq")
 
@@ -41,7 +40,7 @@ class Letter:
         return [f"${self.latex}$", unit_text(self.unit), worded(self.meaning)]
 
 
-#: what equations of laws have on their left-hand sides: beginning of the LaTeX, unit, meaning
+#: what equations of laws have on their left-hand sides: beginning of the LaTeX, unit (that of the page where empty), meaning
 RESULTS = (
     (r"c_", "", "rows: must vanish"), (r"\dot c_", "", "rates of the rows"),
     (r"\gamma_", "", "second rates of the rows without the accelerations of centres and the angular accelerations"),
@@ -50,24 +49,37 @@ RESULTS = (
     (r"\mathbf{m}", "N m", "moments about the points: factors of virtual rotations; likewise"),
     (r"\delta\mathbf{f}", "N", "their change"), (r"\delta\mathbf{m}", "N m", "their change"),
     (r"m^{\text{2D}}", "N m", "moments in the plane"), (r"c^{\text{2D}}", "", "rows in the plane"),
-    (r"h_{", "N or N m", "terms in the equations of coordinates"), ("V", "J", "potential energy"),
-    ("D", "W", "dissipation function"), ("P", "W", "power"), ("q", "m or rad", "length or angle along which a force works"),
-    ("Q", "N or N m", "that force"), (r"\mathbf{F}", "N", "stated force on l"), (r"\mathbf{T}", "N m", "stated torque on l"),
+    (r"h_{", "", "terms in the equations of coordinates"), ("V", "J", "potential energy"),
+    ("D", "W", "dissipation function"), ("P", "W", "power"), ("q", "", "length or angle along which a force works"),
+    ("Q", "", "that force"), (r"\mathbf{F}", "N", "stated force on l"), (r"\mathbf{T}", "N m", "stated torque on l"),
     (r"\bar{\mathbf{F}}", "N", "force passed on to k"), (r"\bar{\mathbf{M}}_", "N m", "moment passed on to k"),
-    (r"\bar r_", "N or N m", "equations of the coordinates"), (r"\bar{\mathbf{M}}", "", "mass passed on"),
+    (r"\bar r_", "", "equations of the coordinates"), (r"\bar{\mathbf{M}}", INERTIA, "mass passed on"),
     (r"\delta\bar{\mathbf{F}}", "N", "their change"), (r"\delta\bar{\mathbf{M}}", "N m", "their change"),
-    (r"\delta \bar r_", "N or N m", "their change"),
+    (r"\delta \bar r_", "", "their change"),
 )  # fmt: skip
 
 
-def results(written: Iterable[str]) -> list[list[str]]:
-    """Rows of a table of symbols for left-hand sides: those of a kind together."""
+def results(units: Mapping[str, str]) -> list[list[str]]:
+    """Rows of a table of symbols for left-hand sides, those of a kind together. units: where a page knows them, by the LaTeX."""
     found: dict[tuple[str, str], list[str]] = {}
-    for latex in written:
+    for latex, known in units.items():
         kind = max((r for r in RESULTS if latex.startswith(r[0])), key=lambda r: len(r[0]), default=None)
         if kind is not None:
-            found.setdefault(kind[1:], []).append(f"${latex}$")
+            found.setdefault((known or kind[1], kind[2]), []).append(f"${latex}$")
     return [[", ".join(symbols), unit_text(unit), meaning] for (unit, meaning), symbols in found.items()]
+
+
+def effort_unit(unit: str) -> str:
+    """Unit of what does work along a coordinate."""
+    return "N" if unit == "m" else "N m" if unit in ("rad", "rotation") else "N or N m"
+
+
+def unit_on(unit: str, coordinates: Collection[str]) -> str:
+    """Of a unit such as "N m/rad or N/m" the part that fits the units of all coordinates on which a law acts."""
+    angle = min(unit.split(" or "), key=lambda part: ("rad" not in part, "N m" not in part))
+    if len({*coordinates}) != 1 or " or " not in unit or not {*coordinates} <= {"rad", "m"}:
+        return unit
+    return next(part for part in unit.split(" or ") if (part == angle) == ("rad" in coordinates))
 
 
 def worded(text: str) -> str:
@@ -120,22 +132,20 @@ def unit_text(unit: str) -> str:
 def letters(law: type[Law], shape: Structure, instance: Any) -> dict[str, Letter]:
     """Letters of the symbols a law may bring: parameters with their rates, states with their rates, coordinates."""
     found: dict[str, Letter] = {}
-    specs = [(name, name, spec) for name, spec in instance.params.items()]
+    coordinates = specs_of_coordinates(instance)
+    acts_on = [coordinates[name].unit for name in instance.own_coordinates] or [getattr(instance, "unit", "")]
+    specs = [(name, name, spec) for name, spec in (coordinates | dict(instance.params)).items()]
     specs += [(f"state_{name}", name, spec) for name, spec in instance.states.items()]
-    specs = [(name, name, spec) for name, spec in specs_of_coordinates(instance).items()] + specs
     for symbol, name, spec in specs:
-        state, latex = symbol != name, of_name(name, spec.unit)
-        timed = name in shape.timed
-        known = {letter.latex for letter in found.values()}
-        if latex in known:
+        timed, unit = name in shape.timed, unit_on(spec.unit, acts_on)
+        latex = of_name(name, unit)
+        if latex in {letter.latex for letter in found.values()}:
             latex = f"\\text{{{name.replace('_', ' ')}}}"
-        meaning = spec.meaning + (", given over time" if timed else ", internal state" if state else "")
-        found[symbol] = Letter(latex, spec.unit, meaning)
-        for end, dots, per in (("_dot", r"\dot", "/s"), ("_ddot", r"\ddot", "/s^2")):
-            if timed:
-                found[name + end] = Letter(
-                    f"{dots}{{{latex}}}", _per(spec.unit, per), f"its {'rate' if per == '/s' else 'second rate'}"
-                )
+        further = ", given over time" if timed else ", internal state" if symbol != name else ""
+        found[symbol] = Letter(latex, unit, spec.meaning + further)
+        if timed:
+            found[name + "_dot"] = Letter(rf"\dot{{{latex}}}", f"{unit or 1}/s", "its rate")
+            found[name + "_ddot"] = Letter(rf"\ddot{{{latex}}}", f"{unit or 1}/s^2", "its second rate")
     return found
 
 
@@ -143,10 +153,6 @@ def specs_of_coordinates(law: Any) -> dict[str, Parameter]:
     """Unit and meaning of the coordinates that a law speaks of: its own, or those of the joint it acts on."""
     stated = dict(getattr(law, "coordinates", None) or getattr(getattr(law, "joint", None), "coordinates", {}))
     return stated | {name: Parameter("rad or m", "coordinate of a joint") for name in law.own_coordinates if name not in stated}
-
-
-def _per(unit: str, per: str) -> str:
-    return f"1{per}" if unit in ("1", "") else f"{unit}{per}"
 
 
 def name_vectors(record: Record, others: frozenset[str] = frozenset()) -> dict[int, str]:

@@ -1,202 +1,271 @@
-"""What the pages of joints and forces share: a law with its formulas, and the values that its printed equations must have."""
+"""Pages of a report: what they print, and its check: every displayed equation is read back from its LaTeX and compared with the
+equations that are integrated."""
 
 from __future__ import annotations
 
-from functools import cached_property
+import inspect
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import symengine as se
 
-from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table, numbered
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table, every, numbered
 from mbdae.documents.document import Document
-from mbdae.errors import LawError
-from mbdae.kernels.plan import Outputs, plan
-from mbdae.reports.calculus import Pair
-from mbdae.reports.common import LawFormulas
-from mbdae.reports.letters import results
-from mbdae.reports.printed import Check, Printed, Wanted, checks_table
-from mbdae.reports.statement import Statement, derived
-from mbdae.reports.states import POINTS, STEP, State
-from mbdae.reports.vectors import Base, Vector
-from mbdae.reports.writer import subscript
+from mbdae.documents.formulas import escaped
+from mbdae.formulations.ggl import ggl_outputs
+from mbdae.kernels.plan import linearised_plan
+from mbdae.reports.letters import Letter, results, worded
+from mbdae.reports.reading import RELATIONS, Key, Reader, Symbols, UnreadError, key_of, members
+from mbdae.reports.states import POINTS, residual
+from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import Derived
-from mbdae.symbolic.law import Force
-from mbdae.symbolic.outputs import weighted
-from mbdae.symbolic.vectors import Expr
+from mbdae.symbolic.fingerprint import fingerprint
 
+BOUND = 1e-10  #: largest relative difference that passes as round-off
 KERNEL, DERIVED, MOVED = "the compiled kernel", "the derived equations", "a complex step along a motion of the bodies"
+BALANCE = "the energy balance of a run"
+SYMBOLS = ["symbol", "unit", "meaning"]  #: head of a table of symbols
+_FORMULA = {"+", "-", r"\times", r"\cdot", r"\frac", r"\begin", r"\left"}  #: what no symbol contains
+_ZEROS = (("0",), tuple(key_of(r"\mathbf{0}")))
+
+
+@dataclass(frozen=True)
+class Check:
+    """A comparison at random states: what is compared, and the largest relative difference."""
+
+    what: str
+    residual: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether the difference is round-off."""
+        return self.residual <= BOUND
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a printed symbol must be: values (points, ...), and where they come from; values None: some equation must have it as
+    its left-hand side, whose two sides are compared."""
+
+    values: Any
+    source: str
+    unit: str = ""  #: where `letters.RESULTS` does not know it
 
 
 BOTH = Wanted(None, "both sides")  #: of an equation between formulas
 
 
-class LawPage:
-    """One law stated with vectors, its formulas in LaTeX, and the values its equations must have at random states."""
+class Printed:
+    """The displayed equations of some sections, read back.
 
-    stated = True  #: whether its left-hand sides are those of `letters.RESULTS`
-    s: Statement
-    formulas: LawFormulas
-    d: Derived
-    state: State
+    known: values of the symbols that are given; wanted: what the left-hand sides must be. Every other left-hand side is a
+    definition, which some checked equation has to use."""
+
+    def __init__(self, known: Mapping[str, Any], wanted: Mapping[str, Wanted], points: int = POINTS) -> None:
+        self.points, self.wanted = points, {key_of(latex): (latex, w) for latex, w in wanted.items()}
+        self.symbols = Symbols({latex: value for latex, value in known.items() if latex not in wanted})
+        for key, (_, w) in self.wanted.items():
+            if w.values is not None:
+                self.symbols.add(key, np.asarray(w.values))
+        self.defined: dict[Key, Equation] = {}
+        self.used: set[Key] = set()
+        self.seen: set[Key] = set()
+        self.checks: list[Check] = []
+
+    def read(self, blocks: Sequence[Block]) -> list[Check]:
+        """Checks of all equations in the blocks."""
+        left: Key = ()
+        lines: list[tuple[Equation, Key, list[tuple[str, Key]]]] = []
+        for equation in every(Equation, blocks):
+            chain = members(key_of(equation.latex))
+            left = chain[0][1] or left
+            rest = chain[1:] or chain
+            if len(chain) > 1 and self._defines(left, rest):
+                self.defined[left] = equation
+                self.symbols.add(left, lambda left=left, line=rest[0][1]: self._defined(left, line))
+                rest = rest[1:]
+            lines.append((equation, left, rest))
+        for equation, left, rest in lines:
+            self._check(equation, left, rest)
+        for left, equation in self.defined.items():
+            if left not in self.used:
+                self._failed(equation, "is defined, and no equation that has a value uses it")
+        missing = [name for key, (name, _) in self.wanted.items() if key not in self.seen]
+        return [*self.checks, *(Check(f"{name} is displayed", float("inf")) for name in missing)]
+
+    def _defines(self, left: Key, rest: list[tuple[str, Key]]) -> bool:
+        """Whether an equation defines a symbol that nothing has given before."""
+        return left not in self.symbols and RELATIONS[rest[0][0]] == "=" and not _FORMULA & {*left}
+
+    def _defined(self, left: Key, line: Key) -> Any:
+        self.used.add(left)
+        return self._value(line)
+
+    def _value(self, line: Key) -> Any:
+        with np.errstate(all="ignore"):
+            reader = Reader(line, self.symbols, self.points)
+            found = reader.whole()
+        self.largest = reader.largest
+        return found
+
+    def _check(self, equation: Equation, left: Key, rest: list[tuple[str, Key]]) -> None:
+        """Compare the members of a chain with what the left-hand side must be."""
+        name, wanted = self.wanted.get(left, ("", BOTH))
+        self.seen.add(left)
+        for relation, part in rest:
+            if part in _ZEROS and len(rest) > 1:
+                continue  # a demand on the solution
+            if RELATIONS.get(relation) == "<":
+                break
+            try:
+                want = self._value(left) if wanted.values is None else wanted.values
+                terms = max(1.0, self.largest) if wanted.values is None else 1.0
+                got = self._value(part)
+                size = np.broadcast_shapes(np.shape(got), np.shape(want))
+                error = residual(np.broadcast_to(got, size) / terms, np.broadcast_to(want, size) / terms)
+            except (UnreadError, ValueError) as found:
+                self._failed(equation, f"cannot be read: {found}")
+                continue
+            source = "both sides" if wanted.values is None else f"${name}$, {wanted.source}"
+            self.checks.append(Check(f"({equation.number}) {source}", error))
+
+    def _failed(self, equation: Equation, why: str) -> None:
+        self.checks.append(Check(f"({equation.number}) {why}".replace("$", ""), float("inf")))
+
+
+def checks_section(checks: Sequence[Check]) -> Section:
+    """The checks with their residuals, and a verdict."""
+    rows = [[c.what, f"${power_of_ten(c.residual)}$", "yes" if c.holds else "NO"] for c in checks]
+    wrong = [c.what for c in checks if not c.holds]
+    verdict = f"All {len(checks)} comparisons hold." if not wrong else f"NOT EQUAL: {'; '.join(wrong)}."
+    told = (f"Every numbered equation was read back as it is printed, evaluated at {POINTS} random states of motion (attitudes,"
+            f" positions, velocities and parameters that satisfy no constraint unless a section says so) and compared with the"
+            f" equations that are integrated, or with a complex step along a motion of the bodies. {verdict}")  # fmt: skip
+    head = ["equation, and with what it is compared", "largest relative difference", f"below ${power_of_ten(BOUND)}$"]
+    table = Table(head, rows, f"The {len(checks)} comparisons", folded=not wrong)
+    return Section("Numeric check", [Paragraph(told), table])
+
+
+def power_of_ten(x: float) -> str:
+    """A small number in LaTeX."""
+    if x == 0 or not np.isfinite(x):
+        return "0" if x == 0 else r"\infty"
+    mantissa, exponent = f"{x:.1e}".split("e")
+    power = f"10^{{{int(exponent)}}}"
+    return power if mantissa == "1.0" else f"{mantissa}\\cdot {power}"
+
+
+class Page:
+    """What is printed of one thing, and the values that its symbols must have at random states.
+
+    known: letters by the names of symbols; writer: writes its formulas; wanted: values of left-hand sides by their LaTeX."""
+
+    stated = False  #: whether its left-hand sides are those of `letters.RESULTS`
+    own: Sequence[str] = ()  #: letters given to intermediate quantities here
+    known: dict[str, Letter]
+    writer: Writer
     wanted: dict[str, Wanted]
 
-    def want(self, latex: str, values: Any, source: str) -> None:
+    def want(self, latex: str, values: Any, source: str, unit: str = "") -> None:
         """The values that a printed symbol must have."""
         values = np.asarray(values)
-        shape = (POINTS, 3) if values.ndim == 2 else (POINTS,)
-        self.wanted[latex] = Wanted(np.broadcast_to(values, shape), source)
+        self.wanted[latex] = Wanted(np.broadcast_to(values, (POINTS, *values.shape[1:])), source, unit)
 
-    def compiled(self, outputs: Outputs) -> dict[Any, Any]:
-        """Outputs of the compiled kernel (LLVM) at the states, by target."""
-        p = plan(self.d, outputs)
-        if not p.all_inputs.symbols:
-            return {t: np.full(POINTS, float(e)) for t, e in zip(p.targets, p.inserted, strict=True)}
-        x = np.stack([self.state.given[str(symbol)] for symbol in p.all_inputs.symbols], axis=-1)
-        return dict(zip(p.targets, p.kernel.values(x).T, strict=True))
+    def line(self, latex: str, e: Any, values: Any = None, source: str = "", unit: str = "") -> str:
+        """An equation: a symbol and its formula, a scalar or a vector. values: those it must have, and where they come from."""
+        if values is not None:
+            self.want(latex, values, source, unit)
+        return f"{latex} = {self.writer.of(e)}"
 
-    def at_point(self, side: str, kernel: dict[Any, Any]) -> tuple[Any, Any]:
-        """Force and moment about the point of a side, inertial, of the compiled rows of its node (moment about the centre, body
-        axes)."""
-        f, count = self.state.frame(side), self.state.frame(side).kind.translations
-        rows = [np.broadcast_to(kernel.get(("u", side, i), 0.0), (POINTS,)) for i in range(count + 3)]
-        force = np.stack(rows[:3], -1) if count else np.zeros((POINTS, 3))
-        moment = sum(self.state.vector(column) * m[:, None] for column, m in zip(f.body, rows[count:], strict=True))
-        return force, moment - np.cross(self.state.vector(f.arm), force)
+    def lines(self, *lines: str, note: str = "") -> list[Block]:
+        """Equations, one a line; the note stands below the last one."""
+        return [Equation(line, note=note if i == len(lines) else "") for i, line in enumerate(lines, 1)]
 
-    def moved(self, kinds: tuple[str, str], symbols: dict[str, Any]) -> State:
-        """The states after a complex step along displacements and rotations of all frames."""
-        atom, (move, turn) = self.state.atom, kinds
-        motion = {side: (atom(Base(move, side)), atom(Base(turn, side))) for side in self.s.record.sides}
-        return self.state.changed(1j * STEP, motion, {name: v for name, v in symbols.items() if name in self.state.given})
+    def told(self, text: str, *lines: str) -> list[Block]:
+        """A sentence and equations."""
+        return [Paragraph(text), *self.lines(*lines)]
 
-    @cached_property
-    def varied(self) -> State:
-        """The states after a virtual displacement of bodies and coordinates."""
-        return self.moved(("du", "dpsi"), {str(c): self.state.given[str(dc)] for c, dc in self.s.virtual.items()})
+    def section(self, title: str, text: str, *lines: str) -> Section:
+        """A section of a sentence and equations."""
+        return Section(title, self.told(text, *lines))
 
-    @property
-    def changes(self) -> dict[str, Expr]:
-        """Symbols of the virtual changes of the coordinates that are unknowns, by name."""
-        return {name: self.s.virtual[symbol] for name, symbol in self.s.coordinates.items()}
+    def symbols(self) -> list[list[str]]:
+        """Rows of the table of symbols: every symbol used, with unit and meaning."""
+        return [self.known[name].row for name in sorted(self.writer.used) if name in self.known]
 
-    @cached_property
-    def stated_pairs(self) -> dict[str, Pair] | None:
-        """The force and torque that the law states, and those of its thrust, on all bodies, left-hand side, at their points."""
-        if self.s.wrench is None and self.s.thrust is None:
-            return None
-        zero, record = self.s.record.zero(), self.s.record
-        out = dict.fromkeys(record.sides, (zero, zero))
-        if self.s.wrench is not None:
-            force, torque = self.s.wrench
-            d = record.single(record.atom("r", "l") - record.atom("r", "k"))
-            out |= {"k": (force, torque + d.cross(force)), "l": (-force, -torque)}
-        if self.s.thrust is not None:
-            along, push = self.s.thrust
-            for side, (move, turn) in self.s.gradient(along)[0].items():
-                out[side] = (out[side][0] + move * -push, out[side][1] + turn * -push)
-        return out
-
-    @cached_property
-    def stated_partials(self) -> dict[Expr, Expr]:
-        """What the thrust of the law adds to the equations of the coordinates that are unknowns, left-hand side."""
-        zero = dict.fromkeys(self.s.coordinates.values(), se.Integer(0))
-        if self.s.thrust is None:
-            return zero
-        along, push = self.s.thrust
-        return zero | {symbol: -push * p for symbol, p in self.s.gradient(along)[1].items()}
-
-    def totals(self) -> dict[str, Pair]:
-        """G^T lambda: force and moment on the bodies, at their points, by side."""
-        zero = self.s.record.zero()
-        out = dict.fromkeys(self.s.record.sides, (zero, zero))
-        for row, (pairs, _) in self.s.gradients.items():
-            weight = se.Symbol(f"lambda_{row}")
-            out = {side: (out[side][0] + pairs[side][0] * weight, out[side][1] + pairs[side][1] * weight) for side in out}
-        return out
-
-    def all_pairs(self) -> dict[str, Pair]:
-        """Forces and moments on the bodies at their points, as they stand on the left-hand side."""
-        zero = self.s.record.zero()
-        parts = [self.totals(), self.stated_pairs or dict.fromkeys(self.s.record.sides, (zero, zero))]
-        if isinstance(self.s.law, Force):
-            parts += [self.s.gradient(self.s.energy)[0], self.s.drag[0]]
-        both = {side: [sum((p[side][i] for p in parts), zero) for i in (0, 1)] for side in self.s.record.sides}
-        return {side: (force, moment) for side, (force, moment) in both.items()}
-
-    def letters(self, mark: str = "") -> list[tuple[str, str, int]]:
-        """Names of force and moment of every frame: LaTeX, side, 0 or 1; a free rotation has a moment alone."""
-        found = []
-        for side in self.s.record.sides:
-            both = [(0, "f"), (1, "m")] if side in self.s.sides else [(1, "m")]
-            found += [(rf"\mathbf{{{letter}}}{mark}_{subscript(side)}", side, i) for i, letter in both]
-        return [entry for entry in found if entry[1] not in self.s.still]
-
-    def balance(self, pairs: dict[str, Pair], must: bool = False) -> tuple[list[Block], bool]:
-        """The sums of the forces and of the moments about the point of the first body, and whether both vanish at all states.
-
-        must: they are said to vanish, whatever they are."""
-        record, w, (first, *others) = self.s.record, self.formulas.writer, self.s.sides
-        force, moment = record.zero(), pairs[first][1]
-        turning = rf"\mathbf{{m}}_{subscript(first)}"
-        for side in others:
-            d = record.single(record.atom("r", side) - record.atom("r", first))
-            moment = moment + pairs[side][1]
-            moment = sum((d.cross(Vector(record, {a: c})) for a, c in pairs[side][0].terms.items()), moment)
-            turning += rf" + \mathbf{{m}}_{subscript(side)}"
-            turning += rf" + {w.vector(d)}\times\mathbf{{f}}_{subscript(side)}" if pairs[side][0].terms else ""
-        n = self.formulas.numbers(self.state)
-        force = sum((pairs[side][0] for side in self.s.sides), force)
-        force, moment = (record.zero() if must else settled(a, n) for a in (force, moment))
-        total = " + ".join(rf"\mathbf{{f}}_{subscript(i)}" for i in self.s.sides)
-        self.wanted |= dict.fromkeys((total, turning), BOTH)
-        lines = self.formulas.lines(f"{total} = {w.vector(force)}", f"{turning} = {w.vector(moment)}")
-        return lines, not (force.terms or moment.terms)
-
-    def covector(self, state: State, side: str) -> tuple[Any, Any]:
-        """G^T lambda of a frame as derived: force, and moment about its point (points, 3)."""
-        force, moment = (state.vector(part) for part in weighted(self.d, self.d.multipliers, side))
-        return force, moment - np.cross(state.vector(state.frame(side).arm), force)
+    def given(self) -> dict[str, Any]:
+        """Values of the symbols that are no definitions, or functions that give them, by their LaTeX."""
+        raise NotImplementedError
 
     def printed(self, blocks: list[Block]) -> list[Check]:
         """The equations of numbered blocks, read back."""
-        known = {latex: value for latex, value in self.formulas.known_at(self.state).items() if latex not in self.wanted}
-        return Printed(known, self.wanted).read(blocks)
-
-
-def settled(a: Vector, n: Any) -> Vector:
-    """The vector, or zero where it vanishes at all states."""
-    return a if a.terms and float(np.max(np.abs(n.vector(a)))) > 1e-12 else a.record.zero()
-
-
-def planar_of(s: Statement) -> Derived | None:
-    """The law in the plane, where it has a planar form."""
-    try:
-        return derived(s.cls, s.structure, planar=True)
-    except LawError:
-        return None
+        return Printed(self.given(), self.wanted).read(blocks)
 
 
 def document(title: str, head: list[Block], pages: list[tuple[Any, list[Block]]], convention: str, tail: list[Block]) -> Document:
     """A document whose pages are numbered and read back; head: blocks without equations, behind it the symbols of all pages."""
     blocks = [part.blocks for part in numbered([Section("", part) for _, part in pages])]  # type: ignore[union-attr]
-    rows = dict.fromkeys(tuple(row) for page, _ in pages for row in page.formulas.symbols().rows)
+    rows = dict.fromkeys(tuple(row) for page, _ in pages for row in page.symbols())
     checks = [c for (page, _), part in zip(pages, blocks, strict=True) for c in page.printed(list(part))]
-    stated = [[k for k, w in page.wanted.items() if w.values is not None] for page, _ in pages if hasattr(page, "stated")]
-    further = [row for written in stated for row in results(written)]
-    letters = [row[0] for row in rows] + [name for page, _ in pages for name in page.formulas.own]
-    checks += [Check(f"{symbol} has one meaning", float("inf")) for symbol in twice(letters)]
-    told = [Paragraph(convention)] if convention else []
-    symbols = Section("Symbols", [Table(["symbol", "unit", "meaning"], [*map(list, rows), *further]), *told])
-    body = [b for part in blocks for b in part]
-    return Document(title, [*head, symbols, *body, Section("Numeric check", checks_table(checks)), *tail])
+    stated = [{k: w.unit for k, w in page.wanted.items() if w.values is not None} for page, _ in pages if page.stated]
+    further = [row for units in stated for row in results(units)]
+    letters = [row[0] for row in rows] + [name for page, _ in pages for name in page.own]
+    twice = [name for name in dict.fromkeys(letters) if letters.count(name) > 1]
+    checks += [Check(f"{symbol} has one meaning", float("inf")) for symbol in twice]
+    symbols = Section("Symbols", [Table(SYMBOLS, [*map(list, rows), *further]), *([Paragraph(convention)] if convention else [])])
+    return Document(title, [*head, symbols, *(b for part in blocks for b in part), checks_section(checks), *tail])
 
 
-def twice(names: list[str]) -> list[str]:
-    """Names that appear more than once."""
-    return [name for name in dict.fromkeys(names) if names.count(name) > 1]
+# -- names and origin
 
 
-def told(text: str, *lines: str) -> list[Block]:
-    """A sentence and equations."""
-    return [Paragraph(text), *map(Equation, lines)]
+def row_name(name: str) -> str:
+    """Name of a row in text."""
+    return name.replace("_", " ")
+
+
+def title_of(law: type) -> str:
+    """The name of a class as words."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", law.__name__)
+
+
+def described(law: Any) -> list[Block]:
+    """What a law does, in a sentence: the first one of its docstring with its vectors as symbols."""
+    text = " ".join((inspect.getdoc(law) or "").split("\n\n")[0].split())
+    text = re.sub(r"[,;]? *\(?[Pp]aper Eqs?\. [0-9, to-]*[0-9]\)?", "", text)
+    sentence = re.split(r"(?<=[.;])\s", text)[0].rstrip(";.")
+    if "=" in sentence and law.__module__.startswith("mbdae."):
+        sentence = (sys.modules[law.__module__].__doc__ or "").split("\n")[0].rstrip(".")
+    told = re.sub(r"^([klm])(?=\W)", r"body \1", worded(escaped(sentence)))
+    return [Paragraph(f"{told[:1].upper()}{told[1:]}.")] if told else []
+
+
+def short_hash(d: Derived) -> str:
+    """The first half of the hash of a law as it is derived, for a cell of a table."""
+    return f"`{fingerprint(d)[:32]}…`"
+
+
+def made_from(cls: type, what: str = "law object") -> str:
+    """From which object a report was made."""
+    return f"This report was made from the {what} that is integrated, `{cls.__module__}.{cls.__qualname__}`"
+
+
+def provenance(d: Derived, planar: Derived | None) -> Section:
+    """The section on the origin of a report: hash of the derived equations, operations of the compiled kernels."""
+    rows = []
+    for name, derived in (("space", d), ("plane", planar)):
+        if derived is not None:
+            p = linearised_plan(derived, ggl_outputs)
+            sizes = (len(p.targets), len(p.nonlinear), p.residual.operations if p.nonlinear else 0, len(p.jacobian_places),
+                     p.jacobian.operations if p.jacobian_places else 0)  # fmt: skip
+            rows.append([name, *map(str, sizes), short_hash(derived)])
+    head = ["in", "outputs", "nonlinear ones", "operations of the residual", "varying derivatives",
+            "operations of the derivatives", "sha256"]  # fmt: skip
+    caption = "Compiled kernels in the form GGL, operations after common subexpressions; between two bodies that move"
+    text = f"{made_from(type(d.law))}. The sha256 of its derived equations in space is:"
+    rates = "With the rates of its rows, its coordinates and its branches:"
+    return Section("Origin", [Paragraph(text), Paragraph(f"`{fingerprint(d)}`"), Paragraph(rates),
+                              Paragraph(f"`{fingerprint(d, rates=True)}`"), Table(head, rows, caption)])  # fmt: skip

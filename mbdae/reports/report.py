@@ -12,17 +12,16 @@ import mbdae.laws.friction
 import mbdae.laws.joints
 from mbdae.documents.blocks import Paragraph, Section
 from mbdae.documents.document import Document
-from mbdae.errors import LawError, OptionError
+from mbdae.errors import LawError, OptionError, meant
 from mbdae.laws.contact import Hertz, JournalContact
 from mbdae.laws.elements.beam import Beam
 from mbdae.laws.forces.line_load import LineLoad
 from mbdae.laws.friction import Coulomb, LuGre
 from mbdae.laws.joints import ClearanceRevolute, Revolute
-from mbdae.reports.pages.element import element_report
-from mbdae.reports.pages.force import force_report
-from mbdae.reports.pages.joint import joint_report
-from mbdae.reports.pages.line import line_report
-from mbdae.reports.pages.parts import part_report
+from mbdae.reports.pages.force import ElementPage, ForceReport
+from mbdae.reports.pages.joint import JointReport
+from mbdae.reports.pages.line import LinePage
+from mbdae.reports.pages.parts import PartPage
 from mbdae.reports.pages.recursive import recursive_report
 from mbdae.reports.scenes.sheet import scene_sheet
 from mbdae.reports.statement import structure_of
@@ -41,6 +40,7 @@ _TYPICAL: dict[type[Part], Part] = {
     LuGre: LuGre(0.3, 0.5, 1e-3, 1e5, 300.0, 0.4),
     Hertz: Hertz(1e9, damping=0.3),
 }
+_PAGES: dict[Any, Any] = {Joint | Coupling: JointReport, Force: ForceReport, LineLaw: LinePage, Element: ElementPage}
 
 
 def exported() -> dict[str, type]:
@@ -64,10 +64,16 @@ def names() -> list[str]:
 def report(what: Any, **options: Any) -> Document:
     """The report of a law class, a law or part with values, a joint model, a joint of a scene, a scene, or of a name.
 
-    options: those of the law (`friction=mb.Coulomb(...)`); a parameter of None is left out of the statement. A joint is reported
-    without friction, and with its coordinates as unknowns where nothing states it without them; `kept=True` has them as
-    unknowns in any joint, `friction=` adds friction by its own reaction, `model=` (mb.Recursive(), ...) has it as that model.
-    `.save("x.html")`, also .md and .tex."""
+    options: those of the law; a parameter of None is left out of the statement. Of joints:
+
+    kept       whether the coordinates are unknowns; by default where nothing states the joint without them
+    friction   a friction law, such as mb.Coulomb(0.3, 1e-3), pressed by the joint's own reaction; by default none
+    rubs       with friction: the name of the coordinate against which it acts, "angle" or "displacement" of a joint that has
+               several; by default the first one
+    model      the joint as a model of joints has it: mb.Kinematic() as by default, mb.Classical() with kept=True, mb.Recursive()
+               as a joint of a tree without multipliers, and of mb.Revolute mb.Clearance(...) with its contact
+
+    `.save("x.html")`, also .md, .tex and .pdf. OptionError and LawError for what a law does not have."""
     if isinstance(what, SceneData):
         _refuse(what, options)
         return scene_sheet(what)
@@ -83,14 +89,14 @@ def report(what: Any, **options: Any) -> Document:
     if isinstance(model, JointModel):
         return _of_model(model, Revolute, {})
     if isinstance(what, Part):
-        return part_report(type(what), what.structure())
+        return PartPage(what.structure()).document()
     if isinstance(what, Law):
         timed = frozenset(p for p in what.params if hasattr(getattr(what, p), "free_symbols"))
         return _of_law(type(what), what.structure(timed))
     if isinstance(what, type) and issubclass(what, Part):
         if what not in _TYPICAL:
             raise LawError(f"{what.__name__} needs values to be reported: say mb.report({what.__name__}(...))")
-        return part_report(what, _TYPICAL[what].structure())
+        return PartPage(_TYPICAL[what].structure()).document()
     if isinstance(what, type) and issubclass(what, Law):
         return _of_law(what, structure_of(what, options))
     raise OptionError(f"what = {shown(what)}: give a law, a joint model, a joint, a scene, or one of {', '.join(names())}")
@@ -114,19 +120,15 @@ def _by_name(name: str, options: dict[str, Any]) -> Document:
         _refuse(name, options)
         return _clearance(Hertz(1e9, damping=0.3), Coulomb(0.3, 1e-3), None)
     if name not in known:
-        raise OptionError(f"what = {shown(name)} is not known: give one of {', '.join(names())}, or a file")
+        raise OptionError(f"what = {shown(name)} is not known: {meant(name, names())}give one of {', '.join(names())}, or a file")
     return report(known[name], **{"kept": True} | options if name == "classical" else options)
 
 
 def _of_law(law: type[Law], structure: Structure) -> Document:
-    if issubclass(law, Joint | Coupling):
-        return joint_report(law, structure)
-    if issubclass(law, Force):
-        return force_report(law, structure)
-    if issubclass(law, LineLaw):
-        return line_report(law, structure)
-    if issubclass(law, Element):
-        return element_report(law, structure)
+    for kind, page in _PAGES.items():
+        if issubclass(law, kind):
+            found: Document = page(law, structure).document()
+            return found
     raise LawError(f"{law.__name__} is neither joint, force, body nor line: there is no report of it")
 
 
@@ -146,8 +148,8 @@ def _of_model(model: Any, law: type[Joint], options: dict[str, Any]) -> Document
 def _clearance(normal: Any, friction: Any, length: float | None) -> Document:
     """The report of a revolute with clearance: the rows that remain, then the contact."""
     left_out = {"length": None} if length is None else {}
-    rows = joint_report(ClearanceRevolute, structure_of(ClearanceRevolute, {"tilting": length is not None, "drive": None}))
-    contact = force_report(JournalContact, structure_of(JournalContact, {"normal": normal, "friction": friction, **left_out}))
+    rows = report(ClearanceRevolute, tilting=length is not None, drive=None)
+    contact = report(JournalContact, normal=normal, friction=friction, **left_out)
     text = (
         "A revolute joint with clearance consists of two laws: the constraint rows that remain, and the contact of pin and race."
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
@@ -14,13 +15,14 @@ from mbdae.laws.friction import LuGre
 from mbdae.laws.joints import Revolute
 from mbdae.reports.calculus import Dual, Motion, Pair, actual, virtual
 from mbdae.reports.letters import specs_of_coordinates
-from mbdae.reports.vectors import Record, Vector
+from mbdae.reports.vectors import Atom, Base, NamedVector, Record, Vector
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import AUGMENTED, Force, Law, Structure
 from mbdae.symbolic.motion import Rotation
 from mbdae.symbolic.part import Part, PartStructure
+from mbdae.symbolic.rebuild import rebuilt
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.values import flag, option, shown
 
@@ -173,25 +175,19 @@ class Statement:
 
     def names(self, e: Any) -> Expr:
         """A scalar with `let`, `rate`, angles and turn counts replaced by names."""
-        e = se.sympify(e)
-        if not e.args or e.is_Number:
-            return e
-        if isinstance(e, se.Piecewise):
-            args = [self.names(a) for a in e.args]
-            return se.Piecewise(*zip(args[::2], args[1::2], strict=True))
-        if not hasattr(e, "func"):  # a comparison
-            return e.subs({a: self.names(a) for a in e.args})
-        name = e.get_name() if isinstance(e, se.FunctionSymbol) else type(e).__name__
-        args = [self.names(a) for a in e.args]
-        if name == "let":
-            return self.record.name_scalar(args[0], str(args[1]) if len(args) > 1 else "")
-        if name == "rate":
-            return self.record.name_scalar(self.motion.scalar(args[0]))
-        if name == "atan2":
-            args = [self.record.name_scalar(a) for a in args]
-        function = se.Function(e.get_name()) if isinstance(e, se.FunctionSymbol) else e.func
-        inner_e = function(*args)
-        return self.record.name_scalar(inner_e) if isinstance(inner_e, se.floor | se.atan2) else inner_e
+        name = self.record.name_scalar
+
+        def rule(node: Expr, args: list[Expr]) -> Expr | None:
+            kind = node.get_name() if isinstance(node, se.FunctionSymbol) else ""
+            if kind == "let":
+                return name(args[0], str(args[1]) if len(args) > 1 else "")
+            if kind == "rate":
+                return name(self.motion.scalar(args[0]))
+            if isinstance(node, se.atan2):
+                return name(se.atan2(*map(name, args)))
+            return name(node.func(*args)) if isinstance(node, se.floor) else None
+
+        return rebuilt(se.sympify(e), rule)
 
     def vector(self, a: Vec) -> Vector:
         """A vector with its scalars named."""
@@ -289,6 +285,48 @@ class Statement:
             return {}
         stated = getattr(self.law, what)(*self.frames)
         return {name: self.scalar(stated[name]) for name in self.derived.states}
+
+    # -- units: powers of a length, by the positions, coordinates and parameters that enter
+
+    def unit(self, e: Expr) -> str:
+        """Unit of a row: a power of m, 1 for an angle or a cosine."""
+        power = self.length(e)
+        return "1" if power == 0 else "m" if power == 1 else f"m^{power:g}"
+
+    def multiplier_unit(self, row: str) -> str:
+        """Unit of the multiplier of a row, whose product with the row is an energy: N m where the row is an angle or a cosine, N
+        where it is a length."""
+        power = self.length(self.rows[row])
+        return "N m" if power == 0 else "N" if power == 1 else f"N m^{1 - power:g}"
+
+    def length(self, e: Expr) -> float:
+        """The power of a length that a scalar is."""
+        if isinstance(e, se.Symbol):
+            if e in self.record.dots:
+                return sum(map(self._length_of, self.record.dots[e]))
+            return self.length(self.record.scalars[e]) if e in self.record.scalars else self._stated(e)
+        if isinstance(e, se.Mul):
+            return sum(map(self.length, e.args))
+        if isinstance(e, se.Pow):
+            return self.length(e.args[0]) * float(e.args[1]) if e.args[1].is_Number else 0
+        if isinstance(e, se.Add):
+            return max(map(self.length, e.args), key=abs)
+        return self.length(e.args[0]) if isinstance(e, se.Piecewise) else 0
+
+    def _stated(self, symbol: Expr) -> float:
+        """That of a coordinate or parameter by its unit: "m", "m/rad", "m^2", "1/m"."""
+        specs = specs_of_coordinates(self.law)
+        spec = ({str(at): specs[name] for name, at in self.coordinates.items()} | dict(self.law.params)).get(str(symbol))
+        found = re.fullmatch(r"(1/)?m(?:\^([0-9.]+))?(?:/rad)?", spec.unit if spec is not None else "")
+        return float(found[2] or 1) * (-1 if found[1] else 1) if found else 0
+
+    def _length_of(self, atom: Atom) -> float:
+        if isinstance(atom, Base):
+            return 1 if atom.kind in ("r", "c", "s") else 0
+        if isinstance(atom, NamedVector):
+            terms = self.record.vectors[atom.number].terms
+            return max((self.length(c) + self._length_of(a) for a, c in terms.items()), key=abs, default=0)
+        return self._length_of(atom.left) + self._length_of(atom.right)
 
     # -- motions
 

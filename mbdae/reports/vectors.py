@@ -8,61 +8,49 @@ knows, so laws may use any function of it. Sums that enter a product get a name 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import symengine as se
 
 from mbdae.symbolic.vectors import Expr, Vec
 
 _ZERO, _ONE = se.Integer(0), se.Integer(1)
-_ORDER = {"r": 0, "s": 1, "c": 2, "x": 3, "y": 4, "z": 5, "v": 6, "w": 7, "du": 8, "dpsi": 9, "E": 10}
+_ORDER = {kind: i for i, kind in enumerate(("r", "s", "c", "x", "y", "z", "v", "w", "du", "dpsi", "E"))}
 
 
-@dataclass(frozen=True)
-class Base:
+class Base(NamedTuple):
     """A vector of a frame (its name, such as "k" or "l"), or an inertial axis ("E", "x" to "z")."""
 
     kind: str
     side: str
 
-    @property
-    def key(self) -> tuple[Any, ...]:
-        """Order among atoms."""
-        return (0, self.side, _ORDER.get(self.kind, 11), self.kind)
 
-
-@dataclass(frozen=True)
-class NamedVector:
+class NamedVector(NamedTuple):
     """A vector with a name of its own; the record knows its value."""
 
     number: int
 
-    @property
-    def key(self) -> tuple[Any, ...]:
-        """Order among atoms."""
-        return (1, self.number)
 
-
-@dataclass(frozen=True)
-class Product:
+class Product(NamedTuple):
     """The vector product of two atoms."""
 
     left: Atom
     right: Atom
 
-    @property
-    def key(self) -> tuple[Any, ...]:
-        """Order among atoms."""
-        return (2, self.left.key, self.right.key)
-
 
 Atom = Base | NamedVector | Product
 
 
+def _place(atom: Atom) -> tuple[Any, ...]:
+    """Order among atoms: vectors of frames, vectors with names, products."""
+    if isinstance(atom, Base):
+        return (0, atom.side, _ORDER.get(atom.kind, len(_ORDER)), atom.kind)
+    return (1, atom.number) if isinstance(atom, NamedVector) else (2, _place(atom.left), _place(atom.right))
+
+
 def _turning(atom: Atom) -> tuple[Any, ...]:
     """Order of the factors of a vector product: rotations come first."""
-    return (not (isinstance(atom, Base) and atom.kind in ("w", "dpsi", "al")), atom.key)
+    return (not (isinstance(atom, Base) and atom.kind in ("w", "dpsi", "al")), _place(atom))
 
 
 AXES = tuple(Base("E", side) for side in "xyz")
@@ -105,7 +93,7 @@ class Record:
         """The symbol of an inner product."""
         if isinstance(a, Base) and isinstance(b, Base) and a.kind == b.kind == "E":
             return _ONE if a == b else _ZERO
-        a, b = sorted((a, b), key=lambda atom: atom.key)
+        a, b = sorted((a, b), key=_place)
         if isinstance(a, Base) and a.kind == "E":
             a, b = b, a
         if self.flat and AXES[2] in (a, b) and self.in_plane(b if a == AXES[2] else a):
@@ -138,16 +126,6 @@ class Record:
             if value.terms == (-a).terms:
                 return Vector(self, {NamedVector(number): -_ONE})
         return self.name_vector(a)
-
-    def defined(self, a: Vector) -> Vector:
-        """What a vector under a name is; any other vector as it is."""
-        ((atom, c),) = a.terms.items() if len(a.terms) == 1 else ((None, _ONE),)
-        return self.vectors[atom.number] * c if isinstance(atom, NamedVector) else a
-
-    @staticmethod
-    def numbers(a: Vector) -> set[int]:
-        """Numbers of the named vectors in a sum."""
-        return {atom.number for atom in a.terms if isinstance(atom, NamedVector)}
 
     def name_vector(self, a: Vector, change: tuple[str, int] | None = None) -> Vector:
         """A vector under a new name; `change`: the sign and number of the vector it is the change of."""
@@ -182,9 +160,7 @@ class Vector(Vec):
 
     @property
     def c(self) -> tuple[Expr, Expr, Expr]:  # type: ignore[override]
-        """Inertial components, as inner products."""
-        x, y, z = (self @ self.record.axis(i) for i in range(3))
-        return x, y, z
+        return tuple(self @ self.record.axis(i) for i in range(3))
 
     def __iter__(self) -> Iterator[Expr]:
         return iter(self.c)
@@ -225,7 +201,6 @@ class Vector(Vec):
         return self @ other
 
     def cross(self, other: Vec) -> Vector:
-        """The vector product self x other."""
         a, b = self.record.single(self), self.record.single(self.record.lift(other))
         total = self.record.zero()
         for i, p in a.terms.items():
@@ -237,11 +212,9 @@ class Vector(Vec):
         return total
 
     def norm(self) -> Expr:
-        """Euclidean length."""
         return se.sqrt(self @ self)
 
     def named(self, name: str = "") -> Vector:
-        """The same vector as a named intermediate."""
         if not self.terms or (len(self.terms) == 1 and _ONE in self.terms.values()):
             return self
         found = self.record.known(self)

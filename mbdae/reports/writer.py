@@ -20,7 +20,7 @@ _VECTORS = {"r": r"\mathbf{r}", "s": r"\mathbf{s}", "c": r"\mathbf{c}", "x": r"\
             "bx": r"\mathbf{b}^x", "by": r"\mathbf{b}^y", "bz": r"\mathbf{b}^z"}  # fmt: skip
 _FUNCTIONS = {"sin": r"\sin", "cos": r"\cos", "tan": r"\tan", "tanh": r"\tanh", "exp": r"\exp", "log": r"\ln",
               "atan2": r"\operatorname{atan2}", "asin": r"\arcsin", "acos": r"\arccos", "atan": r"\arctan", "sinh": r"\sinh",
-              "cosh": r"\cosh", "sign": r"\operatorname{sgn}"}  # fmt: skip
+              "cosh": r"\cosh", "sign": r"\operatorname{sgn}", "Max": r"\max", "Min": r"\min"}  # fmt: skip
 _RELATIONS = {"LessThan": r"\le", "StrictLessThan": "<", "Equality": "=", "Unequality": r"\ne"}
 
 
@@ -38,6 +38,10 @@ class Writer:
     def plain(base: Base) -> str:
         """A frame vector as it is written."""
         return f"\\mathbf{{i}}_{base.side}" if base.kind == "E" else f"{_VECTORS[base.kind]}_{subscript(base.side)}"
+
+    def of(self, e: Expr | Vector) -> str:
+        """A scalar or a vector."""
+        return self.vector(e) if isinstance(e, Vector) else self.scalar(e)
 
     # -- scalars
 
@@ -70,6 +74,8 @@ class Writer:
             return self._scalar(e.args[0])
         if name in _RELATIONS:
             return self._comparison(e, name), _SUM
+        if name == "Abs":
+            return f"\\lvert {self.scalar(e.args[0])}\\rvert", _ATOM
         if name in ("sin", "cos", "tanh") and len(e.args) == 1:
             argument, tight = self._scalar(e.args[0])
             if tight == _ATOM and "\\left" not in argument:

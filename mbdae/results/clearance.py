@@ -1,4 +1,4 @@
-"""Sensors of a joint with clearance: gap, forces, orbit, slip, contacts, wear."""
+"""Sensors of contacts: gap, forces, slip, contacts, wear; of a joint with clearance also its orbit."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ def observed_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     return [((name, i), v.resolve(v.name(e))) for name, parts in d.law.observed(*d.sides).items() for i, e in enumerate(parts)]
 
 
-class ClearanceSensor(ConnectionSensor):
-    """A revolute joint with clearance: what every joint shows, and the contact of its pin with its race.
+class ContactSensor(ConnectionSensor):
+    """Two surfaces that touch: what every force shows, and their contact.
 
-    Arrays (nt,) over the result's times; for a bearing that touches at both ends (nt, 2), near and far end along the axis.
+    Arrays (nt,) over the result's times; where they may touch at several places (nt, places).
     """
 
     def at_times(self, t: Array) -> dict[str, Array]:
@@ -54,7 +54,7 @@ class ClearanceSensor(ConnectionSensor):
 
     @property
     def gap(self) -> Array:
-        """Distance between pin and race, m; negative in contact."""
+        """Distance of the surfaces, m; negative in contact."""
         return self._observed("gap")
 
     @property
@@ -64,28 +64,23 @@ class ClearanceSensor(ConnectionSensor):
 
     @property
     def penetration(self) -> Array:
-        """Depth by which pin and race overlap, m; 0 where they are apart."""
+        """Depth by which they overlap, m; 0 where they are apart."""
         return np.maximum(0.0, -self.gap)
 
     @property
     def normal_force(self) -> Array:
-        """N; 0 where pin and race are apart."""
+        """N; 0 where they are apart."""
         return self._observed("normal_force")
 
     @property
     def friction_force(self) -> Array:
-        """N on the pin, along axis x normal."""
+        """Its magnitude, N; of a joint with clearance on the pin, along axis x normal."""
         return self._observed("friction_force")
 
     @property
     def slip(self) -> Array:
-        """Sliding velocity of the pin on the race along axis x normal, m/s; also where they are apart."""
+        """Sliding speed, m/s, also where they are apart; of a joint with clearance of the pin along axis x normal."""
         return self._observed("slip")
-
-    @property
-    def orbit(self) -> Array:
-        """Centre of the pin relative to that of the race (nt, 2), m, in axes that turn with the race."""
-        return self._seen["orbit"]
 
     @property
     def friction_power(self) -> Array:
@@ -107,5 +102,21 @@ class ClearanceSensor(ConnectionSensor):
 
     def summary(self) -> dict[str, float]:
         """The contact in numbers: see `Result.contacts`."""
+        return super().summary() | {"wear": self.wear}
+
+
+class ClearanceSensor(ContactSensor):
+    """A revolute joint with clearance: what every joint shows, and the contact of its pin with its race.
+
+    Arrays (nt,) over the result's times; for a bearing that touches at both ends (nt, 2), near and far end along the axis.
+    """
+
+    @property
+    def orbit(self) -> Array:
+        """Centre of the pin relative to that of the race (nt, 2), m, in axes that turn with the race."""
+        return self._seen["orbit"]
+
+    def summary(self) -> dict[str, float]:
+        """The contact in numbers: see `Result.contacts`."""
         law = self._item.laws[-1]
-        return super().summary() | {"play": law.outer - law.inner, "wear": self.wear}
+        return super().summary() | {"play": law.outer - law.inner}

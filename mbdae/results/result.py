@@ -12,9 +12,10 @@ import numpy as np
 from mbdae.errors import ListsAttributes, OptionError, SceneError
 from mbdae.inputs.sensed import symbol
 from mbdae.integrators.solution import Solution, Stats
+from mbdae.laws.contact import Contact
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.beams import BeamSensor
-from mbdae.results.clearance import ClearanceSensor
+from mbdae.results.clearance import ClearanceSensor, ContactSensor
 from mbdae.results.energy import Energy, energy
 from mbdae.results.sensors import BodySensor, ConnectionSensor, placed, split
 from mbdae.results.states import RunStates
@@ -254,5 +255,6 @@ class Result(RunStates, ListsAttributes):
 def _sensor(run: RunStates, item: Body | Connection) -> Any:
     """The sensor of a body, beam, joint or force element."""
     if isinstance(item, Connection):
-        return ClearanceSensor(run, item) if item.loose else ConnectionSensor(run, item)
+        touches = any(isinstance(law, Contact) for law in item.laws)
+        return ClearanceSensor(run, item) if item.loose else (ContactSensor if touches else ConnectionSensor)(run, item)
     return BeamSensor(run, item) if isinstance(item, Beam) else BodySensor(run, item)

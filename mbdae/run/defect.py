@@ -137,16 +137,19 @@ class Defect:
         right = (rest if self.rough else smooth + rest) @ F
         if not self.rough or len(inside) == 1:  # rows without derivatives hold at every point
             right[..., self._algebraic] = F[..., self._algebraic]
-        effect = np.zeros(len(steps))
+        moved = np.empty_like(y)
         for first in range(0, len(steps), BLOCK):
             some = np.arange(first, min(first + BLOCK, len(steps)))
             longest = some[np.argmax(self.widths[steps[some]])]
             share = self.widths[steps[some]] / self.widths[steps[longest]]
-            moved = self._moved(int(steps[longest]), times[longest], y[longest], yp[longest], share[:, None, None] * right[some])
-            effect[some] = self._distance(times[some], y[some], moved)
-        for i in np.flatnonzero(effect > DOUBTFUL * limit):
-            moved = self._moved(int(steps[i]), times[i], y[i], yp[i], right[i : i + 1])
-            effect[i] = self._distance(times[i : i + 1], y[i : i + 1], moved)[0]
+            moved[some] = self._moved(int(steps[longest]), times[longest], y[longest], yp[longest],
+                                      share[:, None, None] * right[some])  # fmt: skip
+        effect = self._distance(times, y, moved)
+        doubtful = np.flatnonzero(effect > DOUBTFUL * limit)
+        for i in doubtful:
+            moved[i] = self._moved(int(steps[i]), times[i], y[i], yp[i], right[i : i + 1])[0]
+        if len(doubtful):
+            effect[doubtful] = self._distance(times[doubtful], y[doubtful], moved[doubtful])
         worst = [largest(np.max(np.abs(part), axis=0)) for part in F]
         size = [np.abs(part[:, row]) for part, row in zip(F, worst, strict=True)]
         return [Suspect(int(steps[i]), float(effect[i]), times[i], size[i] >= LARGE * np.max(size[i]), self.system.equations[row])

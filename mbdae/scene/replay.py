@@ -18,10 +18,12 @@ import numpy as np
 
 from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs import text
+from mbdae.laws.contact import Normal
 from mbdae.laws.friction import Friction
 from mbdae.scene.components import AsGiven, Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
 from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, stored_name, without_module
 from mbdae.scene.section import Section
+from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Shape, Sphere
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Force, Law, TwoBodyLaw
@@ -32,7 +34,8 @@ from mbdae.values import array, shown
 _KINDS: dict[str, tuple[type, ...]] = {
     "name": (str,), "frame": (str,), "k": (str, Body, Place), "l": (str, Body, Place), "body": (str, Body, Place),
     "beam": (str, Body), "law": (Joint, Force, Coupling), "joint": (type,), "model": (JointModel,),
-    "friction": (Friction, dict), "stop": (Stop, dict), "section": (Section,),
+    "friction": (Friction, dict), "stop": (Stop, dict), "section": (Section,), "shape_k": (Shape,), "shape_l": (Shape,),
+    "normal": (Normal,),
     "curve": (str, FunctionType), "f": (AsGiven,), "memory": (AsGiven,), "reads": (list, str), "sets": (list, str),
     **dict.fromkeys(("driving", "driven", "pinion", "rack", "first", "second", "carrier"), (str,)), "of": (dict,),
 }  # fmt: skip
@@ -46,7 +49,8 @@ def _built_in() -> Own:
     """Laws, parts of laws, joint models and cross-sections that mbdae defines, by name."""
     homes = [import_module(f"mbdae.laws.{home}") for home in ("joints", "couplings", "forces", "contact", "friction")]
     exported = [vars(home)[name] for home in homes for name in home.__all__]
-    return {stored_name(cls): cls for cls in (*exported, Section, Kinematic, Classical, Recursive, Clearance, Stop)}
+    models, shapes = (Kinematic, Classical, Recursive, Clearance, Stop), (Plane, Sphere, Point, Cylinder, Box)
+    return {stored_name(cls): cls for cls in (*exported, Section, *models, *shapes)}
 
 
 class Known:
@@ -154,7 +158,7 @@ def _options(value: Any, scene: Any, known: Known) -> dict[str, Any]:
 
 
 def _object(value: Any, scene: Any, known: Known) -> Any:
-    cls = known.find(value["object"], Part, Section, JointModel, Stop)
+    cls = known.find(value["object"], Part, Section, JointModel, Stop, Shape)
     given = _options(value["fields"], scene, known)
     if not issubclass(cls, Part):
         return _made(cls, given)

@@ -15,6 +15,7 @@ from mbdae.scene import reading
 from mbdae.scene.beams import BeamStatements
 from mbdae.scene.components import Body, Connection, JointModel
 from mbdae.scene.connections import point_of
+from mbdae.scene.contacts import ContactStatements
 from mbdae.scene.control import ControlStatements
 from mbdae.scene.joints import JointStatements
 from mbdae.scene.reading import FEEDS, reads
@@ -26,7 +27,7 @@ MASS, SPEED, TURNING = reading.quantity("kg", "not negative"), reading.vector("m
 FRAME = reading.one_of("inertial", "body")
 
 
-class SceneData(BeamStatements, JointStatements, ControlStatements):
+class SceneData(BeamStatements, JointStatements, ContactStatements, ControlStatements):
     """Bodies, joints and forces by name. Lengths in m, angles in rad, SI throughout; inertial frame, right-handed."""
 
     # -- bodies

@@ -185,7 +185,7 @@ def test_rates_and_files(tmp_path) -> None:
 def test_force_of_a_spring() -> None:
     text = MEANINGS.replace("on move l", "on move k, move l")
     good = "1: F = [u; -u]*(K*(norm(u) - L) + C*u'*(vl - vk)/norm(u))/norm(u)\n"
-    found = mb.audit(text + good + good.replace("- L", "+ L"))
+    found = mb.audit(text + good + good.replace("- L", "+ L").replace("1:", "2:"))
     assert [r.verdict for r in found.equations] == ["INCOMPLETE", "MISPRINT"]  # a length in a denominator
     assert found.equations[0].remark == "not defined where u = 0"
 

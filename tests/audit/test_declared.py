@@ -10,7 +10,7 @@ from mbdae.audit import laws
 from mbdae.audit.motion import Motion
 from mbdae.audit.phrases import Env
 from mbdae.audit.reading import read
-from mbdae.audit.rules_joints import law
+from mbdae.audit.rules_laws import law
 from mbdae.laws import forces, joints
 
 SPRING = """
@@ -76,3 +76,12 @@ def test_a_force_on_one_body_is_compared_as_printed(formula: str, verdict: str) 
     assert row.verdict == verdict
     assert "there is a force on move k too" in row.remark
     assert (0 < row.residual < 1e-12) if verdict == "INCOMPLETE" else row.residual > 0.1
+
+
+@pytest.mark.parametrize(("joint", "name"), [("prismatic", "displacement"), ("cylindrical", "displacement"),
+                                             ("revolute", "angle")])  # fmt: skip
+def test_the_coordinates_of_the_joint_of_a_section_have_values(joint: str, name: str) -> None:
+    """Between free bodies too, where a formula is compared first."""
+    text = f"states: {joint}\nq [1]: coordinate {name} of the joint\n1: q + q = 2*q\n2: q + q = 3*q\n"
+    found = mb.audit(text)
+    assert [found[number].verdict for number in "12"] == ["RIGHT", "MISPRINT"]

@@ -11,7 +11,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.documents.blocks import numbered
-from mbdae.reports.printed import Printed
+from mbdae.reports.page import Printed
 from mbdae.reports.reading import key_of
 from mbdae.reports.scenes.forces import ClosedForms
 

@@ -14,7 +14,6 @@ import mbdae as mb
 from mbdae.laws import couplings, forces, joints
 from mbdae.reports.letters import worded
 from mbdae.reports.statement import Statement, structure_of
-from mbdae.reports.units import row_unit
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -213,7 +212,7 @@ class Rows(mb.Joint):
 def test_units_of_multipliers():
     """Force times row is an energy: powers of a length are counted, not guessed from what appears."""
     s = Statement(Rows, structure_of(Rows, {}))
-    assert {name: row_unit(s, e) for name, e in s.rows.items()} == {
+    assert {name: s.multiplier_unit(name) for name in s.rows} == {
         "cosine": "N m", "length": "N", "norm": "N", "area": "N m^-1", "thread": "N", "ratio": "N m", "sine": "N m"}  # fmt: skip
 
 

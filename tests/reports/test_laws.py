@@ -34,6 +34,26 @@ def test_report_holds_and_defines_its_symbols(name):
         assert fingerprint(derived(law, structure_of(law, {}))) in document.to_markdown()
 
 
+@pytest.mark.parametrize("name", [name for name in names() if name != "clearance"])  # which consists of two others
+def test_every_symbol_has_a_unit(name):
+    """One unit where the coordinate is known; only sums of coordinates of any kind leave it open."""
+    rows = next(b for b in mb.report(name).blocks if getattr(b, "title", "") == "Symbols").blocks[0].rows
+    assert [row for row in rows if not row[1]] == []
+    assert name == "weightedsum" or [row for row in rows if " or " in row[1]] == []
+
+
+def test_units_follow_the_coordinate():
+    for joint, unit in ((mb.Revolute, "N m/rad"), (mb.Prismatic, "N/m")):
+        document = mb.report(JointSpring, joint=joint)
+        rows = next(b for b in document.blocks if getattr(b, "title", "") == "Symbols").blocks[0].rows
+        assert next(row[1] for row in rows if row[2] == "stiffness") == unit
+    rows = next(b for b in mb.report(mb.Prismatic).blocks if getattr(b, "title", "") == "Symbols").blocks[0].rows
+    units = {symbol: row[1] for row in rows for symbol in row[0].split(", ")}
+    assert units[r"$c_{\text{offset x}}$"] == "m"
+    assert units[r"$\dot c_{\text{offset x}}$"] == "m/s"
+    assert units[r"$\gamma_{\text{tilt y}}$"] == "1/s²"
+
+
 def test_hash_follows_the_equations():
     shape = structure_of(mb.Revolute, {})
 
@@ -103,8 +123,9 @@ def test_of_values_models_and_joints():
     assert mb.report(mb.Coulomb(0.2, 0.01)).title == "Coulomb friction"
     with pytest.raises(mb.OptionError, match="give a law"):
         mb.report(3)
-    with pytest.raises(mb.OptionError, match="what = 'revolut' is not known: give one of"):
-        mb.report("revolut")
+    for name in ("revolut", "Revolute"):
+        with pytest.raises(mb.OptionError, match=f"what = '{name}' is not known: did you mean 'revolute'\\? give one of"):
+            mb.report(name)
     assert issubclass(exported()["revolute"], Law)
 
 

@@ -66,6 +66,23 @@ def test_numbers_are_those_of_the_system():
     assert stated == used
 
 
+def test_joints_are_told_in_words():
+    """No joint shows an empty table of Python, one of a thing is not many, names of any script stay."""
+    s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+    rods = [s.link(name, (x, 0), (x, -1), mass=1.0) for x, name in enumerate(("ä_1", "ξ"))]
+    s.revolute("Gelenk ß", s.ground, rods[0], at=(0, 0))
+    s.revolute("driven", s.ground, rods[1], at=(1, 0), angle=2 * mb.t)
+    document = mb.report(s)
+    assert [row[6] for row in table(document, "Joints").rows] == ["", "angle = 2*t"]
+    text = document.to_markdown()
+    assert "1 degree of freedom;" in text
+    assert r"\text{Gelenk ß.x}" in text
+    assert r"\text{ä 1}" in text
+    assert r"\text{ξ}" in text
+    assert len(repr(document)) < 400
+    assert repr(document).startswith("Document('Scene pendulum': Scene, Bodies, Joints")
+
+
 def test_eigenvalues_are_those_of_the_linearisation():
     s = pendulum()
     found = [complex(float(row[0]), float(row[1])) for row in table(mb.report(s), "Eigenvalues at the start").rows]

@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 import symengine as se
 
-from mbdae.reports.evaluate import value
 from mbdae.reports.pages.parts import PartPage
 from mbdae.reports.report import _TYPICAL, exported
 from mbdae.reports.statement import derived, structure_of
-from mbdae.reports.states import random_state
+from mbdae.reports.states import random_state, value
 from mbdae.symbolic.derive import derive
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint

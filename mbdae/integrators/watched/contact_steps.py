@@ -226,8 +226,10 @@ class ContactSteps:
         def gap(part: float) -> float:
             if part in (0.0, 1.0):
                 return (self._end if part else self._here)[i].gap
-            return self._contacts(self._t + part * h, inside(part))[i].gap
+            return float(gaps(self._t + part * h, inside(part))[i])
 
+        guards = self.system.guards
+        gaps = getattr(guards, "gaps", lambda t, y: guards(t, y)[0])  # type: ignore[misc]
         from scipy.optimize import brentq  # 0.15 s: only where something touches
 
         return 0.0 if gap(0.0) == 0.0 else float(brentq(gap, 0.0, 1.0, xtol=0.01 * MET, rtol=1e-12))

@@ -3,40 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import symengine as se
 
+from mbdae.laws.contact.base import CENTRED, DEEP, Contact, Station, station
 from mbdae.symbolic.frames import Frame
-from mbdae.symbolic.law import Force, Impact
-from mbdae.symbolic.part import Parameter, params
+from mbdae.symbolic.law import Impact
+from mbdae.symbolic.part import params
 from mbdae.symbolic.variation import let
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
-CENTRED = 1e-40  #: m^2, keeps the distance of the centres differentiable where they meet
 CORE = 1e-12  #: m, without clearance the direction of contact is smoothed within this distance
 #: penetration assumed where nothing is known at the start, over the play and over the radius of the pin; the run corrects it
 PLAY, PIN = 1e-2, 1e-6
-DEEP = 10.0  #: a start that penetrates by more than the pin's radius over DEEP is refused, more in a run is doubtful
 DIFFERENCE = 1e-4  #: of the penetration, to find the stiffness of a contact
-RESTING = 1e-24  #: m^2/s^2, keeps the sliding speed differentiable at rest
-
-
-@dataclass(frozen=True)
-class _Station:
-    """A cross-section in which pin and race meet. Expressions of the frames; SI units."""
-
-    penetration: Expr  #: of the pin into the race: > 0 in contact
-    rate: Expr
-    overlap: Expr  #: penetration where positive, else 0
-    normal: Vec  #: from the centre of the race to that of the pin
-    tangent: Vec  #: axis x normal
-    sliding: Vec  #: velocity of l relative to k at the contact, without its normal part
-    slip: Expr  #: its component along the tangent
-    arm: Vec  #: from l.r to the point of contact
 
 
 def _tilts(k: Frame, l: Frame) -> bool:
@@ -44,7 +26,7 @@ def _tilts(k: Frame, l: Frame) -> bool:
     return l.kind.oriented and not k.kind.flat
 
 
-class JournalContact(Force):
+class JournalContact(Contact):
     """A pin on l (radius `inner`) inside a race on k (radius `outer`); paper Eqs. 33-44 with k the outer race.
 
     u = l.r - k.r, d its length normal to k.z, n = u / d, penetration d - (outer - inner). Normal force f_n along -n on l,
@@ -58,33 +40,27 @@ class JournalContact(Force):
         outer=("m", "radius of the race on k"), inner=("m", "radius of the pin on l"),
         length=("m", "distance of the two planes of contact; None: one plane"),
     )  # fmt: skip
-    options = ("normal", "friction")
-    dissipative = True
-    timeless = True
-
-    def own_states(self) -> Mapping[str, Parameter]:
-        return {name + end: spec for part in self.parts for name, spec in part.states.items() for end in self._ends}
-
-    def state_scales(self) -> dict[str, float]:
-        return {name + end: scale for name, scale in super().state_scales().items() for end in self._ends}
 
     @property
-    def _ends(self) -> tuple[str, ...]:
+    def ends(self) -> tuple[str, ...]:
         return ("",) if self.length is None else ("_near", "_far")
+
+    @property
+    def one_direction(self) -> bool:
+        return self.length is None
 
     # -- geometry
 
-    def _stations(self, k: Frame, l: Frame) -> list[tuple[_Station, str]]:
+    def stations(self, k: Frame, l: Frame) -> list[tuple[Station, str]]:
         """The planes of contact with the suffix of their states; one plane stands for both ends of a pin that cannot tilt."""
         if self.length is None or not _tilts(k, l):
-            return [(self._station(k, l, ZERO), self._ends[0])]
-        return [(self._station(k, l, l.z * (sign * self.length / 2)), end) for sign, end in zip((-1, 1), self._ends, strict=True)]
+            return [(self._station(k, l, ZERO), self.ends[0])]
+        return [(self._station(k, l, l.z * (sign * self.length / 2)), end) for sign, end in zip((-1, 1), self.ends, strict=True)]
 
-    def _equal(self, k: Frame, l: Frame) -> int:
-        """How many planes of contact each station stands for."""
+    def equal(self, k: Frame, l: Frame) -> int:
         return 2 if self.length is not None and not _tilts(k, l) else 1
 
-    def _station(self, k: Frame, l: Frame, shift: Vec) -> _Station:
+    def _station(self, k: Frame, l: Frame, shift: Vec) -> Station:
         """The contact in the plane through l.r + shift."""
         clearance = self.outer - self.inner
         u = l.r + shift - k.r
@@ -95,17 +71,8 @@ class JournalContact(Force):
         tangent = k.z.cross(normal)
         from_k = k.z * along + normal * self.outer if l.kind.oriented else u
         arm = (k.r + from_k - l.r).named("h") if l.kind.oriented else ZERO
-        velocity = self._sliding(k, l, arm, from_k).named("v")
-        rate = let(velocity @ normal, r"\dot a")
-        penetration = let(distance - clearance, "p")
-        overlap = let(se.Piecewise((penetration, penetration > 0), (0, True)), "a")
-        slip = let(velocity @ tangent, "v_t")
-        return _Station(penetration, rate, overlap, normal, tangent, velocity - normal * rate, slip, arm)
-
-    @staticmethod
-    def _sliding(k: Frame, l: Frame, from_l: Vec, from_k: Vec) -> Vec:
-        """Velocity of the material point of l at the contact relative to that of k."""
-        return (l.v + l.w.cross(from_l)) - (k.v + k.w.cross(from_k))
+        velocity = self.sliding(k, l, arm, from_k).named("v")
+        return station(let(distance - clearance, "p"), normal, tangent, velocity, arm)
 
     @staticmethod
     def _inverse(radial: Vec, distance: Expr, core: Expr) -> Expr:
@@ -114,70 +81,11 @@ class JournalContact(Force):
         inside = core + CORE
         return let(se.Piecewise((1 / distance, distance > inside), ((3 - square / inside**2) / (2 * inside), True)), r"\beta")
 
-    # -- forces
-
-    def _normal_force(self, at: _Station) -> tuple[Expr, Expr]:
-        """f_n, and the part of it that is not elastic."""
-        elastic = self.normal.elastic_force(at.overlap)
-        damped = self.normal.damping_force(at.overlap, at.rate)
-        if damped == 0:
-            return let(elastic, "f_n"), se.Integer(0)
-        total = let(elastic + damped)
-        force = let(se.Piecewise((total, total > 0), (0, True)), "f_n")
-        return force, force - elastic
-
-    def _friction_of(self, end: str) -> Any:
-        return self.friction.with_states(**{name: getattr(self, name + end) for name in self.friction.states})
-
-    def _friction(self, at: _Station, end: str, force: Expr) -> Vec:
-        """Friction force on l: along the whole sliding velocity where pins may tilt and the law has no states."""
-        if self.friction is None:
-            return ZERO
-        if self.length is None or self.friction.states:
-            along, coefficient = at.tangent, self._friction_of(end).coefficient(at.slip)
-        else:
-            speed = let(se.sqrt(at.sliding @ at.sliding + RESTING))
-            along, coefficient = at.sliding, self.friction.coefficient(speed) / speed
-        rubbing: Vec = along * (-coefficient * force)
-        return rubbing
-
-    def energy(self, k: Frame, l: Frame) -> Expr:
-        return self._equal(k, l) * sum((self.normal.energy(at.overlap) for at, _ in self._stations(k, l)), se.Integer(0))
-
-    def wrench(self, k: Frame, l: Frame) -> tuple[Vec, Vec]:
-        force, torque = ZERO, ZERO
-        for at, end in self._stations(k, l):
-            normal, damped = self._normal_force(at)
-            part = ((at.normal * (-damped) + self._friction(at, end, normal)) * self._equal(k, l)).named("f")
-            force, torque = force + part, torque + at.arm.cross(part)
-        return force, torque
-
-    # -- friction states
-
-    def _of_states(self, k: Frame, l: Frame, what: str) -> dict[str, Expr]:
-        out: dict[str, Expr] = {}
-        for at, end in self._stations(k, l):
-            stated = getattr(self._friction_of(end), what)(at.slip)
-            out |= {name + end: e for name, e in stated.items()}
-        return out
-
-    def rates(self, k: Frame, l: Frame) -> dict[str, Expr]:
-        return self._of_states(k, l, "rate")
-
-    def initial(self, k: Frame, l: Frame) -> dict[str, Expr]:
-        return self._of_states(k, l, "initial")
-
-    # -- gaps and sensors
-
-    def gaps(self, k: Frame, l: Frame) -> list[tuple[Expr, Expr]]:
-        return [(-at.penetration, -at.rate) for at, _ in self._stations(k, l)]
+    # -- before and after a run
 
     def approach(self, k: Frame, l: Frame) -> list[Expr]:
         u = l.r - k.r
         return [u[0], u[1], u[2]]
-
-    def contact_duration(self, mass: float, speed: Any) -> Any:
-        return self.normal.impact(mass, speed)[1]
 
     def expected_depth(self, impact: Impact) -> float:
         """Penetration (m) of an impact at the speed of the start; without speed that under the force of the ideal joint, or after
@@ -187,9 +95,6 @@ class JournalContact(Force):
             return float(normal.impact(mass, impact.speed)[0])
         fall = float(normal.impact(mass, math.sqrt(2 * force * play / mass))[0]) if force * play > 0 else 0.0
         return max(float(normal.penetration(force)), fall, float(PLAY * play), float(PIN * self.inner))
-
-    def elastic_load(self, depth: float) -> tuple[float, float]:
-        return float(self.normal.elastic_force(depth)), float(self.normal.energy(depth))
 
     def summary_of_contact(self) -> str:
         friction = "without friction" if self.friction is None else f"{type(self.friction).__name__} friction"
@@ -227,22 +132,5 @@ class JournalContact(Force):
         return growth, rate
 
     def observed(self, k: Frame, l: Frame) -> dict[str, list[Expr]]:
-        equal, u = self._equal(k, l), l.r - k.r
-        seen: dict[str, list[Expr]] = {"orbit": [k.x @ u, k.y @ u]}
-        for at, end in self._stations(k, l):
-            force, _ = self._normal_force(at)
-            rubbing = self._friction(at, end, force)
-            own = {"gap": -at.penetration, "gap_rate": -at.rate, "normal_force": equal * force, "slip": at.slip,
-                   "friction_force": equal * (rubbing @ at.tangent),
-                   "friction_power": -equal * (rubbing @ at.sliding)}  # fmt: skip
-            for name, e in own.items():
-                seen.setdefault(name, []).append(e)
-        return seen
-
-    def losses(self, k: Frame, l: Frame) -> dict[str, Expr]:
-        total = {"impact": se.Integer(0), "friction": se.Integer(0)}
-        for at, end in self._stations(k, l):
-            force, damped = self._normal_force(at)
-            total["impact"] += self._equal(k, l) * damped * at.rate
-            total["friction"] -= self._equal(k, l) * (self._friction(at, end, force) @ at.sliding)
-        return total
+        u = l.r - k.r
+        return {"orbit": [k.x @ u, k.y @ u], **super().observed(k, l)}

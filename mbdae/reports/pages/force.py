@@ -1,4 +1,4 @@
-"""Report of a law stated by an energy, a dissipation function or a wrench: springs, dampers, loads, contact."""
+"""Reports of laws without rows: forces stated by an energy, a dissipation function or a wrench; bodies with kinetic energy."""
 
 from __future__ import annotations
 
@@ -9,73 +9,75 @@ import symengine as se
 
 from mbdae.documents.blocks import Block, Paragraph, Section
 from mbdae.documents.document import Document
-from mbdae.reports.common import LawFormulas, described, external, provenance, title_of
-from mbdae.reports.letters import Letter
-from mbdae.reports.page import DERIVED, KERNEL, LawPage, document, planar_of
-from mbdae.reports.pages.figure import figure_of
-from mbdae.reports.pages.joint import CONVENTION, effort
+from mbdae.kernels.plan import plan
+from mbdae.reports.calculus import summed
+from mbdae.reports.law_page import LawPage
+from mbdae.reports.letters import Letter, letters
+from mbdae.reports.page import BALANCE, DERIVED, KERNEL, Page, described, document, provenance, title_of
+from mbdae.reports.pages.joint import CONVENTION, effort, want_efforts
 from mbdae.reports.pages.parts import part_section
-from mbdae.reports.pages.plane import plane_section
-from mbdae.reports.pages.resistance import power_blocks, state_blocks, thrust_blocks
+from mbdae.reports.pages.sections import figure_of, planar_pages, power_blocks, state_blocks, thrust_blocks
 from mbdae.reports.statement import Statement
-from mbdae.reports.states import POINTS, random_state
-from mbdae.symbolic.law import Force, Structure
+from mbdae.reports.states import POINTS
+from mbdae.reports.vectors import Record
+from mbdae.reports.writer import Writer
+from mbdae.symbolic.derive import derive
+from mbdae.symbolic.frames import Axes, NodeKind
+from mbdae.symbolic.law import Element, Force, Structure
 from mbdae.symbolic.outputs import dynamics
-from mbdae.symbolic.vectors import Expr
 
 
 class ForceReport(LawPage):
     """One law of force."""
 
     def __init__(self, law: type[Force], structure: Structure) -> None:
-        self.s = Statement(law, structure)
-        self.energy, self.dissipation, self.wrench = self.s.energy, self.s.dissipation, self.s.wrench
-        self.losses = {name: self.s.scalar(e) for name, e in self.s.law.losses(*self.s.frames).items()}
-        self.gaps = [(self.s.scalar(g), self.s.scalar(rate)) for g, rate in self.s.law.gaps(*self.s.frames)]
-        self.formulas, self.d = LawFormulas(self.s, "law"), self.s.derived
-        self.state, self.wanted = random_state(self.d), {}
-        self.elastic = self.s.gradient(self.energy)
+        s = Statement(law, structure)
+        _ = s.energy, s.dissipation, s.wrench
+        self.losses = {name: s.scalar(e) for name, e in s.law.losses(*s.frames).items()}
+        self.gaps = [(s.scalar(g), s.scalar(rate)) for g, rate in s.law.gaps(*s.frames)]
+        super().__init__(s, "law")
+        self.elastic = s.gradient(s.energy)
+        self.external = bool(s.law.external)
         self.kernel = self.compiled(dynamics)
         for letter, side, i in self.letters():
             self.want(letter, -self.at_point(side, self.kernel)[i], KERNEL)
-        for name in self.s.coordinates:
-            self.want(effort(name), self.kernel.get(("u", self.s.places[name], 0), 0.0), KERNEL)
+        want_efforts(self)
 
     def document(self) -> Document:
         """The whole report."""
-        sections = [self.statement(), self.forces(), *self.states(), *self.one_sided(), self.power(), *part_section(self.s)]
-        planar = planar_of(self.s)
-        sections += [] if planar else [Section("Planar form", [Paragraph("The law has no planar form.")])]
+        sections = [self._law(), self._forces(), *self._states(), *self._gaps(), self._power(), *part_section(self.s)]
+        planar, none, flat = planar_pages(self)
+        pages: list[tuple[Any, list[Block]]] = [(self, [*sections, *none]), *flat]
         head = [*described(self.s.cls), *figure_of(self.s)]
-        pages: list[tuple[Any, list[Block]]] = [(self, list(sections)), *plane_section(self, planar)]
         return document(title_of(self.s.cls), head, pages, CONVENTION, [provenance(self.d, planar)])
 
-    def statement(self) -> Section:
+    def _derived(self, e: Any) -> Any:
+        """Values of an expression that the derived law states."""
+        return self.state.scalar(self.d.variation.resolve(self.d.variation.name(e)))
+
+    def _law(self) -> Section:
         """Energy, dissipation function, force and torque as the law states them."""
-        w, d, blocks = self.formulas.writer, self.d, list[Block]()
-        law, sides = d.law, d.sides
-        if self.energy != 0:
-            self.want("V", self.state.scalar(d.energy), DERIVED)
-            blocks += [Paragraph("Potential energy, J:"), *self.formulas.lines(f"V = {w.scalar(self.energy)}")]
-        if self.dissipation != 0:
-            self.want("D", self.state.scalar(d.variation.name(law.dissipation(*sides))), DERIVED)
-            text = "Rayleigh dissipation function, half the dissipated power, W:"
-            blocks += [Paragraph(text), *self.formulas.lines(f"D = {w.scalar(self.dissipation)}")]
-        if self.wrench is not None:
-            for letter, part in zip("FT", law.wrench(*sides), strict=True):
-                values = [self.state.scalar(d.variation.resolve(d.variation.name(c))) for c in part]
-                self.want(rf"\mathbf{{{letter}}}", np.stack(values, -1), DERIVED)
-            on_k = "" if external(self.s) else "; the opposite acts on k at the same point"
+        s, law, sides, blocks = self.s, self.d.law, self.d.sides, list[Block]()
+        if s.energy != 0:
+            blocks += self.told("Potential energy, J:", self.line("V", s.energy, self.state.scalar(self.d.energy), DERIVED))
+        if s.dissipation != 0:
+            line = self.line("D", s.dissipation, self._derived(law.dissipation(*sides)), DERIVED)
+            blocks += self.told("Rayleigh dissipation function, half the dissipated power, W:", line)
+        if s.wrench is not None:
+            parts = zip("FT", s.wrench, law.wrench(*sides), strict=True)
+            lines = [self.line(rf"\mathbf{{{letter}}}", part, np.stack([self._derived(c) for c in stated], -1), DERIVED)
+                     for letter, part, stated in parts]  # fmt: skip
+            on_k = "" if self.external else "; the opposite acts on k at the same point"
             text = f"Force $\\mathbf{{F}}$ (N) on l at its point and torque $\\mathbf{{T}}$ (N m) on l{on_k}:"
-            lines = [rf"\mathbf{{{letter}}} = {w.vector(part)}" for letter, part in zip("FT", self.wrench, strict=True)]
-            blocks += [Paragraph(text), *self.formulas.lines(*lines)]
+            blocks += self.told(text, *lines)
         return Section("Law", [*blocks, *thrust_blocks(self)])
 
-    def forces(self) -> Section:
-        """Forces and moments that act on the bodies."""
-        w, total = self.formulas.writer, self.all_pairs()
-        lines = [f"{letter} = {w.vector(-total[side][i])}" for letter, side, i in self.letters()]
-        lines += [f"{effort(name)} = {w.scalar(e)}" for name, e in self.coordinate_rows().items()]
+    def _forces(self) -> Section:
+        """Forces and moments that act on the bodies, and what the law adds to the equations of joint coordinates."""
+        total, partials = self.all_pairs(), (self.elastic[1], self._drag(), self.stated_partials)
+        lines = [self.line(letter, -total[side][i]) for letter, side, i in self.letters()]
+        lines += [self.line(effort(name), sum((part[symbol] for part in partials), se.Integer(0)))
+                  for name, symbol in self.s.coordinates.items()]  # fmt: skip
         text = (
             "Forces and moments on the bodies at their points, from $-\\delta V$,"
             " $-\\partial D/\\partial\\dot{\\mathbf{r}}$ and the stated force; about the centre of a body the moment is"
@@ -83,61 +85,106 @@ class ForceReport(LawPage):
         )
         if self.s.coordinates:
             text += " $h$ is what the law adds to the left-hand side of the equation of the joint's coordinate."
-        blocks = [Paragraph(text), *self.formulas.lines(*lines)]
-        if not external(self.s):
+        blocks = self.told(text, *lines)
+        if not self.external:
             sums, _ = self.balance({side: (-pair[0], -pair[1]) for side, pair in total.items()}, must=True)
             blocks += [Paragraph("Balance:"), *sums]
         return Section("Forces on the bodies", blocks)
 
-    def coordinate_rows(self) -> dict[str, Expr]:
-        """Contributions of the law to the equations of joint coordinates."""
-        parts = (self.elastic[1], {s: self.s.drag[1][self.s.clock[s]] for s in self.s.coordinates.values()}, self.stated_partials)
-        return {name: sum((part[symbol] for part in parts), se.Integer(0)) for name, symbol in self.s.coordinates.items()}
+    def _drag(self) -> dict[Any, Any]:
+        """Derivatives of the dissipation function by the rates of the coordinates."""
+        return {symbol: self.s.drag[1][self.s.clock[symbol]] for symbol in self.s.coordinates.values()}
 
-    def states(self) -> list[Section]:
-        """Internal states."""
+    def _states(self) -> list[Section]:
         return [Section("Internal states", state_blocks(self))] if self.d.states else []
 
-    def one_sided(self) -> list[Section]:
+    def _gaps(self) -> list[Section]:
         """Gaps of a law that acts where they are negative."""
         if not self.gaps:
             return []
-        w, lines, several = self.formulas.writer, list[str](), len(self.gaps) > 1
+        lines, several = list[str](), len(self.gaps) > 1
         for i, (pair, stated) in enumerate(zip(self.gaps, self.d.law.gaps(*self.d.sides), strict=True)):
             below = f"_{{{i + 1}}}" if several else ""
             for mark, e, wanted in zip((f"g{below}", rf"\dot g{below}"), pair, stated, strict=True):
-                self.want(mark, self.state.scalar(self.d.variation.name(wanted)), DERIVED)
-                lines.append(f"{mark} = {w.scalar(e)}")
-        self.formulas.known["gap"] = Letter("g", "m", "gap: the law acts where it is negative")
-        w.used.add("gap")
+                lines.append(self.line(mark, e, self.state.scalar(self.d.variation.name(wanted)), DERIVED))
+        self.known["gap"] = Letter("g", "m", "gap: the law acts where it is negative")
+        self.writer.used.add("gap")
         text = "The law acts where the gap is negative; no step of a solver passes over a change of its sign."
-        return [Section("Gap", [Paragraph(text), *self.formulas.lines(*lines)])]
+        return [self.section("Gap", text, *lines)]
 
-    def power(self) -> Section:
+    def _power(self) -> Section:
         """Power and its sign."""
-        w, d, blocks = self.formulas.writer, self.d, list[Block]()
+        d, s, blocks, title = self.d, self.s, list[Block](), "Power"
         dissipated: Any = np.asarray(self.state.scalar(d.dissipated_power))
         if not np.any(dissipated != 0):
-            return Section("Power", [Paragraph("The law dissipates nothing." if self.energy != 0 else
-                                               "The power of the law counts as work.")])  # fmt: skip
-        stated = d.law.losses(*d.sides)
-        for name, e in self.losses.items():
-            self.want(f"P_{{\\text{{{name}}}}}", self.state.scalar(d.variation.resolve(d.variation.name(stated[name]))), DERIVED)
-            blocks += self.formulas.lines(f"P_{{\\text{{{name}}}}} = {w.scalar(e)}")
+            nothing = "The law dissipates nothing." if s.energy != 0 else "The power of the law counts as work."
+            return Section(title, [Paragraph(nothing)])
         if self.losses:
-            self.want("P_d", dissipated, "the energy balance of a run")
-            blocks += self.formulas.lines("P_d = " + " + ".join(f"P_{{\\text{{{name}}}}}" for name in self.losses))
+            stated = d.law.losses(*d.sides)
+            letters = {name: f"P_{{\\text{{{name}}}}}" for name in self.losses}
+            for name, e in self.losses.items():
+                blocks += self.lines(self.line(letters[name], e, self._derived(stated[name]), DERIVED))
+            self.want("P_d", dissipated, BALANCE)
+            blocks += self.lines(f"P_d = {' + '.join(letters.values())}")
             sign = "never negative" if np.min(dissipated) >= -1e-12 else "of either sign: internal states store energy"
-            return Section("Power", [Paragraph(f"Dissipated power: {sign} at {POINTS} random states."), *blocks])
-        zero = self.s.record.zero()
-        stated_pairs = self.stated_pairs if d.law.dissipative else None
-        pairs = {side: tuple(self.s.drag[0][side][i] + (stated_pairs[side][i] if stated_pairs else zero) for i in (0, 1))
-                 for side in self.s.sides}  # fmt: skip
-        partials = {s: self.s.drag[1][self.s.clock[s]] + (self.stated_partials[s] if d.law.dissipative else 0)
-                    for s in self.s.coordinates.values()}  # fmt: skip
-        return Section("Power", [Paragraph("Power of what dissipates, on the bodies:"), *power_blocks(self, pairs, partials)])  # type: ignore[arg-type]
+            return Section(title, [Paragraph(f"Dissipated power: {sign} at {POINTS} random states."), *blocks])
+        pairs, partials = s.drag[0], self._drag()
+        if d.law.dissipative:
+            pairs = summed(s.record, [pairs, self.stated_pairs])
+            partials = {symbol: e + self.stated_partials[symbol] for symbol, e in partials.items()}
+        bodies = {side: pairs[side] for side in s.sides}
+        return Section(title, [Paragraph("Power of what dissipates, on the bodies:"), *power_blocks(self, bodies, partials)])
 
 
-def force_report(law: type[Force], structure: Structure) -> Document:
-    """The report of a force law."""
-    return ForceReport(law, structure).document()
+class ElementPage(Page):
+    """The law of a body."""
+
+    def __init__(self, law: type[Element], structure: Structure) -> None:
+        self.d, self.flat = (derive(law, structure, ((k, Axes.GENERAL),)) for k in (NodeKind.SPATIAL, NodeKind.PLANAR))  # type: ignore[arg-type]
+        self.known = letters(law, structure, self.d.law)
+        for i, axis in enumerate("xyz"):
+            self.known |= {
+                f"b_v{i + 1}": Letter(f"v_{axis}", "m/s", f"velocity of the centre, inertial {axis}"),
+                f"b_W{i + 1}": Letter(f"\\Omega_{axis}", "rad/s", f"angular velocity about body {axis}"),
+                f"b_w{i + 1}": Letter(f"\\omega_{axis}", "rad/s", f"angular velocity about inertial {axis}"),
+                f"b_up{i + 1}": Letter(f"\\dot v_{axis}", "m/s^2", f"acceleration of the centre, inertial {axis}"),
+                f"b_up{i + 4}": Letter(f"\\dot\\Omega_{axis}", "rad/s^2", f"angular acceleration about body {axis}"),
+            }
+        self.writer, self.wanted = Writer(Record(), {name: letter.latex for name, letter in self.known.items()}), {}
+        rng = np.random.default_rng(2)
+        self.values: dict[str, Any] = {name: rng.uniform(0.5, 1.5, POINTS) for name in self.known}
+
+    def given(self) -> dict[str, Any]:
+        return {self.known[n].latex: v for n, v in self.values.items()}
+
+    def document(self) -> Document:
+        """The whole report."""
+        cls = type(self.d.law)
+        return document(title_of(cls), described(cls), [(self, self.blocks())], "", [provenance(self.d, self.flat)])
+
+    def _run(self, values: dict[str, Any]) -> dict[Any, Any]:
+        """Outputs of the compiled kernel by target; inputs without a letter are 0.3."""
+        p = plan(self.d, dynamics)
+        x = np.stack([values.get(str(s), np.full(POINTS, 0.3)) for s in p.all_inputs.symbols], -1)
+        return dict(zip(p.targets, p.kernel.values(x).T, strict=True))
+
+    def blocks(self) -> list[Block]:
+        """Energy and rows."""
+        rows = dynamics(self.d)
+        if not rows:
+            return [Section("Kinetic energy", [Paragraph("The node has no inertia of its own.")])]
+        speeds = [f"b_{'v' if i < 3 else 'W'}{i % 3 + 1}" for i in range(6)]
+        still = {f"b_up{i + 1}": self.values[name] for i, name in enumerate(speeds)}
+        linear = self._run(self.values | still | {f"b_W{i}": np.zeros(POINTS) for i in (1, 2, 3)})
+        energy = sum(row * self.values[speeds[target[2]]] for target, row in linear.items()) / 2
+        first = self.lines(self.line("T", self.d.energy, energy, "the compiled mass"))
+        kernel, lines = self._run(self.values), []
+        for target, e in rows:
+            latex = f"{'f' if target[2] < 3 else 'm'}_{'xyz'[target[2] % 3]}"
+            lines.append(self.line(latex, se.expand(e), kernel[target], KERNEL))
+        text = (
+            "$\\frac{\\mathrm{d}}{\\mathrm{d}t}\\frac{\\partial T}{\\partial\\mathbf{v}}$ in inertial axes, and "
+            "$\\frac{\\mathrm{d}}{\\mathrm{d}t}\\frac{\\partial T}{\\partial\\boldsymbol{\\Omega}} + \\boldsymbol{\\Omega}\\times"
+            "\\frac{\\partial T}{\\partial\\boldsymbol{\\Omega}}$ in body axes, on the left-hand side of the rows:"
+        )
+        return [Section("Kinetic energy", first), self.section("Rows of the equations of motion", text, *lines)]

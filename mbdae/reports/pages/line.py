@@ -10,15 +10,13 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.documents.blocks import Block, Paragraph, Section, Table
+from mbdae.documents.blocks import Block, Paragraph, Section
 from mbdae.documents.document import Document
-from mbdae.reports.common import FormulaPage, described, title_of
-from mbdae.reports.evaluate import Numbers, value
+from mbdae.reports.law_page import inertial_axes
 from mbdae.reports.letters import Letter, letters, name_vectors
-from mbdae.reports.page import document
+from mbdae.reports.page import Page, described, document, made_from, title_of
 from mbdae.reports.pages.line_states import LineState
-from mbdae.reports.printed import Check, Printed, Wanted
-from mbdae.reports.states import POINTS, STEP
+from mbdae.reports.states import POINTS, STEP, Numbers, value
 from mbdae.reports.vectors import Base, Record, Vector
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.fingerprint import canonical
@@ -56,11 +54,11 @@ class LineWriter(Writer):
         return f"\\mathbf{{i}}_{base.side}" if base.kind == "E" else _BASES[base][0]
 
 
-class LinePage(FormulaPage):
+class LinePage(Page):
     """A law stated at a point of a line."""
 
     def __init__(self, law: type[LineLaw], structure: Structure) -> None:
-        self.cls, self.structure, self.law, self.record = law, structure, law.symbolic(structure), Record()
+        self.cls, self.law, self.record = law, law.symbolic(structure), Record()
         self.d: LineDerived = derive_line(law, structure, NodeKind.SPATIAL)  # type: ignore[arg-type]
         self.flat: LineDerived = derive_line(law, structure, NodeKind.PLANAR)  # type: ignore[arg-type]
         K, W = (Vec(*(se.Symbol(f"{name}{i + 1}") for i in range(3))) for name in ("kappa", "spin"))
@@ -74,7 +72,7 @@ class LinePage(FormulaPage):
             unit = "N" if name.startswith("N") else "N m"
             self.known[name] = Letter(f"{name[0]}_{{{name[1:]}}}", unit, f"stress resultant {name}, in the axes of the section")
         self.writer = LineWriter(self.record, {n: letter.latex for n, letter in self.known.items()}, name_vectors(self.record))
-        self.state, self.wanted = LineState(np.random.default_rng(9), self.law), dict[str, Wanted]()
+        self.state, self.wanted = LineState(np.random.default_rng(9), self.law), dict[str, Any]()
         kinds = enumerate(("ns", "ms", "load", "v"))
         self.random = {kind: np.random.default_rng(i).normal(size=(POINTS, 3)) for i, kind in kinds}
 
@@ -89,24 +87,24 @@ class LinePage(FormulaPage):
             self.known[f"kappa{i + 1}"] = Letter(f"\\kappa_{i + 1}", "1/m", what)
             self.known[f"spin{i + 1}"] = Letter(f"\\Omega_{i + 1}", "rad/s", f"angular velocity about axis {i + 1}")
 
-    def want(self, latex: str, values: Any, source: str) -> None:
-        """The values a printed symbol must have."""
-        self.wanted[latex] = Wanted(values, source)
+    def document(self) -> Document:
+        """The whole report."""
+        pages: list[tuple[Any, list[Block]]] = [(self, self.blocks())]
+        if self.strains:
+            linear = LinearPage(self)
+            pages.append((linear, linear.blocks()))
+        convention = CONVENTION if self.strains else ""
+        return document(title_of(self.cls), described(self.cls), pages, convention, [self._origin()])
 
-    def symbols(self) -> Table:
-        """Every symbol, with unit and meaning."""
+    def symbols(self) -> list[list[str]]:
         rows = [Letter(*letter).row for base, letter in _BASES.items() if base in self.writer.bases]
-        rows += [self.known[n].row for n in sorted(self.writer.used)]
-        if any(base.kind == "E" for base in self.writer.bases):
-            rows.append([r"$\mathbf{i}_x,\ \mathbf{i}_y,\ \mathbf{i}_z$", "1", "inertial axes"])
-        return Table(["symbol", "unit", "meaning"], rows)
+        axes = [[r"$\mathbf{i}_x,\ \mathbf{i}_y,\ \mathbf{i}_z$", "1", "inertial axes"]]
+        return [*rows, *super().symbols(), *(axes if any(base.kind == "E" for base in self.writer.bases) else [])]
 
-    def printed(self, blocks: list[Block]) -> list[Check]:
-        """The equations of numbered blocks, read back."""
+    def given(self) -> dict[str, Any]:
         known: dict[str, Any] = {letter.latex: (lambda name=name: self.symbol(name)) for name, letter in self.known.items()}
         known |= {latex: (lambda base=base: self.atom(base)) for base, (latex, *_) in _BASES.items()}
-        known |= {rf"\mathbf{{i}}_{a}": np.broadcast_to(e, (POINTS, 3)) for a, e in zip("xyz", np.eye(3), strict=True)}
-        return Printed({k: v for k, v in known.items() if k not in self.wanted}, self.wanted).read(blocks)
+        return known | inertial_axes(POINTS)
 
     def symbol(self, name: str) -> Any:
         """Values of a scalar."""
@@ -122,42 +120,37 @@ class LinePage(FormulaPage):
         moved = {"drs": self.state.dr, "dpsi": self.state.dpsi, "dpsis": self.state.dpsi_s} | self.random
         return moved[base.kind] if base.kind in moved else self.state.atom(base)
 
-    def numbers(self) -> Numbers:
-        """Values of formulas."""
-        return Numbers(self.record, self.atom, self.symbol)
-
     # -- sections
 
     def blocks(self) -> list[Block]:
         """Strains, resultants, virtual work, balance, load, inertia."""
-        found = [*(self.strain() if self.strains else []), *self.loads(), *self.inertia()]
-        kept, gone = ", ".join(self.flat.stresses) or "none", ", ".join(self.flat.vanished) or "none"
+        kept, gone = (", ".join(names) or "none" for names in (self.flat.stresses, self.flat.vanished))
         text = f"In the plane z = 0 stress resultants {kept} remain; {gone} vanish identically and are left out."
-        return [*found, Section("Planar form", [Paragraph(text)])]
+        strain = [*self._strain(), self._balance()] if self.strains else []
+        return [*strain, *self._loads(), *self._inertia(), self.section("Planar form", text)]
 
-    def strain(self) -> list[Section]:
-        """Strains, their stress resultants, virtual work and balance."""
-        w, lines, resultants = self.writer, [], []
+    def _strain(self) -> list[Section]:
+        """Strains and their stress resultants."""
+        lines, resultants = [], []
         for i, (name, e) in enumerate(self.strains.items()):
             given, row = self.state.given, se.sympify(self.d.rows[i])
             moving, still = (value(row, state.get) / given["weight"] for state in (self.state, self.state.at_rest()))
-            self.want(f"\\gamma_{{{name}}}", still + given[f"reference_{name}"] + given[f"compliance_{name}"] * given[name],
-                      "the compatibility row that is integrated, at rest")  # fmt: skip
-            self.want(f"g_{{{name}}}", moving, "the compatibility row that is integrated")
-            lines.append(f"\\gamma_{{{name}}} = {w.scalar(e)}")
+            strain, row_ = still + given[f"reference_{name}"] + given[f"compliance_{name}"] * given[name], "the compatibility row"
+            lines.append(self.line(f"\\gamma_{{{name}}}", e, strain, f"{row_} that is integrated, at rest"))
+            self.want(f"g_{{{name}}}", moving, f"{row_} that is integrated")
             rate = f" + {self._letter('damping')}\\,\\dot\\gamma_{{{name}}}" if "damping" in self.known else ""
             start = f" - {self._letter(f'reference_{name}')}" if f"reference_{name}" in self.known else ""
             stress = f"{self._letter(f'compliance_{name}')}\\,{self._letter(name)}"
             resultants.append(f"g_{{{name}}} = \\gamma_{{{name}}}{start}{rate} - {stress} = 0")
-            self.known[f"rate_{name}"] = Letter(f"\\dot\\gamma_{{{name}}}", "", f"rate of the strain of {name}")
-            w.used |= {f"rate_{name}"} if rate else set()
-        text = "Strain measures, one for each stress resultant:"
+            unit = "1/s" if name.startswith("N") else "1/(m s)"
+            self.known[f"rate_{name}"] = Letter(f"\\dot\\gamma_{{{name}}}", unit, f"rate of the strain of {name}")
+            self.writer.used |= {f"rate_{name}"} if rate else set()
         further = (
             "Stress resultants are unknowns, each with the row $g = 0$. A compliance of zero is allowed:"
             " the strain is then a constraint and the resultant its multiplier."
         )
-        return [Section("Strain measures", [Paragraph(text), *self.lines(*lines)]),
-                Section("Stress resultants", [*self.lines(*resultants), Paragraph(further)]), *self.balance()]  # fmt: skip
+        return [self.section("Strain measures", "Strain measures, one for each stress resultant:", *lines),
+                Section("Stress resultants", [*self.lines(*resultants), Paragraph(further)])]  # fmt: skip
 
     def _letter(self, name: str) -> str:
         self.writer.used.add(name)
@@ -183,7 +176,7 @@ class LinePage(FormulaPage):
             found[name] = (move, turn, slope)
         return found
 
-    def balance(self) -> list[Section]:
+    def _balance(self) -> Section:
         """Virtual work of the stress resultants, and what follows by parts."""
         w, record = self.writer, self.record
         work, sums = se.Integer(0), [record.zero()] * 3
@@ -192,22 +185,21 @@ class LinePage(FormulaPage):
             work += se.Symbol(name) * change
             sums = [total + part * se.Symbol(name) for total, part in zip(sums, parts, strict=True)]
         letters = (r"\mathbf{n}", r"\mathbf{q}", r"\mathbf{m}")
-        self.want(r"\delta W", self._work(), "the forces that are integrated, along a virtual displacement of the fields")
-        lines = [rf"\delta W = {w.scalar(work)}"]
+        along = "the forces that are integrated, along a virtual displacement of the fields"
+        lines = [self.line(r"\delta W", work, self._work(), along)]
         moves = [w.vector(self.a[kind]) for kind in ("drs", "dpsi", "dpsis")]
         lines.append("= " + " + ".join(rf"{x}\cdot {move}" for x, move in zip(letters, moves, strict=True)))
-        lines += [f"{letter} = {w.vector(total)}" for letter, total in zip(letters, sums, strict=True)]
-        force, moment = self._strong([self.numbers().vector(total) for total in sums])
-        by_parts = "the virtual work of smooth fields that vanish at the ends, by quadrature"
-        self.want(r"\dot{\mathbf{p}}", force, by_parts)
-        self.want(r"\dot{\mathbf{l}}", moment, by_parts)
+        lines += [self.line(letter, total) for letter, total in zip(letters, sums, strict=True)]
+        numbers = Numbers(record, self.atom, self.symbol)
+        for letter, values in zip("pl", self._strong([numbers.vector(total) for total in sums]), strict=True):
+            by_parts = "the virtual work of smooth fields that vanish at the ends, by quadrature"
+            self.want(rf"\dot{{\mathbf{{{letter}}}}}", values, by_parts)
         strong = [rf"\dot{{\mathbf{{p}}}} = {w.vector(self.a['ns'])} + {w.vector(self.a['load'])}",
                   rf"\dot{{\mathbf{{l}}}} = {w.vector(self.a['ms'])} - \mathbf{{q}}"]  # fmt: skip
         text = "Virtual work of the stress resultants per reference length, sorted by virtual displacements:"
         told = ("By parts, with the rates of momentum and angular momentum per length, the balance of the section follows. The"
                 " elements integrate the virtual work with interpolated positions and quaternions.")  # fmt: skip
-        blocks = [Paragraph(text), *self.lines(*lines), Paragraph(told), *self.lines(*strong)]
-        return [Section("Virtual work and balance", blocks)]
+        return Section("Virtual work and balance", [*self.told(text, *lines), *self.told(told, *strong)])
 
     def _work(self) -> Any:
         """Virtual work of the derived forces dual to the fields, per reference length."""
@@ -228,21 +220,18 @@ class LinePage(FormulaPage):
         force, moment = (np.einsum("s,psi->pi", weights * slope, a) for a in grown)
         return self.random["load"] - force / size, -q - moment / size
 
-    def loads(self) -> list[Section]:
-        """Load per length."""
+    def _loads(self) -> list[Section]:
         load = self.record.lift(self.law.load(self.x))
         if not load.terms:
             return []
-        text = "Force per reference length on the axis, N/m:"
-        names = [f"r{i + 1}" for i in range(3)]
         found = {str(f.symbol): value(se.sympify(e), self.state.get) for f, e in self.d.duals}
-        values = [-found[name] / self.state.given["weight"] if name in found else np.zeros(POINTS) for name in names]
-        self.want(r"\mathbf{p}_f", np.stack([np.broadcast_to(v, (POINTS,)) for v in values], -1), "the force that is integrated")
-        return [Section("Load", [Paragraph(text), *self.lines(rf"\mathbf{{p}}_f = {self.writer.vector(load)}")])]
+        values = [np.broadcast_to(-found.get(f"r{i}", 0.0) / self.state.given["weight"], (POINTS,)) for i in (1, 2, 3)]
+        line = self.line(r"\mathbf{p}_f", load, np.stack(values, -1), "the force that is integrated")
+        return [self.section("Load", "Force per reference length on the axis, N/m:", line)]
 
-    def inertia(self) -> list[Section]:
+    def _inertia(self) -> list[Section]:
         """Kinetic energy per length and the momenta that follow."""
-        kinetic, w, record = se.sympify(self.law.kinetic_energy(self.x)), self.writer, self.record
+        kinetic, record = se.sympify(self.law.kinetic_energy(self.x)), self.record
         if kinetic == 0:
             return []
         momentum, spin = record.zero(), record.zero()
@@ -257,53 +246,46 @@ class LinePage(FormulaPage):
         for (i, j), e in self.d.mass.items():
             mass[:, i, j] = value(se.sympify(e), self.state.get)
         rates = np.einsum("pij,pj->pi", mass, u)
-        self.want("T", np.sum(u * rates, -1) / 2, "the mass that is integrated")
-        self.want(r"\mathbf{p}", rates[:, :3], "the mass that is integrated")
         axes = np.stack([self.state.atom(Base(a, "b")) for a in "xyz"], -1)
-        self.want(r"\mathbf{l}", np.einsum("pij,pj->pi", axes, rates[:, 3:]), "the mass that is integrated")
+        turning = np.einsum("pij,pj->pi", axes, rates[:, 3:])
+        values = {"T": (kinetic, np.sum(u * rates, -1) / 2), r"\mathbf{p}": (momentum, rates[:, :3]),
+                  r"\mathbf{l}": (spin, turning)}  # fmt: skip
+        lines = [self.line(latex, *found, "the mass that is integrated") for latex, found in values.items()]
         text = "Kinetic energy per reference length, J/m, with momentum and angular momentum per length:"
-        lines = [f"T = {w.scalar(kinetic)}", rf"\mathbf{{p}} = {w.vector(momentum)}", rf"\mathbf{{l}} = {w.vector(spin)}"]
-        return [Section("Inertia", [Paragraph(text), *self.lines(*lines)])]
+        return [self.section("Inertia", text, *lines)]
 
-    def origin(self) -> Section:
-        """Hash of the derived equations."""
+    def _origin(self) -> Section:
         parts = [f"{field.symbol}: {canonical(e)}" for field, e in self.d.duals] + [canonical(e) for e in self.d.rows]
         parts += [f"{place}: {canonical(e)}" for place, e in self.d.mass.items()]
         digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()
-        text = (f"This report was made from the law object that is integrated, `{self.cls.__module__}.{self.cls.__qualname__}`."
-                " The sha256 of its derived equations at a point in space is:")  # fmt: skip
+        text = f"{made_from(self.cls)}. The sha256 of its derived equations at a point in space is:"
         count = len(se.cse(self.d.outputs)[0]) + len(self.d.outputs)
         size = (f"At a point: {len(self.d.outputs)} outputs of {len(self.d.variables)} variables, {count} operations after common"
                 " subexpressions.")  # fmt: skip
         return Section("Origin", [Paragraph(text), Paragraph(f"`{digest}`"), Paragraph(size)])
 
 
-class LinearPage(FormulaPage):
-    """Small displacements of a straight line along axis 1."""
+class LinearPage(Page):
+    """Small displacements of a straight line along axis 1, compared with a complex step of the strains."""
 
     def __init__(self, of: LinePage) -> None:
-        self.of, self.own = of, []
-        rng = np.random.default_rng(12)
-        self.state = LineState(rng, of.law)
+        self.of = of
+        self.state = LineState(np.random.default_rng(12), of.law)
         still = {f"{n}{end}": np.zeros(POINTS) for n in ("r1", "r2", "r3", "P2", "P3", "P4") for end in ("", "_xi")}
         self.state.given |= still | {"P1": np.ones(POINTS), "P1_xi": np.zeros(POINTS), "r1_xi": self.state.given["ds"]}
-        self.known = {f"u_{i + 1}'": self.state.dr[:, i] for i in range(3)}
-        self.known |= {f"\\theta_{i + 1}": self.state.dpsi[:, i] for i in range(3)}
-        self.known |= {f"\\theta_{i + 1}'": self.state.dpsi_s[:, i] for i in range(3)}
-
-    def symbols(self) -> Table:
-        """Displacements and small rotations."""
-        rows = [Letter(r"u_1, u_2, u_3", "m", "small displacements").row,
-                Letter(r"\theta_1, \theta_2, \theta_3", "rad", "small rotations").row]  # fmt: skip
-        return Table(["symbol", "unit", "meaning"], rows)
-
-    def printed(self, blocks: list[Block]) -> list[Check]:
-        """The lines read back, against a complex step of the strains."""
         shifted = self.state.changed()
-        m = Numbers(self.of.record, shifted.atom, shifted.symbol)
-        slopes = {name: np.imag(m.scalar(e)) / STEP for name, e in self.of.strains.items()}
-        wanted = {f"\\gamma_{{{name}}}": Wanted(slope, "a complex step of the strain") for name, slope in slopes.items()}
-        return Printed(self.known, wanted).read(blocks)
+        m = Numbers(of.record, shifted.atom, shifted.symbol)
+        self.wanted = {}
+        for name, e in of.strains.items():
+            self.want(f"\\gamma_{{{name}}}", np.imag(m.scalar(e)) / STEP, "a complex step of the strain")
+
+    def given(self) -> dict[str, Any]:
+        fields = {"u_{}'": self.state.dr, "\\theta_{}": self.state.dpsi, "\\theta_{}'": self.state.dpsi_s}
+        return {letter.format(i + 1): values[:, i] for letter, values in fields.items() for i in range(3)}
+
+    def symbols(self) -> list[list[str]]:
+        return [Letter(r"u_1, u_2, u_3", "m", "small displacements").row,
+                Letter(r"\theta_1, \theta_2, \theta_3", "rad", "small rotations").row]  # fmt: skip
 
     def blocks(self) -> list[Block]:
         """The strains to first order."""
@@ -316,22 +298,10 @@ class LinearPage(FormulaPage):
                     terms += [f"{'-' if c < 0 else '+'} {factor}{letter.format(i + 1)}"] if abs(c) > 1e-12 else []
             text = re.sub("^- ", "-", " ".join(terms).removeprefix("+ "))
             lines.append(f"\\gamma_{{{name}}} \\approx {text or '0'}")
-        told = (
-            "About a straight line along axis 1 without stress, with displacements $u_i$ and small rotations $\\theta_i$"
-            " (Timoshenko's beam; with rigid shear Euler and Bernoulli's):"
-        )
-        return [Section("Linearised form", [Paragraph(told), *self.lines(*lines)])]
+        told = ("About a straight line along axis 1 without stress, with displacements $u_i$ and small rotations $\\theta_i$"
+                " (Timoshenko's beam; with rigid shear Euler and Bernoulli's):")  # fmt: skip
+        return [self.section("Linearised form", told, *lines)]
 
 
 def _straight(base: Base) -> Any:
     return np.eye(3)[{"x": 0, "y": 1, "z": 2, "rs": 0}.get(base.kind, 0)]
-
-
-def line_report(law: type[LineLaw], structure: Structure) -> Document:
-    """The report of a law on a line."""
-    page = LinePage(law, structure)
-    pages: list[tuple[Any, list[Block]]] = [(page, page.blocks())]
-    if page.strains:
-        linear = LinearPage(page)
-        pages.append((linear, linear.blocks()))
-    return document(title_of(law), described(law), pages, CONVENTION if page.strains else "", [page.origin()])

@@ -14,20 +14,17 @@ from mbdae.laws.contact import JournalContact
 from mbdae.laws.forces import JointFriction
 from mbdae.laws.friction import Friction
 from mbdae.laws.joints import Prismatic
-from mbdae.reports.common import LawFormulas, described
-from mbdae.reports.evaluate import value
+from mbdae.reports.law_page import LawPage
 from mbdae.reports.letters import Letter, unit_text
-from mbdae.reports.page import DERIVED, KERNEL, LawPage, document
+from mbdae.reports.page import BALANCE, DERIVED, KERNEL, described, document, made_from, short_hash
 from mbdae.reports.statement import Statement, structure_of
-from mbdae.reports.states import POINTS, STEP, random_state
+from mbdae.reports.states import POINTS, STEP, random_state, value
 from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.symbolic.outputs import dynamics
-from mbdae.symbolic.part import Part, PartStructure, params
+from mbdae.symbolic.part import PartStructure, params
 from mbdae.symbolic.vectors import Expr
 
 TYPICAL = {"mu_k": 0.3, "mu_s": 0.5, "v_s": 1e-3, "sigma0": 1e5, "sigma1": 300.0, "sigma2": 0.4, "mu": 0.3, "v_c": 1e-3}
-
-
 SLIDING = {"joint": Prismatic, "coordinate": "displacement", "kept": True}
 CENTRED = {"friction": None, "length": None}
 
@@ -44,54 +41,48 @@ class Coefficient(Friction):
 class PartPage(LawPage):
     """A friction law in a sliding joint, or a normal law in a journal: the lines of that law which speak of the part."""
 
-    def __init__(self, structure: PartStructure, others: frozenset[str] = frozenset()) -> None:
+    def __init__(self, structure: PartStructure) -> None:
         self.part, self.key = structure, "friction" if issubclass(structure.cls, Friction) else "normal"
         self.user: Any = JointFriction if self.key == "friction" else JournalContact
         options = SLIDING | {"friction": structure} if self.key == "friction" else CENTRED | {"normal": structure}
-        self.s = Statement(self.user, structure_of(self.user, options))
-        self.d, self.formulas = self.s.derived, LawFormulas(self.s, "law", others=others)
-        self.state, self.wanted = random_state(self.d, spread=0.4), {}
+        s = Statement(self.user, structure_of(self.user, options))
+        super().__init__(s, "law", state=random_state(s.derived, spread=0.4))
         self.symbolic: Any = structure.symbolic(self.key)
 
-    def symbol(self, name: str, letter: Letter) -> Expr:
-        """A symbol of the page that the law does not state, with its letter."""
-        self.formulas.known[name] = letter
-        self.formulas.writer.renew()
-        return se.Symbol(name)
-
-    def blocks(self) -> list[Block]:
-        """Law, limits, power."""
-        return self.friction() if self.key == "friction" else self.normal()
+    def document(self) -> Document:
+        """The report of the friction or normal law."""
+        cls = self.part.cls
+        text = (f"{made_from(cls, 'object')}, in the law `{self.user.__name__}`. The sha256 of the derived equations of that law"
+                " with it, between two bodies in space, is:")  # fmt: skip
+        origin = Section("Origin", [Paragraph(text), Paragraph(f"`{fingerprint(self.d)}`")])
+        blocks = self.friction() if self.key == "friction" else self.normal()
+        what = "friction" if self.key == "friction" else "normal law"
+        return document(f"{cls.__name__} {what}", described(cls), [(self, blocks)], "", [origin])
 
     # -- friction
 
     def friction(self) -> list[Block]:
-        """The force of a coefficient of the sliding velocity."""
+        """The force of a coefficient of the sliding velocity: law, limits, power."""
         (c,) = self.s.coordinates.values()
-        v, w = self.s.clock[c], self.formulas.writer
-        self.formulas.known[str(v)] = Letter("v", "m/s", "sliding velocity of l relative to k, signed")
-        self.formulas.known["normal_force"] = Letter("f_n", "N", "normal force, which presses l on k")
-        self.symbol("mu", Letter(r"\mu", "1", "signed friction coefficient"))
+        v = self.s.clock[c]
+        self.known |= {str(v): Letter("v", "m/s", "sliding velocity of l relative to k, signed"),
+                       "normal_force": Letter("f_n", "N", "normal force, which presses l on k"),
+                       "mu": Letter(r"\mu", "1", "signed friction coefficient")}  # fmt: skip
+        self.refresh()
         plain = Statement(self.user, structure_of(self.user, SLIDING | {"friction": Coefficient(mu=1).structure()}))
         named = {se.Symbol("friction_mu"): se.Symbol("mu")}
         push = plain.thrust[1] if plain.thrust else se.Integer(0)
         push = se.sympify(plain.record.scalars.get(push, push)).subs(named)
         loss = -plain.derived.dissipated_power.subs(plain.derived.variation.insertion()).subs(named)
-        kernel = self.compiled(dynamics)
-        row = np.broadcast_to(kernel[("u", self.s.places["displacement"], 0)], (POINTS,))
-        self.want("f_t", -row, KERNEL)
-        self.want(r"\mu", row / self.state.given["normal_force"], KERNEL)
-        self.want("P", -self.state.scalar(self.d.dissipated_power), "the energy balance of a run")
+        row = self.compiled(dynamics)["u", self.s.places["displacement"], 0]
         mu = self.symbolic.coefficient(v)
-        lines = [f"f_t = {w.scalar(push)}", f"P = {w.scalar(loss)}", f"\\mu = {w.scalar(mu)}"]
-        text = "Friction force on l along the tangent, and its power on the bodies:"
-        out: list[Block] = [Paragraph(text), *self.formulas.lines(*lines)]
+        lines = [self.line("f_t", push, -row, KERNEL), self.line("P", loss, -self.state.scalar(self.d.dissipated_power), BALANCE),
+                 self.line(r"\mu", mu, row / self.state.given["normal_force"], KERNEL)]  # fmt: skip
+        out = self.told("Friction force on l along the tangent, and its power on the bodies:", *lines)
         for i, (name, rate) in enumerate(self.symbolic.rate(v).items()):
-            latex = self.formulas.known[f"state_{name}"].latex
-            start = self.symbolic.initial(v)[name]
-            self.want(rf"\dot{{{latex}}}", self.state.scalar(self.d.state_rates[i]), DERIVED)
-            self.want(f"{latex}(0)", self.state.scalar(self.d.state_starts[i]), DERIVED)
-            out += self.formulas.lines(rf"\dot{{{latex}}} = {w.scalar(rate)}", f"{latex}(0) = {w.scalar(start)}")
+            latex, start = self.known[f"state_{name}"].latex, self.symbolic.initial(v)[name]
+            out += self.lines(self.line(rf"\dot{{{latex}}}", rate, self.state.scalar(self.d.state_rates[i]), DERIVED),
+                              self.line(f"{latex}(0)", start, self.state.scalar(self.d.state_starts[i]), DERIVED))  # fmt: skip
         return [Section("Law", out), Section("Limits", self._limits(mu, v)), Section("Power and sign", self._power(mu, v))]
 
     def _steady(self, v: Expr) -> dict[Any, Any]:
@@ -106,19 +97,17 @@ class PartPage(LawPage):
     def _limits(self, mu: Expr, v: Expr) -> list[Block]:
         values, at, blocks = self._values(), self._steady(v), list[Block]()
         for s, e in at.items():
-            latex = f"{self.formulas.known[str(s)].latex}_\\infty"
+            latex = f"{self.known[str(s)].latex}_\\infty"
             name = str(s).removeprefix("state_")
             rate = self.symbolic.rate(v)[name].subs({s: e})
-            worst = f"{np.max(np.abs(self._at_states(rate))):.0e}"
-            self.want(latex, self._at_states(e), f"the rate vanishes there to {worst}")
-            note = "steady value at a constant velocity, where the rate vanishes"
-            blocks += self.formulas.lines(f"{latex} = {self.formulas.writer.scalar(e)}", note=note)
+            worst = f"{np.max(np.abs(self.state.scalar(rate))):.0e}"
+            line = self.line(latex, e, self.state.scalar(e), f"the rate vanishes there to {worst}")
+            blocks += self.lines(line, note="steady value at a constant velocity, where the rate vanishes")
         steady, scale = mu.subs(at), self._velocity(values)
         rows = [[f"{over:g}", f"{self._at(steady, values, v, np.array([over * scale]))[0]:.5g}"]
                 for over in (-1e3, -1.0, -1e-3, 1e-3, 1e-1, 1.0, 10.0, 1e3)]  # fmt: skip
-        known = self.formulas.known
-        given = ", ".join(f"${known[k].latex} = {val:g}$ {unit_text(known[k].unit) if known[k].unit != '1' else ''}".strip()
-                          for k, val in values.items())  # fmt: skip
+        units = {k: "" if self.known[k].unit == "1" else unit_text(self.known[k].unit) for k in values}
+        given = ", ".join(f"${self.known[k].latex} = {val:g}$ {units[k]}".strip() for k, val in values.items())
         blocks.append(Table(["$v$ over its scale", r"$\mu$"], rows, f"Steady coefficient for {given}"))
         x = np.linspace(-4, 4, 161)
         x = x[x != 0]
@@ -146,9 +135,8 @@ class PartPage(LawPage):
             text = "While the internal state changes, it stores and releases energy: the power may have either sign."
             blocks.append(Paragraph(text))
         if stored != 0:
-            self.want("e", value(se.sympify(stored), self.state.get), DERIVED)
-            note = "energy stored by the state over the normal force, m"
-            blocks += self.formulas.lines(f"e = {self.formulas.writer.scalar(stored)}", note=note)
+            line = self.line("e", stored, self.state.scalar(stored), DERIVED)
+            blocks += self.lines(line, note="energy stored by the state over the normal force, m")
         return blocks
 
     def _values(self) -> dict[str, float]:
@@ -156,9 +144,6 @@ class PartPage(LawPage):
 
     def _velocity(self, values: dict[str, float]) -> float:
         return values.get("friction_v_c", values.get("friction_v_s", 1.0))
-
-    def _at_states(self, e: Any) -> Any:
-        return value(se.sympify(e), self.state.get)
 
     @staticmethod
     def _at(e: Any, values: dict[str, float], v: Any, x: Any, state: dict[str, Any] | None = None) -> Any:
@@ -168,8 +153,8 @@ class PartPage(LawPage):
     # -- normal force
 
     def normal(self) -> list[Block]:
-        """A force of the penetration, as the contact of a journal has it."""
-        w, record, n = self.formulas.writer, self.s.record, self.formulas.numbers(self.state)
+        """A force of the penetration, as the contact of a journal has it: law, limits and power."""
+        record, n = self.s.record, self.numbers()
         stated = self.d.law.observed(*self.d.sides)["normal_force"][0]
         force = self.s.scalar(self.s.law.observed(*self.s.frames)["normal_force"][0])
         energy = self.s.energy
@@ -177,23 +162,22 @@ class PartPage(LawPage):
         for symbol in record.scalars:
             label = record.labels.get(symbol, "")
             if label in given:
-                self.formulas.defined.add(("s", str(symbol)))
-                self.formulas.known[str(symbol)] = given[label]
+                self.defined.add(("s", str(symbol)))
+                self.known[str(symbol)] = given[label]
                 self.state.given[str(symbol)] = np.broadcast_to(n.scalar(symbol), (POINTS,))
-        self.formulas.writer.renew()
+        self.refresh()
         a = next((s for s in record.scalars if record.labels.get(s) == "a"), se.Symbol("a"))
         elastic = self.symbolic.elastic_force(a)
-        self.want("V", self.state.scalar(self.d.energy), DERIVED)
-        self.want("f_e", self._slope(energy, a), "the derivative of $V$ by a complex step")
-        self.want("f_n", self.state.scalar(self.d.variation.resolve(self.d.variation.name(stated))), DERIVED)
-        lines = [f"V = {w.scalar(energy)}", f"f_e = {w.scalar(elastic)}", f"f_n = {w.scalar(record.scalars.get(force, force))}"]
+        normal = self.state.scalar(self.d.variation.resolve(self.d.variation.name(stated)))
+        lines = [self.line("V", energy, self.state.scalar(self.d.energy), DERIVED),
+                 self.line("f_e", elastic, self._slope(energy, a), "the derivative of $V$ by a complex step"),
+                 self.line("f_n", record.scalars.get(force, force), normal, DERIVED)]  # fmt: skip
         text = "For a penetration $a$ (0 where the surfaces are apart): potential, elastic force and normal force."
         x = np.linspace(0, 1, 101)
         y = self._at(elastic, dict.fromkeys(self._values(), 1.0), a, x)
         caption = "Elastic force over the penetration, both over their scale."
         picture = Picture(curve(x, y, "penetration", "elastic force"), caption)
-        return [Section("Law", [Paragraph(text), *self.formulas.lines(*lines)]),
-                Section("Limits and power", [Paragraph(self._lost(a)), picture])]  # fmt: skip
+        return [self.section("Law", text, *lines), Section("Limits and power", [Paragraph(self._lost(a)), picture])]
 
     def _slope(self, energy: Expr, a: Expr) -> Any:
         """dV/da by the complex step."""
@@ -218,23 +202,6 @@ class PartPage(LawPage):
 def part_section(s: Statement) -> list[Section]:
     """The friction and normal laws a law contains, and where they are derived."""
     parts = [(key, part, part.cls.__name__) for key, part in s.structure.options if isinstance(part, PartStructure)]
-    rows = [[key, f"`mb.report(mb.{name}(...))`", f"`{fingerprint(PartPage(part).d)[:32]}…`"] for key, part, name in parts]
+    rows = [[key, f"`mb.report(mb.{name}(...))`", short_hash(PartPage(part).d)] for key, part, name in parts]
     head = ["law", "its report", "sha256 there"]
     return [Section("Laws it contains", [Table(head, rows)])] if rows else []
-
-
-def part_report(cls: type[Part], structure: PartStructure) -> Document:
-    """The report of a friction or normal law."""
-    page = PartPage(structure)
-    what = "friction" if page.key == "friction" else "normal law"
-    return document(f"{cls.__name__} {what}", described(cls), [(page, page.blocks())], "", [part_origin(page)])
-
-
-def part_origin(page: PartPage) -> Section:
-    """The section on the origin: the hash of a law that contains it, as it is integrated."""
-    cls = page.part.cls
-    text = (
-        f"This report was made from the object that is integrated, `{cls.__module__}.{cls.__qualname__}`, in the law"
-        f" `{page.user.__name__}`. The sha256 of the derived equations of that law with it, between two bodies in space, is:"
-    )
-    return Section("Origin", [Paragraph(text), Paragraph(f"`{fingerprint(page.d)}`")])

@@ -14,14 +14,13 @@ from mbdae.documents.document import Document
 from mbdae.errors import LawError
 from mbdae.laws.joints import Prismatic, Revolute
 from mbdae.reports.calculus import Motion
-from mbdae.reports.common import row_name, title_of
-from mbdae.reports.page import BOTH, document
-from mbdae.reports.pages.coordinates import chain, motion_in
-from mbdae.reports.pages.recursive_values import MATRIX, ORACLE, RecursiveValues
+from mbdae.reports.letters import effort_unit
+from mbdae.reports.page import BOTH, document, row_name, short_hash, title_of
+from mbdae.reports.pages.joint_sections import chain, motion_in
+from mbdae.reports.pages.recursive_values import MATRIX, ORACLE, TREE, RecursiveValues
 from mbdae.reports.pages.tree_vectors import inserted
 from mbdae.reports.statement import Statement, structure_of
 from mbdae.reports.vectors import Base, Vector
-from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.vectors import Expr
 
@@ -45,24 +44,22 @@ class RecursivePage(RecursiveValues):
 
     def blocks(self) -> list[Block]:
         """Outwards, map and bias, inwards, mass and geometric stiffness."""
-        parts = {"Motion outwards": self.outwards, "Forces inwards": self.inwards, "Map, mass and bias": self.map,
-                 "Geometric stiffness of the recursion": self.stiffness}  # fmt: skip
+        parts = {"Motion outwards": self._outwards, "Forces inwards": self._inwards, "Map, mass and bias": self._map,
+                 "Geometric stiffness of the recursion": self._stiffness}  # fmt: skip
         return [Paragraph(INTRODUCED), *(Section(title, make()) for title, make in parts.items())]
 
-    def outwards(self) -> list[Block]:
+    def _outwards(self) -> list[Block]:
         """Position, attitude, velocity and acceleration of l."""
-        w, t, l = self.formulas.writer, self.tree, self.tree.l
-        lines = []
+        t, l, lines = self.tree, self.tree.l, list[str]()
         if t.reached and not any(step.rotation for step in self.motion.steps):
-            lines += [rf"\mathbf{{{name}}}_l = {w.vector(a)}" for name, a in zip("xyz", t.reached, strict=True)]
+            lines += [self.line(rf"\mathbf{{{name}}}_l", a) for name, a in zip("xyz", t.reached, strict=True)]
         for latex, e in ((r"\mathbf{c}_l", l.r), (r"\boldsymbol{\omega}_l", t.spins[0]), (r"\dot{\mathbf{c}}_l", l.v),
                          (r"\dot{\boldsymbol{\omega}}_l", t.spins[1]), (r"\ddot{\mathbf{c}}_l", l.a)):  # fmt: skip
-            lines.append(f"{latex} = {w.vector(self.s.record.lift(e))}")
+            lines.append(self.line(latex, self.s.record.lift(e)))
         self.want(r"\dot{\boldsymbol{\omega}}_l", np.einsum("pij,pj->pi", self.Rl, self.upl[:, 3:]))
         self.want(r"\ddot{\mathbf{c}}_l", self.upl[:, :3])
-        for kind in ("c", "w", "vc", "ac", "al"):
-            w.bases.add(Base(kind, "l"))
-        return [*chain(self.motion, self.formulas, list(self.s.law.coordinates)), *self.formulas.lines(*lines)]
+        self.writer.bases |= {Base(kind, "l") for kind in ("c", "w", "vc", "ac", "al")}
+        return [*chain(self.motion, self, list(self.s.law.coordinates)), *self.lines(*lines)]
 
     @cached_property
     def motion(self) -> Any:
@@ -70,30 +67,27 @@ class RecursivePage(RecursiveValues):
         return motion_in(self.s)
 
     @cached_property
-    def efforts(self) -> list[tuple[str, Expr]]:
-        """Letter and row of every coordinate, and of every component of a free rotation."""
+    def efforts(self) -> list[tuple[str, Expr, str]]:
+        """Letter, row and unit of every coordinate, and of every component of a free rotation."""
         found = []
-        for number, name in enumerate(self.tree.link.coordinates):
-            rows = [(place, e) for place, e in self.tree.force.items() if place[0] == -1 - number]
-            for place, e in rows:
-                below = row_name(name) + (f" {place[1] + 1}" if name in self.s.turning else "")
-                found.append((f"\\bar r_{{\\text{{{below}}}}}", e))
+        for number, name in enumerate(self.tree.link.coordinates, 1):
+            unit = effort_unit(self.s.law.coordinates[name].unit)
+            for place, e in self.tree.force.items():
+                if place[0] == -number:
+                    below = row_name(name) + (f" {place[1] + 1}" if name in self.s.turning else "")
+                    found.append((f"\\bar r_{{\\text{{{below}}}}}", e, unit))
         return found
 
-    def inwards(self) -> list[Block]:
+    def _inwards(self) -> list[Block]:
         """What the joint leaves on k and in the equations of the coordinates."""
-        w, (F, N), rows = self.formulas.writer, self.tree.root, self._rows()
-        lines = [rf"\bar{{\mathbf{{F}}}}_k = {w.vector(F)}", rf"\bar{{\mathbf{{M}}}}_k = {w.vector(N)}"]
-        lines += [f"{latex} = {w.scalar(e)}" for latex, e in self.efforts]
-        self.want(r"\bar{\mathbf{F}}_k", rows[:, :3])
-        self.want(r"\bar{\mathbf{M}}_k", rows[:, 3:6])
-        for i, (latex, _) in enumerate(self.efforts):
-            self.want(latex, rows[:, 6 + i])
+        (F, N), rows = self.tree.root, self.rows()
+        lines = [self.line(r"\bar{\mathbf{F}}_k", F, rows[:, :3], TREE), self.line(r"\bar{\mathbf{M}}_k", N, rows[:, 3:6], TREE)]
+        lines += [self.line(latex, e, rows[:, 6 + i], TREE, unit) for i, (latex, e, unit) in enumerate(self.efforts)]
         text = (
             "They add to the equations of k, at its centre, and are the equation $\\bar r = 0$ of each coordinate; springs,"
             " dampers and loads of the coordinate add to it. The joint carries the force and the moment that are passed on."
         )
-        return [*self.formulas.lines(*lines), Paragraph(text)]
+        return [*self.lines(*lines), Paragraph(text)]
 
     @cached_property
     def rates(self) -> list[tuple[Expr, Expr]]:
@@ -107,18 +101,18 @@ class RecursivePage(RecursiveValues):
                 found.append((self.s.clock[symbol], self.s.virtual[symbol]))
         return found
 
-    def map(self) -> list[Block]:
+    def _map(self) -> list[Block]:
         """The map from the velocities of k and of the coordinates, what it makes of forces and mass, and the bias."""
-        w, record, t = self.formulas.writer, self.s.record, self.tree
+        w, record, t = self.writer, self.s.record, self.tree
         zero, spin = record.zero(), Base("w", "l")
         v, d = inserted(t.l.v, {spin: t.spins[0]}, {}), (t.l.r - record.atom("c", "k"))
         slopes = [Motion(record, lambda _: None, {rate: se.Integer(1)}, rf"\partial_{{{i + 1}}}")
                   for i, (rate, _) in enumerate(self.rates)]  # fmt: skip
         columns = [(slope.vector(v), slope.vector(t.spins[0])) for slope in slopes]
         below = [f"_{{{i + 1}}}" if len(columns) > 1 else "" for i in range(len(columns))]
-        lines = [rf"\mathbf{{h}} = {w.vector(d)}"]
+        lines = [self.line(r"\mathbf{h}", d)]
         for i, pair in zip(below, columns, strict=True):
-            lines += [rf"\mathbf{{{letter}}}{i} = {w.vector(a)}" for letter, a in zip("tj", pair, strict=True)]
+            lines += [self.line(rf"\mathbf{{{letter}}}{i}", a) for letter, a in zip("tj", pair, strict=True)]
         starts = {"t": r"\mathbf{1} & -\tilde{\mathbf{h}}", "j": r"\mathbf{0} & \mathbf{1}"}
         cells = [" & ".join([start, *(rf"\mathbf{{{letter}}}{i}" for i in below)]) for letter, start in starts.items()]
         bias = {Base("al", "l"): inserted(t.spins[1], *self._still(zero)).named(r"\boldsymbol{\alpha}_0")}
@@ -126,23 +120,23 @@ class RecursivePage(RecursiveValues):
         at_rest = inserted(t.l.a, atoms | bias, symbols)
         speeds = [r"\dot{\mathbf{c}}_k", r"\boldsymbol{\omega}_k", *(w.scalar(rate) for rate, _ in self.rates)]
         seconds = [r"\ddot{\mathbf{c}}_k", r"\dot{\boldsymbol{\omega}}_k", *map(w.scalar, self._seconds())]
-        rows = [r"\bar{\mathbf{F}}_k", r"\bar{\mathbf{M}}_k", *(latex for latex, _ in self.efforts)]
+        rows = [r"\bar{\mathbf{F}}_k", r"\bar{\mathbf{M}}_k", *(latex for latex, _, _ in self.efforts)]
         alpha = w.vector(bias[Base("al", "l")])
         product = [
-            rf"\mathbf{{B}} = {_column(cells)}",
-            rf"{_column(VELOCITIES)} = \mathbf{{B}}\,{_column(speeds)}",
-            rf"{_column(ACCELERATIONS)} = \mathbf{{B}}\,{_column(seconds)} + {_column([BIAS, alpha])}",
-            rf"\mathbf{{a}}_0 = {w.vector(at_rest)}",
-            rf"{_column(rows)} = \mathbf{{B}}^{{\mathsf{{T}}}}\,{_column(FORCES)}",
+            rf"\mathbf{{B}} = {matrix(cells)}",
+            rf"{matrix(VELOCITIES)} = \mathbf{{B}}\,{matrix(speeds)}",
+            rf"{matrix(ACCELERATIONS)} = \mathbf{{B}}\,{matrix(seconds)} + {matrix([BIAS, alpha])}",
+            self.line(r"\mathbf{a}_0", at_rest),
+            rf"{matrix(rows)} = \mathbf{{B}}^{{\mathsf{{T}}}}\,{matrix(FORCES)}",
         ]  # fmt: skip
-        self.wanted |= dict.fromkeys([_column(VELOCITIES), _column(ACCELERATIONS), _column(rows)], BOTH)
+        self.wanted |= dict.fromkeys([matrix(VELOCITIES), matrix(ACCELERATIONS), matrix(rows)], BOTH)
         self._want_mass()
-        self.formulas.known["mass"] = MATRIX
+        self.known["mass"] = MATRIX
         w.used.add("mass")
         text = "The rates of the coordinates and of k enter linearly; accelerations leave a rest, the bias, where they are zero:"
         mass = r"\bar{\mathbf{M}} = \mathbf{B}^{\mathsf{T}}\,\mathbf{M}\,\mathbf{B}"
         told = "The mass of l, passed on in the same way:"
-        return [Paragraph(text), *self.formulas.lines(*lines, *product), Paragraph(told), Equation(mass)]
+        return [*self.told(text, *lines, *product), Paragraph(told), Equation(mass)]
 
     def _still(self, zero: Vector) -> tuple[dict[Base, Vector], dict[Expr, Expr]]:
         """Accelerations of k and of the coordinates, replaced by zero."""
@@ -155,24 +149,23 @@ class RecursivePage(RecursiveValues):
             found += [se.Symbol(f"{side}_Wp{i}") for i in "123"] if turns else [self.tree.second(name)]
         return found
 
-    def stiffness(self) -> list[Block]:
+    def _stiffness(self) -> list[Block]:
         """Change of what is passed on, at constant force and moment."""
-        rule, w, (F, N) = self.s.variation, self.formulas.writer, self.tree.root
-        changes = [(rf"\delta\bar{{\mathbf{{{letter}}}}}_k", w.vector(rule.vector(a))) for letter, a in (("F", F), ("M", N))]
-        changes += [(rf"\delta {latex}", w.scalar(rule.scalar(e))) for latex, e in self.efforts]
-        virtual = {Base("w", "k"): self.s.record.atom("dpsi", "k")}
-        turned = inserted(self.tree.spins[0], virtual, dict(self.rates))
-        wanted = self._varied()
-        for (latex, _), values in zip(changes, [wanted[:, :3], wanted[:, 3:6], *wanted[:, 6:].T], strict=True):
-            self.want(latex, values, ORACLE)
-        lines = [rf"\delta\boldsymbol{{\psi}}_l = {w.vector(turned)}", *(f"{latex} = {e}" for latex, e in changes)]
+        rule, (F, N), values = self.s.variation, self.tree.root, self._varied()
+        changes = [(rf"\delta\bar{{\mathbf{{{letter}}}}}_k", rule.vector(a), values[:, n : n + 3], "")
+                   for letter, a, n in (("F", F, 0), ("M", N, 3))]  # fmt: skip
+        changes += [(rf"\delta {latex}", rule.scalar(e), values[:, 6 + i], unit)
+                    for i, (latex, e, unit) in enumerate(self.efforts)]  # fmt: skip
+        turned = inserted(self.tree.spins[0], {Base("w", "k"): self.s.record.atom("dpsi", "k")}, dict(self.rates))
+        lines = [self.line(latex, e, wanted, ORACLE, unit) for latex, e, wanted, unit in changes]
         text = "Change in a virtual displacement at constant $\\mathbf{F}_l, \\mathbf{M}_l$ (all of it, not a part):"
-        return [Paragraph(text), *self.formulas.lines(*lines)]
+        return self.told(text, self.line(r"\delta\boldsymbol{\psi}_l", turned), *lines)
 
 
-def _column(rows: list[str]) -> str:
-    inside: str = r" \\ ".join(rows)
-    return rf"\begin{{bmatrix}} {inside} \end{{bmatrix}}"
+def matrix(rows: list[str]) -> str:
+    """A matrix, its rows as cells between ampersands."""
+    inside = r" \\ ".join(rows)
+    return rows[0] if len(rows) == 1 and "&" not in rows[0] else rf"\begin{{bmatrix}} {inside} \end{{bmatrix}}"
 
 
 def recursive_pages(s: Statement, others: frozenset[str]) -> list[tuple[Any, list[Block]]]:
@@ -189,7 +182,7 @@ def recursive_report(laws: tuple[type[Joint], ...] = (Revolute, Prismatic), opti
     for law in laws:
         if not law.states_motion() or law.frames != ("k", "l"):
             raise LawError(f"{law.__name__} states no motion of l relative to k: without motion(self, from_k) no recursion")
-        others = frozenset().union(*(page.formulas.taken for page, _ in pages))
+        others = frozenset().union(*(page.taken for page, _ in pages))
         page = RecursivePage(law, structure_of(law, dict(options or {}) | {"kept": True}), others)
         pages.append((page, [Section(f"{title_of(law)} joint", page.blocks())]))
     title = "Recursive joint" if len(laws) > 1 else f"{title_of(laws[0])} joint, recursive"
@@ -199,7 +192,7 @@ def recursive_report(laws: tuple[type[Joint], ...] = (Revolute, Prismatic), opti
 
 def origin(pages: list[RecursivePage]) -> Section:
     """The hashes of the programs and of the rows."""
-    rows = [[f"`{type(p.s.law).__name__}`", f"`{p.hash[:32]}…`", f"`{fingerprint(p.s.derived)[:32]}…`"] for p in pages]
+    rows = [[f"`{type(p.s.law).__name__}`", f"`{p.hash[:32]}…`", short_hash(p.d)] for p in pages]
     text = "The lines are those of the program that is integrated; the rows name the reactions."
     head = ["law", "sha256 of the program", "sha256 of the rows"]
     return Section("Origin of the recursion", [Paragraph(text), Table(head, rows)])

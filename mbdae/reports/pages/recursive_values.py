@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,10 @@ import numpy as np
 from mbdae.documents.blocks import Block
 from mbdae.kernels.plan import plan
 from mbdae.kernels.tree_plan import Piece, tree_plan
-from mbdae.reports.common import LawFormulas
-from mbdae.reports.letters import Letter
+from mbdae.reports.law_page import LawPage
+from mbdae.reports.letters import INERTIA, Letter
+from mbdae.reports.page import Check
 from mbdae.reports.pages.tree_vectors import VectorTree, link_of, tree_of
-from mbdae.reports.printed import Check, Printed, Wanted
 from mbdae.reports.statement import Statement
 from mbdae.reports.states import POINTS, STEP, State, random_state, residual
 from mbdae.reports.vectors import Base
@@ -25,37 +24,36 @@ from mbdae.symbolic.outputs import acceleration, jacobian_G, position, velocity
 from mbdae.system.model.rotations import quaternion
 
 TREE, ORACLE = "the compiled program of a tree", "a complex step along a motion through the program of a tree"
-MATRIX = Letter(r"\mathbf{M}", "", "derivatives of $\\mathbf{F}_l, \\mathbf{M}_l$ by the accelerations of l: of a rigid body its"
-                " mass and inertia")  # fmt: skip
+MATRIX = Letter(r"\mathbf{M}", INERTIA, "derivatives of $\\mathbf{F}_l, \\mathbf{M}_l$ by the accelerations of l: of a rigid body"
+                " its mass and inertia")  # fmt: skip
 
 
-class RecursiveValues:
+class RecursiveValues(LawPage):
     """One joint as the link of a tree, and the values its lines must have at states on the motion."""
-
-    stated = True  #: whether its left-hand sides are those of `letters.RESULTS`
 
     def __init__(self, law: type[Joint], structure: Structure, others: frozenset[str] = frozenset()) -> None:
         plain = {"kept": True, "friction": None, "rubs": None}
         options = tuple((name, plain.get(name, value)) for name, value in structure.options)
-        self.s = Statement(law, replace(structure, options=options, timed=frozenset()))
-        self.formulas = LawFormulas(self.s, rows=False, others=others)
-        link = link_of(law, self.s.structure, self.s.law.derived())
-        self.tree, self.plan = VectorTree(self.s, link), tree_plan(tree_of(link))
+        s = Statement(law, replace(structure, options=options, timed=frozenset()))
+        super().__init__(s, rows=False, others=others, state=random_state(s.derived, seed=4))
+        link = link_of(law, s.structure, s.law.derived())
+        self.tree, self.plan = VectorTree(s, link), tree_plan(tree_of(link))
+        self.further: dict[str, Any] = {}  #: values of symbols of single sections
         self._letters()
-        self.wanted: dict[str, Wanted] = {}
         self._on_motion()
 
     def _letters(self) -> None:
-        known = self.formulas.known
+        known = self.known
         for name, symbol in self.s.coordinates.items():
             letter = known[str(symbol)]
             known[str(self.tree.second(name))] = Letter(f"\\ddot{{{letter.latex}}}", f"{letter.unit}/s^2", "its second rate")
         for name, side in self.s.turning.items():
             for i in "123":
-                for mark, latex, unit, what in (("W", r"\Omega", "rad/s", "angular velocity"),
-                                                ("Wp", r"\dot\Omega", "rad/s^2", "angular acceleration")):  # fmt: skip
-                    known[f"{side}_{mark}{i}"] = Letter(f"{latex}_{i}", unit, f"{what} of {name} along its axis {i}")
-                known[f"d{side}_W{i}"] = Letter(f"\\delta\\psi_{i}", "rad", f"virtual rotation of {name} about its axis {i}")
+                known |= {
+                    f"{side}_W{i}": Letter(rf"\Omega_{i}", "rad/s", f"angular velocity of {name} along its axis {i}"),
+                    f"{side}_Wp{i}": Letter(rf"\dot\Omega_{i}", "rad/s^2", f"angular acceleration of {name} along its axis {i}"),
+                    f"d{side}_W{i}": Letter(rf"\delta\psi_{i}", "rad", f"virtual rotation of {name} about its axis {i}"),
+                }
 
     @property
     def hash(self) -> str:
@@ -66,27 +64,29 @@ class RecursiveValues:
 
     def _on_motion(self) -> None:
         """Random states of k and of the coordinates, with l where the compiled program of the tree takes it."""
-        free, rng = random_state(self.s.derived, seed=4), np.random.default_rng(5)
+        free, rng = self.state, np.random.default_rng(5)
         sides = [f.side for f in free.d.frames[2:]]
         self.starts = np.cumsum([0, *(3 if side in self.s.turning.values() else 1 for side in sides)])
         self.up, self.load = rng.normal(size=(POINTS, 6 + self.starts[-1])), rng.normal(size=(POINTS, 6))
-        self.state = free
         found = self.run(self.plan.forward)
         q, u, self.upl = (np.stack([found[head, 1, i] for i in range(n)], -1) for head, n in (("q", 7), ("u", 6), ("up", 6)))
         names = [f"l_{n}" for n in ("r1", "r2", "r3", "P1", "P2", "P3", "P4", "v1", "v2", "v3", "W1", "W2", "W3")]
         self.state = State(free.d, free.given | dict(zip(names, np.concatenate([q, u], 1).T, strict=True)))
         self.Rk, self.Rl = (np.stack([self.state.vector(c) for c in self.state.frame(side).body], -1) for side in "kl")
 
-    def run(self, piece: Piece, load: Any = None, up: Any = None) -> dict[Any, Any]:
-        """Values of a kernel of the tree."""
-        columns = [np.broadcast_to(self._place(place, load, up), (POINTS,)) for place in piece.inputs]
-        return dict(zip(piece.targets, piece.kernel.values(np.stack(columns, -1)).T, strict=True))
+    def run(self, piece: Piece, load: Any = None, up: Any = None, state: State | None = None,
+            stepped: bool = False) -> dict[Any, Any]:  # fmt: skip
+        """Values of a kernel of the tree; stepped: by NumPy, after a complex step."""
+        columns = [self._place(place, load, up, state or self.state) for place in piece.inputs]
+        x = np.stack([np.broadcast_to(column, (POINTS,)) for column in columns], -1)
+        values = piece.kernel.oracle(x.astype(complex)) if stepped else piece.kernel.values(x)
+        return dict(zip(piece.targets, values.T, strict=True))
 
-    def _place(self, place: tuple[Any, ...], load: Any = None, up: Any = None) -> Any:
+    def _place(self, place: tuple[Any, ...], load: Any, up: Any, st: State) -> Any:
         head, j, i = place
         load, up = self.load if load is None else load, self.up if up is None else up
-        st, quaternions = self.state, {f"{side}_P{i}" for side in "kl" for i in range(4)}
         if head == "number":
+            quaternions = {f"{side}_P{n}" for side in "kl" for n in range(4)}
             return _axes_quaternion(st, i[0])[:, int(i[3])] if i in quaternions else st.given[i]
         if head in ("wu", "wq"):
             return load[:, i] if head == "wu" else 0.0
@@ -95,21 +95,22 @@ class RecursiveValues:
             return up[:, i if j == 0 else 6 + self.starts[-j - 1] + i]
         return st.given[str((f.q if head == "q" else f.u)[i])]
 
-    def _rows(self, load: Any = None, up: Any = None) -> Any:
-        """Rows of k (force, inertial moment about its centre) and of the coordinates, (points, n)."""
-        rows = self.run(self.plan.residual, load, up)
-        got = np.stack([np.broadcast_to(rows.get(("u", *place), 0.0), (POINTS,)) for place in self._targets()], -1)
-        got[:, 3:6] = np.einsum("pij,pj->pi", self.Rk, got[:, 3:6])
-        return got
+    def _rows(self, found: dict[Any, Any]) -> tuple[Any, Any]:
+        """Rows of k (force, moment) and of the coordinates, (points, n), and the moment in inertial axes."""
+        rows = np.stack([np.broadcast_to(found.get(("u", *place), 0.0), (POINTS,)) for place in self._targets()], -1)
+        return rows, np.einsum("pij,pj->pi", self.Rk, rows[:, 3:6])
+
+    def rows(self, load: Any = None) -> Any:
+        """The same with the moment in inertial axes, about the centre of k."""
+        rows, moment = self._rows(self.run(self.plan.residual, load))
+        return np.concatenate([rows[:, :3], moment, rows[:, 6:]], axis=1)
 
     def _targets(self) -> list[tuple[int, int]]:
         counts = np.diff(self.starts)
         return [(0, i) for i in range(6)] + [(-1 - n, i) for n, count in enumerate(counts) for i in range(count)]
 
-    @cached_property
-    def known(self) -> dict[str, Any]:
-        """Values of the given symbols."""
-        found, st, up = self.formulas.known_at(self.state), self.state, self.up
+    def given(self) -> dict[str, Any]:
+        found, st, up = super().given(), self.state, self.up
         inertial = np.einsum("pij,pj->pi", self.Rk, up[:, 3:6])
         moment = np.einsum("pij,pj->pi", self.Rl, self.load[:, 3:])
         found |= {r"\ddot{\mathbf{c}}_k": up[:, :3], r"\dot{\boldsymbol{\omega}}_k": inertial}
@@ -119,17 +120,15 @@ class RecursiveValues:
             turns = side in self.s.turning.values()
             for i in range(3 if turns else 1):
                 symbol = f"{side}_Wp{i + 1}" if turns else str(self.tree.second(_name(self.s, side)))
-                found[self.formulas.known[symbol].latex] = up[:, 6 + start + i]
-        return found
+                found[self.known[symbol].latex] = up[:, 6 + start + i]
+        return found | self.further
 
-    def want(self, latex: str, values: Any, source: str = TREE) -> None:
-        """The values a printed symbol must have."""
-        self.wanted[latex] = Wanted(values, source)
+    def want(self, latex: str, values: Any, source: str = TREE, unit: str = "") -> None:
+        super().want(latex, values, source, unit)
 
     def printed(self, blocks: list[Block]) -> list[Check]:
         """The equations of numbered blocks read back, and the joint's own rows on the motion."""
-        known = {latex: value for latex, value in self.known.items() if latex not in self.wanted}
-        return [*Printed(known, self.wanted).read(blocks), *self.on_rows()]
+        return [*super().printed(blocks), *self.on_rows()]
 
     def on_rows(self) -> list[Check]:
         """The rows of the joint and their rates vanish where the program takes l, second rates with its accelerations."""
@@ -161,8 +160,8 @@ class RecursiveValues:
             at = [self._accelerations(np.broadcast_to(e, (POINTS, n))) for e in (np.eye(n)[j], np.zeros(n))]
             force = np.einsum("pij,pj->pi", M, at[0] - at[1])
             force[:, 3:] = np.einsum("pji,pj->pi", self.Rl, force[:, 3:])
-            out[:, :, j] = self._rows(force)
-        self.known[MATRIX.latex] = M
+            out[:, :, j] = self.rows(force)
+        self.further[MATRIX.latex] = M
         self.want(r"\bar{\mathbf{M}}", out)
 
     def _accelerations(self, e: Any) -> Any:
@@ -184,19 +183,13 @@ class RecursiveValues:
             spin = np.einsum("pji,pj->pi", np.stack([st.vector(c) for c in st.frame(side).body], -1), turns[side])
             for i in range(3):
                 symbols[f"d{side}_W{i + 1}"] = spin[:, i]
-                self.known[self.formulas.known[f"d{side}_W{i + 1}"].latex] = spin[:, i]
+                self.further[self.known[f"d{side}_W{i + 1}"].latex] = spin[:, i]
         turn_l = self._turn(turns["k"], symbols)
-        self.known[r"\delta\boldsymbol{\psi}_l"] = turn_l
-        body = np.concatenate([self.load[:, :3], self.load[:, 3:]], 1).astype(complex)
+        self.further[r"\delta\boldsymbol{\psi}_l"] = turn_l
+        body = self.load.astype(complex)
         inertial = np.einsum("pij,pj->pi", self.Rl, self.load[:, 3:])
         body[:, 3:] -= 1j * STEP * np.einsum("pji,pj->pi", self.Rl, np.cross(turn_l, inertial))
-        piece = self.plan.residual
-        here, self.state = self.state, moved
-        x = np.stack([np.broadcast_to(self._place(place, body), (POINTS,)).astype(complex) for place in piece.inputs], -1)
-        self.state = here
-        found = dict(zip(piece.targets, piece.kernel.oracle(x).T, strict=True))
-        rows = np.stack([np.broadcast_to(found.get(("u", *place), 0.0), (POINTS,)) for place in self._targets()], -1)
-        moment = np.einsum("pij,pj->pi", self.Rk, rows[:, 3:6])
+        rows, moment = self._rows(self.run(self.plan.residual, body, state=moved, stepped=True))
         change = np.imag(rows) / STEP
         change[:, 3:6] = np.imag(moment) / STEP + np.cross(turns["k"], np.real(moment))
         return change
@@ -209,9 +202,7 @@ class RecursiveValues:
         given |= {f"k_W{i + 1}": spin[:, i] for i in range(3)}
         given |= {str(s.clock[c]): symbols[str(c)] for c in s.virtual}
         given |= {f"{side}_W{i + 1}": symbols[f"d{side}_W{i + 1}"] for side in s.turning.values() for i in range(3)}
-        here, self.state = self.state, State(st.d, given)
-        found = self.run(self.plan.forward)
-        self.state = here
+        found = self.run(self.plan.forward, state=State(st.d, given))
         return np.einsum("pij,pj->pi", self.Rl, np.stack([found["u", 1, i] for i in (3, 4, 5)], -1))
 
 

@@ -15,9 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import symengine as se
 
-from mbdae.reports.evaluate import value
 from mbdae.reports.letters import of_name
-from mbdae.reports.states import POINTS
+from mbdae.reports.states import POINTS, value
 from mbdae.reports.vectors import Record
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import Derived
@@ -247,7 +246,8 @@ class SceneEquations:
 
 def said(name: str) -> str:
     """A name of the scene as text in a formula."""
-    return f"\\text{{{re.sub(r'[^A-Za-z0-9.-]', ' ', name)}}}"
+    words = re.sub(r"[^\w.-]|_", " ", name)
+    return f"\\text{{{words}}}"
 
 
 def _inserted(row: Row, unknown: Any, value: Row) -> Row:

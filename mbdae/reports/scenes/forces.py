@@ -8,17 +8,15 @@ import numpy as np
 import symengine as se
 
 from mbdae.documents.blocks import Block, Paragraph, Section, Table
-from mbdae.reports.common import FormulaPage
-from mbdae.reports.evaluate import value
-from mbdae.reports.printed import Check, Printed, Wanted
+from mbdae.reports.page import Check, Page, Printed, Wanted, short_hash
 from mbdae.reports.scenes.equations import Row, SceneEquations, determinant, said, total
-from mbdae.symbolic.fingerprint import fingerprint
+from mbdae.reports.states import value
 from mbdae.symbolic.joint import Joint
 
 RUN = "the multipliers of the scene at random states"
 
 
-class ClosedForms(SceneEquations, FormulaPage):
+class ClosedForms(SceneEquations, Page):
     """The joint forces of a scene as formulas. Raises ValueError, with the reason, where a scene has none."""
 
     # -- formulas
@@ -107,10 +105,6 @@ class ClosedForms(SceneEquations, FormulaPage):
 
     # -- tables
 
-    def symbols(self) -> Table:
-        """The letters are explained where they appear."""
-        return Table(["symbol", "unit", "meaning"], [])
-
     def numbers(self) -> Table:
         """Letters that depend on the position, and masses, at the start."""
         start = self.prepared.start
@@ -127,6 +121,6 @@ class ClosedForms(SceneEquations, FormulaPage):
             names = ", ".join(row.name for row in self.m.rows if (row.group, row.instance) == (g, i))
             law, shape, kinds = *group.key[:2], " - ".join(kind.value for kind, _ in group.key[2])
             said_ = [f"{name}=None" for name in law.drives() if name in shape.absent] if issubclass(law, Joint) else []
-            call, hash_ = ", ".join([f"mb.{law.__name__}", *said_]), f"`{fingerprint(group.derived)[:32]}…`"
+            call, hash_ = ", ".join([f"mb.{law.__name__}", *said_]), short_hash(group.derived)
             rows.append([group.instances[i].item, f"`mb.report({call})`", kinds, names, hash_])
         return Table(["joint", "its law", "between", "rows", "sha256 of the derived equations"], rows)

@@ -15,13 +15,13 @@ from mbdae.documents.drawing import pattern
 from mbdae.documents.formulas import escaped
 from mbdae.errors import MbdaeError
 from mbdae.formulations import system_for
-from mbdae.reports.printed import checks_table
+from mbdae.notation import counted
+from mbdae.reports.page import checks_section, short_hash
 from mbdae.reports.scenes.forces import ClosedForms
 from mbdae.run.checks import Check
 from mbdae.run.reductions import absent
 from mbdae.scene.scene import SceneData
 from mbdae.show.drawing import draw
-from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.system.prepare import prepare
 
 KINDS = {"q": "positions", "v": "velocities", "s": "internal states", "z": "stresses of beams", "lambda": "multipliers",
@@ -53,17 +53,15 @@ class Sheet:
         except ValueError as reason:
             return [Section("Joint forces in closed form", [Paragraph(f"There is none: {reason}.")])]
         blocks = numbered(page.blocks())
-        return [*blocks, Section("Numeric check", checks_table(page.printed(blocks)))]  # type: ignore[list-item]
+        return [*blocks, checks_section(page.printed(blocks))]  # type: ignore[list-item]
 
     def summary(self) -> Section:
         """Drawing and the main numbers."""
         c, m = self.check, self.prepared.model
-        told = (
-            f"{'Planar' if c.planar else 'Spatial'}: {m.why}. {c.degrees_of_freedom} degrees of freedom; {self.system.n} unknowns"
-            f" and {len(self.system.equations)} equations in the form {self.system.label}. Length {m.length:.4g} m,"
-            f" characteristic time {self.prepared.time:.4g} s; gravity ({', '.join(f'{x:g}' for x in self.scene.gravity)})"
-            " m/s$^{2}$."
-        )
+        told = (f"{'Planar' if c.planar else 'Spatial'}: {m.why}. {counted(c.degrees_of_freedom, 'degree of freedom')};"
+                f" {counted(self.system.n, 'unknown')} and {counted(len(self.system.equations), 'equation')} in the form"
+                f" {self.system.label}. Length {m.length:.4g} m, characteristic time {self.prepared.time:.4g} s; gravity"
+                f" ({', '.join(f'{x:g}' for x in self.scene.gravity)}) m/s$^{{2}}$.")  # fmt: skip
         start, chosen = self.prepared.start, f"{self.check.accuracy:g} by default: {escaped(str(self.check.choice))}"
         blocks: list[Block] = [Paragraph(told), Paragraph(f"To an accuracy of {chosen}.")]
         blocks += [Paragraph("Start: " + "; ".join(map(str, start.changes)))] if start.changes else []
@@ -98,7 +96,7 @@ class Sheet:
             names = ", ".join(r for r in stated.get(c.name, ()) if f"{c.name}.{r}" in kept) or "none"
             model = type(c.model).__name__.lower() if c.model is not None else "kinematic"
             model += f" (kept kinematic: {self.check.kept_kinematic[c.name]})" if c.name in self.check.kept_kinematic else ""
-            drive = escaped(str(c.prescribed)) if c.prescribed is not None else ""
+            drive = escaped(", ".join(f"{name} = {e}" for name, e in c.prescribed.items()))
             rows.append([escaped(c.name), c.kind, escaped(model), escaped(c.k.name), escaped(c.l.name), names, drive])
         head = ["joint", "kind", "model", "k", "l", "rows that are equations", "prescribed"]
         return Section("Joints", [Table(head, rows)] if rows else [Paragraph("There are none.")])
@@ -183,7 +181,7 @@ class Sheet:
     def laws(self) -> Section:
         """The laws with their hashes."""
         rows = [[g.key[0].__name__, str(len(g.instances)), " - ".join(kind.value for kind, _ in g.key[2]),
-                 f"`{fingerprint(g.derived)[:32]}…`"] for g in self.prepared.model.groups]  # fmt: skip
+                 short_hash(g.derived)] for g in self.prepared.model.groups]  # fmt: skip
         text = ("Every law as it is derived for this scene; the report of a law prints the sha256 of the same equations between"
                 " two bodies in space.")  # fmt: skip
         head = ["law", "times", "between nodes", "sha256 of the derived equations"]

@@ -68,7 +68,7 @@ class WithoutRotation(JournalContact):
     """Forgets that the race turns: its points at the contact move with the centre of the race."""
 
     @staticmethod
-    def _sliding(k: Any, l: Any, from_l: Vec, from_k: Vec) -> Vec:
+    def sliding(k: Any, l: Any, from_l: Vec, from_k: Vec) -> Vec:
         return (l.v + l.w.cross(from_l)) - k.v
 
 

@@ -1,20 +1,27 @@
-"""Rules of joints: rows of a law, their forces by the virtual work of s lambda c + p c^2, springs and dampers."""
+"""Rules of laws between two bodies: rows, their forces by the virtual work of s lambda c + p c^2, springs and dampers;
+strains, stress resultants and energy of laws on a line.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
+import symengine as se
 
-from mbdae.audit.evaluate import STEP, Value
+from mbdae.audit.evaluate import STEP, Value, expression_value
 from mbdae.audit.laws import WITH_COORDINATES, LawState, Own, derived, law_class, part_class
+from mbdae.audit.motion import quaternion
 from mbdae.audit.notation import AuditError
-from mbdae.audit.phrases import Env, phrase
-from mbdae.audit.rules_contact import potential
-from mbdae.audit.rules_friction import friction_parameter
+from mbdae.audit.phrases import Env, Rule, phrase, register
+from mbdae.audit.rules_contact import friction_parameter, potential
 from mbdae.errors import MbdaeError
 from mbdae.laws.friction import Friction
-from mbdae.symbolic.line import LineLaw
+from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.law import Structure
+from mbdae.symbolic.line import LENGTH, WEIGHT, LineDerived, LineLaw, derive_line, make_point
 from mbdae.symbolic.part import Part
 
 _ZERO = ("rest",)  #: parameters that are zero where the text does not declare them
@@ -32,13 +39,13 @@ def law(env: Env, name: str) -> LawState:
     if cls.frames != ("k", "l"):
         raise AuditError(f"{name} acts on {', '.join(cls.frames) or 'coordinates alone'}; an audit knows two bodies, k and l")
     declared = env.parameters(name)
-    key = ("law", name, declared)
-    if key not in env.motion.memory:
+
+    def made() -> LawState:
         given = {p: 0.0 for p in _ZERO if p not in declared}
-        given |= {"drive": float(np.real(env.motion.phi))} if env.motion.joined else {}
-        env.motion.memory[key] = LawState(name, env.motion, given, env.scope.own, declared=declared)
-    found: LawState = env.motion.memory[key]
-    return found
+        given |= {"drive": float(np.real(env.motion.first[0]))} if env.motion.joined else {}
+        return LawState(name, env.motion, given, env.scope.own, declared=declared)
+
+    return env.motion.once(("law", name, declared), made)
 
 
 def names(words: str) -> list[str]:
@@ -59,34 +66,26 @@ def _rows(env: Env, of: str, rows: str) -> tuple[LawState, list[str]]:
     return state, wanted
 
 
-@phrase("rows {rows} of {name}", vanishes=True)
-@phrase("row {rows} of {name}", vanishes=True)
+@phrase("rows {rows} of {name}", "row {rows} of {name}")
 def _row(env: Env, rows: str, of: str) -> Value:
     state, wanted = _rows(env, of, rows)
     return _stack([state.row(row) for row in wanted])
 
 
-@phrase("opposite of row {rows} of {name}", vanishes=True)
-def _opposite_row(env: Env, rows: str, of: str) -> Value:
-    """The same constraint with the other sign, and so with the opposite multiplier."""
-    return -_row(env, rows, of)
-
-
-@phrase("multipliers of rows {rows} of {name}", vanishes=True)
-@phrase("multiplier of row {rows} of {name}", vanishes=True)
+@phrase("multipliers of rows {rows} of {name}", "multiplier of row {rows} of {name}")
 def _multiplier(env: Env, rows: str, of: str) -> Value:
     wanted = _rows(env, of, rows)[1]
     return _stack([env.motion.number(f"multiplier {row}") + 0j for row in wanted])
 
 
-@phrase("parameter {name} of {name2}", vanishes=True)
+@phrase("parameter {name} of {name2}")
 def _parameter(env: Env, parameter: str, of: str) -> Value:
     if parameter == "drive" and env.motion.joined:
-        return np.real(env.motion.phi) + 0j
+        return np.real(env.motion.first[0]) + 0j
     cls = part_class(of, env.scope.own)
     if cls is not None and issubclass(cls, Friction):
         return friction_parameter(env, parameter)
-    return env.positive(f"parameter {parameter}") + 0j
+    return env.positive(f"parameter {parameter}")
 
 
 def unit_of_parameter(parameter: str, of: str, own: Own) -> str:
@@ -101,25 +100,24 @@ def unit_of_parameter(parameter: str, of: str, own: Own) -> str:
     return str(cls.params[parameter].unit)
 
 
-@phrase("coordinate of {name}", vanishes=True)
+@phrase("coordinate of {name}")
 def _coordinate(env: Env, of: str) -> Value:
     cls = law_class(of, env.scope.own)
     stated = getattr(cls, "coordinates", {})
     if [spec.unit for spec in stated.values()] != ["rad"]:
         has = ", ".join(f"{name} ({spec.unit})" for name, spec in stated.items()) or "none"
         raise AuditError(f"the coordinates of {of}: {has}; say `coordinate NAME of the joint` in states of that joint")
-    return env.motion.phi
+    return env.motion.first[0]
 
 
-@phrase("coordinate {name} of the joint", vanishes=True)
+@phrase("coordinate {name} of the joint")
 def _coordinate_of_states(env: Env, name: str) -> Value:
-    """A coordinate of the joint that the states of the section are those of."""
     if name not in env.motion.coordinates:
         raise AuditError(f"the states have no coordinate '{name}' but {', '.join(env.motion.coordinates)}")
     return env.motion.coordinates[name][0]
 
 
-@phrase("energy of {name}")
+@phrase("energy of {name}", vanishes=False)
 def _energy(env: Env, of: str) -> Value:
     """Potential energy of a law between the bodies, or of a normal law at the penetration."""
     if part_class(of, env.scope.own):
@@ -127,13 +125,7 @@ def _energy(env: Env, of: str) -> Value:
     return law(env, of).number(law(env, of).d.energy)
 
 
-@phrase("dissipated power of {name}", vanishes=True)
-def _dissipated(env: Env, of: str) -> Value:
-    return law(env, of).number(law(env, of).d.dissipated_power)
-
-
-@phrase("force of rows {rows} of {name} on {parts}", vanishes=True, side="left")
-@phrase("force of row {rows} of {name} on {parts}", vanishes=True, side="left")
+@phrase("force of rows {rows} of {name} on {parts}", "force of row {rows} of {name} on {parts}", side="left")
 def _row_force(env: Env, rows: str, of: str, parts: str) -> Value:
     """G' (s lambda + 2 p c); on parts the text does not list it must vanish."""
     state, wanted = _rows(env, of, rows)
@@ -145,16 +137,11 @@ def _row_force(env: Env, rows: str, of: str, parts: str) -> Value:
     return _listed(env, parts, on)
 
 
-@phrase("force of {name} on {parts}", vanishes=True, side="left")
+@phrase("force of {name} on {parts}", side="left")
 def _law_force(env: Env, of: str, parts: str) -> Value:
     """Gradient of a law's energy or of its Rayleigh function, as it stands on the left-hand side."""
     state = law(env, of)
     return _listed(env, parts, lambda part: state.force(*part.split()))
-
-
-@phrase("applied force of {name} on {parts}", vanishes=True)
-def _applied_force(env: Env, of: str, parts: str) -> Value:
-    return -_law_force(env, of, parts)
 
 
 class UnlistedError(MbdaeError):
@@ -172,18 +159,68 @@ def _listed(env: Env, parts: str, on: Callable[[str], Value]) -> Value:
     return _stack([on(part) for part in wanted])
 
 
-@phrase("virtual work of rows {rows} of {name}", vanishes=True)
+@phrase("virtual work of rows {rows} of {name}")
 def _row_work(env: Env, rows: str, of: str) -> Value:
     """Sum over the rows: force times virtual change of the row."""
     state, wanted = _rows(env, of, rows)
     moved = env.motion.moved("virtual")
-    total = 0j
-    for row in wanted:
-        change = 0j
-        for side in "kl":
-            move = np.imag(moved.of("x", side)) / STEP
-            turn = env.motion.turn_between(moved, side)
-            for what, displacement in (("move", move), ("turn", turn)):
-                change += (state.row_gradient(row, what, side).T @ displacement)[0, 0]
-        total += state.row_force(row) * change
-    return total
+    displacements = {(what, side): np.imag(moved.of("x", side)) / STEP if what == "move" else env.motion.turn_between(moved, side)
+                     for what in ("move", "turn") for side in "kl"}  # fmt: skip
+    return sum(state.row_force(row) * (state.row_gradient(row, *at).T @ displacement)[0, 0]
+               for row in wanted for at, displacement in displacements.items())  # fmt: skip
+
+
+register({
+    "opposite of row {rows} of {name}": lambda env, rows, of: -_row(env, rows, of),  # and so with the opposite multiplier
+    "dissipated power of {name}": lambda env, of: law(env, of).number(law(env, of).d.dissipated_power),
+    "applied force of {name} on {parts}": lambda env, of, parts: -_law_force(env, of, parts),
+})  # fmt: skip
+
+
+# -- laws on a line (beams), at the section
+
+
+@lru_cache(maxsize=8)
+def _line(cls: Any) -> tuple[LineDerived, Any]:
+    structure = Structure(absent=frozenset({"damping"} & set(cls.params)))
+    return derive_line(cls, structure, NodeKind.SPATIAL), cls.symbolic(structure)
+
+
+def _numbers(env: Env, of: str, stated: Callable[[LineDerived, Any], dict[str, Any]], wanted: str) -> Value:
+    """Values of some of the quantities that a law on a line states at the point of the section."""
+    cls: Any = law_class(of, env.scope.own)
+    if cls is None or not issubclass(cls, LineLaw):
+        raise AuditError(f"there is no law on a line '{of}'; give your own class with audit(..., laws=...)")
+    line, stated_law = _line(cls)
+    values = env.motion.once(("line", cls), lambda: _point(env, stated_law))
+    known = stated(line, stated_law)
+    if missing := [n for n in names(wanted) if n not in known]:
+        raise AuditError(f"{of} has no strain '{missing[0]}'; it has {', '.join(known)}")
+    return _stack([expression_value(se.sympify(known[n]), values) for n in names(wanted)])
+
+
+def _point(env: Env, law: Any) -> dict[Any, Any]:
+    """Symbols of a point of a line in the state of the section, ds/dxi = 1; parameters as random positive numbers."""
+    r, Q = env.motion.section()
+    r_s = env.changes("line", lambda e: e.motion.section()[0])
+    P, K = quaternion(Q), env.of("curvature of the section")
+    slope = np.vstack([-K.T @ P[1:], P[0, 0] * K + np.cross(K, P[1:], axis=0)]) / 2
+    places = ["r1", "r2", "r3", "P1", "P2", "P3", "P4"]
+    numbers = dict(zip(places, np.vstack([r, P])[:, 0], strict=True))
+    numbers |= dict(zip([n + "_xi" for n in places], np.vstack([r_s, slope])[:, 0], strict=True))
+    v, spin = (env.changes("time", lambda e: e.motion.section()[0]), Q.T @ env.of("angular velocity of the section"))
+    numbers |= {f"u{i + 1}": x for i, x in enumerate(np.vstack([v, spin])[:, 0])}
+    numbers |= {p: env.motion.positive(f"parameter {p}") for p in law.params}
+    return {se.Symbol(n): complex(x) for n, x in numbers.items()} | {LENGTH: 1 + 0j, WEIGHT: 1 + 0j}
+
+
+STRAINS: dict[str, Rule] = dict.fromkeys(["strains {names} of {name2}", "strain {names} of {name2}"], lambda env, wanted, of: (
+    _numbers(env, of, lambda _, law: law.strains(make_point(NodeKind.SPATIAL)), wanted)))  # fmt: skip
+register(STRAINS | {
+    "stress resultants {names} of {name2}": lambda env, wanted, of: (
+        _numbers(env, of, lambda line, _: dict(line.resultants), wanted))})  # fmt: skip
+register({
+    "energy of {name} per length": lambda env, of: _numbers(env, of, lambda line, _: {"energy": line.energy}, "energy"),
+    "kinetic energy of {name} per length": lambda env, of: (
+        _numbers(env, of, lambda _, law: {"energy": law.kinetic_energy(make_point(NodeKind.SPATIAL))}, "energy")),
+}, vanishes=False)  # fmt: skip

@@ -1,0 +1,169 @@
+"""Base of contacts: places where two bodies may touch, each with a normal and a friction force."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import symengine as se
+
+from mbdae.errors import LawError
+from mbdae.symbolic.frames import Frame
+from mbdae.symbolic.law import Force
+from mbdae.symbolic.part import Parameter
+from mbdae.symbolic.variation import let
+from mbdae.symbolic.vectors import ZERO, Expr, Vec
+
+DEEP = 10.0  #: a start that penetrates by more than a body's radius over DEEP is refused, more in a run is doubtful
+RESTING = 1e-24  #: m^2/s^2, keeps the sliding speed differentiable at rest
+CENTRED = 1e-40  #: m^2, keeps a distance differentiable where it is 0
+
+
+@dataclass(frozen=True)
+class Station:
+    """A place where the bodies may touch. Expressions of the frames; SI units."""
+
+    penetration: Expr  #: > 0 in contact
+    rate: Expr
+    overlap: Expr  #: penetration where positive, else 0
+    inward: Vec  #: unit vector along which penetration grows with the motion of l: the normal force on l is against it
+    tangent: Vec  #: direction in which friction with internal states acts
+    sliding: Vec  #: velocity of l relative to k at the contact, without its normal part
+    slip: Expr  #: its component along the tangent
+    arm: Vec  #: from l.r to the point of contact
+
+
+def station(penetration: Expr, inward: Vec, tangent: Vec, velocity: Vec, arm: Vec) -> Station:
+    """A place of contact from its penetration and the velocity of the material point of l there relative to that of k."""
+    rate = let(velocity @ inward, r"\dot a")
+    overlap = let(se.Piecewise((penetration, penetration > 0), (0, True)), "a")
+    slip = let(velocity @ tangent, "v_t")
+    return Station(penetration, rate, overlap, inward, tangent, velocity - inward * rate, slip, arm)
+
+
+class Contact(Force):
+    """Bodies that touch at one or several places: `stations` says where, the normal and friction law how.
+
+    Normal force f_n of the penetration against `inward` on l, friction against the sliding velocity, both at one point, so that
+    moments balance. A law whose `one_direction` holds rubs along the tangent of each place alone, as does friction with internal
+    states.
+    """
+
+    options = ("normal", "friction")
+    dissipative = True
+    timeless = True
+
+    def own_states(self) -> Mapping[str, Parameter]:
+        return {name + end: spec for part in self.parts for name, spec in part.states.items() for end in self.ends}
+
+    def state_scales(self) -> dict[str, float]:
+        return {name + end: scale for name, scale in super().state_scales().items() for end in self.ends}
+
+    @property
+    def ends(self) -> tuple[str, ...]:
+        """Suffixes of the friction states of each place."""
+        return ("",)
+
+    def stations(self, k: Frame, l: Frame) -> list[tuple[Station, str]]:
+        """The places where the bodies may touch, each with the suffix of its states."""
+        raise LawError(f"contact {type(self).__name__} does not state `stations(self, k, l)`")
+
+    def equal(self, k: Frame, l: Frame) -> int:
+        """How many places each station stands for."""
+        return 1
+
+    @property
+    def one_direction(self) -> bool:
+        """Whether bodies slide along the tangents alone."""
+        return True
+
+    @staticmethod
+    def sliding(k: Frame, l: Frame, from_l: Vec, from_k: Vec) -> Vec:
+        """Velocity of the material point of l at the contact relative to that of k; from_l, from_k: where it is."""
+        return (l.v + l.w.cross(from_l)) - (k.v + k.w.cross(from_k))
+
+    # -- forces
+
+    def _normal_force(self, at: Station) -> tuple[Expr, Expr]:
+        """f_n, and the part of it that is not elastic."""
+        elastic = self.normal.elastic_force(at.overlap)
+        damped = self.normal.damping_force(at.overlap, at.rate)
+        if damped == 0:
+            return let(elastic, "f_n"), se.Integer(0)
+        total = let(elastic + damped)
+        force = let(se.Piecewise((total, total > 0), (0, True)), "f_n")
+        return force, force - elastic
+
+    def _friction_of(self, end: str) -> Any:
+        return self.friction.with_states(**{name: getattr(self, name + end) for name in self.friction.states})
+
+    def _friction(self, at: Station, end: str, force: Expr) -> Vec:
+        """Friction force on l: against the whole sliding velocity, or along the tangent."""
+        if self.friction is None:
+            return ZERO
+        if self.one_direction or self.friction.states:
+            along, coefficient = at.tangent, self._friction_of(end).coefficient(at.slip)
+        else:
+            speed = let(se.sqrt(at.sliding @ at.sliding + RESTING))
+            along, coefficient = at.sliding, self.friction.coefficient(speed) / speed
+        rubbing: Vec = along * (-coefficient * force)
+        return rubbing
+
+    def energy(self, k: Frame, l: Frame) -> Expr:
+        return self.equal(k, l) * sum((self.normal.energy(at.overlap) for at, _ in self.stations(k, l)), se.Integer(0))
+
+    def wrench(self, k: Frame, l: Frame) -> tuple[Vec, Vec]:
+        force, torque = ZERO, ZERO
+        for at, end in self.stations(k, l):
+            normal, damped = self._normal_force(at)
+            part = ((at.inward * (-damped) + self._friction(at, end, normal)) * self.equal(k, l)).named("f")
+            force, torque = force + part, torque + at.arm.cross(part)
+        return force, torque
+
+    # -- friction states
+
+    def _of_states(self, k: Frame, l: Frame, what: str) -> dict[str, Expr]:
+        out: dict[str, Expr] = {}
+        for at, end in self.stations(k, l):
+            stated = getattr(self._friction_of(end), what)(at.slip)
+            out |= {name + end: e for name, e in stated.items()}
+        return out
+
+    def rates(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        return self._of_states(k, l, "rate")
+
+    def initial(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        return self._of_states(k, l, "initial")
+
+    # -- gaps and sensors
+
+    def gaps(self, k: Frame, l: Frame) -> list[tuple[Expr, Expr]]:
+        return [(-at.penetration, -at.rate) for at, _ in self.stations(k, l)]
+
+    def contact_duration(self, mass: float, speed: Any) -> Any:
+        return self.normal.impact(mass, speed)[1]
+
+    def elastic_load(self, depth: float) -> tuple[float, float]:
+        return float(self.normal.elastic_force(depth)), float(self.normal.energy(depth))
+
+    def observed(self, k: Frame, l: Frame) -> dict[str, list[Expr]]:
+        equal = self.equal(k, l)
+        seen: dict[str, list[Expr]] = {}
+        for at, end in self.stations(k, l):
+            force, _ = self._normal_force(at)
+            rubbing = self._friction(at, end, force)
+            own = {"gap": -at.penetration, "gap_rate": -at.rate, "normal_force": equal * force, "slip": at.slip,
+                   "friction_force": equal * (rubbing @ at.tangent),
+                   "friction_power": -equal * (rubbing @ at.sliding)}  # fmt: skip
+            for name, e in own.items():
+                seen.setdefault(name, []).append(e)
+        return seen
+
+    def losses(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        total = {"impact": se.Integer(0), "friction": se.Integer(0)}
+        for at, end in self.stations(k, l):
+            force, damped = self._normal_force(at)
+            total["impact"] += self.equal(k, l) * damped * at.rate
+            total["friction"] -= self.equal(k, l) * (self._friction(at, end, force) @ at.sliding)
+        return total

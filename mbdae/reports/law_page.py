@@ -1,0 +1,260 @@
+"""The page of a law: its statement with vectors, its formulas in LaTeX with the letters of their symbols, and the values its
+equations must have at random states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import symengine as se
+
+from mbdae.documents.blocks import Block, Equation, Paragraph
+from mbdae.errors import LawError
+from mbdae.kernels.plan import Outputs, plan
+from mbdae.reports.calculus import Pair, summed, times
+from mbdae.reports.letters import Letter, letters, multiplier, name_scalars, name_vectors, unit_text
+from mbdae.reports.page import BOTH, Page
+from mbdae.reports.statement import Statement, derived
+from mbdae.reports.states import POINTS, STEP, Numbers, State, random_state
+from mbdae.reports.vectors import Base, Vector
+from mbdae.reports.writer import Writer, subscript
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.law import Force
+from mbdae.symbolic.outputs import weighted
+from mbdae.symbolic.vectors import Expr
+
+_BASES = {
+    "r": ("position of the point of the {what} on body ${side}$", "m"),
+    "c": ("centre of body ${side}$", "m"),
+    "s": ("arm from the centre of body ${side}$ to the point of the {what}", "m"),
+    "x": ("first axis of the {what} on body ${side}$, a unit vector", "1"),
+    "y": ("second axis on body ${side}$", "1"),
+    "z": ("third axis on body ${side}$: the axis of the {what}", "1"),
+    "v": ("velocity of the point on body ${side}$", "m/s"),
+    "w": ("angular velocity of body ${side}$", "rad/s"),
+    "du": ("virtual displacement of the point on body ${side}$", "m"),
+    "dpsi": ("virtual rotation of body ${side}$", "rad"),
+    "vc": ("velocity of the centre of body ${side}$", "m/s"),
+    "ac": ("acceleration of the centre of body ${side}$", "m/s^2"),
+    "al": ("angular acceleration of body ${side}$", "rad/s^2"),
+    "F": ("all forces on body ${side}$ without those of the joint, left-hand side", "N"),
+    "M": ("all moments on body ${side}$ about its centre, likewise", "N m"),
+    "bx": ("first axis of body ${side}$", "1"),
+    "by": ("second axis of body ${side}$", "1"),
+    "bz": ("third axis of body ${side}$", "1"),
+}
+_TURNED = {
+    "bx": ("first axis of the free rotation: its components along $\\mathbf{i}_x, \\mathbf{i}_y, \\mathbf{i}_z$ are those of the"
+           " turned first axis along the axes reached before", "1"),
+    "by": ("the same of the second axis", "1"),
+    "bz": ("the same of the third axis", "1"),
+    "w": ("angular velocity of the free rotation, components likewise", "rad/s"),
+    "dpsi": ("virtual rotation of the free rotation, components likewise", "rad"),
+}  # fmt: skip
+
+
+class LawPage(Page):
+    """One law stated with vectors, at random states.
+
+    what: the word for it; rows: whether its rows are written; others: letters that other pages of the document have given."""
+
+    stated = True
+
+    def __init__(self, s: Statement, what: str = "joint", rows: bool = True, others: frozenset[str] = frozenset(),
+                 state: State | None = None) -> None:  # fmt: skip
+        self.s, self.d, self.what, self.others = s, s.derived, what, others
+        self.defined: set[tuple[str, str]] = set()  #: intermediate quantities that equations have defined
+        self.state, self.wanted = state if state is not None else random_state(self.d), {}
+        self.known = letters(s.cls, s.structure, s.law)
+        for row in s.rows if rows else ():
+            self.known[f"lambda_{row}"] = Letter(multiplier(row), s.multiplier_unit(row), f"multiplier of row {row}")
+        self.known |= {name: replace(self.known[name], unit="1") for name in s.turning}
+        for side in s.headings:
+            self.known |= {f"{side}_h": Letter(f"\\theta_{side}", "rad", f"rotation of body ${side}$ since the drawing"),
+                           f"{side}_w3": Letter(f"\\omega_{side}", "rad/s", f"angular velocity of body ${side}$ in the plane"),
+                           f"dpsi_{side}": Letter(f"\\delta\\theta_{side}", "rad", "its virtual rotation")}  # fmt: skip
+        for name, symbol in s.coordinates.items():
+            letter = self.known[name]
+            self.known[str(symbol)] = letter
+            self.known[str(s.clock[symbol])] = Letter(f"\\dot{{{letter.latex}}}", f"{letter.unit}/s", "its rate")
+            self.known[str(s.virtual[symbol])] = Letter(f"\\delta {letter.latex}", letter.unit, "its virtual change")
+        self.writer = Writer(s.record, {})
+        self.writer.renew = self.refresh
+        self.refresh()
+
+    # -- letters and definitions
+
+    def refresh(self) -> None:
+        """Give letters to the intermediate quantities named since the last call."""
+        known = {name: letter.latex for name, letter in self.known.items()}
+        others = self.others.union(known.values())
+        self.writer.names = name_vectors(self.s.record, others)
+        self.writer.letters = name_scalars(self.s.record, others) | known
+
+    @property
+    def taken(self) -> frozenset[str]:
+        """Letters given to intermediate quantities, here and on other pages."""
+        return self.others | {*self.own}
+
+    @property
+    def own(self) -> Sequence[str]:  # type: ignore[override]
+        return sorted(self._letter(*key) for key in self.defined)
+
+    def _letter(self, kind: str, name: str) -> str:
+        return self.writer.names[int(name)] if kind == "v" else self.writer.letters[name]
+
+    def lines(self, *lines: str, note: str = "") -> list[Block]:
+        """Equations, one a line, and below them the definitions of what they name for the first time."""
+        return super().lines(*lines, note=note) + self.definitions()
+
+    def definitions(self) -> list[Block]:
+        """Definitions of the intermediate quantities that formulas name and no equation has defined yet."""
+        record, w = self.s.record, self.writer
+        found: list[Block] = []
+        while True:
+            self.refresh()
+            written = {("v", str(n)): record.vectors[n] for n in sorted(w.vectors)}
+            written |= {("s", str(symbol)): e for symbol, e in record.scalars.items() if str(symbol) in w.used}
+            todo = {key: e for key, e in written.items() if key not in self.defined}
+            if not todo:
+                return [Paragraph("with"), *found] if found else []
+            for (kind, name), e in todo.items():
+                self.defined.add((kind, name))
+                found.append(Equation(self.line(self._letter(kind, name), e)))
+
+    def symbols(self) -> list[list[str]]:
+        kinds = [*_BASES, "E"]
+        ordered = sorted(self.writer.bases, key=lambda b: (kinds.index(b.kind), b.side))
+        return [*map(list, dict.fromkeys(map(self._vector_row, ordered))), *super().symbols()]
+
+    def _vector_row(self, base: Base) -> tuple[str, ...]:
+        if base.kind == "E":
+            return (r"$\mathbf{i}_x,\ \mathbf{i}_y,\ \mathbf{i}_z$", "1", "inertial axes")
+        meaning, unit = (_TURNED if base.side in self.s.turning.values() else _BASES)[base.kind]
+        side = subscript(base.side)
+        return (f"${Writer.plain(base)}$", unit_text(unit), meaning.replace("{side}", side).replace("{what}", self.what))
+
+    # -- values at the states
+
+    def numbers(self, state: State | None = None) -> Numbers:
+        """Evaluates formulas of the law at given states, or its own."""
+        state = self.state if state is None else state
+        return Numbers(self.s.record, state.atom, state.symbol)
+
+    def given(self) -> dict[str, Any]:
+        state, found = self.state, inertial_axes(self.state.points)
+        found |= {letter.latex: (lambda name=name: state.symbol(name)) for name, letter in self.known.items()}
+        bases = [Base(kind, side) for side in self.s.record.sides for kind in _BASES]
+        return found | {Writer.plain(base): (lambda base=base: state.atom(base)) for base in bases}
+
+    def compiled(self, outputs: Outputs) -> dict[Any, Any]:
+        """Outputs of the compiled kernel (LLVM) at the states, by target."""
+        p = plan(self.d, outputs)
+        if not p.all_inputs.symbols:
+            return {t: np.full(POINTS, float(e)) for t, e in zip(p.targets, p.inserted, strict=True)}
+        x = np.stack([self.state.given[str(symbol)] for symbol in p.all_inputs.symbols], axis=-1)
+        return dict(zip(p.targets, p.kernel.values(x).T, strict=True))
+
+    def at_point(self, side: str, kernel: dict[Any, Any]) -> tuple[Any, Any]:
+        """Force and moment about the point of a side, inertial, of the compiled rows of its node (moment about the centre, body
+        axes)."""
+        f, count = self.state.frame(side), self.state.frame(side).kind.translations
+        rows = [np.broadcast_to(kernel.get(("u", side, i), 0.0), (POINTS,)) for i in range(count + 3)]
+        force = np.stack(rows[:3], -1) if count else np.zeros((POINTS, 3))
+        moment = sum(self.state.vector(column) * m[:, None] for column, m in zip(f.body, rows[count:], strict=True))
+        return force, moment - np.cross(self.state.vector(f.arm), force)
+
+    @cached_property
+    def varied(self) -> State:
+        """The states after a complex step along a virtual displacement of bodies and coordinates."""
+        atom, given = self.state.atom, self.state.given
+        motion = {side: (atom(Base("du", side)), atom(Base("dpsi", side))) for side in self.s.record.sides}
+        changes = {str(c): given[str(dc)] for c, dc in self.s.virtual.items() if str(c) in given}
+        return self.state.changed(1j * STEP, motion, changes)
+
+    @cached_property
+    def stated_pairs(self) -> dict[str, Pair]:
+        """The force and torque that the law states, and those of its thrust, on all bodies, left-hand side, at their points."""
+        record, parts = self.s.record, []
+        if self.s.wrench is not None:
+            force, torque = self.s.wrench
+            d = record.single(record.atom("r", "l") - record.atom("r", "k"))
+            parts.append({"k": (force, torque + d.cross(force)), "l": (-force, -torque)})
+        if self.s.thrust is not None:
+            along, push = self.s.thrust
+            parts.append(times(self.s.gradient(along)[0], -push))
+        return summed(record, parts)
+
+    @cached_property
+    def stated_partials(self) -> dict[Expr, Expr]:
+        """What the thrust of the law adds to the equations of the coordinates that are unknowns, left-hand side."""
+        zero = dict.fromkeys(self.s.coordinates.values(), se.Integer(0))
+        if self.s.thrust is None:
+            return zero
+        along, push = self.s.thrust
+        return zero | {symbol: -push * p for symbol, p in self.s.gradient(along)[1].items()}
+
+    def totals(self) -> dict[str, Pair]:
+        """G^T lambda: force and moment on the bodies, at their points, by side."""
+        gradients = self.s.gradients.items()
+        return summed(self.s.record, [times(pairs, se.Symbol(f"lambda_{row}")) for row, (pairs, _) in gradients])
+
+    def all_pairs(self) -> dict[str, Pair]:
+        """Forces and moments on the bodies at their points, as they stand on the left-hand side."""
+        parts = [self.totals(), self.stated_pairs]
+        if isinstance(self.s.law, Force):
+            parts += [self.s.gradient(self.s.energy)[0], self.s.drag[0]]
+        return summed(self.s.record, parts)
+
+    def letters(self, mark: str = "") -> list[tuple[str, str, int]]:
+        """Names of force and moment of every frame: LaTeX, side, 0 or 1; a free rotation has a moment alone."""
+        sides = [side for side in self.s.record.sides if side not in self.s.still]
+        return [(rf"\mathbf{{{letter}}}{mark}_{subscript(side)}", side, i) for side in sides
+                for i, letter in enumerate("fm") if i or side in self.s.sides]  # fmt: skip
+
+    def balance(self, pairs: dict[str, Pair], must: bool = False) -> tuple[list[Block], bool]:
+        """The sums of the forces and of the moments about the point of the first body, and whether both vanish at all states.
+
+        must: they are said to vanish, whatever they are."""
+        record, w, (first, *others) = self.s.record, self.writer, self.s.sides
+        force, moment = record.zero(), pairs[first][1]
+        turning = rf"\mathbf{{m}}_{subscript(first)}"
+        for side in others:
+            d = record.single(record.atom("r", side) - record.atom("r", first))
+            moment = moment + pairs[side][1]
+            moment = sum((d.cross(Vector(record, {a: c})) for a, c in pairs[side][0].terms.items()), moment)
+            turning += rf" + \mathbf{{m}}_{subscript(side)}"
+            turning += rf" + {w.vector(d)}\times\mathbf{{f}}_{subscript(side)}" if pairs[side][0].terms else ""
+        n = self.numbers()
+        force = sum((pairs[side][0] for side in self.s.sides), force)
+        force, moment = (record.zero() if must else settled(a, n) for a in (force, moment))
+        total = " + ".join(rf"\mathbf{{f}}_{subscript(i)}" for i in self.s.sides)
+        self.wanted |= dict.fromkeys((total, turning), BOTH)
+        lines = self.lines(f"{total} = {w.vector(force)}", f"{turning} = {w.vector(moment)}")
+        return lines, not (force.terms or moment.terms)
+
+    def covector(self, state: State, side: str) -> tuple[Any, Any]:
+        """G^T lambda of a frame as derived: force, and moment about its point (points, 3)."""
+        force, moment = (state.vector(part) for part in weighted(self.d, self.d.multipliers, side))
+        return force, moment - np.cross(state.vector(state.frame(side).arm), force)
+
+
+def inertial_axes(points: int) -> dict[str, Any]:
+    """Values (points, 3) of the inertial axes by their LaTeX."""
+    return {rf"\mathbf{{i}}_{a}": np.broadcast_to(e, (points, 3)) for a, e in zip("xyz", np.eye(3), strict=True)}
+
+
+def settled(a: Vector, n: Any) -> Vector:
+    """The vector, or zero where it vanishes at all states."""
+    return a if a.terms and float(np.max(np.abs(n.vector(a)))) > 1e-12 else a.record.zero()
+
+
+def planar_of(s: Statement) -> Derived | None:
+    """The law in the plane, where it has a planar form."""
+    try:
+        return derived(s.cls, s.structure, planar=True)
+    except LawError:
+        return None

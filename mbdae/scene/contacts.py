@@ -1,0 +1,137 @@
+"""Statements of contact between bodies: two shapes, and the laws that act where they touch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from mbdae.laws.contact import BallOnBall, BallOnCylinder, BallOnPlane, Contact, CylinderOnPlane
+from mbdae.scene import reading
+from mbdae.scene.components import Array, Body, Connection
+from mbdae.scene.items import SceneItems
+from mbdae.scene.models import friction_law, normal_law
+from mbdae.scene.reading import Argument, reads
+from mbdae.scene.record import statement
+from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Shape, Sphere
+from mbdae.values import BadValueError, array, shown
+
+SHAPES = "give mb.Plane, mb.Cylinder, mb.Sphere, mb.Point or mb.Box"
+TWO = "a plane touches spheres, points, boxes and cylinders; a sphere touches spheres, points and cylinders"
+STANDING = 1e-9  #: component of an axis that is round-off
+
+
+def shape(arg: Argument, value: Any) -> Shape:
+    """A shape with plain values: its point, directions of length 1, lengths above 0."""
+    if not isinstance(value, Shape) or type(value) is Shape:
+        arg.wrong(f"{shown(value)} is no shape", SHAPES)
+        return Point()
+    found: dict[str, Any] = {}
+    for key, given in vars(value).items():
+        part = arg.part(f"{arg.option}.{key}")
+        if key in ("radius", "length"):
+            found[key] = None if given is None and key == "length" else reading.quantity("m", "positive")(part, given)
+        elif key in ("normal", "axis"):
+            found[key] = reading.unit(reading.direction(part, given))
+        elif key == "size":
+            found[key] = _edges(part, given)
+        elif given is not None:
+            found[key] = (reading.rotation if key == "rotation" else reading.point)(part, given)
+    return replace(value, **found)
+
+
+def _edges(arg: Argument, value: Any) -> Array:
+    """Lengths (3,) of the edges of a box; 0 along z where two are given."""
+    try:
+        found = array(value)
+        if found.shape not in ((2,), (3,)) or (found < 0).any() or not found.any():
+            raise BadValueError(shown(value))
+    except BadValueError as refused:
+        arg.wrong(refused, "give three lengths, m, not all 0, or two for a plate in the plane z = 0")
+        return np.ones(3)
+    return np.append(found, np.zeros(3 - len(found)))
+
+
+class ContactStatements(SceneItems):
+    """`contact`."""
+
+    _connect: Callable[[Connection], Connection]
+
+    @reads(name=reading.name, k=reading.body, l=reading.body, shape_k=shape, shape_l=shape, normal=normal_law,
+           friction=friction_law)  # fmt: skip
+    @statement
+    def contact(self, name: str, k: Any, l: Any, shape_k: Shape, shape_l: Shape, normal: Any, friction: Any = None) -> Connection:
+        """Contact of a shape of body k with one of body l: nothing acts where they are apart, a normal force and friction where
+        they overlap, and no step goes over a contact. Shapes as drawn (m): mb.Plane, mb.Cylinder, mb.Sphere, mb.Point,
+        mb.Box; without a point `at` they are at the centre of mass. normal: mb.Hertz(...) or a normal law of one's own; friction:
+        mb.Coulomb(...), one's own, or None. Sensors: `gap`, `normal_force`, `friction_force`, `slip`, `contacts`; force
+        and torque are those on the body of the sphere, point, box, or of the cylinder on a plane."""
+        first, second = (k, _placed(k, shape_k)), (l, _placed(l, shape_l))
+        if _rank(shape_k) > _rank(shape_l):
+            first, second = second, first
+        (k, one), (l, other) = first, second
+        made = PAIRS.get((type(one), type(other)))
+        laws = [] if made is None else made(one, other)
+        if made is None:
+            kinds = f"mb.{type(one).__name__} and mb.{type(other).__name__}"
+            self.problems.append(f"contact '{name}': there is no contact of {kinds}; {TWO}")
+            laws = [(BallOnBall, {"at": one.at, "at_l": other.at, "radius_k": 1.0})]
+        return self._connect(Connection(name, "contact", k, l, [law(name, k, l, normal=normal, friction=friction, **values)
+                                                                for law, values in laws]))  # fmt: skip
+
+
+def _rank(one: Shape) -> int:
+    return next((i for i, kind in enumerate((Plane, Cylinder)) if isinstance(one, kind)), 2)
+
+
+def _placed(body: Any, one: Any) -> Any:
+    """The shape at the centre of its body, where it says no point."""
+    owner: Body = getattr(body, "body", body)
+    return one if one.at is not None else replace(one, at=np.array(owner.drawn.position, dtype=float))
+
+
+Made = list[tuple[type[Contact], dict[str, Any]]]  #: laws with their places and numbers
+
+
+def _ball_on_plane(plane: Plane, ball: Any) -> Made:
+    return [(BallOnPlane, {"at": plane.at, "at_l": ball.at, "axis": plane.normal, "radius": getattr(ball, "radius", None)})]
+
+
+def _box_on_plane(plane: Plane, box: Box) -> Made:
+    """The corners of the box."""
+    axes = np.eye(3) if box.rotation is None else np.asarray(box.rotation)
+    signs = product(*((-0.5, 0.5) if edge else (0.0,) for edge in box.size))
+    corners = [box.at + axes @ (np.array(sign) * box.size) for sign in signs]
+    return [part for corner in corners for part in _ball_on_plane(plane, Point(corner))]
+
+
+def _cylinder_on_plane(plane: Plane, cylinder: Cylinder) -> Made:
+    """With the frame's x along the part of the cylinder's axis that is in the plane."""
+    z = np.asarray(plane.normal)
+    up = float(cylinder.axis @ z)
+    across = cylinder.axis - up * z
+    lying = float(np.linalg.norm(across))
+    place = {"at": plane.at, "at_l": cylinder.at, "axis": z, "axis_x": across / lying if lying > STANDING else None}
+    components = {"along_x": lying if lying > STANDING else None, "along_z": up if abs(up) > STANDING else None}
+    return [(CylinderOnPlane, {**place, "radius": cylinder.radius, "length": cylinder.length, **components})]
+
+
+def _ball_on_cylinder(cylinder: Cylinder, ball: Any) -> Made:
+    return [(BallOnCylinder, {"at": cylinder.at, "at_l": ball.at, "axis": cylinder.axis, "radius_k": cylinder.radius,
+                              "radius_l": getattr(ball, "radius", None), "length": cylinder.length})]  # fmt: skip
+
+
+def _ball_on_ball(one: Any, other: Any) -> Made:
+    return [(BallOnBall, {"at": one.at, "at_l": other.at, "radius_k": getattr(one, "radius", None),
+                          "radius_l": getattr(other, "radius", None)})]  # fmt: skip
+
+
+#: how two shapes touch
+PAIRS: dict[tuple[type[Shape], type[Shape]], Callable[[Any, Any], Made]] = {
+    (Plane, Sphere): _ball_on_plane, (Plane, Point): _ball_on_plane, (Plane, Box): _box_on_plane,
+    (Plane, Cylinder): _cylinder_on_plane, (Cylinder, Sphere): _ball_on_cylinder, (Cylinder, Point): _ball_on_cylinder,
+    (Sphere, Sphere): _ball_on_ball, (Sphere, Point): _ball_on_ball, (Point, Sphere): _ball_on_ball,
+}  # fmt: skip

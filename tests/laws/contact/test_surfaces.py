@@ -1,0 +1,165 @@
+"""Contact of free bodies: closed forms, balances, and nothing that passes through."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+from mbdae.laws.contact import BallOnBall, BallOnCylinder, BallOnPlane, CylinderOnPlane
+
+G = 9.81
+STIFF = mb.Hertz(1e9, 0.5)
+
+
+def rolling(body: str, planar: bool, slope: float = math.radians(10)) -> tuple[mb.Scene, float]:
+    """A ball or cylinder on a slope, and its inertia over m R^2."""
+    R, m, c = 0.1, 2.0, 0.4 if body == "ball" else 0.5
+    up = np.array([0, 1, 0]) if planar else np.array([0, 0, 1])
+    s = mb.Scene("slope", gravity=G * (math.sin(slope) * np.array([1, 0, 0]) - math.cos(slope) * up))
+    across = m * (3 * R**2 + 0.09) / 12 if body == "cylinder" else c * m * R**2
+    b = s.rigid_body("b", m, c * m * R**2 if planar else (across, c * m * R**2, across), at=R * up)
+    axis = (0, 0, 1) if planar else (0, 1, 0)
+    shape = mb.Sphere(radius=R) if body == "ball" else mb.Cylinder(axis=axis, radius=R, length=0.3)
+    s.contact("floor", s.ground, b, mb.Plane(at=(0, 0), normal=up), shape, normal=STIFF, friction=mb.Coulomb(0.5, 1e-3))
+    return s, c
+
+
+@pytest.mark.parametrize("body", ["ball", "cylinder"])
+@pytest.mark.parametrize("planar", [True, False])
+def test_what_rolls_down_is_as_fast_as_its_inertia_says(body: str, planar: bool) -> None:
+    s, c = rolling(body, planar)
+    r = s.simulate(0.3, 1e-5)
+    expected = G * math.sin(math.radians(10)) * 0.3 / (1 + c)
+    assert r["b"].velocity[-1, 0] == pytest.approx(expected, rel=2e-3)  # it creeps by a part of v_c
+    assert abs(r["floor"].slip[-1]) < 1e-3 if body == "ball" else np.all(abs(r["floor"].slip[-1]) < 1e-3)
+    assert abs(r.energy.balance[-1]) < 1e-4 * r.energy.kinetic[-1]
+
+
+def test_a_sliding_ball_begins_to_roll_at_five_sevenths_of_its_speed() -> None:
+    s = mb.Scene("bowling", gravity=(0, 0, -G))
+    b = s.rigid_body("b", 1.0, (0.004,) * 3, at=(0, 0, 0.1 - (G / 1e9) ** (2 / 3)), velocity=(2, 1, 0))
+    s.contact("floor", s.ground, b, mb.Plane(), mb.Sphere(radius=0.1), normal=STIFF, friction=mb.Coulomb(0.3, 1e-3))
+    end = 2 / 7 * math.hypot(2, 1) / (0.3 * G)  # s, until it rolls
+    r = s.simulate(2 * end, 1e-6)
+    assert np.allclose(r["b"].velocity[-1, :2], np.array([2, 1]) * 5 / 7, rtol=1e-3)
+    assert r.energy.friction[-1] == pytest.approx(0.5 * 5 * 2 / 7, rel=2e-3)
+    assert r["floor"].friction_force[len(r.t) // 8] == pytest.approx(0.3 * G, rel=1e-3)
+
+
+def test_a_bouncing_ball_returns_what_its_law_says() -> None:
+    law = mb.Hertz.restitution(1e9, 0.8, 4.0)
+    s = mb.Scene("bounce")
+    b = s.rigid_body("b", 1.0, (0.004,) * 3, at=(0.3, 0.2, 0.5), velocity=(0, 0, -4))
+    s.contact("floor", s.ground, b, mb.Plane(), mb.Sphere(radius=0.1), normal=law)
+    r = s.simulate(0.2)
+    assert r["b"].velocity[-1, 2] == pytest.approx(0.8 * 4, rel=1e-5)
+    assert r["floor"].contacts.first == pytest.approx(0.1, abs=1e-9)
+    assert r.energy.impact[-1] == pytest.approx(0.5 * 16 * (1 - 0.64), rel=1e-5)
+
+
+@pytest.mark.parametrize("planar", [True, False])
+def test_two_balls_that_meet_head_on_exchange_their_momentum(planar: bool) -> None:
+    s = mb.Scene("billiards")
+    J = 0.004 if planar else (0.004,) * 3
+    a, b = s.rigid_body("a", 1.0, J, velocity=(2, 0, 0)), s.rigid_body("b", 2.0, J, at=(1, 0, 0))
+    s.contact("c", a, b, mb.Sphere(radius=0.1), mb.Sphere(radius=0.1), normal=mb.Hertz(1e8))
+    r = s.simulate(1.0)
+    assert np.allclose([r["a"].velocity[-1, 0], r["b"].velocity[-1, 0]], [-2 / 3, 4 / 3], atol=1e-5)
+
+
+HITS = [((1, 0, 0.1), (-1, 0, 0)), ((0.05, 0.02, 1), (0, 0, -1)), ((0.6, 0, 0.65), (-1, 0, -1))]
+
+
+@pytest.mark.parametrize(("at", "towards"), HITS)
+def test_a_ball_leaves_side_end_and_rim_of_a_cylinder_along_the_normal(at: tuple[float, ...], towards: tuple[float, ...]) -> None:
+    s = mb.Scene("post")
+    b = s.rigid_body("b", 1.0, (0.004,) * 3, at=at, velocity=2 * np.array(towards) / np.linalg.norm(towards))
+    s.contact("c", s.ground, b, mb.Cylinder(at=(0, 0, 0), radius=0.2, length=0.5), mb.Sphere(radius=0.1), normal=mb.Hertz(1e9))
+    r = s.simulate(1.0)
+    assert np.allclose(r["b"].velocity[-1], -r["b"].velocity[0], atol=1e-4)  # all three are hit along the normal
+    assert r["c"].contacts.deepest < 2e-3
+
+
+def test_a_box_comes_to_rest_on_its_corners() -> None:
+    s = mb.Scene("box", gravity=(0, -G, 0))
+    b = s.rigid_body("b", 1.0, 0.05 / 12, at=(0, 0.051), angular_velocity=(0, 0, 0.2))
+    s.contact("floor", s.ground, b, mb.Plane(at=(0, 0), normal=(0, 1)), mb.Box(size=(0.2, 0.1)), normal=mb.Hertz(1e8, 5.0),
+              friction=mb.Coulomb(0.3, 1e-3))  # fmt: skip
+    r = s.simulate(0.5, 1e-4)
+    assert r["floor"].force[-1, 1] == pytest.approx(G, rel=1e-2)
+    assert r["floor"].gap.shape == (len(r.t), 4)
+    assert abs(r["b"].position[-1, 1] - 0.05) < 1e-4
+
+
+def test_thrown_balls_stay_in_their_room() -> None:
+    random = np.random.default_rng(7)
+    for planar in (True, False, True, False):
+        speed, radius, way = 10 ** random.uniform(0, 2), 0.05, random.normal(size=3)
+        way[2] *= not planar
+        s = mb.Scene("room", gravity=(0, -G, 0))
+        b = s.rigid_body("b", 1.0, 1e-3 if planar else (1e-3,) * 3, velocity=speed * way / np.linalg.norm(way))
+        for axis in np.eye(3)[: 2 if planar else 3]:
+            for side in (-1, 1):
+                s.contact(f"wall {side * axis}", s.ground, b, mb.Plane(at=0.5 * side * axis, normal=-side * axis),
+                          mb.Sphere(radius=radius), normal=mb.Hertz.restitution(1e10, 0.8, speed),
+                          friction=mb.Coulomb(0.2, 1e-2 * speed))  # fmt: skip
+        r = s.simulate(2 / speed, 1e-4)
+        at = r.prepared.states(r.solution.t, r.solution.y)[0][:, :3]
+        assert np.max(np.abs(at[:, : 2 if planar else 3])) < 0.5 - radius + radius / 5
+        assert np.max(np.abs(r.energy.balance)) < 1e-2 * r.energy.kinetic[0]
+        assert sum(one["contacts"] for one in r.contacts.values()) >= 2
+
+
+def test_a_scene_with_shapes_is_stored(tmp_path: object) -> None:
+    for size in ((0.2, 0.1), (0.2, 0.1, 0.3)):
+        s = mb.Scene("box", gravity=(0, 0, -G))
+        b = s.rigid_body("b", 1.0, (1, 1, 1), at=(0, 0, 1))
+        s.contact("floor", b, s.ground, mb.Box(size=size), mb.Plane(), normal=STIFF)  # in either order
+        r = s.simulate(0.1)
+        r.save(f"{tmp_path}/run.npz")
+        assert np.array_equal(mb.load(f"{tmp_path}/run.npz")["floor"].gap, r["floor"].gap)
+
+
+@pytest.mark.parametrize("law", [BallOnPlane, BallOnBall, BallOnCylinder, CylinderOnPlane])
+def test_every_pair_keeps_the_contract(law: type) -> None:
+    mb.selftest(law, normal=mb.Hertz(1e7, 0.3), friction=None)
+    if law is not BallOnBall:  # two mass points have no arm for friction
+        mb.selftest(law, normal=mb.Hertz(1e7, 0.3), friction=mb.Coulomb(0.3, 1e-2))
+
+
+def test_mistakes_are_named() -> None:
+    s = mb.Scene("mistakes")
+    b = s.rigid_body("b", 1.0, (1, 1, 1), at=(0, 0, 1))
+    s.contact("two planes", s.ground, b, mb.Plane(), mb.Plane(at=(0, 0, 1)), normal=STIFF)
+    s.contact("radius", s.ground, b, mb.Plane(), mb.Sphere(radius=-1), normal=STIFF)
+    s.contact("shape", s.ground, b, mb.Plane(), "ball", normal=STIFF)
+    s.contact("law", s.ground, b, mb.Plane(), mb.Sphere(radius=0.1), normal=3.0)
+    with pytest.raises(mb.SceneError) as error:
+        s.check()
+    told = str(error.value)
+    for words in ("no contact of mb.Plane and mb.Plane", "shape_l.radius = -1", "'ball' is no shape", "3.0 is no normal law"):
+        assert words in told
+
+
+def test_a_start_inside_and_friction_with_states_in_space_are_refused() -> None:
+    bristles = mb.LuGre(0.2, 0.3, 0.01, 1e5, 100.0)
+    for friction, at, words in ((None, 0.02, "draw the bodies apart"), (bristles, 0.1, "internal states")):
+        s = mb.Scene("refused", gravity=(0, 0, -G))
+        b = s.rigid_body("b", 1.0, (1, 1, 1), at=(0, 0, at))
+        s.contact("floor", s.ground, b, mb.Plane(), mb.Sphere(radius=0.1), normal=STIFF, friction=friction)
+        with pytest.raises(mb.MbdaeError, match=words):
+            s.simulate(0.1)
+
+
+def test_bristles_hold_a_mass_on_a_planar_slope() -> None:
+    s = mb.Scene("stuck", gravity=(0.2 * G, -G, 0))
+    s.point_mass("b", 1.0, at=(0, -((G / 1e9) ** (2 / 3))))
+    s.contact("floor", s.ground, "b", mb.Plane(at=(1, 0), normal=(0, 1)), mb.Point(), normal=STIFF,
+              friction=mb.LuGre(0.25, 0.3, 0.01, 1e5, 100.0))  # fmt: skip
+    r = s.simulate(1.0)
+    assert abs(r["b"].velocity[-1, 0]) < 1e-6
+    assert 0.2 / 1e5 < r["b"].position[-1, 0] < 1e-5  # the bristles give way by load over stiffness, and a little at first
+    assert r["floor"].friction_force[-1] == pytest.approx(0.2 * G, rel=1e-3)
