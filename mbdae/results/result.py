@@ -182,7 +182,7 @@ class Result(RunStates, ListsAttributes):
             told = f"'{name}' has {known}" if known else f"give item.quantity of an item, such as {items}"
             raise SceneError([f"there is no sensor '{path}'; {told}"])
         found = np.asarray(getattr(sensor, quantity))
-        if len(entry) >= found.ndim or any(n >= size for n, size in zip(entry, found.shape[1:], strict=False)):
+        if entry and (len(entry) >= found.ndim or any(n >= size for n, size in zip(entry, found.shape[1:], strict=False))):
             raise SceneError([f"there is no sensor '{path}{list(entry)}': '{path}' has the shape {found.shape[1:]} at each time"])
         for n in entry:
             found = found[:, n]
