@@ -66,7 +66,7 @@ def double(model, space):
                torque=-3 * q("K.rate") - 2 * q("b.velocity[0]") - q("J.angle") * q("a.angular_velocity[2]"))  # fmt: skip
     s.revolute("K", a, b, at=(1, 0), model=model, torque=-3 * q("K.angle") * sp.cos(mb.t) - q("b.position[1]") - q("x"))
     s.force("F", b, (q("b.rotation[0, 1]"), 0.3 * q("K.angle_rate"), 0), at=(1.5, 0.7))
-    s.force("D", b, (-0.4 * q("a.velocity[0]"), 0, 0), at=(1, 0))  # between bodies of one tree
+    s.force("D", b, (-0.4 * q("a.velocity[0]") * q("e"), 0, 0), at=(1, 0))  # between bodies of one tree, and a state
     s.state("e", rate=q("b.at(1.0).position[0]") - q("e"))
     s.signal("x", q("e") * q("J.rate") + sp.tanh(q("J.angle")))
     return s
