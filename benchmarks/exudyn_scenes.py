@@ -111,7 +111,7 @@ def planar_chain(container: Any, p: dict[str, Any]) -> Built:
 def planar_linkage(container: Any, p: dict[str, Any]) -> Built:
     """Bodies, hinges between them, springs and torques, as data (Andrews' mechanism)."""
     m = Planar(container)
-    bodies = [m.body(b["mass"], b["inertia"], b["at"], b["angle"]) for b in p["bodies"]]
+    bodies = [m.body(b["mass"], b["inertia"], b["at"], b["angle"], gravity=p.get("gravity", 0.0)) for b in p["bodies"]]
     at = {-1: m.ground} | dict(enumerate(bodies))
     for k, l, point in p["hinges"]:
         m.hinge(at[k], at[l], point)
@@ -334,6 +334,7 @@ def ladder(p: dict[str, Any], method: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    problem = json.loads(sys.argv[1])
+    given = sys.argv[1]  # or @ and the name of a file: a command line has no room for large scenes
+    problem = json.loads(Path(given[1:]).read_text() if given.startswith("@") else given)
     found = [{"method": m["name"], "runs": ladder(problem, m)} for m in problem["methods"]]
     Path(problem["output"]).write_text(json.dumps({"version": exu.__version__, "methods": found}))

@@ -16,6 +16,7 @@ from mbdae.errors import (
     SolverError,
     StartError,
     SteadyError,
+    StoppedError,
 )
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from mbdae.export import Export, export
     from mbdae.extremes import extremes
     from mbdae.formulations import GGL, ODE, Index1, Index3
+    from mbdae.inputs.measured import read_table, table
     from mbdae.integrators.alpha.generalized_alpha import HHT, GeneralizedAlpha
     from mbdae.integrators.one_step import OneStep
     from mbdae.integrators.orders import measure_order
@@ -83,8 +85,8 @@ _HOME = {
     "Stop": "mbdae.scene.components", "Switches": "mbdae.system.base", "Universal": "mbdae.laws.joints",
     "Weld": "mbdae.laws.joints", "audit": "mbdae.audit", "compare": "mbdae.compare", "export": "mbdae.export",
     "extremes": "mbdae.extremes", "load": "mbdae.api", "measure_order": "mbdae.integrators.orders",
-    "params": "mbdae.symbolic.law", "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest",
-    "sweep": "mbdae.sweep",
+    "params": "mbdae.symbolic.law", "read_table": "mbdae.inputs.measured", "report": "mbdae.reports.report",
+    "selftest": "mbdae.contracts.selftest", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",
 }  # fmt: skip
 
 __all__ = [
@@ -93,8 +95,8 @@ __all__ = [
     "Friction", "GeneralizedAlpha", "Hertz", "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError",
     "Normal", "OneStep", "OptionError", "Planar", "Plane", "Point", "PointOnLine", "PointOnPlane", "Prismatic", "RadauIIA",
     "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw", "Section", "SolverError", "Sphere", "Spherical", "StartError",
-    "SteadyError", "Stop", "Switches", "Universal", "Weld", "audit", "compare", "export", "extremes", "load", "measure_order",
-    "params", "report", "selftest", "sweep", "t",
+    "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld", "audit", "compare", "export", "extremes", "load",
+    "measure_order", "params", "read_table", "report", "selftest", "sweep", "t", "table",
 ]  # fmt: skip
 
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from mbdae.errors import with_text_when_interrupted
+from mbdae.display import picture, rows, titled
+from mbdae.errors import SceneError, with_text_when_interrupted
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.formulations.named import form_of
 from mbdae.integrators.base import Asked, Solver, end_after, output_times
 from mbdae.integrators.named import solver_of
 from mbdae.results.result import Result
 from mbdae.results.storage import load as load
+from mbdae.run.checkpoint import keeper_of, kept, statement_of
 from mbdae.run.checks import Check, check_scene
 from mbdae.run.choice import choose, prepared_from, with_recursive_joints
 from mbdae.run.conditions import conditions
@@ -59,6 +62,17 @@ class Scene(SceneData):
 
         return draw(prepare(self), checked(path, what="draw") if path is not None else None)
 
+    def __repr__(self) -> str:
+        forces = len(self._items) - len(self.bodies) - len(self.joints)
+        return f"<Scene '{self.name}': bodies {len(self.bodies)}, joints {len(self.joints)}, forces {forces}>"
+
+    def _repr_html_(self) -> str:
+        table = rows([(item.name, getattr(item, "kind", "body")) for item in self._items], ("item", "kind"))
+        try:
+            return titled(f"scene '{self.name}'", picture(self.draw()._repr_png_()), table)
+        except SceneError as error:
+            return titled(f"scene '{self.name}'", rows([("problem", text) for text in error.problems]), table)
+
     def equilibrium(self, frame: Any = None, progress: Callable[[float, int], None] | None = None) -> Equilibrium:
         """A state at rest in a frame: s.ground (default), or a body that turns steadily; see `mbdae.analysis.equilibrium`."""
         from mbdae.analysis import equilibrium
@@ -82,8 +96,8 @@ class Scene(SceneData):
     def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Solver | type[Solver] | str | None = None,
                  form: Form | type[Form] | str | None = None, outputs: int | Sequence[float] | Array | None = None,
                  start: Result | None = None, verify: bool = False, max_wall: float | None = None,
-                 progress: Callable[..., None] | bool | None = None, until: Any = None,
-                 record: Any = None) -> Result:  # fmt: skip
+                 progress: Callable[..., None] | bool | None = None, checkpoint: Any = None, every: int | None = None,
+                 until: Any = None, record: Any = None) -> Result:  # fmt: skip
         """Run to t_end (s), or to the event `until`.
 
         accuracy: bound asked for the error over the run (positions relative to the scene's length, angles in rad,
@@ -95,6 +109,9 @@ class Scene(SceneData):
         outputs: a number of equally spaced times, or the times. start: a Result to continue. verify: measure the
         error by a repeat at a tenth with another method, and that of the mesh of beams by a finer mesh. max_wall: s of wall
         time. progress: True shows a bar; a function is called as progress(t, t_end, stats), ten times per second at most.
+        checkpoint: a folder in which the call keeps its runs: after it was killed, at whatever time, the same call with the same
+        folder goes on and returns the same bits; SIGTERM ends it after the step under way with StoppedError. every: accepted
+        steps between two checkpoints (default 1000). IDA and CVODE begin anew at each. Sampled controllers are refused.
         until: a condition on sensors that ends the run where it begins to hold, "J.angle > 1.0"; record: conditions whose
         instants are kept, "J.angle == 0" or a list; both as text or symbols (`sensor`), results in `events`.
         An option that cannot be used raises OptionError before anything is solved.
@@ -111,6 +128,17 @@ class Scene(SceneData):
         wall = optional("max_wall", max_wall, number, "give a positive number of seconds, or None", above=0)
         asked = Asked(end, max_wall=wall, progress=progress_of(progress))
         watched = Watched(conditions(self, "until", until), conditions(self, "record", record))
+        keeper = keeper_of(checkpoint, every)
+        said = partial(statement_of, self, keeper.every if keeper else 0, method, own, start, t_end=end, accuracy=accuracy,
+                       outputs=times, verify=verify, until=[c.name for c in watched.until],
+                       record=[c.name for c in watched.record])  # fmt: skip
+        with kept(keeper, said):
+            return self._simulated(end, accuracy, method, own, times, start, verify, asked, watched,
+                                   DEFAULT_OUTPUTS if outputs is None else outputs)  # fmt: skip
+
+    def _simulated(self, end: float, accuracy: float, method: Solver | None, own: Form | None, times: Array,
+                   start: Result | None, verify: bool, asked: Asked, watched: Watched, outputs: Any) -> Result:  # fmt: skip
+        """`simulate` with options that are read."""
         prepared = with_recursive_joints(self, start, end) if method is None and own is None else None
         prepared = prepared if prepared is not None else prepared_from(self, start, end)
         prepared = watched.with_turns(prepared, lambda scene: prepared_from(scene, start, end))
@@ -130,4 +158,4 @@ class Scene(SceneData):
         if not watched:
             run, job = made(job)
             return job.result(run, verify)
-        return watched.result(job, taken, made, outputs if outputs is not None else DEFAULT_OUTPUTS, verify)
+        return watched.result(job, taken, made, outputs, verify)

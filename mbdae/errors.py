@@ -10,6 +10,7 @@
     │   └── ExpressionError an expression of mb.t where only a number has a meaning (also a TypeError)
     ├── SolverError         the integration stopped; with the time, the culprit and the solution so far
     │   └── WallClockError  its wall-clock time was used up
+    ├── StoppedError        a run kept in a folder was ended by SIGTERM; the same call goes on with it
     ├── EquilibriumError    no state at rest was found; with the last one under a part of the loads, and its load factor
     ├── SteadyError         the linearised equations depend on time; with their coefficients at that instant
     └── LibraryError        the compiled part of the package cannot be opened, or not be compiled after a change of its C
@@ -70,6 +71,10 @@ class OptionError(MbdaeError, ValueError):
     """An option has a value that cannot be used."""
 
 
+class NotReadError(OptionError):
+    """A number of a law is not read where the equations are evaluated: it has no effect, or is compiled in."""
+
+
 class ExpressionError(OptionError, TypeError):
     """An expression of time was used where only a number has a meaning."""
 
@@ -96,6 +101,10 @@ class ControllerError(MbdaeError):
 
 class WallClockError(SolverError):
     """The wall-clock time allowed for a run was used up."""
+
+
+class StoppedError(MbdaeError):
+    """A run that is kept in a folder was ended by SIGTERM, after the step under way; the same call goes on with it."""
 
 
 def interrupted(error: BaseException, text: str, solution: Any) -> None:

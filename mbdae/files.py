@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,7 @@ def replacing(path: Any) -> Iterator[Path]:
             yield part
             _flush(part)
             os.replace(part, place)
+            _flush_folder(place.parent)
         except BaseException:
             part.unlink(missing_ok=True)
             raise
@@ -74,3 +76,34 @@ def _flush(part: Path) -> None:
     """Wait until the file is on the disk: only then may it replace another."""
     with part.open("rb+") as file:
         os.fsync(file.fileno())
+
+
+def _flush_folder(folder: Path) -> None:
+    """Wait until the new name is on the disk too, where the system can."""
+    if os.name == "nt":
+        return
+    number = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(number)
+    except OSError:  # some file systems do not flush folders
+        pass
+    finally:
+        os.close(number)
+
+
+def first_difference(there: Any, here: Any, where: str = "") -> str | None:
+    """The first entry in which two plain values differ, in words; None where they are equal."""
+    if there == here:
+        return None
+    if isinstance(there, Mapping) and isinstance(here, Mapping) and set(there) == set(here):
+        names = [(f"{where}.{key}" if where else str(key), there[key], here[key]) for key in there]
+    elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
+        names = [(f"{where}[{i}]", a, b) for i, (a, b) in enumerate(zip(there, here, strict=True))]
+    else:
+        return f"{where or 'it'} is {_short(there)} there and {_short(here)} here"
+    return next(found for name, a, b in names if (found := first_difference(a, b, name)))
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 200 else text[:197] + "..."

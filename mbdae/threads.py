@@ -9,8 +9,8 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
-from contextlib import nullcontext
 from functools import lru_cache, wraps
+from threading import Lock
 from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
@@ -25,12 +25,43 @@ def _controller(with_scipy: bool) -> Any:
     return ThreadpoolController()
 
 
-def one_thread() -> Any:
+class _OneThread:
+    """Contexts inside of each other, in which BLAS uses one thread; what they limit is released at the end of the outermost."""
+
+    def __init__(self) -> None:
+        self.depth, self.limits, self.lock = 0, list[Any](), Lock()
+
+    def __enter__(self) -> None:
+        with self.lock:
+            self.depth += 1
+            self.limit()
+
+    def __exit__(self, *_: object) -> None:
+        with self.lock:
+            self.depth -= 1
+            while self.limits and not self.depth:
+                self.limits.pop().restore_original_limits()
+
+    def limit(self) -> None:
+        """Limit the libraries loaded so far."""
+        controller = _controller("scipy.linalg" in sys.modules)
+        if any(library.num_threads != 1 for library in controller.lib_controllers if library.user_api == "blas"):
+            self.limits.append(controller.limit(limits=1, user_api="blas"))  # it costs as much as a short run
+
+
+_INSIDE = _OneThread()
+
+
+def one_thread() -> _OneThread:
     """Context in which BLAS uses one thread."""
-    controller = _controller("scipy.linalg" in sys.modules)
-    if all(library.num_threads == 1 for library in controller.lib_controllers if library.user_api == "blas"):
-        return nullcontext()  # a limit costs as much as a short run
-    return controller.limit(limits=1, user_api="blas")
+    return _INSIDE
+
+
+def limit_what_was_loaded() -> None:
+    """Inside of such a context, limit the BLAS of a library that has just been imported too."""
+    with _INSIDE.lock:
+        if _INSIDE.depth:
+            _INSIDE.limit()
 
 
 def single_threaded(function: Callable[P, T]) -> Callable[P, T]:

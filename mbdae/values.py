@@ -11,6 +11,7 @@ import inspect
 import math
 import numbers
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from decimal import Decimal
 from pathlib import Path
@@ -176,7 +177,7 @@ def instance(value: Any, base: type[T], known: Mapping[str, T]) -> T:
 
 def array(value: Any, *shapes: tuple[int, ...]) -> Array:
     """Finite numbers in an array of one of some shapes (any where none is given); no text, no truth values, no complex."""
-    if isinstance(value, np.ma.MaskedArray) and np.any(value.mask):
+    if "numpy.ma" in sys.modules and isinstance(value, np.ma.MaskedArray) and np.any(value.mask):  # else there is none
         raise BadValueError(f"{shown(value)} has masked entries")
     found = entries(value)
     try:

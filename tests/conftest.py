@@ -19,6 +19,7 @@ import pytest
 HERE = Path(__file__).resolve().parent
 MOST = 4  #: workers: each holds some hundred MB
 os.environ.setdefault("MPLBACKEND", "Agg")  # no window, also where there is a display
+os.environ["MBDAE_CACHE"] = "off"  # every test derives and compiles what it uses; those of the cache have folders of their own
 if "PYTEST_XDIST_WORKER" in os.environ:  # before NumPy is imported: workers with several BLAS threads each wait for each other
     os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")
 

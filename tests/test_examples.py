@@ -259,3 +259,9 @@ def test_ground_resonance_map_needs_floquet_where_a_damper_failed(tmp_path):
     assert (tmp_path / "ground_resonance_map.png").stat().st_size > 10_000
     with pytest.raises(mb.SteadyError, match=r"s.floquet\(period\)"):
         example.scene(dampers=(0, 400, 400, 400), isotropic=False).linearize(frame="hub")
+
+
+@pytest.mark.parametrize("name", ["quarter_car", "gearbox_torques"])
+def test_tables_in_examples_against_formulas_of_their_own(name, capsys):
+    importlib.import_module(name).main()  # it asserts its number
+    assert "exact" in capsys.readouterr().out or name == "quarter_car"

@@ -53,6 +53,16 @@ def test_docs_run(page, tmp_path, monkeypatch):
         exec(compile(text, f"{page}.md", "exec"), space)
 
 
+def test_docs_inputs_runs(tmp_path, monkeypatch):
+    pytest.importorskip("pandas")
+    pytest.importorskip("xarray")
+    monkeypatch.chdir(tmp_path)
+    space = {"__name__": "inputs"}
+    for language, text, _ in blocks((ROOT / "docs" / "inputs.md").read_text(encoding="utf-8")):
+        assert language == "python"
+        exec(compile(text, "inputs.md", "exec"), space)
+
+
 def test_laws_of_the_contributing_guide_work(monkeypatch):
     """Each block is a file; its laws are exported, keep the contract, and the tests among the blocks pass."""
     guide = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")

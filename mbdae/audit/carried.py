@@ -13,7 +13,7 @@ from mbdae.laws import joints
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.tree import tree_program
-from mbdae.symbolic.tree_structure import Link, TreeStructure
+from mbdae.symbolic.tree_motion import Link, TreeStructure
 
 _AXES = (Axes.GENERAL, Axes.GENERAL)
 

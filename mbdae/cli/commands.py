@@ -281,7 +281,7 @@ def _t_end(a: argparse.Namespace, module: ModuleType) -> float:
 
 def _measure(a: argparse.Namespace, module: ModuleType, scene: Any) -> str | None:
     """The sensor FILE names; one of an item that is not in the scene is refused before the run."""
-    from mbdae.results.sensors import placed, split
+    from mbdae.scene.sensor_names import placed, split
 
     measure = getattr(module, "measure", None)
     if measure is None:

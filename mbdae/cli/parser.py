@@ -33,6 +33,7 @@ def make_parser() -> argparse.ArgumentParser:
     """The parser; what it returns has the function of the command as `command`."""
     from mbdae import __version__
     from mbdae.cli import commands as do
+    from mbdae.cli.cache import cache
 
     parser = _Parser(prog="mbdae", description="Multibody dynamics: check, run and compare a scene.")
     parser.add_argument("--version", action="version", version=f"mbdae {__version__}")
@@ -55,7 +56,15 @@ def make_parser() -> argparse.ArgumentParser:
     _common(p, "folder for the page (.html) and its data (.json)")
     _report(commands, do.report)
     _validate(commands, do.validate)
+    _cache(commands, cache)
     return parser
+
+
+def _cache(commands: Any, action: Any) -> None:
+    text = "show what is kept on disk of derived and compiled laws, or remove it"
+    p = commands.add_parser("cache", help=text, description=text[0].upper() + text[1:] + ".")
+    p.add_argument("what", nargs="?", choices=("show", "clear"), default="show", help="default: show")
+    _always(p, action)
 
 
 def _report(commands: Any, action: Any) -> None:

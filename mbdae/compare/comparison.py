@@ -8,7 +8,6 @@ from typing import Any
 
 from mbdae.compare.checkpoint import Checkpoint
 from mbdae.compare.data import ComparisonData
-from mbdae.compare.environment import environment
 from mbdae.compare.execution import Execution
 from mbdae.compare.identity import identity
 from mbdae.compare.page import page
@@ -18,9 +17,12 @@ from mbdae.compare.problem import new_problem
 from mbdae.compare.reference import given_reference, refuse_no_reference
 from mbdae.compare.rows import with_front
 from mbdae.compare.run import Run, checked_runs, default_runs, progress_of_runs
+from mbdae.compare.split import Split
 from mbdae.compare.table import table
+from mbdae.display import picture, plain, titled
 from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver
+from mbdae.run.environment import environment
 from mbdae.show.plots import checked
 from mbdae.sweep.resume import resume_path
 from mbdae.sweep.writing import written
@@ -45,6 +47,12 @@ class Comparison(ComparisonData):
         """Error over CPU time and over residual evaluations; returns the matplotlib figure, saved where `path` (.png, .svg)
         is given."""
         return work_precision(self, checked(path, what="compare") if path is not None else None)
+
+    def __repr__(self) -> str:
+        return f"<Comparison of '{self.scene}': {len(self.runs)} runs; print it for the table>"
+
+    def _repr_html_(self) -> str:
+        return titled(f"comparison of '{self.scene}'", picture(self.plot()._repr_png_()), plain(self.table()))
 
     def __str__(self) -> str:
         return self.table()
@@ -76,10 +84,11 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver]
         state.reference, state.reference_values = given
     queue = [(run, a) for run in chosen for a in ([None] if run.as_it_is else asked)]
     smallest = min([*asked, *(a for run in chosen if (a := run.own_accuracy(problem.system(None).label)) is not None)])
-    Execution(problem, queue, smallest, state, kept, begin).do(tell)
+    Execution(problem, Split(problem), queue, smallest, state, kept, begin).do(tell)
     assert state.reference is not None
     differences = pairwise(list(state.tightest_runs.values()), problem.error)
-    return Comparison(problem.name, problem.t_end, measure, problem.what, state.reference, asked, with_front(state.rows),
+    rows = with_front(state.rows, state.reference.difference or 0.0)
+    return Comparison(problem.name, problem.t_end, measure, problem.what, state.reference, asked, rows,
                       differences, state.cpu_s, state.total_cpu_s, environment())  # fmt: skip
 
 

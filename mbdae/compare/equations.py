@@ -29,7 +29,7 @@ class Equations:
         """The equations in a form, assembled and evaluated once so that the CPU time of runs includes no compilation."""
         if form not in self.systems:
             self.systems[form] = self._assemble(form)
-            _warm(self.systems[form])
+            warm(self.systems[form])
         return self.systems[form]
 
     def _assemble(self, form: Form | None) -> System:
@@ -94,7 +94,7 @@ def _columns(own: Prepared, wanted: Prepared) -> list[int]:
     return positions + velocities
 
 
-def _warm(system: System) -> None:
+def warm(system: System) -> None:
     """Call every function once: kernels compile and caches fill on first use."""
     y, yp, out = system.y0, system.yp0, np.empty(system.n)
     shape: Any = (system.n, system.n) if system.sparsity is None else (system.sparsity.nnz,)

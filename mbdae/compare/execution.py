@@ -16,6 +16,7 @@ from mbdae.compare.problem import Problem
 from mbdae.compare.reference import computed_reference
 from mbdae.compare.rows import Row, asked_for
 from mbdae.compare.run import Run
+from mbdae.compare.split import Split
 from mbdae.errors import MbdaeError, SolverError, interrupted
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.sweep.resume import interruption
@@ -30,6 +31,7 @@ class Execution:
     """The runs of `queue` that have no row in `state` yet."""
 
     problem: Problem
+    split: Split
     queue: Sequence[tuple[Run, float | None]]
     smallest: float  #: tightest accuracy asked
     state: State
@@ -55,7 +57,7 @@ class Execution:
         for i in range(len(self.state.rows), len(self.queue)):
             run, accuracy = self.queue[i]
             tell(i + 1, total, f"{run.name('')} {asked_for(accuracy)}")
-            row, values = measured(self.problem, run, accuracy, self.state.reference_values)
+            row, values = measured(self.problem, run, accuracy, self.state.reference_values, self.split)
             if values is not None:
                 tightest(self.state.tightest_runs, row, values)
             self.state.rows.append(row)
@@ -67,7 +69,7 @@ class Execution:
         self.kept.save(self.state)
 
 
-def measured(problem: Problem, run: Run, accuracy: float | None, reference: Any) -> tuple[Row, Array | None]:
+def measured(problem: Problem, run: Run, accuracy: float | None, reference: Any, split: Split) -> tuple[Row, Array | None]:
     """One run: its row, and its values that are compared (None where it failed)."""
     facts: dict[str, Any] = {**_labels(problem, run, None), "solver": run.solver.label, "accuracy": accuracy}
     spent = problem.spent
@@ -88,6 +90,7 @@ def measured(problem: Problem, run: Run, accuracy: float | None, reference: Any)
     if not np.isfinite(error_now):
         return Row(**facts, cpu_s=done.cpu_s, **counts(done.solution), failure="the solution is not finite everywhere"), None
     cost: dict[str, Any] = {"cpu_s": done.cpu_s, "cpu_spread_s": done.spread_s, "peak_bytes": done.peak_bytes}
+    cost |= split.of(run, solver, done.solution, equations)
     return Row(**facts, error=error_now, **cost, **counts(done.solution)), values
 
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.compare.environment import environment
 from mbdae.compare.problem import Problem
 from mbdae.compare.run import Run
+from mbdae.run.environment import environment
 from mbdae.scene.record import encode
 from mbdae.system.base import Array, System
 

@@ -11,18 +11,20 @@ from typing import Any
 from mbdae.compare.data import ComparisonData
 from mbdae.compare.rows import Row
 from mbdae.documents.formulas import escaped
-from mbdae.show.plots import style, written
+from mbdae.show.plots import COLOURS, style, written
 
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*", "d", "8")
+#: colours beyond those of other pictures: no two methods have the same one
+FURTHER = ("#882255", "#999933", "#44AA99", "#661100", "#6699CC", "#AA4499", "#777777")
 PANELS = (("cpu_s", "CPU time [s]"), ("residuals", "residual evaluations"))
-FRONT = "filled: no other run is both cheaper in CPU time and more accurate"
+FRONT = "filled: no other run is both cheaper in CPU time and more accurate, and the error is above the reference's uncertainty"
 BELOW = "below the reference's own uncertainty"
 LETTERS = 13.5  #: letters of small text per inch
 
 
 def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -> Any:
     """Two panels, side by side or stacked, one line per run; filled markers lie on the Pareto front of error and CPU time."""
-    from matplotlib.figure import Figure
+    from mbdae.show.figure import Figure
 
     labels = list(dict.fromkeys(row.label for row in w.runs))
     names = [_name(label, [row for row in w.runs if row.label == label]) for label in labels]
@@ -83,10 +85,16 @@ def _legend_shape(names: list[str], width: float) -> tuple[int, list[str]]:
 def _line(axis: Any, rows: list[Row], work: str, i: int, name: str) -> None:
     points = sorted((getattr(row, work), row.error, row.pareto) for row in rows if row.measured is not None and row.error)
     x, y = [p[0] for p in points], [p[1] for p in points]
-    look = style(i)
-    axis.loglog(x, y, label=name, marker=MARKERS[i % len(MARKERS)], markerfacecolor="white", markersize=6, **look)
+    look, marker = own_look(i)
+    axis.loglog(x, y, label=name, marker=marker, markerfacecolor="white", markersize=6, **look)
     best = [p for p in points if p[2]]
-    axis.loglog([p[0] for p in best], [p[1] for p in best], MARKERS[i % len(MARKERS)], color=look["color"], markersize=6)
+    axis.loglog([p[0] for p in best], [p[1] for p in best], marker, color=look["color"], markersize=6)
+
+
+def own_look(i: int) -> tuple[dict[str, Any], str]:
+    """Colour with dash, and marker, of method i: each of its own up to the fourteenth method, pairs of its own after that."""
+    colours = (*COLOURS, *FURTHER)
+    return style(i) | {"color": colours[i % len(colours)]}, MARKERS[(i + i // len(colours)) % len(MARKERS)]
 
 
 def _dress(axis: Any, w: ComparisonData, title: str) -> None:

@@ -10,10 +10,13 @@ from dataclasses import dataclass, replace
 class Row:
     """One solver run. `error` in the unit of the measure, `cpu_s` and `cpu_spread_s` s of CPU; None where unknown.
 
+    cpu_s: of the solver's call alone. Of a scene besides, in a process in which nothing is made yet: derive_s (laws and their
+    derivatives), compile_s (kernels), start_s (start, rank and the equations of the whole scene); companions_s: the runs by which
+    `simulate` estimates the error of this one; judgement_s: its warnings and what it looks at after the run.
     accuracy, rtol: asked of the solver, None where its step is constant; stored_bytes: size of the accepted steps kept
     (t, y, y'), most of the memory of a finished run; peak_bytes: largest resident size of the whole process during the run,
     None where the system does not measure it; failure: why it did not finish; pareto: no other run was at least as accurate
-    and as cheap.
+    and as cheap, and its error is above the uncertainty of the reference.
     """
 
     label: str
@@ -35,6 +38,11 @@ class Row:
     peak_bytes: int | None = None
     failure: str | None = None
     pareto: bool = False
+    derive_s: float | None = None
+    compile_s: float | None = None
+    start_s: float | None = None
+    companions_s: float | None = None
+    judgement_s: float | None = None
 
     @property
     def measured(self) -> tuple[float, float] | None:
@@ -42,15 +50,17 @@ class Row:
         return (self.error, self.cpu_s) if self.error is not None and self.cpu_s is not None and not self.failure else None
 
 
-def with_front(rows: Sequence[Row]) -> tuple[Row, ...]:
-    """The rows with the Pareto front of error and CPU time marked."""
-    return tuple(replace(row, pareto=_undominated(row, rows)) for row in rows)
+def with_front(rows: Sequence[Row], uncertainty: float = 0.0) -> tuple[Row, ...]:
+    """The rows with the Pareto front of error and CPU time marked, as far as errors are above the reference's uncertainty."""
+    return tuple(replace(row, pareto=_undominated(row, rows, uncertainty)) for row in rows)
 
 
-def _undominated(row: Row, rows: Sequence[Row]) -> bool:
+def _undominated(row: Row, rows: Sequence[Row], uncertainty: float) -> bool:
     if row.measured is None:
         return False
     error, cpu = row.measured
+    if error <= uncertainty and uncertainty:
+        return False
     others = [r.measured for r in rows if r is not row and r.measured is not None]
     return not any(e <= error and c <= cpu and (e, c) != (error, cpu) for e, c in others)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError
-from mbdae.formulations import Form, Index3
+from mbdae.formulations import Form, Index1, Index3
 from mbdae.formulations.named import form_of
 from mbdae.integrators.base import Solver
 from mbdae.integrators.named import solver_of
@@ -91,7 +91,7 @@ def described(choice: Any, name: str) -> str:
 
 def default_runs(constrained: bool, system: System | None = None, others: Mapping[JointModel, bool] | None = None,
                  resolving: Form | None = None) -> list[Run]:  # fmt: skip
-    """IDA and Radau side by side; index 3 for Radau where there are constraints, IDA only up to index 1, CVODE and
+    """IDA and Radau side by side; index 3 and 1 for Radau where there are constraints, IDA only up to index 1, CVODE and
     DOP853 where there is a right-hand side.
 
     others: joint models that are compared beside what the scene states, and whether they leave an ODE. resolving: for a scene
@@ -107,7 +107,7 @@ def default_runs(constrained: bool, system: System | None = None, others: Mappin
     if resolving is not None:
         runs = [*runs[1:], Run(RadauIIA(3), resolving)]
     if constrained:
-        runs.append(Run(RadauIIA(3), Index3()))
+        runs += [Run(RadauIIA(3), Index3()), Run(RadauIIA(3), Index1())]
     elif resolving is None and (system is None or system.rhs is not None):
         runs += [Run(CVODE()), Run(DOP853())]
     for model, ordinary in (others or {}).items():

@@ -83,7 +83,7 @@ class Case:
         self.law, self.structure, self.given = law, structure, given
         self.compiles = compiles  #: whether compiled code is evaluated too; else NumPy alone, which is faster to prepare
         self.family = family if family is not None else {}
-        self.d: Derived = derive(law, structure, sides)  # type: ignore[arg-type]
+        self.d: Derived = derive(law, structure, sides)
         self.family[structure, sides] = self
         self.rng = np.random.default_rng(20)
         self.states = States(self.d, given, self.rng, POINTS)

@@ -94,7 +94,7 @@ def _derivable(law: type[Law], structure: Structure) -> bool:
     """Whether the law can be stated with these parameters absent (arithmetic with None fails otherwise)."""
     for sides in sides_of(law, structure):
         try:
-            d = derive(law, structure, sides)  # type: ignore[arg-type]
+            d = derive(law, structure, sides)
             if isinstance(d.law, Joint):
                 symbolic_motion(d.law)
         except LawError:
@@ -114,7 +114,7 @@ def variants(law: type[Law], options: dict[str, Any], refused: dict[str, str]) -
                 continue
             name = _variant_name(structure, sides)
             try:
-                derive(law, structure, sides)  # type: ignore[arg-type]
+                derive(law, structure, sides)
             except LawError as error:
                 refused[name] = str(error)
                 continue

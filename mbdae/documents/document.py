@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from mbdae.display import framed
 from mbdae.documents.blocks import Block, Picture, Section, every
 from mbdae.documents.html import html
 from mbdae.documents.latex import latex
@@ -42,6 +43,9 @@ class Document:
     def to_latex(self) -> str:
         """A LaTeX article that needs no package beyond a basic installation; of a picture its caption."""
         return latex(self.title, self.blocks)
+
+    def _repr_html_(self) -> str:
+        return framed(self.to_html())
 
     def save(self, path: str | Path) -> Path:
         """Write the format of the suffix, .html, .md, .tex or .pdf; returns the path.

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.display import rows, titled
 from mbdae.errors import OptionError
 from mbdae.export import c, text
 from mbdae.export.law import law_program
@@ -56,6 +57,11 @@ class Export:
         functions = ", ".join(f"{name} ({len(entries)})" for name, entries in self.outputs.items())
         inputs = ", ".join(f"{name} ({len(entries)})" for name, entries in self.inputs.items())
         return f"Export({self.program.title!r}, format '{self.format}': functions {functions or 'none'}; inputs {inputs})"
+
+    def _repr_html_(self) -> str:
+        found = [(name, ", ".join(self.arguments[name]), len(entries)) for name, entries in self.outputs.items()]
+        missing = [(name, "missing", why) for name, why in self.missing.items()]
+        return titled(f"{self.program.title} as {self.format}", rows([*found, *missing], ("function", "of", "outputs")))
 
     @cached_property
     def text(self) -> str:

@@ -13,7 +13,7 @@ import symengine as se
 import mbdae.native
 from mbdae.export.languages import C, c_number, described
 from mbdae.export.program import Entry, Function, Program, weights
-from mbdae.native.program import CALL, CHOLESKY, LOAD, LU, POSITIVE, SET, Step
+from mbdae.native.program import CALL, CHOLESKY, LOAD, LOOKUP, LU, POSITIVE, SET, Step
 from mbdae.symbolic.source import steps
 
 AT_ONCE = 6  #: entries of an operation up to which it is written line by line
@@ -83,7 +83,8 @@ class _File:
     def text(self) -> str:
         bodies = [self._function(f) for f in self.program.functions.values()]
         body = "\n".join([*self.parts, *bodies])
-        known = Path(mbdae.native.__file__).with_name("factors.inc").read_text(encoding="utf-8")
+        place = Path(mbdae.native.__file__)
+        known = "".join(place.with_name(f"{name}.inc").read_text(encoding="utf-8") for name in ("factors", "lookup"))
         helpers = [SIGN] * bool(re.search(r"\bsign\(", body))
         helpers += [re.sub(r"\bI\b", "int", found[0]) for found in re.finditer(r"^static \w+ (\w+)\(.*?^}\n", known, re.M | re.S)
                     if f"{found[1]}(" in body]  # fmt: skip
@@ -127,6 +128,10 @@ class _File:
         if kind == LOAD:
             return self._each("W[{}] = {};", (f["first"] + np.arange(f["count"]), 0), (step.tables["weight"], 0))
         count = f["count"]
+        if kind == LOOKUP:
+            a, b = (f"W[{f['first'] + i}]" for i in (4, 5))
+            at, side = (f"{a} * W[{f[name]}] + {b}" for name in ("inputs", "outputs"))
+            return [f"lookup({self._table(step.tables['weight'])}, {count}, {at}, {side}, W + {f['first']});"]
         if kind == CHOLESKY:
             return [f"if (band_factors({count}, {f['inputs']}, W + {f['first']}) >= 0) return 1;",
                     f"band_solve({count}, {f['inputs']}, W + {f['first']}, W + {f['outputs']});"]  # fmt: skip

@@ -65,8 +65,8 @@ def law_program(what: Any, frames: Any, options: Mapping[str, Any]) -> Program:
     title = law.__name__
     if issubclass(law, LineLaw):
         kind = NodeKind.PLANAR if frames and "planar" in frames[0] else NodeKind.SPATIAL
-        return _of_line(title, derive_line(law, structure, kind), values, law)  # type: ignore[arg-type]
-    return _of_frames(title, derive(law, structure, _sides(law, structure, frames)), values)  # type: ignore[arg-type]
+        return _of_line(title, derive_line(law, structure, kind), values, law)
+    return _of_frames(title, derive(law, structure, _sides(law, structure, frames)), values)
 
 
 def _law(what: Any, options: Mapping[str, Any]) -> tuple[type[Law], Structure, Mapping[str, Any]]:

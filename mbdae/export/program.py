@@ -15,7 +15,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.native.program import CALL, CHOLESKY, LOAD, LU, POSITIVE, SET, Operations, Scene, Step, core
+from mbdae.native.program import CALL, CHOLESKY, LOAD, LOOKUP, LU, POSITIVE, READ, SET, Operations, Scene, Step, core
 
 Index = NDArray[np.int64]
 Array = NDArray[np.float64]
@@ -109,7 +109,8 @@ def reach(step: Step, name: str) -> Index:
 
 def shifted(step: Step, by: int) -> Step:
     """The same operation on slots that stand further behind."""
-    slots = ("first", "outputs") if step.fields["kind"] in (CHOLESKY, LU) else ("first",)
+    slots = {CHOLESKY: ("first", "outputs"), LU: ("first", "outputs"), LOOKUP: ("first", "inputs", "outputs")}.get(
+        step.fields["kind"], ("first",))  # fmt: skip
     fields = {name: value + by if name in slots else value for name, value in step.fields.items()}
     tables = {name: table + by * (name != "weight") for name, table in step.tables.items()}
     return Step(fields, tables, (step.slots[0] + by, step.slots[1] + by))
@@ -184,9 +185,20 @@ def _of_solve(step: Step, live: NDArray[np.bool_]) -> Step | None:
     return step
 
 
+def _of_lookup(step: Step, live: NDArray[np.bool_]) -> Step | None:
+    f = step.fields
+    values = slice(f["first"], f["first"] + READ)
+    if not live[values].any():
+        return None
+    live[values] = False
+    live[[f["inputs"], f["outputs"], *range(f["first"] + READ, f["first"] + READ + 3)]] = True
+    return step
+
+
 def _of_check(step: Step, live: NDArray[np.bool_]) -> Step:
     live[reach(step, "from_")] = True
     return step
 
 
-_USED = {CALL: _of_call, LOAD: _of_load, POSITIVE: _of_check, CHOLESKY: _of_solve, LU: _of_solve}
+_USED = {CALL: _of_call, LOAD: _of_load, POSITIVE: _of_check, CHOLESKY: _of_solve, LU: _of_solve,
+         LOOKUP: _of_lookup}  # fmt: skip

@@ -16,6 +16,7 @@ from mbdae.formulations import Form, Index1, default_form, system_for
 from mbdae.kernels.plan import plan
 from mbdae.native.program import Operations
 from mbdae.results.sensors import reaction_outputs
+from mbdae.scene.components import Kinematic
 from mbdae.symbolic.tree import OPERATIONS, tree_program
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.model.model import Model
@@ -32,6 +33,8 @@ ALL = ("t", "y", "yp", "p")
 def scene_program(scene: Any, form: Form | None) -> Program:
     """residual, jacobian and joint_forces of a scene; rates too where the form has y' = f(t, y)."""
     prepared = prepare(scene)
+    if prepared.all_bodies.moved.ordered:  # evaluated joint by joint, in no function of its own
+        prepared = prepare(scene.replace(*(c.name for c in prepared.model.recursive), model=Kinematic()))
     chosen = form if form is not None else default_form(prepared)
     system = system_for(prepared, chosen)
     full = getattr(system, "full", system.assembly)  # with multipliers, where they are eliminated

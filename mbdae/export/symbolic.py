@@ -10,7 +10,7 @@ import symengine as se
 
 from mbdae.errors import OptionError
 from mbdae.export.program import Function, Program, reach, run, weights
-from mbdae.native.program import ADD, CALL, CHOLESKY, LOAD, LU, MULTIPLY, SET, Step
+from mbdae.native.program import ADD, CALL, CHOLESKY, LOAD, LOOKUP, LU, MULTIPLY, SET, Step
 from mbdae.symbolic.rebuild import rebuilt
 from mbdae.symbolic.source import reached
 from mbdae.symbolic.vectors import Expr
@@ -79,6 +79,8 @@ class _Symbols:
             f, kind = step.fields, step.fields["kind"]
             if kind == CALL:
                 self._call(f, step.tables["from_"].reshape(f["times"], -1))
+            elif kind == LOOKUP:
+                raise OptionError("what = a scene with a table (mb.table): it is no formula; export C, which has its points")
             elif kind == LOAD:
                 self.W |= {f["first"] + i: _number(value) for i, value in enumerate(step.tables["weight"])}
             elif kind in (SET, ADD, MULTIPLY):

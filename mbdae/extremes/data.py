@@ -7,9 +7,9 @@ from collections import Counter
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from mbdae.compare.environment import environment
 from mbdae.errors import ListsAttributes
 from mbdae.extremes.cell import SILENT, VERDICTS, Cell
+from mbdae.run.environment import environment
 from mbdae.sweep.writing import as_json
 from mbdae.values import number, option, text
 

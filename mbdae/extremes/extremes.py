@@ -9,6 +9,7 @@ from typing import Any
 
 from mbdae.compare.problem import SECONDS, Problem, new_problem
 from mbdae.compare.run import Run, checked_runs, progress_of_runs
+from mbdae.display import plain, titled
 from mbdae.errors import MbdaeError, interrupted
 from mbdae.extremes.cell import FAILED, Cell, cell
 from mbdae.extremes.checkpoint import Checkpoint, checkpoint
@@ -40,6 +41,12 @@ class Extremes(ExtremesData):
     def table(self) -> str:
         """A grid per parameter, the reasons of failures, and the counts."""
         return table(self)
+
+    def __repr__(self) -> str:
+        return f"<Extremes of '{self.scene}': {len(self.blocks)} parameters; print it for the table>"
+
+    def _repr_html_(self) -> str:
+        return titled(f"extremes of '{self.scene}'", plain(self.table()))
 
     def __str__(self) -> str:
         return self.table()

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from html import escape
 
-from mbdae.compare.environment import environment
 from mbdae.compare.html import document, headings, made_with, row, section, table
 from mbdae.extremes.cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, Cell
 from mbdae.extremes.data import Block, ExtremesData
 from mbdae.extremes.table import MARKS, doubted, notes, text
+from mbdae.run.environment import environment
 
 #: background and text colour, different in lightness and in hue (Okabe and Ito's palette, lightened under dark text)
 COLOURS = {

@@ -1,7 +1,7 @@
 """The reference of the runs at one value: two methods that agree, each with an error far below the accuracy asked.
 
 Two methods that step over the same pulse of an input agree as well. A reference is therefore computed in pieces that end at the
-edges of every pulse (`extremes/pulses.py`) and within it, each from the last state of the piece before.
+edges of every pulse (`sweep/pulses.py`) and within it, each from the last state of the piece before.
 """
 
 from __future__ import annotations

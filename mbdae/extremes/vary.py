@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from mbdae.errors import OptionError
-from mbdae.extremes.pulses import Pulse, pulses, varying
-from mbdae.extremes.statements import call_of, changed, items_of, stated_number
 from mbdae.extremes.values import OPTIONS
 from mbdae.scene.record import item_name
 from mbdae.scene.scene import SceneData
+from mbdae.sweep.pulses import Pulse, pulses, varying
+from mbdae.sweep.statements import call_of, changed, items_of, stated_number
 from mbdae.values import number, shown
 
 FEW = 4  #: items of a kind that are varied by default

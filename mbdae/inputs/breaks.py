@@ -6,6 +6,7 @@ They are isolated, not sampled: an interval is left out only where interval arit
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 
 import numpy as np
 import symengine as se
@@ -13,13 +14,16 @@ from numpy.typing import NDArray
 
 from mbdae.errors import MbdaeError
 from mbdae.inputs.enclosure import Enclosure, halves
-from mbdae.inputs.timed import TIME, sided
+from mbdae.inputs.pieces import Pieces, pieces
+from mbdae.inputs.timed import TIME, rate, sided, split
 from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import Expr
+from mbdae.values import BadValueError
 
 Array = NDArray[np.float64]
 
 MOST = 200_000  #: instants of a run, and intervals searched at a time
+TOLERANCE = 1e-7  #: of a run whose tolerance is not known, as far as tables go: part of the range of a table
 #: instants closer together than SAME, relative to their time, count as one: no step is that short. Those of one input that are
 #: farther apart than TWINS are no round-off of one instant. Near t = 0 times count as EARLY of the run's
 SAME, TWINS, EARLY = 1e3 * float(np.finfo(float).eps), 64 * float(np.finfo(float).eps), 1e-6
@@ -30,16 +34,33 @@ class TooManyError(MbdaeError):
     """An input that changes too often to be followed."""
 
 
-def breaks(expressions: Iterable[Expr], t0: float, t1: float, same: float = SAME) -> Array:
-    """Times inside (t0, t1), rising, at which conditions of the expressions change; raises TooManyError."""
+def breaks(expressions: Iterable[Expr], t0: float, t1: float, same: float = SAME, tolerance: float = TOLERANCE) -> Array:
+    """Times inside (t0, t1), rising, at which conditions of the expressions change or tables jump by more than a run of
+    this tolerance leaves out (`tables_within`); raises TooManyError."""
     edges = np.array([t0, t1])
     for e in expressions:
         if not getattr(e, "free_symbols", None):
             continue
+        edges = _merged(edges, np.concatenate([np.zeros(0), *(p.jumps for p in tables_within(e, t0, t1, tolerance))]), same)
         for kind, u in switches(e):
             found = _zeros(u, edges) if kind == "zero" else _integers(u, edges)
             edges = _merged(edges, found, same)
     return edges[1:-1]
+
+
+@lru_cache(maxsize=64)
+def tables_within(e: Expr, t0: float, t1: float, tolerance: float) -> tuple[Pieces, ...]:
+    """Jumps and kinks of every table of an expression, and edges between which steps follow it, within a run; raises
+    TooManyError."""
+    found = []
+    for lookup, a, b, _ in split((sided(e),)).readings:
+        low, high = sorted((a * t0 + b, a * t1 + b))
+        try:
+            part = pieces(lookup.table, lookup.order, low, high, tolerance)
+        except BadValueError as error:
+            raise TooManyError(f"has a table that {error}") from error
+        found.append(Pieces(*(np.sort((x - b) / a) for x in part)))
+    return tuple(found)
 
 
 def switches(e: Expr) -> list[tuple[str, Expr]]:
@@ -82,10 +103,15 @@ def _merged(edges: Array, found: Array, same: float) -> Array:
 
 def _zeros(u: Expr, edges: Array) -> Array:
     """Times at which u, smooth between the edges, may change its sign."""
-    a = se.diff(u, TIME)
+    a = _slope(u)
     if a.is_number and not switches(u):
         return np.array([float(-u.subs({TIME: 0}) / a)]) if float(a) else np.zeros(0)
     return _isolated(u, edges)
+
+
+def _slope(u: Expr) -> Expr:
+    """The derivative of an argument of conditions or floors, itself without conditions where it matters."""
+    return rate(sided(u)) if split((sided(u),)).readings else se.diff(u, TIME)
 
 
 def _integers(u: Expr, edges: Array) -> Array:
@@ -94,7 +120,7 @@ def _integers(u: Expr, edges: Array) -> Array:
     if not (np.isfinite(low).all() and np.isfinite(high).all()) or np.max(high) - np.min(low) > MOST:
         raise TooManyError(f"floor({u}) rises more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
     levels = np.arange(np.ceil(np.min(low)), np.floor(np.max(high)) + 1)
-    slope = se.diff(u, TIME)
+    slope = _slope(u)
     if slope.is_number and not switches(u):
         a, b = float(slope), float(u.subs({TIME: 0}))
         return (levels - b) / a if a else np.zeros(0)
@@ -104,7 +130,7 @@ def _integers(u: Expr, edges: Array) -> Array:
 def _isolated(u: Expr, edges: Array) -> Array:
     """Zeros of u between the edges: intervals are halved until u has no zero in them or is monotone."""
     inside = sided(u)
-    both = Enclosure(inside, se.diff(inside, TIME))
+    both = Enclosure(inside, _slope(inside))
     low, high = edges[:-1], edges[1:]
     side = (low + high) / 2
     found, brackets = [], []
@@ -142,6 +168,10 @@ def _bisected(u: Enclosure, a: Array, b: Array, side: Array) -> Array:
 
 def jump(e: Expr, t: float, before: float, after: float) -> float:
     """Jump of an expression (see `timed.sided`) at t, between two intervals that contain the times `before` and `after`."""
-    (left,) = Enclosure(e).at(np.array([t]), np.array([before]))
-    (right,) = Enclosure(e).at(np.array([t]), np.array([after]))
-    return float(right[0] - left[0])
+    return float(jumps(e, np.array([t]), np.array([before]), np.array([after]))[0])
+
+
+def jumps(e: Expr, t: Array, before: Array, after: Array) -> Array:
+    """Jumps (k,) of an expression at times (k,), between intervals that contain the times `before` and `after` (k,)."""
+    found = Enclosure(e)
+    return np.asarray(found.at(t, after)[0] - found.at(t, before)[0])

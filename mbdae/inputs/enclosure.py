@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import symengine as se
 
+from mbdae.inputs import tables
+from mbdae.inputs.table_range import table_range
 from mbdae.inputs.timed import SIDE, TIME, sided
 from mbdae.symbolic.rebuild import nodes
 from mbdae.symbolic.vectors import Expr
@@ -81,6 +83,8 @@ class Enclosure:
                 return np.full(len(low), node.name == "BooleanTrue")
             number = np.full(len(low), float(node.expression))
             return number, number
+        if node.name == "FunctionSymbol":
+            return _table(node, args)
         rule = _RULES.get(node.name)
         if rule is None:
             return np.full(len(low), -np.inf), np.full(len(low), np.inf)
@@ -192,6 +196,12 @@ def _piecewise(_: Node, args: list[Any]) -> Bounds:
         here = open_ & condition
         low, high, open_ = np.where(here, value[0], low), np.where(here, value[1], high), open_ & ~condition
     return low, high
+
+
+def _table(node: Node, args: list[Bounds]) -> Bounds:
+    found = tables.lookup_of(node.expression)
+    assert found is not None
+    return table_range(found.table, found.order, *args[0], args[-1][0])
 
 
 def _compare(node: Node, args: list[Bounds]) -> Any:

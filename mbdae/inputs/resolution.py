@@ -7,7 +7,7 @@ width is found. A function counts only while the input that contains it changes 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -15,15 +15,17 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.inputs.breaks import TooManyError, breaks
+from mbdae.inputs.breaks import TOLERANCE, TooManyError, breaks, tables_within
 from mbdae.inputs.enclosure import Bounds, Enclosure, Node, halves
-from mbdae.inputs.timed import TIME, sided
+from mbdae.inputs.tables import SIDED
+from mbdae.inputs.timed import TIME, rate, sided
 from mbdae.symbolic.functions import KINDS, scales
 from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import Expr
 
 Array = NDArray[np.float64]
 
+NONE = np.zeros(0)
 WIDTHS = 2.0  #: largest change of a function over a stretch, in its own widths
 FLAT = 1e-13  #: change over the largest value of the run that counts as none
 SATURATED = 18.0  #: argument beyond which tanh is flat
@@ -36,10 +38,12 @@ FAST_POWER = 4.0  #: powers up to this are smooth over the whole run; higher one
 
 @dataclass(frozen=True)
 class Stretches:
-    """Consecutive stretches of time between `edges` (n+1,), s; poles: times near which an input is not finite."""
+    """Consecutive stretches of time between `edges` (n+1,), s; poles: times near which an input is not finite; kinks (k,): of
+    tables, at which a step ends."""
 
     edges: Array
     poles: tuple[float, ...] = ()
+    kinks: Array = field(default_factory=lambda: NONE)
 
     @property
     def finest(self) -> tuple[float, float]:
@@ -51,12 +55,20 @@ class Stretches:
 
 class LongestStep(NamedTuple):
     """Longest step (s) from a time: a share of the stretch between two edges (n+1,) in which it begins and, where it reaches into
-    the next one, the same share of that; it may end after the run."""
+    the next one, the same share of that; it may end after the run. No step goes beyond a kink (k,)."""
 
     edges: Array
     share: float = 1.0
+    kinks: Array = NONE
 
     def __call__(self, t: float) -> float:
+        if len(self.kinks):
+            k = int(np.searchsorted(self.kinks, t + SIDED * max(abs(t), abs(self.kinks[-1])), side="right"))
+            if k < len(self.kinks):
+                return min(self._of_stretches(t), float(self.kinks[k]) - t)
+        return self._of_stretches(t)
+
+    def _of_stretches(self, t: float) -> float:
         edges, share = self.edges, self.share
         i = min(max(int(np.searchsorted(edges, t, side="right")) - 1, 0), len(edges) - 2)
         a, b = float(edges[i]), float(edges[i + 1])
@@ -65,14 +77,18 @@ class LongestStep(NamedTuple):
         return min(share * (b - a), b - t + share * (t - a) / (b - a) * (float(edges[i + 2]) - b))
 
 
-def stretches(expressions: Sequence[Expr], edges: Array) -> Stretches:
+def stretches(expressions: Sequence[Expr], edges: Array, tolerance: float = TOLERANCE) -> Stretches:
     """The stretches of expressions over the intervals between `edges` (start, breaks, end); raises TooManyError."""
-    trees = [tree for tree in map(_Tree, {sided(e) for e in expressions if getattr(e, "free_symbols", None)}) if tree.functions]
+    t0, t1 = float(edges[0]), float(edges[-1])
+    varying = [e for e in expressions if getattr(e, "free_symbols", None)]
+    found = [part for e in varying for part in tables_within(e, t0, t1, tolerance)]
+    kinks, done = np.unique(np.concatenate([NONE, *(part.kinks for part in found)])), [part.edges for part in found]
+    trees = [tree for tree in map(_Tree, {sided(e) for e in varying}) if tree.functions]
     low, high = edges[:-1], edges[1:]
     side = (low + high) / 2
     for tree in trees:
         tree.measure(low, high, side)
-    done, poles = [low[:0]], []
+    poles: list[float] = []
     for level in range(LEVELS + 1):
         coarse = np.zeros(len(low), dtype=bool)
         for tree in trees:
@@ -87,14 +103,15 @@ def stretches(expressions: Sequence[Expr], edges: Array) -> Stretches:
         if len(low) > MOST:
             raise TooManyError(f"varies by more than {MOST} times its own width between {edges[0]:g} and {edges[-1]:g} s")
         low, high, side = halves(low, high, side)
-    return Stretches(np.unique(np.append(np.concatenate(done), edges[-1])), tuple(poles))
+    return Stretches(np.unique(np.concatenate([*done, edges])), tuple(poles), kinks)
 
 
 @lru_cache(maxsize=64)
-def resolved(expressions: tuple[Expr, ...], t0: float, t1: float) -> tuple[Array, Stretches]:
-    """Edges (start, breaks, end) and stretches of expressions over a run from t0 to t1; raises TooManyError."""
-    edges = np.r_[t0, breaks(expressions, t0, t1), t1]
-    return edges, stretches(expressions, edges)
+def resolved(expressions: tuple[Expr, ...], t0: float, t1: float, tolerance: float = TOLERANCE) -> tuple[Array, Stretches]:
+    """Edges (start, breaks, end) and stretches of expressions over a run from t0 to t1; raises TooManyError. tolerance: of
+    tables, part of their range."""
+    edges = np.r_[t0, breaks(expressions, t0, t1, tolerance=tolerance), t1]
+    return edges, stretches(expressions, edges, tolerance)
 
 
 class _Tree:
@@ -143,7 +160,7 @@ class _Argument:
     def __init__(self, function: Expr) -> None:
         self.place = 1 if _is_exponential(function) else 0
         u = function.args[self.place]
-        slope = se.diff(u, TIME)
+        slope = rate(u)
         self.cancels = not slope.is_number and not _functions_inside(u)  # terms of it may cancel
         self._slope = Enclosure(slope, u) if self.cancels else None
         self._stretched = _stretch(function)
@@ -188,7 +205,8 @@ def _is_exponential(e: Expr) -> bool:
 
 
 def _functions_inside(u: Expr) -> bool:
-    return any(len(node.args) == 1 or isinstance(node, se.Piecewise) or _is_exponential(node) for node in nodes(u))
+    return any(len(node.args) == 1 or isinstance(node, se.Piecewise | se.FunctionSymbol) or _is_exponential(node)
+               for node in nodes(u))  # fmt: skip
 
 
 _SCALES = scales(SATURATED, np.inf)

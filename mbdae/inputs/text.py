@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import symengine as se
 
+from mbdae.inputs import tables
 from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes
 from mbdae.symbolic.vectors import Expr
 
@@ -68,7 +69,7 @@ def written(e: Expr) -> str:
 
 
 def _written(node: Expr, args: list[str]) -> str:
-    name = type(node).__name__
+    name = node.get_name() if isinstance(node, se.FunctionSymbol) else type(node).__name__
     if name in _NUMBERS:
         text = repr(_finite(float(node))) if name == "RealDouble" else str(node)
         return f"({text})" if text.startswith("-") or "/" in text else text
@@ -115,7 +116,7 @@ def whole(text: Any) -> Expr:
         name = type(part).__name__
         if name == "RealDouble":
             _finite(float(part))
-        if not (name in _PARTS or is_condition(part)):
+        if not (name in _PARTS or is_condition(part) or tables.lookup_of(part)):
             raise ValueError(f"{name} is no real number or function of t")
     return e
 
@@ -217,6 +218,8 @@ class _Reader:
             if not all(is_condition(a.e) for a in arguments) or (name == "Not" and len(arguments) != 1):
                 raise ValueError(f"{name} joins conditions")
             return _Read(getattr(se, name)(*(a.e for a in arguments)), bits)
+        if tables.named(name) is not None and len(arguments) == 1:
+            return _Read(se.Function(name)(_value(arguments[0]).e), bits)
         if name not in _FUNCTIONS:
             raise ValueError(f"{name!r} is none of the functions {', '.join([*_FUNCTIONS, 'Piecewise', *LOGIC])}")
         count, function = _FUNCTIONS[name]

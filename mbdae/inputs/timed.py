@@ -10,12 +10,15 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.disk.entries import keep, recall
+from mbdae.disk.exact import code_key
+from mbdae.inputs import tables
 from mbdae.inputs.numpy_functions import teach
 from mbdae.inputs.sensed import path_of
 from mbdae.inputs.text import FUNCTIONS, canonical
@@ -67,11 +70,36 @@ def expression(value: Any, sensors: bool = False) -> Expr:
         raise BadValueError(f"{shown(value)} contains the symbol {others[0]}; {what}")
     if not e.free_symbols:
         return _plain_number(e)
-    plain = _with_plain_numbers(e)
+    plain = _without_constant_tables(_with_plain_numbers(e))
+    if not plain.free_symbols:
+        return _plain_number(plain)
     try:
         return canonical(plain)
     except ValueError as error:
         raise BadValueError(f"{shown(value)} is no input of time: {error}") from error
+
+
+def _without_constant_tables(e: Expr) -> Expr:
+    """The expression with numbers for tables at a fixed time; refuses tables of anything but a*mb.t + b."""
+
+    def rule(node: Expr, args: list[Expr]) -> Expr | None:
+        found = tables.lookup_of(node)
+        if found is None:
+            return None
+        a, b = affine(args[0]) if len(args) == 1 else (math.nan, 0.0)
+        if not math.isfinite(a):
+            raise BadValueError(f"{shown(e)} takes a table at {shown(args[0])}: a table is a function of mb.t or of a*mb.t + b")
+        if a:
+            return None
+        return se.RealDouble(float(found.table.lookup(np.array([b]), after(np.array([b])), found.order)[0]))
+
+    return rebuilt(e, rule)
+
+
+def affine(x: Expr, symbol: Expr = TIME) -> tuple[float, float]:
+    """a and b of x = a t + b; NaN where x is nothing of the kind."""
+    a = se.diff(x, symbol) if all(isinstance(n, se.Add | se.Mul | se.Symbol) or n.is_number for n in nodes(x)) else symbol
+    return (float(a), float(x.subs({symbol: 0}))) if a.is_number and x.free_symbols <= {symbol} else (math.nan, math.nan)
 
 
 def _refuse_other_time(value: Any) -> None:
@@ -126,7 +154,7 @@ def _canonical(value: Any) -> Expr:
     if value.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
         raise BadValueError(f"{shown(value)} is not finite")
     used = {type(f).__name__ for f in value.atoms(sympy.core.function.Application)}
-    unknown = sorted(used - {*FUNCTIONS, *REWRITTEN, *LOGIC, "ITE"})
+    unknown = sorted(name for name in used - {*FUNCTIONS, *REWRITTEN, *LOGIC, "ITE"} if tables.named(name) is None)
     if unknown:
         known = ", ".join(FUNCTIONS + REWRITTEN)
         raise BadValueError(f"{shown(value)} contains the function {unknown[0]}; expressions of mb.t may use {known}")
@@ -144,7 +172,7 @@ def _known(e: Expr) -> bool:
     if not all(part.args[-1] == se.true for part in parts if isinstance(part, se.Piecewise)):
         return False
     numbers = {"Integer", "Rational", "RealDouble", "Zero", "One", "NegativeOne", "Half", "Pi", "Exp1"}
-    names = {type(part).__name__ for part in parts if not is_condition(part)}
+    names = {type(part).__name__ for part in parts if not is_condition(part) and tables.lookup_of(part) is None}
     return names <= {*FUNCTIONS, *ONE_SIDED, "Add", "Mul", "Pow", "Symbol", *numbers}
 
 
@@ -209,11 +237,14 @@ def _complete(piecewise: Any) -> bool:
 
 @lru_cache(maxsize=512)
 def sided(e: Expr) -> Expr:
-    """The expression with `SIDE` for the time in its conditions and floors; unchanged where that is done already."""
-    if not any(isinstance(node, se.Piecewise) or type(node).__name__ == "floor" for node in nodes(e)):
+    """The expression with `SIDE` for the time in its conditions and floors, and as second argument of its tables; unchanged where
+    that is done already."""
+    if not any(isinstance(node, se.Piecewise | se.FunctionSymbol) or type(node).__name__ == "floor" for node in nodes(e)):
         return e
 
     def rule(node: Expr, args: list[Expr]) -> Expr | None:
+        if isinstance(node, se.FunctionSymbol) and len(args) == 1 and TIME in node.free_symbols:
+            return se.Function(node.get_name())(args[0], args[0].subs({TIME: SIDE}))
         if isinstance(node, se.Piecewise):
             conditions = [node.args[i].subs({TIME: SIDE}) for i in range(1, len(args), 2)]
             return se.Piecewise(*zip(args[::2], conditions, strict=True))
@@ -226,14 +257,27 @@ def sided(e: Expr) -> Expr:
 def derivatives(e: Expr) -> tuple[Expr, Expr, Expr]:
     """The expression and its first two time derivatives, with sides."""
     e = sided(e)
-    d = _rate(e)
-    return e, d, _rate(d)
+    d = rate(e)
+    return e, d, rate(d)
 
 
-def _rate(e: Expr) -> Expr:
+def rate(e: Expr) -> Expr:
     """The time derivative of a `sided` expression, whose floors are constant between two breaks."""
-    floors = {node: se.Dummy() for node in nodes(e) if type(node).__name__ == "floor"}
-    return se.diff(e.subs(floors), TIME).subs({symbol: node for node, symbol in floors.items()})
+    fixed = {node: se.Dummy() for node in nodes(e) if type(node).__name__ == "floor" or tables.lookup_of(node) is not None}
+    plain, back = e.subs(fixed), {symbol: node for node, symbol in fixed.items()}
+    total = se.diff(plain, TIME).subs(back)
+    for node, symbol in fixed.items():
+        found = tables.lookup_of(node)
+        if found is not None and TIME in node.free_symbols:
+            slope = tables.function(found.table, found.order + 1)(*node.args) * se.diff(node.args[0], TIME)
+            total += se.diff(plain, symbol).subs(back) * slope
+    return total
+
+
+def used(e: Expr, moves: bool) -> tuple[Expr, ...]:
+    """What an input is followed by: itself; a table that prescribes a motion by its derivatives too, which jump more."""
+    e = se.sympify(e)
+    return tuple(dict.fromkeys(derivatives(e))) if moves and any(map(tables.lookup_of, nodes(e))) else (e,)
 
 
 def values(e: Expr, times: NDArray[np.float64], sides: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
@@ -242,8 +286,50 @@ def values(e: Expr, times: NDArray[np.float64], sides: NDArray[np.float64] | Non
     if not e.free_symbols:
         return np.full(len(times), float(e))
     inputs = np.stack([times, times if sides is None else sides], axis=1)
+    plain = split((sided(e),))
     with np.errstate(all="ignore"):
-        return np.asarray(_compiled(sided(e))(inputs)).reshape(-1)
+        return np.asarray(_compiled(plain)(plain.with_lookups(inputs))).reshape(-1)
+
+
+class Reading(NamedTuple):
+    """A table read at a*x + b; x: the time (column 0) or the time of conditions (column 1)."""
+
+    lookup: tables.Lookup
+    a: float
+    b: float
+    column: int
+
+
+class Split(NamedTuple):
+    """Expressions with a symbol for every table; the symbols, and how each table is read."""
+
+    expressions: tuple[Expr, ...]
+    symbols: tuple[Expr, ...]
+    readings: tuple[Reading, ...]
+
+    def with_lookups(self, inputs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Times and sides (k, 2) with the values of the tables behind them."""
+        read = [found.table.lookup(a * inputs[:, column] + b, a * inputs[:, 1] + b, found.order)
+                for found, a, b, column in self.readings]  # fmt: skip
+        return np.column_stack([inputs, *read]) if read else inputs
+
+
+@lru_cache(maxsize=256)
+def split(expressions: tuple[Expr, ...]) -> Split:
+    """`sided` expressions, their tables taken out; a table in a condition is read at the time of conditions."""
+    found: dict[Expr, tuple[Expr, Reading]] = {}
+
+    def rule(node: Expr, args: list[Expr]) -> Expr | None:
+        lookup = tables.lookup_of(node)
+        if lookup is None:
+            return None
+        if node not in found:
+            column = int(SIDE in args[0].free_symbols)
+            found[node] = se.Symbol(f"lookup_{len(found)}"), Reading(lookup, *affine(args[0], SIDE if column else TIME), column)
+        return found[node][0]
+
+    plain = tuple(rebuilt(e, rule) for e in expressions)
+    return Split(plain, tuple(s for s, _ in found.values()), tuple(one for _, one in found.values()))
 
 
 def after(t: Any) -> Any:
@@ -262,5 +348,9 @@ def rate_at(e: Any, t: float) -> float:
 
 
 @lru_cache(maxsize=256)
-def _compiled(e: Expr) -> Any:
-    return se.Lambdify([TIME, SIDE], [e], backend="llvm")
+def _compiled(plain: Split) -> Any:
+    inputs, outputs = [TIME, SIDE, *plain.symbols], list(plain.expressions)
+    key = code_key(inputs, outputs, None)
+    if (found := recall(key)) is None:
+        keep(key, found := se.Lambdify(inputs, outputs, backend="llvm"))
+    return found

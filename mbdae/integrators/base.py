@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import inf
@@ -18,6 +19,8 @@ import numpy as np
 
 from mbdae.errors import OptionError
 from mbdae.inputs.resolution import LongestStep
+from mbdae.integrators.checkpoints.keeper import active
+from mbdae.integrators.checkpoints.record import Record
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.system.base import Array, System
@@ -48,6 +51,9 @@ class Solver(ABC):
     highest_index: ClassVar[int] = 1
     #: short name of the method, as a command line takes it; "": that of the class in small letters
     word: ClassVar[str] = ""
+    #: whether a run that is kept on disk begins the method anew at its checkpoints; False where `integrate` calls `loop.goes_on`
+    #: before its first step and `loop.keep` between steps
+    restarts: ClassVar[bool] = True
     #: what to use instead below it
     alternative: ClassVar[str] = ""
     #: relative tolerance; None takes it from an accuracy (1e-6 where `solve` is called directly)
@@ -106,6 +112,12 @@ class Solver(ABC):
                               f"its rtol: give rtol, or state them in its class")  # fmt: skip
         return measured.get(form_label, min(measured.values()))
 
+    def aimed(self, form_label: str) -> float | None:
+        """The accuracy that its tolerance delivers in a form, where that is measured; None where the step is constant."""
+        if self.fixed:
+            return None
+        return self.tolerance / (self.factor(form_label) if self.factors else 1.0)
+
     def at_accuracy(self, accuracy: float, form_label: str) -> Self:
         """This solver with the rtol that delivers `accuracy` in the given form; itself where the step is fixed."""
         if self.fixed:
@@ -153,15 +165,20 @@ class Solver(ABC):
         check_start(system)
         solver = self if self.fixed or self.rtol is not None else self.at_accuracy(DEFAULT_ACCURACY, system.label)
         solver.check(system)
+        keeper = active()
+        record = None if keeper is None else Record(keeper, solver.restarts, f"{solver!r} of {system.label} to {asked.t_end!r} s")
         with StepLoop(system, solver, asked.t_end, asked.times, asked.max_wall, asked.progress, asked.max_residuals,
-                      asked.begin, asked.stop) as loop:  # fmt: skip
+                      asked.begin, asked.stop, record) as loop, (
+                          nullcontext() if record is None else record.guarding(loop)):  # fmt: skip
             solver._between_breaks(loop, asked.h0, asked.share)
         return loop.solution()
 
     def _between_breaks(self, loop: StepLoop, h0: float | None, share: float | None) -> None:
         """Integrate from break to break of the inputs of time, with consistent values at the beginning of each part."""
         system = loop.system
-        line = system.timeline(system.t0, loop.run_end) if system.timeline is not None else None
+        line = None
+        if system.timeline is not None:
+            line = system.timeline(system.t0, loop.run_end, self.aimed(system.label))
         sampler = system.sampled(system.t0) if system.sampled is not None else None
         if line is None and sampler is None:
             self._part(loop, h0)
@@ -197,9 +214,15 @@ class Solver(ABC):
     def _part(self, loop: StepLoop, h0: float | None) -> None:
         """Integrate to the end of a part, from one choice of equations to the next where the system renews itself."""
         loop.renew()
-        self.integrate(loop.system, loop, h0)
+        self._stretch(loop, h0)
         while loop.renew() and loop.t < loop.t_end:
-            self.integrate(loop.system, loop, None)
+            self._stretch(loop, None)
+
+    def _stretch(self, loop: StepLoop, h0: float | None) -> None:
+        """One call of `integrate`, unless an earlier process made it."""
+        if not loop.made_before():
+            self.integrate(loop.system, loop, h0)
+            loop.ended()
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from functools import partial
 from math import ceil, inf
 from typing import Any, Protocol
@@ -40,6 +41,14 @@ class Stepping(Protocol):
         """Take the step; returns what `loop.accept` wants."""
 
 
+@dataclass
+class Going:
+    """Where a run with constant steps is."""
+
+    step: Stepping
+    watch: StepWatch | None
+
+
 def constant_steps(loop: StepLoop, h: float, step: Stepping, solve: Callable[[float], Any], parts: Iterable[float] = ()) -> None:
     """Steps of h to the end; a last one that differs from h by round-off counts as equal. Steps that an input of time does not
     allow are divided.
@@ -47,11 +56,13 @@ def constant_steps(loop: StepLoop, h: float, step: Stepping, solve: Callable[[fl
     solve(h): solve a step; parts of it after which hidden contacts are looked for.
     """
     watch = StepWatch.of(loop, lambda y: FOLLOWED * (np.abs(y) + loop.system.scale))
+    t0, going = step.t, Going(step, watch)
+    loop.goes_on(going)
 
     def inner(width: float) -> list[tuple[float, Array]]:
         return [(step.t + part * width, step.inside(np.asarray(part))) for part in parts]
 
-    for t1, width, whole in _steps(loop, h, step):
+    for t1, width, whole in _steps(loop, h, step, t0):
         try:
             solve(width)
         except StepFailedError as error:
@@ -64,14 +75,18 @@ def constant_steps(loop: StepLoop, h: float, step: Stepping, solve: Callable[[fl
             watch.keep()
         if not loop.accept(*step.advance(width, t1)):
             return
+        loop.keep(going)
 
 
-def _steps(loop: StepLoop, h: float, step: Stepping) -> Iterator[tuple[float, float, bool]]:
-    """(end, width, whether it is a step of h) of every step; those longer than an input of time allows are divided."""
-    t0, longest = step.t, loop.system.longest_step
+def _steps(loop: StepLoop, h: float, step: Stepping, t0: float) -> Iterator[tuple[float, float, bool]]:
+    """(end, width, whether it is a step of h) of every step that is left of those from t0; those longer than an input of time
+    allows are divided."""
+    longest = loop.system.longest_step
     count = max(1, ceil((loop.t_end - t0) / h - 1e-6))
     for k in range(1, count + 1):
         goal = loop.t_end if k == count else t0 + k * h
+        if goal <= step.t:
+            continue
         while (bound := inf if longest is None else longest(step.t)) < (goal - step.t) * (1 - 1e-6):
             width = (goal - step.t) / ceil((goal - step.t) / bound)
             yield step.t + width, width, False

@@ -30,9 +30,9 @@ class Collocation:
         self.ends = y[1:] if ends is None else ends
 
     @classmethod
-    def of(cls, stages: int, t: Array, y: Array, pieces: list[Any]) -> Self:
+    def of(cls, stages: int, t: Array, y: Array, pieces: Any) -> Self:
         """The polynomials on the nodes of Radau IIA with so many stages, from the inner increments of every step."""
-        inner = np.array(pieces) if pieces else np.empty((0, stages - 1, y.shape[1]))
+        inner = np.asarray(pieces) if len(pieces) else np.empty((0, stages - 1, y.shape[1]))
         return cls(radau_table(stages), t, y, inner)
 
     def value(self, times: Array) -> Array:

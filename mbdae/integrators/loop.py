@@ -2,52 +2,26 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import fields
 from math import inf
 from typing import Any, Self
 
 import numpy as np
 
-from mbdae.errors import SolverError, WallClockError, interrupted
-from mbdae.integrators.dense import BLOCK, joined
+from mbdae.errors import OptionError, SolverError, WallClockError, interrupted
+from mbdae.integrators.checkpoints.record import Record
+from mbdae.integrators.dense import joined
+from mbdae.integrators.kept_rows import Rows
 from mbdae.integrators.solution import Interpolant, Method, Outputs, Solution, Stats
 from mbdae.system.base import Array, System
 from mbdae.threads import one_thread
 
 PROGRESS_PERIOD = 0.1
 FIRST_LOOK = 16  #: steps after which it is asked for the first time whether a run may stop
-FEW = 8  #: rows that are kept one by one, not as a block of their own
-
-
-class _Rows:
-    """Arrays (n,) one behind the other, in blocks: a small array of its own takes many times the memory of its numbers."""
-
-    def __init__(self, first: Array) -> None:
-        self._blocks: list[Array] = []
-        self.tail = [first]  #: rows in no block yet, the last of all among them
-
-    def append(self, row: Array) -> None:
-        """Add a row."""
-        if len(self.tail) == BLOCK:
-            self._blocks.append(np.array(self.tail))
-            self.tail = []
-        self.tail.append(row)
-
-    def extend(self, rows: Array) -> None:
-        """Add rows (m, n)."""
-        if len(rows) <= FEW:
-            for row in rows:
-                self.append(row)
-            return
-        self._blocks, self.tail = [*self._blocks, np.array(self.tail), rows[:-1]], [rows[-1]]
-
-    def array(self, count: int) -> Array:
-        """The first `count` rows (count, n)."""
-        rows = np.concatenate([*self._blocks, np.array(self.tail)])
-        self._blocks, self.tail = [rows[:-1]], [rows[-1]]  # not kept twice
-        return rows[:count]
 
 
 class StepLoop:
@@ -67,7 +41,10 @@ class StepLoop:
         max_residuals: float = inf,
         begin: float | None = None,
         stop: Callable[[Solution], bool] | None = None,
+        record: Record | None = None,
     ) -> None:
+        self.record = record
+        self._planned, self._before = False, (0.0, 0.0)  # s of CPU and wall of the run in processes before this one
         self.system, self.solver, self.t_end, self.run_end = system, solver, t_end, t_end
         self.stats = Stats()
         self._output_times = output_times
@@ -78,9 +55,9 @@ class StepLoop:
         self._progress = progress
         self._next_progress = 0.0
         self._t = array("d", [float(system.t0)])
-        self._y = _Rows(np.array(system.y0, dtype=float))
-        self._yp = _Rows(np.array(system.yp0, dtype=float))
-        self._pieces: list[Any] = []
+        self._y = Rows("y", np.array(system.y0, dtype=float))
+        self._yp = Rows("yp", np.array(system.yp0, dtype=float))
+        self._pieces = Rows("inner")
         self._renewed: System | None = None  # the system to continue with
         self._systems: list[tuple[float, System]] = [(float(system.t0), system)]
         self._restarted = 0  # number of the step at which the run was restarted last
@@ -129,8 +106,8 @@ class StepLoop:
         interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", self.solution())
 
     def _clock(self) -> None:
-        self.stats.wall_s = time.perf_counter() - self._wall
-        self.stats.cpu_s = time.process_time() - self._cpu
+        self.stats.wall_s = time.perf_counter() - self._wall + self._before[1]
+        self.stats.cpu_s = time.process_time() - self._cpu + self._before[0]
 
     def accept(self, t: float, y: Array, yp: Array, piece: Any = None) -> bool:
         """Keep a step (arrays are kept, not copied); False when the loop has to end."""
@@ -147,7 +124,7 @@ class StepLoop:
         self.system.accept(t, y)
         self._renewed = self.system.renewed(t, y)
         self.guard()
-        return t < self.t_end and self._renewed is None and not self._may_stop()
+        return t < self.t_end and self._renewed is None and not self._may_stop() and not self._begins_anew()
 
     def accept_many(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> bool:
         """Keep steps t (m,), y and yp (m, n) of a system that does not look at them one by one (`System.looks_at_steps`); arrays
@@ -161,9 +138,9 @@ class StepLoop:
         self._t.frombytes(t.tobytes())
         self._y.extend(y)
         self._yp.extend(yp)
-        self._pieces += pieces
+        self._pieces.extend(pieces)
         self.guard()
-        return self.t < self.t_end and not self._may_stop()
+        return self.t < self.t_end and not self._may_stop() and not self._begins_anew()
 
     def _may_stop(self) -> bool:
         """Whether the run may end before its end; asked each time when it has grown by a third."""
@@ -181,8 +158,12 @@ class StepLoop:
         """Continue with other equations where constraints are about to depend on each other; returns whether that is so."""
         if self._renewed is None and len(self._t) == 1:
             self._renewed = self.system.renewed(self.t, self.state[0])
+        if self._renewed is None and self._planned:
+            self.system, self._planned = self.system.starting(self.t, *self.state, self.system.longest_step), False
+            return True
         if self._renewed is None:
             return False
+        self._planned = False
         self.system, self._renewed = self._renewed, None
         self._systems.append((self.t, self.system))
         self.restart(self.system.y0, self.system.yp0)
@@ -217,11 +198,105 @@ class StepLoop:
         text = f"{self.solver.label} stopped at t = {t:.9g} of {self.run_end:.9g}: {message}{resists}"
         return kind(text, t, culprit, self.solution())
 
+    # -- runs that are kept on disk
+
+    @property
+    def count(self) -> int:
+        """Steps accepted."""
+        return len(self._pieces)
+
+    @property
+    def systems(self) -> list[System]:
+        """The equations from which the run began, and those it was renewed to."""
+        return [system for _, system in self._systems]
+
+    @property
+    def first_system(self) -> System:
+        """The equations from which the run began."""
+        return self._systems[0][1]
+
+    @property
+    def room(self) -> int:
+        """Steps until the method begins anew; many where it does not."""
+        return sys.maxsize if self.record is None or not self.record.restarts else max(self.record.room - self.count, 1)
+
+    def goes_on(self, method: Any) -> None:
+        """To be called by a method with `keep` before its first step: bring it to where it was when it was kept."""
+        if self.record is not None:
+            self.record.goes_on(self, method)
+
+    def keep(self, method: Any) -> None:
+        """To be called by a method between its steps: keep it where it is time to. The attributes of the object say where it is
+        (`checkpoints.snapshot`)."""
+        if self.record is not None:
+            self.record.keep(self, method)
+
+    def made_before(self) -> bool:
+        """Whether the stretch that is about to begin was made by an earlier process; its steps are here then."""
+        return self.record is not None and self.record.made_before(self)
+
+    def ended(self) -> None:
+        """A call of `integrate` ended."""
+        if self.record is not None:
+            self.record.ended(self, self._renewed is not None, self._planned)
+
+    def end_again(self, renewed: bool, planned: bool) -> None:
+        """End a stretch that was made before as it ended then."""
+        self._planned = planned
+        if renewed:
+            self.system.forget()
+            self._renewed = self.system.renewed(self.t, self.state[0])
+
+    def _begins_anew(self) -> bool:
+        self._planned = self.record is not None and self.record.planned(self)
+        return self._planned
+
+    def counted(self) -> Stats:
+        """What was counted until now."""
+        self._clock()
+        return self.stats
+
+    def go_on_counting(self, counts: dict[str, Any]) -> None:
+        """Count on from what was counted before."""
+        for field in fields(Stats):
+            setattr(self.stats, field.name, counts[field.name])
+        self._before = self.stats.cpu_s, self.stats.wall_s
+
+    def steps_between(self, first: int, last: int) -> dict[str, Any]:
+        """Steps with these numbers, the last one excluded, with the values before the run was restarted there."""
+        y, yp = (np.array(rows.since(first + 1)[: last - first]) for rows in (self._y, self._yp))
+        for number, (own_y, own_yp) in self._breaks.items():
+            if first < number <= last:
+                y[number - first - 1], yp[number - first - 1] = own_y, own_yp
+        pieces = self._pieces.since(first)[: last - first]
+        have = np.array([piece is not None for piece in pieces], dtype=bool)
+        if not all(isinstance(piece, np.ndarray) for piece in pieces if piece is not None):
+            raise OptionError(f"checkpoint: what {self.solver.label} keeps of a step is no array, so its runs cannot be kept")
+        inner = np.array([piece for piece in pieces if piece is not None])
+        return {"t": np.array(self._t[first + 1 : last + 1]), "y": y, "yp": yp, "have": have, "inner": inner}
+
+    def give_back(self, parts: Sequence[dict[str, Any] | None], count: int) -> None:
+        """Append steps that were made before, up to so many in all."""
+        begin = 0
+        for part in parts:
+            if part is None:
+                continue
+            some = slice(max(self.count - begin, 0), max(count - begin, 0))
+            begin += len(part["t"])
+            t = part["t"][some]
+            if not len(t):
+                continue
+            self._t.frombytes(t.tobytes())
+            self._y.extend(part["y"][some])
+            self._yp.extend(part["yp"][some])
+            inner = iter(part["inner"][np.count_nonzero(part["have"][: some.start]) :])
+            self._pieces.extend([next(inner) if have else None for have in part["have"][some]])
+
     def solution(self) -> Solution:
         """The steps accepted so far."""
         t = np.array(self._t)
         y, yp = self._y.array(len(t)), self._yp.array(len(t))
-        interpolant = self._interpolant(t, y, yp)
+        interpolant = self._interpolant(t, y, yp, self._pieces.array(len(t) - 1))
         outputs = None
         if self._output_times is not None:
             times = self._output_times[self._output_times <= t[-1]]
@@ -230,7 +305,7 @@ class StepLoop:
         names = tuple(self._systems[0][1].names)
         return Solution(t, y, yp, outputs, self.stats, self.solver, names, complete, interpolant, tuple(self._systems))
 
-    def _interpolant(self, t: Array, y: Array, yp: Array) -> Interpolant:
+    def _interpolant(self, t: Array, y: Array, yp: Array, pieces: Any) -> Interpolant:
         """The polynomials of all steps; those before a break end with the values from before it."""
         ends = [*self._breaks, len(t) - 1]
         parts, first = [], 0
@@ -240,6 +315,6 @@ class StepLoop:
             if last in self._breaks:
                 own_y, own_yp = own_y.copy(), own_yp.copy()
                 own_y[-1], own_yp[-1] = self._breaks[last]
-            parts.append(self.solver.dense(t[piece], own_y, own_yp, self._pieces[first:last]))
+            parts.append(self.solver.dense(t[piece], own_y, own_yp, pieces[first:last]))
             first = last
         return parts[0] if len(parts) == 1 else joined(parts)

@@ -51,6 +51,7 @@ class OneStep(Stepped):
 
     order: ClassVar[int] = 0
     highest_index: ClassVar[int] = 0
+    restarts: ClassVar[bool] = False
     #: raise it, with the reason, where a step cannot be solved: the run ends with a SolverError that tells where
     Failed: ClassVar[type[StepFailedError]] = StepFailedError
 

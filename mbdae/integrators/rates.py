@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse.linalg import splu
 
+from mbdae.deferred import splu
 from mbdae.errors import OptionError
 from mbdae.integrators.matrices.iteration import as_csc
 from mbdae.system.base import Array, System

@@ -10,8 +10,12 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.costs import spends
+from mbdae.disk.entries import keep, recall
+from mbdae.disk.exact import code_key
 from mbdae.kernels.oracle import numpy_function
 from mbdae.native.program import Operations, block
+from mbdae.symbolic.program import Program
 from mbdae.symbolic.vectors import Expr
 
 #: LLVM optimises small kernels in milliseconds, large ones in seconds for a few per cent of speed.
@@ -19,26 +23,60 @@ _OPTIMISE_BELOW = 400
 
 
 class Kernel:
-    """Evaluates `expressions` of `symbols` at N points at once: x (N, inputs) -> out (N, outputs), both C-contiguous."""
+    """Evaluates `expressions` of `symbols` at N points at once: x (N, inputs) -> out (N, outputs), both C-contiguous.
 
-    def __init__(self, symbols: Sequence[Expr], expressions: Sequence[Expr], level: int | None = None) -> None:
-        self.symbols, self.expressions, self.level = list(symbols), list(expressions), level
+    width: the number of expressions, where these are given by a function that finds them when they are first needed; key: that of
+    the machine code on disk, where it follows from what the expressions were derived from; else it follows from them."""
 
-    @property
-    def width(self) -> int:
-        """Number of outputs."""
-        return len(self.expressions)
+    def __init__(self, symbols: Sequence[Expr], expressions: Sequence[Expr] | Callable[[], Sequence[Expr]],
+                 level: int | None = None, width: int | None = None, key: str | None = None) -> None:  # fmt: skip
+        self.symbols, self._stated, self.level, self._key = list(symbols), expressions, level, key
+        self.width = len(self.expressions) if width is None else width  #: number of outputs
 
     @cached_property
+    def expressions(self) -> list[Expr]:
+        """What it evaluates."""
+        return list(self._stated() if callable(self._stated) else self._stated)
+
+    @cached_property
+    @spends("compile")
     def compiled(self) -> Any:
-        """The LLVM function, compiled on first use; without inputs (a tree that is prescribed throughout) the constants."""
+        """The LLVM function, from disk or compiled on first use; without inputs (a tree that is prescribed throughout) the
+        constants."""
         if not self.symbols:
-            constants = np.array([float(e) for e in self.expressions])
-            return lambda x, out: np.copyto(out, constants)
+            return lambda x, out: np.copyto(out, self._fixed)
+        key = self._key or code_key(self.symbols, self.expressions, self.level)
+        found = recall(key)
+        if found is None:
+            keep(key, found := self._compiled_now())
+        return found
+
+    @cached_property
+    def _fixed(self) -> NDArray[np.float64]:
+        """The values of a kernel without inputs."""
+        found = recall(self._key)
+        if found is None:
+            keep(self._key, found := tuple(float(e) for e in self.expressions))
+        return np.array(found, dtype=float)
+
+    def _compiled_now(self) -> Any:
         level = self.level
         if level is None:
             level = 2 if len(self.expressions) < 60 and self.operations < _OPTIMISE_BELOW else 0
         return se.Lambdify(self.symbols, self.expressions, backend="llvm", cse=True, opt_level=level)
+
+    @cached_property
+    def tangent(self) -> Kernel:
+        """Changes of the values by those of the inputs, which follow the inputs."""
+        program, outputs = self.straight()
+        changes = {s: se.Symbol(f"change_{s}") for s in self.symbols}
+        found = program.along(outputs, changes)
+        return Kernel([*self.symbols, *changes.values()], program.closed(found), self.level)
+
+    def straight(self) -> tuple[Program, list[Expr]]:
+        """The kernel as a program of small steps."""
+        program = Program()
+        return program, [program.let(e) for e in self.expressions]
 
     @cached_property
     def operations(self) -> int:
@@ -59,7 +97,7 @@ class Kernel:
         if self.symbols:
             return part.call(self, gather, first)
         first = part.slots(len(gather) * self.width) if first is None else first
-        part.load(first, np.tile([float(e) for e in self.expressions], len(gather)))  # LLVM takes no function without arguments
+        part.load(first, np.tile(self._fixed, len(gather)))  # LLVM takes no function without arguments
         return block(first, len(gather), self.width)
 
     def values(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -67,17 +105,17 @@ class Kernel:
         if not self.symbols:
             return self.once(x)
         x = np.ascontiguousarray(x, dtype=float)
-        out = np.empty((*x.shape[:-1], len(self.expressions)))
+        out = np.empty((*x.shape[:-1], self.width))
         if out.size:
             self(x.reshape(-1, x.shape[-1]), out.reshape(-1, out.shape[-1]))
         return out
 
     def once(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Like `values`, interpreted: for constants that are evaluated once."""
-        if not self.expressions:
+        if not self.width:
             return np.empty((*x.shape[:-1], 0))
         if not self.symbols:
-            return np.broadcast_to([float(e) for e in self.expressions], (*x.shape[:-1], len(self.expressions)))
+            return np.broadcast_to(self._fixed, (*x.shape[:-1], self.width))
         interpreted = se.Lambdify(self.symbols, self.expressions, backend="lambda", cse=True)
         return np.asarray(interpreted(np.ascontiguousarray(x, dtype=float))).reshape(*x.shape[:-1], -1)
 

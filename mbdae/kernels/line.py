@@ -6,14 +6,15 @@ All elements share one table of shape functions; numbers of an element are kept 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.costs import made_once
+from mbdae.deferred import sp
 from mbdae.errors import LawError
 from mbdae.kernels.compile import Kernel
 from mbdae.kernels.element import Array, ElementKernel
@@ -176,13 +177,13 @@ def merged(kernels: Sequence[LineKernel]) -> LineKernel:
     return LineKernel(first.derived, first.at, {n: numbers[..., i] for i, n in enumerate(names)}, turns, first.given)
 
 
-@lru_cache(maxsize=64)
+@made_once("derive", 64)
 def _point(derived: LineDerived, parameters: tuple[str, ...]) -> Kernel:
     """The kernel of a law at a point, one per process."""
     return Kernel([*derived.variables, *map(se.Symbol, parameters)], derived.outputs)
 
 
-@lru_cache(maxsize=64)
+@made_once("derive", 64)
 def _point_jacobian(derived: LineDerived, parameters: tuple[str, ...]) -> tuple[Kernel, list[tuple[int, int]]]:
     """Duals and derivatives at a point, and which (output, variable) each derivative is."""
     partials = derived.derivatives()

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from mbdae.deferred import sp
 from mbdae.kernels.compile import Kernel
 from mbdae.kernels.line_nodes import kinematic_tensor
 from mbdae.native.program import Operations, block

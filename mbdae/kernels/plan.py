@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import symengine as se
 
+from mbdae.costs import made_once
+from mbdae.disk.entries import keep, key_of, recall
 from mbdae.kernels.compile import Kernel
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import Target, derivatives, input_symbols, insert
 from mbdae.symbolic.vectors import Expr
 
+Place = tuple[int, Target]  #: number of an output, and the unknown by which it is differentiated
 Outputs = Callable[[Derived], Sequence[tuple[Target, Expr]]]  #: selects outputs of a law, see `symbolic.outputs`
 
 
@@ -26,14 +30,44 @@ class Inputs:
 
 
 class Plan:
-    """The outputs of a law, without derivatives."""
+    """The outputs of a law, without derivatives. Its tables come from disk where they are there, and expressions are then derived
+    when they are first asked for."""
 
-    def __init__(self, d: Derived, outputs: Outputs) -> None:
-        entries = list(outputs(d))
-        self.derived, self.targets = d, [target for target, _ in entries]
-        self.expressions = [e for _, e in entries]
-        self.inserted = insert(d, self.expressions)
-        self._unknown = {symbol: target for target, symbol in input_symbols(d)}
+    def __init__(self, d: Derived, outputs: Outputs, *options: str) -> None:
+        self.derived, self._outputs = d, outputs
+        self.key = _key(d, outputs, type(self).__name__, *options)
+        found = recall(self.key)
+        if found is None:
+            keep(self.key, found := self._made())
+        self._read(*found)
+
+    def _made(self) -> tuple[Any, ...]:
+        """The tables as they are kept."""
+        return self._targets(), _kept(self.inputs(self.inserted))
+
+    def _read(self, targets: list[Target], inputs: Any) -> None:
+        self.targets, self.all_inputs = targets, _inputs(*inputs)  #: inputs of all outputs
+
+    def _targets(self) -> list[Target]:
+        return [target for target, _ in self._entries]
+
+    @cached_property
+    def _entries(self) -> list[tuple[Target, Expr]]:
+        return list(self._outputs(self.derived))
+
+    @cached_property
+    def expressions(self) -> list[Expr]:
+        """The outputs in names and unknowns."""
+        return [e for _, e in self._entries]
+
+    @cached_property
+    def inserted(self) -> list[Expr]:
+        """The outputs in unknowns and parameters."""
+        return insert(self.derived, self.expressions)
+
+    @cached_property
+    def _unknown(self) -> dict[Expr, Target]:
+        return {symbol: target for target, symbol in input_symbols(self.derived)}
 
     def inputs(self, expressions: Sequence[Expr], used: set[Expr] | None = None) -> Inputs:
         """The unknowns and parameters on which some expressions depend, in a fixed order; `used`: their symbols, if known."""
@@ -45,14 +79,21 @@ class Plan:
         return Inputs(tuple(t for _, t in unknowns), tuple(map(str, parameters)), symbols)
 
     @cached_property
-    def all_inputs(self) -> Inputs:
-        """Inputs of all outputs."""
-        return self.inputs(self.inserted)
-
-    @cached_property
     def kernel(self) -> Kernel:
         """All outputs in one kernel."""
-        return Kernel(self.all_inputs.symbols, self.inserted)
+        return Kernel(self.all_inputs.symbols, lambda: self.inserted, None, len(self.targets), part_key(self.key, "all"))
+
+
+class _Sorted(NamedTuple):
+    """The outputs and derivatives of a law by kinds: their numbers and places, and the expressions of each kernel."""
+
+    nonlinear: list[int]
+    constant_places: list[Place]
+    offset_places: list[int]
+    jacobian_places: list[Place]
+    constants: list[Expr]
+    jacobian: list[Expr]
+    residual: list[Expr]
 
 
 class LinearisedPlan(Plan):
@@ -64,7 +105,34 @@ class LinearisedPlan(Plan):
     """
 
     def __init__(self, d: Derived, outputs: Outputs, sort: bool = True) -> None:
-        super().__init__(d, outputs)
+        self._sort = sort
+        super().__init__(d, outputs, str(sort))
+
+    def _made(self) -> tuple[Any, ...]:
+        found = self._sorted
+        kernels = [_kept(self.inputs(e)) for e in (found.constants, found.jacobian, found.residual)]
+        places = found.nonlinear, found.constant_places, found.offset_places, found.jacobian_places
+        return self._targets(), places, kernels, found.constants
+
+    def _read(self, targets: list[Target], places: Any, kernels: Any = (), constants: Any = ()) -> None:
+        self.targets = targets
+        self.nonlinear, self.constant_places, self.offset_places, self.jacobian_places = places
+        self.constant_inputs, self.jacobian_inputs, self.residual_inputs = (_inputs(*entry) for entry in kernels)
+        self.constants = Kernel(self.constant_inputs.symbols, constants)
+        self.jacobian = self._kernel("jacobian", self.jacobian_inputs, len(self.jacobian_places))
+        self.residual = self._kernel("residual", self.residual_inputs, len(self.nonlinear))
+
+    @cached_property
+    def all_inputs(self) -> Inputs:  # type: ignore[override]
+        """Inputs of all outputs."""
+        return self.inputs(self.inserted)
+
+    def _kernel(self, part: str, inputs: Inputs, width: int) -> Kernel:
+        return Kernel(inputs.symbols, lambda: getattr(self._sorted, part), None, width, part_key(self.key, part))
+
+    @cached_property
+    def _sorted(self) -> _Sorted:
+        d, sort = self.derived, self._sort
         partials = [derivatives(d, e) for e in self.expressions]
         places = [(i, target) for i, row in enumerate(partials) for target in row]
         values = insert(d, [value for row in partials for value in row.values()])
@@ -74,19 +142,16 @@ class LinearisedPlan(Plan):
         constant = [sort and not (found & varying) for found in symbols]
         curved = {i for (i, _), fixed in zip(places, constant, strict=True) if not fixed}
         curved |= {i for i, e in enumerate(self.inserted) if not sort or e.free_symbols & clock}
-        self.nonlinear = [i for i in range(len(self.inserted)) if i in curved]
+        nonlinear = [i for i in range(len(self.inserted)) if i in curved]
         linear = [i for i in range(len(self.inserted)) if i not in curved]
         origin = self._origin(d)
-        self.constant_places = [p for p, fixed in zip(places, constant, strict=True) if fixed]
-        self.offset_places = linear
         offsets = [self._offset(i, places, values, origin) for i in linear]
-        fixed_values = [v for v, fixed in zip(values, constant, strict=True) if fixed]
-        self.constants, self.constant_inputs = self._kernel(fixed_values + offsets)
-        self.jacobian_places = [p for p, fixed in zip(places, constant, strict=True) if not fixed]
-        varying_values = [v for v, fixed in zip(values, constant, strict=True) if not fixed]
-        used = set().union(*(found for found, fixed in zip(symbols, constant, strict=True) if not fixed))
-        self.jacobian, self.jacobian_inputs = self._kernel(varying_values, used)
-        self.residual, self.residual_inputs = self._kernel([self.inserted[i] for i in self.nonlinear])
+
+        def chosen(found: list[Any], fixed: bool) -> list[Any]:
+            return [f for f, c in zip(found, constant, strict=True) if c == fixed]
+
+        return _Sorted(nonlinear, chosen(places, True), linear, chosen(places, False), chosen(values, True) + offsets,
+                       chosen(values, False), [self.inserted[i] for i in nonlinear])  # fmt: skip
 
     def _origin(self, d: Derived) -> dict[Expr, Expr]:
         """Point at which the offset of a linear output is evaluated: all unknowns 0, quaternions (1, 0, 0, 0), where R exists."""
@@ -99,18 +164,35 @@ class LinearisedPlan(Plan):
         linear = sum((v * origin[symbol[t]] for (o, t), v in zip(places, values, strict=True) if o == i), se.Integer(0))
         return self.inserted[i].subs(origin) - linear
 
-    def _kernel(self, expressions: list[Expr], used: set[Expr] | None = None) -> tuple[Kernel, Inputs]:
-        inputs = self.inputs(expressions, used)
-        return Kernel(inputs.symbols, expressions), inputs
+
+def _key(d: Derived, outputs: Outputs, *words: str) -> str | None:
+    """The key of a plan: the law's statement and the outputs, by the name of the function of mbdae that selects them."""
+    module, name = getattr(outputs, "__module__", ""), getattr(outputs, "__qualname__", "<")
+    if d.key is None or "<" in name or not str(module).startswith("mbdae."):
+        return None
+    return key_of("plan", d.key, str(module), name, *words)
 
 
-@lru_cache(maxsize=512)
+def part_key(key: str | None, *part: str) -> str | None:
+    """The key of a part of an entry."""
+    return None if key is None else key_of("part", key, *part)
+
+
+def _kept(found: Inputs) -> tuple[Any, ...]:
+    return found.unknowns, found.parameters, tuple(map(str, found.symbols))
+
+
+def _inputs(unknowns: tuple[Target, ...], parameters: tuple[str, ...], symbols: tuple[str, ...]) -> Inputs:
+    return Inputs(unknowns, parameters, tuple(map(se.Symbol, symbols)))
+
+
+@made_once("derive", 512)
 def plan(d: Derived, outputs: Outputs) -> Plan:
     """The plan of a derived law for some outputs; made once per process."""
     return Plan(d, outputs)
 
 
-@lru_cache(maxsize=512)
+@made_once("derive", 512)
 def linearised_plan(d: Derived, outputs: Outputs, sort: bool = True) -> LinearisedPlan:
     """The plan with derivatives; made once per process."""
     return LinearisedPlan(d, outputs, sort)

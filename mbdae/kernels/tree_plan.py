@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property, lru_cache
+from dataclasses import fields
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import symengine as se
 
+from mbdae.costs import made_once
+from mbdae.disk.entries import keep, key_of, recall
+from mbdae.disk.exact import Digests
+from mbdae.disk.store import store
 from mbdae.kernels.compile import Kernel
+from mbdae.kernels.plan import part_key
+from mbdae.symbolic.derive import derive
+from mbdae.symbolic.motion import symbolic_steps
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.tree import OPERATIONS, tree_program
-from mbdae.symbolic.tree_structure import TreeStructure
+from mbdae.symbolic.tree_motion import Link, TreeStructure
 from mbdae.symbolic.vectors import Expr
 
 CHUNK = 3000  #: steps of one kernel: LLVM compiles 3000 in 0.1 to 0.2 s, 10000 in seconds
@@ -27,8 +35,9 @@ class Piece(NamedTuple):
     kernel: Kernel
 
 
-class TreePlan:
-    """The kernels of a tree. Raises OverflowError where its Jacobian takes more than `OPERATIONS` steps."""
+class ProgrammedTree:
+    """The program of a tree with its derivatives, and the kernels cut from it. Raises OverflowError where its Jacobian takes more
+    than `OPERATIONS` steps."""
 
     def __init__(self, structure: TreeStructure) -> None:
         self.structure, self.tree = structure, tree_program(structure)
@@ -41,11 +50,7 @@ class TreePlan:
         self.derivatives: list[tuple[Target, Target, Expr]] = [
             (target, self.places[seed], e) for (target, _), row in zip(outputs, found, strict=True) for seed, e in row.items()
         ]
-
-    @property
-    def operations(self) -> int:
-        """Steps of the whole program."""
-        return len(self.tree.program.steps)
+        self.operations = len(self.tree.program.steps)
 
     def _piece(self, entries: Sequence[tuple[Any, Expr]]) -> Piece:
         program = self.tree.program
@@ -55,31 +60,24 @@ class TreePlan:
         level = 2 if len(program.needed([e for _, e in entries])) < OPTIMISED else 0
         return Piece(tuple(self.places[s] for s in symbols), tuple(t for t, _ in entries), Kernel(symbols, outputs, level))
 
-    @cached_property
-    def residual(self) -> Piece:
+    def residual(self) -> list[Piece]:
         """The rows of the tree."""
-        return self._piece(self.rows)
+        return [self._piece(self.rows)]
 
-    @cached_property
-    def forward(self) -> Piece:
+    def forward(self) -> list[Piece]:
         """q, u and u' of the loaded nodes."""
-        return self._piece(self.motion)
+        return [self._piece(self.motion)]
 
-    @cached_property
     def jacobian(self) -> list[Piece]:
-        """Derivatives; targets (row or state, input)."""
+        """Derivatives of all of them."""
         return self._chunks([((target, place), e) for target, place, e in self.derivatives])
 
-    @cached_property
     def mass(self) -> list[Piece]:
         """Derivatives of the rows by accelerations."""
         return self._chunks([((t, p), e) for t, p, e in self.derivatives if p[0] == "up" and t[0] == "u" and t[1] <= 0])
 
-    @cached_property
-    def rates(self) -> Piece | None:
-        """Accelerations of a tree on which no law outside acts, and then the pivots of its mass matrix, of the rows that are its
-        targets. The kernel reads behind its inputs what all other laws add to these rows, with a minus sign. None where the
-        program is long."""
+    def rates(self) -> list[Piece]:
+        """As `TreePlan.rates`; none where the program is long."""
         rows = {t: e for t, e in self.rows if t[0] == "u"}
         number = {t[1:]: i for i, t in enumerate(rows)}
         entries = {(number[t[1:]], number[p[1:]]): e for t, p, e in self.derivatives
@@ -87,35 +85,29 @@ class TreePlan:
         still = {s: se.Integer(0) for s, place in self.places.items() if place[0] == "up"}
         forces = [se.Symbol(f"force{i}") for i in range(len(rows))]
         if self.structure.loaded or self.structure.root.moves or len(rows) > MOST_SOLVED:
-            return None
+            return []
         program, found = self.tree.program.at(still, [*rows.values(), *entries.values()])
         right = [f - e for f, e in zip(forces, found, strict=False)]
         x, pivots = program.solved(dict(zip(entries, found[len(rows) :], strict=True)), right)
         needed, outputs = program.needed([*x, *pivots]), program.closed([*x, *pivots])
         if len(needed) > LONGEST_SOLVED:
-            return None
+            return []
         used = set().union(*(e.free_symbols for e in outputs))
         symbols = [s for s in self.places if s in used]
-        return Piece(tuple(self.places[s] for s in symbols), tuple(rows), Kernel([*symbols, *forces], outputs, 2))
+        return [Piece(tuple(self.places[s] for s in symbols), tuple(rows), Kernel([*symbols, *forces], outputs, 2))]
 
-    @cached_property
-    def motion_of_all(self) -> Piece:
+    def motion_of_all(self) -> list[Piece]:
         """q, u and u' of every carried node."""
-        return self._piece(self.tree.states(self.all_nodes))
+        return [self._piece(self.tree.states(carried_nodes(self.structure)))]
 
-    @cached_property
     def velocities(self) -> list[Piece]:
-        """Derivatives of the velocities of all carried nodes by those of the coordinates and the root."""
-        motion = [(t, e) for t, e in self.tree.states(self.all_nodes, accelerations=False) if t[0] == "u"]
+        """Derivatives of the velocities of all carried nodes."""
+        nodes = carried_nodes(self.structure)
+        motion = [(t, e) for t, e in self.tree.states(nodes, accelerations=False) if t[0] == "u"]
         seeds = [s for s, place in self.places.items() if place[0] == "u"]
         found = self.tree.program.derivatives([e for _, e in motion], seeds)
         entries = [((t, self.places[s]), e) for (t, _), row in zip(motion, found, strict=True) for s, e in row.items()]
         return self._chunks(entries)
-
-    @property
-    def all_nodes(self) -> tuple[int, ...]:
-        """Every carried node."""
-        return tuple(range(1, len(self.structure.links) + 1))
 
     def _chunks(self, entries: list[tuple[Any, Expr]]) -> list[Piece]:
         """One kernel, or several by columns where one would be slow to compile."""
@@ -133,7 +125,118 @@ class TreePlan:
         return [self._piece(piece) for piece in pieces]
 
 
-@lru_cache(maxsize=64)
+class TreePlan:
+    """The kernels of a tree, from disk where they are there. Raises OverflowError where its Jacobian takes more than `OPERATIONS`
+    steps. operations: steps of the whole program."""
+
+    def __init__(self, structure: TreeStructure) -> None:
+        self.structure, self.key = structure, _structure_key(structure)
+        self._pieces: dict[str, list[Piece]] = {}
+        found = recall(self.key)
+        if found is None:
+            keep(self.key, found := self._size())
+        self.operations, fits = found
+        if not fits:
+            raise OverflowError(self.operations)
+
+    def _size(self) -> tuple[int, bool]:
+        try:
+            return self.programmed.operations, True
+        except OverflowError as large:
+            return int(large.args[0]), False
+
+    @cached_property
+    def programmed(self) -> ProgrammedTree:
+        """The program itself, derived when it is first asked for."""
+        return ProgrammedTree(self.structure)
+
+    def _cut(self, what: str, n: int) -> Kernel:
+        """A kernel as cut from the program."""
+        if what not in self._pieces:
+            self._pieces[what] = getattr(self.programmed, what)()
+        return self._pieces[what][n].kernel
+
+    def _known(self, what: str) -> list[Piece]:
+        """The pieces of one kind, by their tables; expressions are derived when they are first asked for."""
+        key = part_key(self.key, what)
+        tables = recall(key)
+        if tables is None:
+            self._pieces[what] = getattr(self.programmed, what)()
+            tables = [(p.inputs, p.targets, tuple(map(str, p.kernel.symbols)), p.kernel.level, p.kernel.width)
+                      for p in self._pieces[what]]  # fmt: skip
+            keep(key, tables)
+        return [Piece(inputs, targets, Kernel(tuple(map(se.Symbol, symbols)), partial(self._expressions, what, n), level, width,
+                                              part_key(key, str(n))))
+                for n, (inputs, targets, symbols, level, width) in enumerate(tables)]  # fmt: skip
+
+    def _expressions(self, what: str, n: int) -> list[Expr]:
+        return self._cut(what, n).expressions
+
+    @cached_property
+    def residual(self) -> Piece:
+        """The rows of the tree."""
+        return self._known("residual")[0]
+
+    @cached_property
+    def forward(self) -> Piece:
+        """q, u and u' of the loaded nodes."""
+        return self._known("forward")[0]
+
+    @cached_property
+    def jacobian(self) -> list[Piece]:
+        """Derivatives; targets (row or state, input)."""
+        return self._known("jacobian")
+
+    @cached_property
+    def mass(self) -> list[Piece]:
+        """Derivatives of the rows by accelerations."""
+        return self._known("mass")
+
+    @cached_property
+    def rates(self) -> Piece | None:
+        """Accelerations of a tree on which no law outside acts, and then the pivots of its mass matrix, of the rows that are its
+        targets. The kernel reads behind its inputs what all other laws add to these rows, with a minus sign. None where the
+        program is long."""
+        return next(iter(self._known("rates")), None)
+
+    @cached_property
+    def motion_of_all(self) -> Piece:
+        """q, u and u' of every carried node."""
+        return self._known("motion_of_all")[0]
+
+    @cached_property
+    def velocities(self) -> list[Piece]:
+        """Derivatives of the velocities of all carried nodes by those of the coordinates and the root."""
+        return self._known("velocities")
+
+
+def carried_nodes(structure: TreeStructure) -> tuple[int, ...]:
+    """Every carried node."""
+    return tuple(range(1, len(structure.links) + 1))
+
+
+def _structure_key(structure: TreeStructure) -> str | None:
+    """The key of a tree: its shape, the motions of its joints and the statements of its laws; None where one has none."""
+    if not store().used:
+        return None
+    try:
+        laws = [derive(*member.law).key for member in structure.members]
+        if None in laws:
+            return None
+        shape = [structure.root, structure.loaded, [(m.nodes, m.numbers) for m in structure.members]]
+        return key_of("tree", Digests().of([shape, laws, list(map(_link, structure.links))]))
+    except Exception:  # a mistake in a law, which its derivation finds, or nothing that can be told apart from others
+        return None
+
+
+def _link(link: Link) -> list[Any]:
+    law = link.law.symbolic(link.structure)
+    stated = {f.name: getattr(link, f.name) for f in fields(link) if f.name not in ("law", "structure")}
+    units = [(name, entry.unit) for name, entry in link.law.coordinates.items()]
+    return [stated, units, list(link.law.params), symbolic_steps(law)]
+
+
+@made_once("derive", 64)
 def tree_plan(structure: TreeStructure) -> TreePlan:
     """The plan of a tree; made once per process and structure."""
     return TreePlan(structure)

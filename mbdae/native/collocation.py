@@ -45,6 +45,11 @@ class Made(NamedTuple):
     errors: Array
     code: int
 
+    def then(self, more: Made) -> Made:
+        """These steps and those made after them."""
+        t, y, yp, inner, errors = (np.concatenate(both) for both in zip(self[:-1], more[:-1], strict=True))
+        return Made(t, y, yp, inner, errors, more.code)
+
 
 class Run(Stepping):
     """A run at the state y, yp (n,); table: the present step and its control.

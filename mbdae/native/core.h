@@ -36,10 +36,24 @@ typedef struct {
 } Equations;
 
 /* How long a step may be because of inputs of time: `share` of the stretch between two edges in which it begins and, where it
-   reaches into the next one, the same share of that. No edges: no bound. */
-typedef struct { const double *edges; I count; double share; } Stretches;
+   reaches into the next one, the same share of that. No edges: no bound. No step goes beyond a kink. */
+typedef struct { const double *edges; I count; double share; const double *kinks; I kink_count; } Stretches;
 
-static inline double longest_step(const Stretches *s, double t) {
+/* From t to the first kink after it; one that is as near as round-off is passed. */
+static inline double to_kink(const Stretches *s, double t) {
+  if (!s->kink_count) return INFINITY;
+  const double last = s->kinks[s->kink_count - 1], passed = t + 1e3 * 2.220446049250313e-16 * fmax(fabs(t), fabs(last));
+  if (passed >= last) return INFINITY;
+  I low = -1, high = s->kink_count - 1; /* kinks[low] <= passed < kinks[high] */
+  while (high - low > 1) {
+    const I middle = (low + high) / 2;
+    if (s->kinks[middle] <= passed) low = middle;
+    else high = middle;
+  }
+  return s->kinks[high] - t;
+}
+
+static inline double longest_of_stretches(const Stretches *s, double t) {
   if (s->count < 2) return INFINITY;
   I low = 0, high = s->count - 1; /* edges[low] <= t < edges[high], but for a time outside of them */
   while (high - low > 1) {
@@ -50,6 +64,8 @@ static inline double longest_step(const Stretches *s, double t) {
   const double a = s->edges[low], b = s->edges[high], whole = s->share * (b - a);
   return high == s->count - 1 ? whole : fmin(whole, b - t + s->share * (t - a) / (b - a) * (s->edges[high + 1] - b));
 }
+
+static inline double longest_step(const Stretches *s, double t) { return fmin(longest_of_stretches(s, t), to_kink(s, t)); }
 
 static inline int all_finite(const double *x, I n) {
   for (I i = 0; i < n; i++)

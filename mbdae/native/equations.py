@@ -38,7 +38,7 @@ class Table(ctypes.Structure):
 class Stretches(ctypes.Structure):
     """`Stretches` of core.h."""
 
-    _fields_ = (("edges", Pointer), ("count", Whole), ("share", Number))
+    _fields_ = (("edges", Pointer), ("count", Whole), ("share", Number), ("kinks", Pointer), ("kink_count", Whole))
 
 
 class Caught:
@@ -111,10 +111,11 @@ class Stepping(Listening):
 
     table: Any
 
-    def bound(self, edges: Any, share: float) -> None:
-        """Bound steps to a share of the stretches between edges (k,), s."""
-        self._edges = np.array(edges, dtype=float)
-        self.table.stretches = Stretches(self._edges.ctypes.data, len(self._edges), share)
+    def bound(self, edges: Any, share: float, kinks: Any = ()) -> None:
+        """Bound steps to a share of the stretches between edges (k,), s, and end them at kinks (l,), s."""
+        self._edges, self._kinks = np.array(edges, dtype=float), np.array(kinks, dtype=float)
+        self.table.stretches = Stretches(self._edges.ctypes.data, len(self._edges), share, self._kinks.ctypes.data,
+                                         len(self._kinks))  # fmt: skip
 
 
 def equations_of(system: Any) -> Equations:

@@ -17,8 +17,11 @@ typedef void (*Kernel)(double *out, const double *in, void *data);
    SOLVE     solves with these factors for `times` further right-hand sides at W[outputs + r * count ...)
    LU        solves with the full matrix (count, count), row by row, at `first`, for `times` right-hand sides at
              W[outputs + r * count ...); the matrix is overwritten
-   POSITIVE  ends with SINGULAR unless every W[from[k]] > 0 */
-enum { CALL, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU, POSITIVE };
+   POSITIVE  ends with SINGULAR unless every W[from[k]] > 0
+   PASS      CALL, and its first `count` values are added to W[to[r * count + k]] before the next instance, which may read them
+   LOOKUP    a table of `count` points (weight) at x = a W[inputs] + b, on the side of a W[outputs] + b: its value and first two
+             derivatives to W[first ...); behind them the segment last found, a and b */
+enum { CALL, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU, POSITIVE, PASS, LOOKUP };
 
 typedef struct {
   I kind, times, count, first, inputs, outputs, to_step, from_step, by_step, weight_step;
@@ -30,6 +33,7 @@ typedef struct {
 typedef struct { const Operation *first; I count; } Part;
 
 #include "factors.inc"
+#include "lookup.inc"
 
 /* Run the operations; x: room for the inputs of the widest; bad: the row of a matrix that depends on the others. */
 static int run(Part part, double *W, double *x, I *bad) {
@@ -42,6 +46,14 @@ static int run(Part part, double *W, double *x, I *bad) {
       for (I r = 0; r < a->times; r++, from += a->inputs) {
         for (I j = 0; j < a->inputs; j++) x[j] = W[from[j]];
         ((Kernel)a->function)(W + a->first + r * a->outputs, x, a->data);
+      }
+      break;
+    case PASS:
+      for (I r = 0; r < a->times; r++, from += a->inputs, to += a->count) {
+        double *values = W + a->first + r * a->outputs;
+        for (I j = 0; j < a->inputs; j++) x[j] = W[from[j]];
+        ((Kernel)a->function)(values, x, a->data);
+        for (I k = 0; k < a->count; k++) W[to[k]] += values[k];
       }
       break;
     case LOAD:
@@ -77,6 +89,11 @@ static int run(Part part, double *W, double *x, I *bad) {
         if (!(W[from[*bad]] > 0)) return SINGULAR;
       *bad = -1;
       break;
+    case LOOKUP: {
+      double *out = W + a->first;
+      lookup(weight, a->count, out[4] * W[a->inputs] + out[5], out[4] * W[a->outputs] + out[5], out);
+      break;
+    }
     }
   }
   return DONE;

@@ -92,6 +92,11 @@ class Steps(NamedTuple):
     inner: Array
     code: int
 
+    def then(self, more: Steps) -> Steps:
+        """These steps and those made after them."""
+        t, y, yp, inner = (np.concatenate(both) for both in zip(self[:-1], more[:-1], strict=True))
+        return Steps(t, y, yp, inner, more.code)
+
 
 #: the library with the functions of explicit.c
 _functions = declared(

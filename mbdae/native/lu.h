@@ -2,7 +2,7 @@
    complex numbers. */
 
 /* Row by row: -1, or the pivot that is zero, not finite, or too small beside its column. `largest`: largest multiplier. */
-WIDE static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, T *restrict w, double *largest) {
+WIDE static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, T *restrict w, double least, double *largest) {
   const I *col = p->col, *diag = p->diag;
   double top = 0;
   for (I i = 0; i < p->n; i++) {
@@ -22,6 +22,10 @@ WIDE static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, 
     }
     for (I k = b; k < e; k++) lu[k] = w[col[k]];
     const double pivot = NAME(size)(lu[diag[i]]);
+    if (pivot <= least && least > 0) {
+      lu[diag[i]] = NAME(of)(0);
+      continue;
+    }
     if (!(pivot > 0 && isfinite(pivot))) return i;
     lu[diag[i]] = NAME(inverse)(lu[diag[i]]);
   }
@@ -62,7 +66,7 @@ static I NAME(begin)(Factors *f) {
   if (!all_finite(f->a, f->nnz * (I)(sizeof(T) / sizeof(double)))) return f->n;
   if (f->order) {
     double largest = 0;
-    const I bad = NAME(factor)(f->order, f->a, f->lu, f->w, &largest);
+    const I bad = NAME(factor)(f->order, f->a, f->lu, f->w, f->least, &largest);
     if (bad >= 0) return f->order->columns[bad];
     return f->surely || largest < TAME || NAME(defect)(f) < ACCURATE ? -1 : f->n;
   }

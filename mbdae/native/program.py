@@ -20,7 +20,8 @@ from mbdae.native.library import declared
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-CALL, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU, POSITIVE = range(9)
+CALL, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU, POSITIVE, PASS, LOOKUP = range(11)
+READ = 3  #: a table and its first two derivatives
 
 
 class Operation(ctypes.Structure):
@@ -111,6 +112,18 @@ class Operations:
                   kernel=kernel)  # fmt: skip
         return block(first, points, width)
 
+    def hand_on(self, kernel: Any, gather: ArrayLike, to: ArrayLike, first: int | None = None) -> Index:
+        """The same point by point, whose first values are added to slots to (points, count) before the next point is read: what
+        an instance hands on another one behind it may read."""
+        slots, sums = np.asarray(gather, dtype=np.int64), np.asarray(to, dtype=np.int64)
+        (points, inputs), width, count = slots.shape, kernel.width, sums.shape[-1] if sums.ndim == 2 else -1
+        if sums.shape != (points, count) or count > width:
+            raise ValueError(f"slots {sums.shape} for {points} points of {width} values")
+        first = self.slots(points * width) if first is None else first
+        self._add(PASS, {"from_": slots, "to": sums}, (first, points * width), times=points, inputs=inputs, outputs=width,
+                  count=count, first=first, kernel=kernel)  # fmt: skip
+        return block(first, points, width)
+
     def load(self, first: int, values: ArrayLike) -> None:
         """Numbers into slots one after the other."""
         numbers = np.asarray(values, dtype=float).ravel()
@@ -150,6 +163,17 @@ class Operations:
         """End with SINGULAR unless all slots hold positive numbers; `bad`: where in `at` the first is that does not."""
         self._map(POSITIVE, 1, {"from_": at}, None)
 
+    def lookup(self, packed: Array, at: int, side: int, a: float, b: float) -> int:
+        """A table (`inputs.tables.Table.packed`) read at a x + b, x in slot `at`, on the side of a x + b for x in slot `side`;
+        the first of three slots with its value and first two derivatives."""
+        first, points = self.slots(READ + 3), (len(packed) - 9) // 6
+        self._room.constants.append((first + READ, np.array([0.0, a, b])))  # the segment last found, and how x enters
+        if len(packed) != 9 + 6 * points or points < 2:
+            raise ValueError(f"a table of {len(packed)} numbers")
+        self._add(LOOKUP, {"weight": packed}, (first, READ + 3), (at, 1), (side, 1), times=1, count=points, first=first,
+                  inputs=at, outputs=side)  # fmt: skip
+        return first
+
     # -- tables
 
     def _map(self, kind: int, times: int, slots: dict[str, ArrayLike], weight: ArrayLike | None, **steps: int) -> None:
@@ -168,7 +192,7 @@ class Operations:
         self._add(kind, tables, times=times, count=count, **steps)
 
     def _add(self, kind: int, tables: dict[str, Any], *ranges: tuple[int, int], **fields: Any) -> None:
-        kept = {name: np.array(table, order="C") for name, table in tables.items()}  # copies: nobody changes them later
+        kept = {name: np.array(table, order="C") if table.flags.writeable else table for name, table in tables.items()}  # fixed
         for name, table in kept.items():
             if name != "weight" and table.size:
                 last = max((fields["times"] - 1) * fields.get(f"{name.rstrip('_')}_step", 0), 0)
@@ -180,7 +204,7 @@ class Operations:
     @property
     def widest(self) -> int:
         """Numbers that the inputs of a kernel take at most."""
-        return max((f["inputs"] for f, *_ in self.steps if f["kind"] == CALL), default=0)
+        return max((f["inputs"] for f, *_ in self.steps if f["kind"] in (CALL, PASS)), default=0)
 
     @property
     def reads(self) -> frozenset[int]:

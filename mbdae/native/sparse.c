@@ -31,6 +31,36 @@ static inline Pair pair_inverse(Pair z) { /* without overflow of squares */
 #define NAME(what) pair_##what
 #include "lu.h"
 
+/* Rows of L + U of a matrix (n, n) whose row i has the entries `columns`, rising, its diagonal among them, from rows[i] on: where they begin (`ptr`), their
+   columns and their diagonals; next (n + 2) to work with. The number of entries, or -1 where `most` are too few. */
+API I lu_fill(I n, const I *rows, const I *columns, I most, I *ptr, I *col, I *diag, I *next) {
+  const I head = n + 1;
+  ptr[0] = 0;
+  for (I i = 0; i < n; i++) {
+    I at = head, end = ptr[i]; /* the row as a list of rising columns that ends with n */
+    for (I k = rows[i]; k < rows[i + 1]; k++) at = next[at] = columns[k];
+    next[at] = n;
+    for (I j = next[head]; j < i; j = next[j]) {
+      I to = j;
+      for (I k = diag[j] + 1; k < ptr[j + 1]; k++) {
+        while (next[to] < col[k]) to = next[to];
+        if (next[to] != col[k]) {
+          next[col[k]] = next[to];
+          next[to] = col[k];
+        }
+        to = col[k];
+      }
+    }
+    for (I j = next[head]; j < n; j = next[j]) {
+      if (end == most) return -1;
+      if (j == i) diag[i] = end;
+      col[end++] = j;
+    }
+    ptr[i + 1] = end;
+  }
+  return ptr[n];
+}
+
 /* -1; the unknown whose pivot is bad; n where the factors are inaccurate or there are none yet */
 API I lu_factor(Factors *f) {
   if (!f->lu) return f->n;

@@ -18,6 +18,7 @@ typedef struct {
   const I *row_of, *column_of;        /* (nnz) of the entries */
   const Order *order;
   I surely;                           /* no check of the factors: their order was found for these entries, with row exchanges */
+  double least;                       /* pivots up to it count as 0: their unknowns are left out, and their inverse pivot is 0 */
   void *a, *lu, *w;                   /* (nnz) entries, the factors, (2, n) to work with */
   double *sums;                       /* (n) */
   int *swaps; Getrf *getrf; Getrs *getrs;
@@ -33,6 +34,7 @@ typedef struct {
   Factors *const *factors;
 } Matrix;
 
+API I lu_fill(I n, const I *rows, const I *columns, I most, I *ptr, I *col, I *diag, I *next);
 API I lu_factor(Factors *f);
 API void lu_solve(const Factors *f, void *b);
 API I matrix_factor(Matrix *m, double h, I first);

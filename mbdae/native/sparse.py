@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cython_lapack
-from scipy.sparse import csc_matrix
 
+from mbdae.deferred import csc_matrix, cython_lapack
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.library import declared
 
@@ -45,7 +44,7 @@ class FactorsTable(ctypes.Structure):
     """`Factors` of sparse.h."""
 
     _fields_ = (("n", Whole), ("nnz", Whole), ("complex", Whole), ("row_of", Pointer), ("column_of", Pointer),
-                ("order", Pointer), ("surely", Whole), ("a", Pointer), ("lu", Pointer), ("w", Pointer),
+                ("order", Pointer), ("surely", Whole), ("least", Number), ("a", Pointer), ("lu", Pointer), ("w", Pointer),
                 ("sums", Pointer), ("swaps", Pointer), ("getrf", Pointer), ("getrs", Pointer))  # fmt: skip
 
 
@@ -59,6 +58,7 @@ class MatrixTable(ctypes.Structure):
 
 #: the library with the functions of sparse.h
 functions = declared(
+    ("lu_fill", Whole, (Whole, Pointer, Pointer, Whole, Pointer, Pointer, Pointer, Pointer)),
     ("lu_factor", Whole, (Pointer,)),
     ("lu_solve", None, (Pointer, Pointer)),
     ("matrix_factor", Whole, (Pointer, Number, Whole)),
@@ -127,11 +127,10 @@ class Order:
         row_of, column_of = np.empty((2, n), dtype=np.int64)
         row_of[self.rows] = column_of[self.columns] = np.arange(n)
         i, j = row_of[entries.row_of], column_of[entries.column_of]
-        self.ptr, self.col = filled(n, i, j)
+        self.ptr, self.col, self.diag = filled(n, i, j)
         self.size = len(self.col)
         row = np.repeat(np.arange(n), np.diff(self.ptr))
         keys = row * n + self.col
-        self.diag = np.searchsorted(keys, np.arange(n) * (n + 1))
         self.origin = np.full(self.size, -1)
         self.origin[np.searchsorted(keys, i * n + j)] = np.arange(entries.nnz)
         breaks = np.where(np.diff(keys, prepend=-2) != 1, np.arange(self.size), 0)
@@ -141,29 +140,18 @@ class Order:
         self.table = OrderTable(n, *map(address, kept))
 
 
-def filled(n: int, i: Index, j: Index) -> tuple[Index, Index]:
-    """Where the rows of L + U begin (n + 1,), and the columns of their entries, rising, of a matrix with entries i, j.
-
-    A row is a whole number with a bit per column: eliminating with row k adds what row k has right of its pivot.
-    """
-    rows = [1 << k for k in range(n)]
-    for at, k in zip(i.tolist(), j.tolist(), strict=True):
-        rows[at] |= 1 << k
-    right: list[int] = []
-    for at, row in enumerate(rows):
-        left = (1 << at) - 1
-        pending = row & left
-        while pending:
-            lowest = pending & -pending
-            new = right[lowest.bit_length() - 1] & ~row
-            row |= new
-            pending = (pending ^ lowest) | (new & left)
-        rows[at] = row
-        right.append(row & ~((left << 1) | 1))
-    width = (n + 7) // 8
-    bytes_of = (np.frombuffer(row.to_bytes(width, "little"), dtype=np.uint8) for row in rows)
-    found = [np.flatnonzero(np.unpackbits(part, bitorder="little")) for part in bytes_of]
-    return whole(np.cumsum([0, *map(len, found)])), whole(np.concatenate(found))
+def filled(n: int, i: Index, j: Index) -> tuple[Index, Index, Index]:
+    """Where the rows of L + U begin (n + 1,), the columns of their entries, rising, and the places of the diagonals (n,), of a
+    matrix with entries i, j."""
+    cells = np.unique(np.r_[i * n + j, np.arange(n) * (n + 1)])
+    rows, columns = whole(np.searchsorted(cells, np.arange(n + 1) * n)), whole(cells % n)
+    ptr, diag, work = np.zeros(n + 1, dtype=np.int64), np.zeros(n, dtype=np.int64), np.zeros(n + 2, dtype=np.int64)
+    most, count = 4 * (len(i) + n), -1
+    while count < 0:
+        most *= 4
+        col = np.empty(most, dtype=np.int64)
+        count = functions().lu_fill(n, address(rows), address(columns), most, *map(address, (ptr, col, diag, work)))
+    return ptr, col[:count].copy(), diag
 
 
 #: searches for an order of elimination, to be tried in turn: of a matrix (n, n), real or complex, the order, or None where the
@@ -192,7 +180,7 @@ class Factors:
         self._lu = np.zeros(0, self.dtype)
         letter = "z" if self.dtype.kind == "c" else "d"
         self.table = FactorsTable(
-            entries.n, entries.nnz, letter == "z", address(entries.row_of), address(entries.column_of), None, 0,
+            entries.n, entries.nnz, letter == "z", address(entries.row_of), address(entries.column_of), None, 0, 0.0,
             address(self.values), None, address(self._work), address(self._sums), address(self._swaps),
             lapack(letter + "getrf"), lapack(letter + "getrs"))  # fmt: skip
         self._at = ctypes.addressof(self.table)
@@ -238,6 +226,37 @@ class Factors:
             self._lu = np.zeros(size, self.dtype)
         self.table.lu = address(self._lu)
 
+    def left_out(self, order: Order, least: float) -> NDArray[np.bool_]:
+        """Factorise in an order without the unknowns (n,) whose pivots are at most `least`: they are said, and 0 in solutions."""
+        self.order, self.table.order, self.table.surely, self.table.least = order, ctypes.addressof(order.table), True, least
+        self._lu = np.zeros(order.size, self.dtype)
+        self.table.lu = address(self._lu)
+        if functions().lu_factor(self._at) >= 0:
+            raise SingularMatrixError
+        out = np.empty(len(order.columns), dtype=bool)
+        out[order.columns] = self._lu[order.diag] == 0
+        return out
+
+    def snapshot(self) -> dict[str, Any]:
+        """The factors, and the order in which others are sought next, as plain values."""
+        arrays = (self.values, self._lu, self._swaps)
+        return {"begun": bool(self.table.lu), "own": _pivots(self.order),
+                "shared": _pivots(self.orders.present), "arrays": [array.copy() for array in arrays]}  # fmt: skip
+
+    def go_back(self, kept: dict[str, Any]) -> None:
+        """Have the factors of a snapshot."""
+        orders = self.orders
+        if _differ(_pivots(orders.present), kept["shared"]):
+            orders.present = Order(orders.entries, *kept["shared"]) if kept["shared"] else None
+        if not kept["begun"]:
+            return
+        if kept["own"] is None or not _differ(_pivots(orders.present), kept["own"]):
+            self._take(None if kept["own"] is None else orders.present)
+        else:
+            self._take(Order(orders.entries, *kept["own"]))
+        for array, values in zip((self.values, self._lu, self._swaps), kept["arrays"], strict=True):
+            array[:] = values
+
     def solve(self, b: NDArray[Any]) -> NDArray[Any]:
         """Solution (n,) for a right-hand side (n,)."""
         if not self.table.lu:
@@ -247,6 +266,16 @@ class Factors:
             raise ValueError(f"a right-hand side of shape {x.shape} for {self.orders.entries.n} unknowns")
         functions().lu_solve(self._at, address(x))
         return x
+
+
+def _pivots(order: Order | None) -> list[Index] | None:
+    return None if order is None else [order.rows, order.columns]
+
+
+def _differ(some: list[Index] | None, others: list[Index] | None) -> bool:
+    if some is None or others is None:
+        return some is not others
+    return not all(np.array_equal(a, b) for a, b in zip(some, others, strict=True))
 
 
 class Matrix:

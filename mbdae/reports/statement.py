@@ -115,7 +115,7 @@ def derived(law: type[Law], structure: Structure, planar: bool = False) -> Deriv
     units = specs_of_coordinates(instance)
     kinds = [NodeKind.ROTATION if units[name].unit == "rotation" else NodeKind.COORDINATE for name in instance.own_coordinates]
     sides: tuple[Side, ...] = (*sides_of(law, planar), *((kind, Axes.GENERAL) for kind in kinds))
-    return derive(law, structure, sides)  # type: ignore[arg-type]
+    return derive(law, structure, sides)
 
 
 class Statement:

@@ -13,6 +13,7 @@ from mbdae.kernels.beam import derived_beam, reference_positions, turns
 from mbdae.kernels.line_nodes import Nodes
 from mbdae.laws.elements.line_mesh import LineMesh
 from mbdae.laws.elements.line_shape import Table, table
+from mbdae.results.fibres import Fibre
 from mbdae.results.sensors import BodySensor, turned_about_z
 from mbdae.results.states import RunStates
 from mbdae.scene.components import Body
@@ -90,6 +91,15 @@ class Fields:
         return self._spread(self.nodes.turned(rates), len(q))
 
 
+    def second_rates(self, q: Array, u: Array, acceleration: Array) -> Array:
+        """Second time derivatives of `positions`: those of quaternions are bilinear in quaternion and spin."""
+        nodal, speeds = self._nodal("q", q), self._nodal("u", u)
+        second = self.nodes.rates(nodal, self._nodal("u", acceleration))
+        if not self.nodes.flat:
+            second[..., 3:] += self.nodes.rates(self.nodes.rates(nodal, speeds), speeds)[..., 3:]
+        return self._spread(self.nodes.turned(second), len(q))
+
+
 def axes_in_plane(line: Line, elements: Any = slice(None)) -> Array:
     """Section axes (elements, 3, 3) of a planar beam, columns, in axes that turn with it: along it, across it, z."""
     mesh = line.mesh
@@ -104,6 +114,16 @@ def in_space(line: Line, values: Array) -> Array:
     """(..., 3) from the translations of a node."""
     n = line.kind.translations
     return np.concatenate([values[..., :n], np.zeros((*values.shape[:-1], 3 - n))], axis=-1)
+
+
+def angular_accelerations(line: Line, positions: Array, rates: Array, second: Array) -> Array:
+    """(..., 3) inertial, rad/s^2: the rate of `angular_velocities`; P' o conj(P') has no vector part."""
+    found = angular_velocities(line, positions, second)
+    if line.kind is NodeKind.PLANAR:
+        return found
+    P, Pt = positions[..., 3:], rates[..., 3:]
+    stretch = 2 * np.sum(P * Pt, axis=-1, keepdims=True) / np.sum(P**2, axis=-1, keepdims=True)
+    return np.asarray(found - stretch * angular_velocities(line, positions, rates))
 
 
 def angular_velocities(line: Line, positions: Array, rates: Array) -> Array:
@@ -207,6 +227,36 @@ class BeamPlace(_OnBeam):
         """(nt, 3), rad/s, of the section, inertial frame."""
         return angular_velocities(self._line, self._positions, self._rates)[:, 0, 0]
 
+    @cached_property
+    def _second(self) -> Array:
+        return self._fields.second_rates(self._result.q, self._result.u, self._result.acceleration)
+
+    @cached_property
+    def angular_acceleration(self) -> Array:
+        """(nt, 3), rad/s^2, of the section, inertial frame, from the equations of motion."""
+        return angular_accelerations(self._line, self._positions, self._rates, self._second)[:, 0, 0]
+
+    @cached_property
+    def acceleration(self) -> Array:
+        """(nt, 3), m/s^2, from the equations of motion."""
+        arm, w = self.rotation @ self.arm, self.angular_velocity
+        turning = np.cross(self.angular_acceleration, arm) + np.cross(w, np.cross(w, arm))
+        return in_space(self._line, self._second)[:, 0, 0] + turning
+
+    @property
+    def fibre_stress(self) -> Array:
+        """(nt,) Pa: normal stress along the beam at this place of its section, N1/A + M2 x3/I2 - M3 x2/I3, tension positive."""
+        return self._fibre.normal(self.stress_resultants)
+
+    @property
+    def von_mises(self) -> Array:
+        """(nt,) Pa at this place of the section, from the normal stress and the shear stresses of shear forces and torque."""
+        return self._fibre.von_mises(self.stress_resultants)
+
+    @cached_property
+    def _fibre(self) -> Fibre:
+        return Fibre(self._line.beam.section, float(self.arm[1]), float(self.arm[2]), f"beam '{self._body.name}'")
+
     def _extrapolated(self, values: Array) -> Array:
         """(nt, 6) of the polynomial of order p - 1 through the Gauss points of the element."""
         p = self._line.mesh.order
@@ -260,6 +310,16 @@ class BeamSensor(_OnBeam):
     def velocity(self) -> Array:
         """(nt, 3), m/s, of the centre of mass."""
         return self._mean("u", self._result.u)
+
+    @cached_property
+    def acceleration(self) -> Array:
+        """(nt, 3), m/s^2, of the centre of mass, from the equations of motion."""
+        return self._mean("u", self._result.acceleration)
+
+    @cached_property
+    def angular_acceleration(self) -> Array:
+        """(nt, 3), rad/s^2, of the section in the middle of the length, inertial frame."""
+        return np.asarray(self._middle.angular_acceleration)
 
     @cached_property
     def _middle(self) -> Any:

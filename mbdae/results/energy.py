@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.kernels import plan
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element, Force
 from mbdae.symbolic.outputs import Target
@@ -104,7 +105,7 @@ def has_power(mechanics: Mechanics) -> bool:
     """Whether anything dissipates or does work."""
     timed = any(instance.timed for group in mechanics.model.groups for instance in group.instances)
     timed |= any(line.loads or line.numbers["damping"] for line in mechanics.model.lines)
-    return timed or any(power_outputs(group.derived) for group in mechanics.model.groups)
+    return timed or any(plan(group.derived, power_outputs).targets for group in mechanics.model.groups)
 
 
 def powers(mechanics: Mechanics, t: Array, states: States) -> Array:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbdae.display import rows, titled
 from mbdae.errors import ListsAttributes, OptionError, SceneError
 from mbdae.inputs.sensed import symbol
 from mbdae.integrators.solution import Solution, Stats
@@ -16,12 +17,15 @@ from mbdae.laws.contact import Contact
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.beams import BeamSensor
 from mbdae.results.clearance import ClearanceSensor, ContactSensor
+from mbdae.results.columns import to_csv, to_dataframe, to_xarray
 from mbdae.results.energy import Energy, energy
-from mbdae.results.sensors import BodySensor, ConnectionSensor, placed, split
+from mbdae.results.peaks import Peak, peak
+from mbdae.results.quantities import Quantity, value
+from mbdae.results.sensors import BodySensor, ConnectionSensor
 from mbdae.results.states import RunStates
-from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Place, Signal
+from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Controller, Place, Signal
 from mbdae.scene.scene import SceneData
-from mbdae.scene.sensed import split_entry
+from mbdae.scene.sensor_names import parsed, placed
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import smallest, unit_rows
@@ -161,6 +165,8 @@ class Result(RunStates, ListsAttributes):
                 raise OptionError(f"'{key}' is a distributed load: it has no sensors; read its beam '{item.beam.name}'")
             if isinstance(item, Signal):
                 return self.observed(symbol(key))[:, 0]
+            if isinstance(item, Controller):
+                raise OptionError(f"'{key}' is a controller: it has no sensors; read its outputs: {', '.join(item.sets)}")
             sensor = _sensor(self, item)
             self._sensors[key] = sensor if where is None else sensor.at(where)
         return self._sensors[key]
@@ -168,10 +174,10 @@ class Result(RunStates, ListsAttributes):
     def read(self, path: str) -> Array:
         """A sensor by its path, e.g. "C.angle", "crank.position" or "beam.at(0.5).position" (nt, ...), one component of it,
         "crank.position[1]" (nt,), or a state, signal or output of a controller by its name (nt,)."""
-        path, entry = split_entry(option("sensor", path, text, "name a sensor such as 'C.angle' or 'crank.position'"))
-        if any(signal.name == path for signal in self.prepared.model.scene.signals):
+        path = option("sensor", path, text, "name a sensor such as 'C.angle' or 'crank.position'")
+        if isinstance(self.prepared.model.scene._by_name.get(path), Signal):
             return np.asarray(self[path])
-        name, quantity = split(path)
+        name, quantity, entry = parsed(path)
         try:
             sensor = self[name] if name and quantity else None
         except SceneError as error:
@@ -181,12 +187,35 @@ class Result(RunStates, ListsAttributes):
             items = self.prepared.model.scene._names()
             told = f"'{name}' has {known}" if known else f"give item.quantity of an item, such as {items}"
             raise SceneError([f"there is no sensor '{path}'; {told}"])
-        found = np.asarray(getattr(sensor, quantity))
-        if entry and (len(entry) >= found.ndim or any(n >= size for n, size in zip(entry, found.shape[1:], strict=False))):
-            raise SceneError([f"there is no sensor '{path}{list(entry)}': '{path}' has the shape {found.shape[1:]} at each time"])
-        for n in entry:
-            found = found[:, n]
-        return found
+        values = np.asarray(getattr(sensor, quantity))
+        if entry and (len(entry) >= values.ndim or any(n >= size for n, size in zip(entry, values.shape[1:], strict=False))):
+            shape = " x ".join(map(str, values.shape[1:]))
+            raise SceneError([f"there is no sensor {shown(path)}: '{name}.{quantity}' has {shape or 'no'} components, "
+                              f"counted from 0"])  # fmt: skip
+        where: Any = (slice(None), *entry)
+        return np.asarray(values[where])
+
+    def value(self, quantity: Quantity) -> Array:
+        """A quantity at the result's times, (nt,) or (nt, n): a sensor, an expression of sensors such as "J.torque[2]*J.rate" or
+        "norm(b.velocity)", or a function of the result."""
+        return value(self, quantity)
+
+    def peak(self, quantity: Quantity) -> Peak:
+        """The largest magnitude of a quantity (see `value`), between the result's times too, with its time: `.value`, `.t`."""
+        return peak(self, quantity)
+
+    def to_dataframe(self, *sensors: Quantity, **further: Quantity) -> Any:
+        """Quantities (see `value`) as a pandas.DataFrame over the time in s, vectors by component; every sensor where none is
+        named. further: quantities with names of their own. `attrs["units"]` has the units."""
+        return to_dataframe(self, sensors, further)
+
+    def to_xarray(self, *sensors: Quantity, **further: Quantity) -> Any:
+        """The same as an xarray.Dataset: vectors have the dimension "axis", units are attributes."""
+        return to_xarray(self, sensors, further)
+
+    def to_csv(self, path: Any, *sensors: Quantity, **further: Quantity) -> None:
+        """The same in a file: columns divided by commas, units in the first line; `mb.read_table` reads it."""
+        to_csv(self, path, sensors, further)
 
     # -- energy, drift and rank
 
@@ -207,7 +236,8 @@ class Result(RunStates, ListsAttributes):
         """(nt,) smallest singular value of all constraint rows, each scaled to unit length; the zeros that redundant rows cause
         do not count. Near zero, the position is singular and reactions are uncertain."""
         m, rank = self.prepared.with_all_rows, len(self.prepared.rank.kept)
-        return np.array([smallest(unit_rows(m, g), rank) for g in m.constraint_jacobian(self.t, self.q)])
+        matrices = m.sparse_constraint_jacobian(self.t, self.q) if m.large else m.constraint_jacobian(self.t, self.q)
+        return np.array([smallest(unit_rows(m, g), rank) for g in matrices])
 
     # -- pictures and files (see `ATTACHED`)
 
@@ -228,19 +258,28 @@ class Result(RunStates, ListsAttributes):
         place: a body, a joint or their name, "hub.position", body.at(point) or "beam.at(0.5)"; other options as for `plot`."""
         return ATTACHED["orbit"](self, place, axes, against, labels, path)
 
-    def animate(self, path: Any, sensors: Sequence[str] = (), fps: float = 30.0, speed: float | None = None,
-                trail: Any = None) -> None:  # fmt: skip
-        """Write the motion as a .gif, or as an .html player that needs nothing but a browser.
+    def animate(self, path: Any = None, sensors: Sequence[str] = (), fps: float = 30.0, speed: float | None = None,
+                trail: Any = None) -> Any:  # fmt: skip
+        """The motion as a film, which a notebook plays; path: of a .gif, or of an .html player that needs nothing but a browser.
 
         sensors: drawn over time below the motion. fps: frames per s on the screen. speed: simulated s per s on the screen
         (default: 1, where that takes 1 to 60 s, else what takes about 8 s). trail: places whose path is drawn, as `orbit`
         takes them, one or a list."""
-        ATTACHED["animate"](self, path, sensors, fps, speed, trail)
+        return ATTACHED["animate"](self, path, sensors, fps, speed, trail)
 
     def save(self, path: Any) -> None:
         """Write scene and run to one .npz file; `mb.load(path, laws=[...])` reads it, with your own classes in `laws`."""
         place = option("path", path, file_to_write, "give the path of a file, such as 'run.npz', in a folder that exists")
         ATTACHED["save"](self, place)
+
+    def _repr_html_(self) -> str:
+        a, s, scene = self.accuracy, self.stats, self.prepared.model.scene
+        said = [("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} outputs"),
+                ("solver", f"{self.info.solver.label}, {self.info.form}: {s.steps} steps, {self.info.cpu_s:.2f} s CPU"),
+                ("accuracy", f"asked {a.asked if a.asked is not None else 'none'}, estimated error "
+                             f"{'unknown' if a.estimated is None else f'{a.estimated:.1e}'}; {a.brief}"),
+                ("sensors", ", ".join(item.name for item in scene._items))]  # fmt: skip
+        return titled(f"result of '{scene.name}'", rows(said + [("warning", w) for w in self.warnings]))
 
     def __repr__(self) -> str:
         a, s = self.accuracy, self.stats

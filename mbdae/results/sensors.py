@@ -3,28 +3,25 @@ times."""
 
 from __future__ import annotations
 
-import re
+from collections.abc import Iterator
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from mbdae.errors import ListsAttributes, OptionError, SceneError
-from mbdae.notation import QUANTITIES
+from mbdae.errors import ListsAttributes, OptionError
+from mbdae.laws.forces.on_coordinate import OnCoordinate
 from mbdae.results.contacts import Contacts, contacts_at
 from mbdae.results.states import RunStates
 from mbdae.scene.components import Body, Connection
-from mbdae.scene.sensed import rates_of as rates_of
-from mbdae.scene.sensed import split_entry
+from mbdae.scene.sensor_names import drives_of, has_length, rates_of
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
-from mbdae.symbolic.law import Element
+from mbdae.symbolic.law import Element, Force
 from mbdae.symbolic.outputs import Target, power, reaction
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.rotations import rotation_matrices
-
-_PLACE = re.compile(r"(?P<item>.+)\.at\((?P<where>[^()]*)\)")
 
 
 def reaction_outputs(d: Derived) -> list[tuple[Target, Expr]]:
@@ -37,40 +34,21 @@ def power_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     return [] if isinstance(d.law, Element) else power(d)
 
 
-def split(path: str) -> tuple[str, str]:
-    """Item and quantity of "item.quantity"; the item may be a place, "item.at(0.5)"; no quantity where it ends in one."""
-    if path.endswith(")"):
-        return path, ""
-    name, _, quantity = path.rpartition(".")
-    return name, quantity
+def drive_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """The force of a law that loads a coordinate of a joint."""
+    if not (isinstance(d.law, OnCoordinate) and d.law.loads):
+        return []
+    v, thrust = d.variation, d.law.thrust(*d.sides)
+    return [] if thrust is None else [(("thrust",), v.resolve(v.name(thrust[1])))]
 
 
-def placed(scene: Any, key: str) -> tuple[Any, Any]:
-    """The item of a scene, and where on it: "item", "item.at(s)" with s from 0 to 1, "item.at(x, y)" or "item.at(x, y, z)"."""
-    found = None if any(item.name == key for item in scene._items) else _PLACE.fullmatch(key)
-    if found is None:
-        return scene[key], None
-    item = scene[found["item"]]
-    try:
-        where = [float(x) for x in found["where"].split(",")]
-    except ValueError:
-        where = []
-    if not isinstance(item, Body) or len(where) not in (1, 2, 3):
-        raise SceneError([f"there is no place '{key}'; give a body and a number from 0 to 1, or a point of 2 or 3 coordinates"])
-    return item, where[0] if len(where) == 1 else where
-
-
-def measured(scene: Any, sensor: str) -> tuple[str, str]:
-    """What a sensor measures in words, and its SI unit ("" where it has none)."""
-    if any(signal.name == sensor for signal in scene.signals):
-        return sensor, ""
-    name, quantity = split(split_entry(sensor)[0])
-    item = placed(scene, name)[0]
-    if isinstance(item, Connection):
-        known = {c: item.unit(c) for c in item.scalars} | {r: f"{item.unit(c)}/s" for r, c in rates_of(item).items()}
-        if quantity in known:
-            return "speed" if (quantity, known[quantity]) == ("rate", "m/s") else quantity.replace("_", " "), known[quantity]
-    return quantity.replace("_", " "), QUANTITIES[quantity].unit if quantity in QUANTITIES else ""
+def length_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """Distance between the two points of a force, and its rate."""
+    if not isinstance(d.law, Force) or len(d.sides) < 2:
+        return []
+    k, l, v = *d.sides[:2], d.variation
+    length = (l.r - k.r).norm()
+    return [(("length",), v.resolve(v.name(length))), (("rate",), v.resolve(v.rate(v.name(length))))]
 
 
 class BodySensor(ListsAttributes):
@@ -130,13 +108,30 @@ class BodySensor(ListsAttributes):
         return center + np.cross(self.angular_velocity, self.rotation @ self._offset)
 
     @cached_property
+    def acceleration(self) -> Array:
+        """(nt, 3), m/s^2, from the equations of motion, with gravity only as far as it moves the body."""
+        center = self._translation(self._result.acceleration, self._node.u if self._node is not None else 0)
+        arm, w = self.rotation @ self._offset, self.angular_velocity
+        return center + np.cross(self.angular_acceleration, arm) + np.cross(w, np.cross(w, arm))
+
+    @cached_property
+    def angular_acceleration(self) -> Array:
+        """(nt, 3), rad/s^2, inertial frame, from the equations of motion."""
+        return self._turning(self._result.acceleration)
+
+    @cached_property
     def angular_velocity(self) -> Array:
         """(nt, 3), rad/s, inertial frame."""
+        return self._turning(self._result.u)
+
+    def _turning(self, values: Array) -> Array:
+        """The rotational part (nt, 3) of velocities or accelerations (nt, nu), inertial frame: w x w = 0, so that the rate of the
+        body's own components is the rate of the vector."""
         out = np.zeros((len(self._result.t), 3))
         if self._node is not None and self._node.kind is NodeKind.PLANAR:
-            out[:, 2] = self._result.u[:, self._node.u + 2]
+            out[:, 2] = values[:, self._node.u + 2]
         elif self._node is not None and self._node.kind is NodeKind.SPATIAL:
-            out = np.einsum("tij,tj->ti", self.rotation, self._result.u[:, self._node.u + 3 : self._node.u + 6])
+            out = np.einsum("tij,tj->ti", self.rotation, values[:, self._node.u + 3 : self._node.u + 6])
         return out
 
 
@@ -173,6 +168,13 @@ class ConnectionSensor(ListsAttributes):
                 why = why if point is None else f"the point mass '{point}' has no orientation; use s.rigid_body"
                 raise OptionError(f"{item.kind} '{item.name}': its {rates.get(name, name)} is not known: {why}")
             return found[name in rates]
+        if name in drives_of(item):
+            return self._drive(name, drives_of(item)[name])
+        if name in ("length", "rate") and has_length(item):
+            return self._length[:, ("length", "rate").index(name)]
+        if name == "drive" or name.startswith("drive_"):
+            driven = ", ".join(drives_of(item)) or "none of its coordinates is prescribed or loaded; read force and torque"
+            raise OptionError(f"{item.kind} '{item.name}' has no {name}: {driven}")
         if name in (*item.coordinates, "angle", "displacement", "rate", "angle_rate", "displacement_rate"):
             has = f"its coordinates: {', '.join(names)}" if names else "it has no angle or displacement: read its bodies instead"
             raise OptionError(f"{item.kind} '{item.name}' has no {name}; {has}")
@@ -181,7 +183,29 @@ class ConnectionSensor(ListsAttributes):
     def __dir__(self) -> list[str]:
         touches = any(one.item == self._item.name for one in self._result.prepared.contacts)
         known = [name for name in super().__dir__() if touches or name not in ("contacts", "summary")]
-        return [*known, *self._item.scalars, *rates_of(self._item)]
+        own = [*drives_of(self._item), *(("length", "rate") if has_length(self._item) else ())]
+        return [*known, *self._item.scalars, *rates_of(self._item), *own]
+
+    @cached_property
+    def _length(self) -> Array:
+        found = [values for g, p, values in self._evaluated(length_outputs)]
+        return np.asarray(found[0]) if found else np.full((len(self._result.t), 2), np.nan)
+
+    def _evaluated(self, outputs: Any) -> Iterator[tuple[Any, Any, Array]]:
+        """(law, targets, values (nt, outputs)) of the outputs of every law of the item that has some."""
+        prepared, q, u, s = self._result.prepared, *self._result.states(self._result.t)
+        for g, p, values in prepared.with_all_rows.evaluate(outputs, self._result.t, q, u, s, self._result.multipliers):
+            for i, instance in enumerate(prepared.model.groups[g].instances):
+                if instance.item == self._item.name and len(p.targets):
+                    yield instance.law, p.targets, values[:, i]
+
+    def _drive(self, row: str, coordinate: str) -> Array:
+        """(nt,) N m or N: of what prescribes a coordinate and of what loads it, on l, positive as the coordinate grows."""
+        loads = [values[:, 0] for law, _, values in self._evaluated(drive_outputs) if law.name_of_coordinate == coordinate]
+        name = f"{self._item.name}.{row}"
+        if name in self._result.multiplier_names:
+            loads.append(self._result.multipliers[:, self._result.multiplier_names.index(name)])
+        return np.sum(loads, axis=0) if loads else np.full(len(self._result.t), np.nan)
 
     @cached_property
     def _wrench(self) -> Array:

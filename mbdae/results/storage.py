@@ -58,7 +58,7 @@ def save(result: Result, path: Any) -> None:
     header = {
         "format": FORMAT, "version": VERSION, "scene": storable.statements(prepared.model.scene), "rank": _rank(prepared.rank),
         "start": {"t": prepared.start.t, "changes": prepared.start.changes, "coordinates": _by_joint(prepared.start)},
-        "laws": _own_laws(prepared.model), "time": prepared.time, "info": _info(result.info),
+        "laws": own_laws(prepared.model), "time": prepared.time, "info": _info(result.info),
         "run": {"names": list(solution.names), "complete": solution.complete, "dense": _dense(solution.interpolant)},
     }  # fmt: skip
     arrays = {f"start_{name}": getattr(prepared.start, name) for name in _START}
@@ -146,7 +146,7 @@ def _rank(rank: RankReport) -> dict[str, Any]:
     return names | {"doubtful": doubtful, "degrees_of_freedom": rank.degrees_of_freedom, "smallest": rank.smallest}
 
 
-def _own_laws(model: Model) -> dict[str, str]:
+def own_laws(model: Model) -> dict[str, str]:
     """Fingerprints of the equations of the user's own laws, by class and number."""
     own = [group for group in model.groups if not group.key[0].__module__.startswith("mbdae.")]
     return {f"{group.key[0].__qualname__} {i}": fingerprint(group.derived) for i, group in enumerate(own)}
@@ -192,7 +192,7 @@ def _scene(header: dict[str, Any], known: Known) -> SceneData:
 def _prepared(header: dict[str, Any], scene: SceneData, start: Start) -> Prepared:
     unknowns = header["run"]["names"]
     model, moved = modelled(scene)
-    _check_laws(header.get("laws", {}), _own_laws(model))
+    _check_laws(header.get("laws", {}), own_laws(model))
     if list(AllBodies(model, moved).numbering.names()) != unknowns[: AllBodies(model, moved).numbering.n]:
         model, moved = modelled(scene, by_rows={c.name: "stored with its rows" for c in scene.joints if c.rigid})
     rows, stored = {row.name: row for row in constraint_rows(model)}, header["rank"]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.errors import OptionError
+from mbdae.errors import NotReadError, OptionError
 from mbdae.formulations import system_for
 from mbdae.integrators.base import Asked
 from mbdae.integrators.runge_kutta.batch import Batch, solve_batch
@@ -19,8 +19,9 @@ from mbdae.integrators.runge_kutta.dop853 import DOP853
 from mbdae.run.choice import choose, prepared_from, with_recursive_joints
 from mbdae.run.control import ATTEMPTS, FINER, measure_of, plausible
 from mbdae.scene.scene import SceneData
-from mbdae.system.base import Array
+from mbdae.system.base import Array, System
 
+LOOKED_AT = 5  #: states at which equations are compared
 COMPARED = 32  #: times besides the outputs at which a run is compared with its companion
 
 
@@ -41,44 +42,88 @@ def run_batch(scene: SceneData, t_end: float, accuracy: float = 1e-6, *, starts:
     estimated; points that miss the accuracy again with a tighter one. Arguments as of `solve_batch`.
 
     Raises OptionError for scenes that simulate would not give to DOP853: stiff ones, with contact or friction, and so on."""
-    accuracy, begin = plausible(accuracy), time.perf_counter()
-    prepared = with_recursive_joints(scene, t_end=t_end) or prepared_from(scene, t_end=t_end)
-    choice = choose(prepared, scene, accuracy)
-    if not isinstance(choice.solver, DOP853):
-        raise OptionError(f"scene '{scene.name}': a batch takes DOP853, this scene {choice}; use mb.sweep with scene.simulate")
-    system = system_for(prepared, choice.form, 0)
-    times = Asked.of(system, t_end, outputs).times
-    times = np.array([float(t_end)]) if times is None else times
-    every = np.union1d(times, np.linspace(system.t0, t_end, COMPARED + 1))
-    measure = partial(measure_of(system, prepared), every)
-    solver, limit = choice.solver.at_accuracy(accuracy, system.label), choice.solver.tightest[""]
+    return Batches(scene, t_end, accuracy, outputs).run(starts, numbers, max_wall)
 
-    def solved(rtol: float, some: NDArray[np.intp] | None = None) -> Batch:
-        """Some of the points at a tolerance."""
-        left = None if max_wall is None else max(max_wall - (time.perf_counter() - begin), 1e-9)
-        given = {name: _some(np.atleast_1d(v), some) for name, v in (numbers or {}).items()}
-        own = None if starts is None else _some(np.atleast_2d(starts), some)
-        return solve_batch(system, t_end, replace(solver, rtol=rtol), starts=own, numbers=given, outputs=every, max_wall=left)
 
-    tight = solver.tolerance
-    coarse, fine = solved(min(tight * solver.companion, 0.1)), solved(tight)
-    made, estimate, cpu = fine, np.full(len(fine.errors), np.nan), coarse.cpu_s + fine.cpu_s
-    some = np.arange(len(fine.errors))
-    for _ in range(ATTEMPTS):
-        # the whole distance: that a tighter run is nearer by the ratio of tolerances does not hold at every of a thousand points
-        estimate[some] = [float(np.max(measure(a, b))) if fine.errors[i] is None else np.nan
-                          for i, (a, b) in enumerate(zip(coarse.y, fine.y, strict=True))]  # fmt: skip
-        made = fine if len(some) == len(estimate) else _with(made, fine, some)
-        missed = np.flatnonzero(estimate[some] > accuracy)
-        if not len(missed) or tight <= limit:
-            break
-        coarse, some = _rows(fine, missed), some[missed]
-        tight = max(tight * float(np.clip((0.5 * accuracy / np.max(estimate[some])) ** (1 / 0.9), *FINER)), limit)
-        fine = solved(tight, some)
-        cpu += fine.cpu_s
-    at = np.searchsorted(every, times)
-    done = replace(made, t=times, y=made.y[:, at], cpu_s=cpu, wall_s=time.perf_counter() - begin)
-    return Runs(system.names, done, estimate, _warnings(done, estimate, accuracy))
+class Batches:
+    """A scene that is ready for batches of its runs, one after the other; arguments as of `run_batch`."""
+
+    def __init__(self, scene: SceneData, t_end: float, accuracy: float = 1e-6, outputs: Any = None) -> None:
+        self.accuracy, self.t_end = plausible(accuracy), t_end
+        prepared = with_recursive_joints(scene, t_end=t_end) or prepared_from(scene, t_end=t_end)
+        choice = choose(prepared, scene, self.accuracy)
+        if not isinstance(choice.solver, DOP853):
+            raise OptionError(f"scene '{scene.name}': a batch takes DOP853, this scene {choice}; run its points one by one")
+        self.system = system_for(prepared, choice.form, 0)
+        times = Asked.of(self.system, t_end, outputs).times
+        self.times = np.array([float(t_end)]) if times is None else times
+        self._every = np.union1d(self.times, np.linspace(self.system.t0, t_end, COMPARED + 1))
+        self._known: dict[str, bool] = {}
+        self._measure = partial(measure_of(self.system, prepared), self._every)
+        self._solver, self._limit = choice.solver.at_accuracy(self.accuracy, self.system.label), choice.solver.tightest[""]
+
+    def read(self, numbers: Mapping[str, Any]) -> dict[str, Any]:
+        """Those of the numbers of laws that the equations read; OptionError where one is read, but may not vary."""
+        return {name: values for name, values in numbers.items() if self._read(name)}
+
+    def _read(self, name: str) -> bool:
+        if name not in self._known:
+            try:
+                self.system.numbers([name])
+                self._known[name] = True
+            except NotReadError:
+                self._known[name] = False
+        return self._known[name]
+
+    def rates_apart(self, own: System, numbers: Mapping[str, float]) -> float:
+        """Largest difference of y' with these numbers from that of another system, over the size of y', at some states near the
+        start."""
+        read = self.read(numbers)
+        at, rng, here, there = self.system.numbers(list(read)), np.random.default_rng(0), np.empty(own.n), np.empty(own.n)
+        before, apart = at.W[at.slots].copy(), 0.0
+        at.W[at.slots] = np.array(list(read.values()))[at.of]
+        try:
+            for _ in range(LOOKED_AT):
+                y = own.y0 + own.scale * rng.uniform(-1, 1, own.n)
+                self.system.rhs(own.t0, y, here)
+                own.rhs(own.t0, y, there)
+                apart = max(apart, float(np.max(np.abs(here - there)) / np.max(np.abs(there), initial=1e-300)))
+        finally:
+            at.W[at.slots] = before
+        return apart
+
+    def run(self, starts: Any = None, numbers: Mapping[str, Any] | None = None, max_wall: float | None = None) -> Runs:
+        """A batch, see `run_batch`."""
+        begin, accuracy = time.perf_counter(), self.accuracy
+
+        def solved(rtol: float, some: NDArray[np.intp] | None = None) -> Batch:
+            """Some of the points at a tolerance."""
+            left = None if max_wall is None else max(max_wall - (time.perf_counter() - begin), 1e-9)
+            given = {name: _some(np.atleast_1d(v), some) for name, v in (numbers or {}).items()}
+            own = None if starts is None else _some(np.atleast_2d(starts), some)
+            return solve_batch(self.system, self.t_end, replace(self._solver, rtol=rtol), starts=own, numbers=given,
+                               outputs=self._every, max_wall=left)  # fmt: skip
+
+        tight = self._solver.tolerance
+        coarse, fine = solved(min(tight * self._solver.companion, 0.1)), solved(tight)
+        made, estimate, cpu = fine, np.full(len(fine.errors), np.nan), coarse.cpu_s + fine.cpu_s
+        some = np.arange(len(fine.errors))
+        for _ in range(ATTEMPTS):
+            # the whole distance: that a tighter run is nearer by the ratio of tolerances does not hold at every point
+            estimate[some] = [float(np.max(self._measure(a, b))) if fine.errors[i] is None else np.nan
+                              for i, (a, b) in enumerate(zip(coarse.y, fine.y, strict=True))]  # fmt: skip
+            made = fine if len(some) == len(estimate) else _with(made, fine, some)
+            missed = np.flatnonzero(estimate[some] > accuracy)
+            if not len(missed) or tight <= self._limit:
+                break
+            coarse, some = _rows(fine, missed), some[missed]
+            wanted = tight * float(np.clip((0.5 * accuracy / np.max(estimate[some])) ** (1 / 0.9), *FINER))
+            tight = max(wanted, self._limit)
+            fine = solved(tight, some)
+            cpu += fine.cpu_s
+        at = np.searchsorted(self._every, self.times)
+        done = replace(made, t=self.times, y=made.y[:, at], cpu_s=cpu, wall_s=time.perf_counter() - begin)
+        return Runs(self.system.names, done, estimate, _warnings(done, estimate, accuracy))
 
 
 def _some(values: Any, some: NDArray[np.intp] | None) -> Any:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from mbdae.display import lines, titled
 from mbdae.errors import ListsAttributes
 from mbdae.kernels.tree_plan import tree_plan
 from mbdae.laws.forces.on_coordinate import OnCoordinate
@@ -16,6 +17,8 @@ from mbdae.scene.scene import SceneData
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
 from mbdae.system.model.inputs import expressions_of, timeline
+from mbdae.system.model.trees import Tree
+from mbdae.system.motion.ordered_tree import ordered_size
 from mbdae.system.prepare import FORESIGHT, Prepared, prepare
 
 
@@ -113,6 +116,15 @@ class Check(ListsAttributes):
                 found[c.name] = why_kept(c, [o for o in self.prepared.model.scene.connections if isinstance(o.joint, Coupling)])
         return found
 
+    def __repr__(self) -> str:
+        scene = self.prepared.model.scene
+        return (f"<Check of '{scene.name}': bodies {len(scene.bodies)}, joints {len(scene.joints)}, "
+                f"degrees of freedom {self.degrees_of_freedom}; print it for more>")  # fmt: skip
+
+    def _repr_html_(self) -> str:
+        title, _, rest = str(self).partition("\n")
+        return titled(title, lines(rest))
+
     def __str__(self) -> str:
         p, scene = self.prepared, self.prepared.model.scene
         beams = f", {len(self.beams)} of them flexible beams" if self.beams else ""
@@ -203,17 +215,24 @@ class Check(ListsAttributes):
         found = timeline(self.prepared.model, t0, t0 + FORESIGHT)
         return [f"  inputs of time, first {FORESIGHT:g} s: {found.summary() if found else 'smooth, no breaks'}"]
 
+    def _kernels_of(self, tree: Tree) -> str:
+        """How the equations of a tree are evaluated."""
+        bodies = self.prepared.all_bodies
+        if not bodies.moved.ordered:
+            return f"{tree_plan(tree.structure).operations} operations in one program"
+        kernels, operations = ordered_size(bodies.moved, bodies.numbering, tree)
+        return f"{operations} operations by {kernels} kernels of single joints"
+
     def _of_recursive_joints(self) -> list[str]:
         """Trees with their size and what the joints' rows and the bodies' unknowns would have been; joints kept kinematic."""
         lines = []
         for tree in self.prepared.all_bodies.moved.trees:
             root = tree.nodes[0].name if tree.nodes[0] is not None else "ground"
-            plan = tree_plan(tree.structure)
             names = _listed([c.name for c in tree.coordinates]) or "none"
             welded = f"; rigid: {_listed(list(tree.rigid))}" if tree.rigid else ""
             lines.append(f"  recursive, from '{root}': {names}{welded}; "
                          f"no unknowns for {_listed([n.name for n in tree.nodes[1:] if n])} "
-                         f"({plan.operations} operations in one program)")  # fmt: skip
+                         f"({self._kernels_of(tree)})")  # fmt: skip
         reasons: dict[str, list[str]] = {}
         for name, why in self.kept_kinematic.items():
             reasons.setdefault(why, []).append(name)

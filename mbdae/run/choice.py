@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
-from scipy.sparse import csc_matrix
 
+from mbdae.deferred import eigvals
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.formulations import GGL, ODE, Form, Index1, default_form, system_for
 from mbdae.integrators.base import Solver
@@ -23,6 +22,8 @@ from mbdae.results.result import Result
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import with_open_tree
 from mbdae.system.assembled.assembly import SPARSE_FROM
+from mbdae.system.base import System
+from mbdae.system.model.moved_bodies import MOST_FULL
 from mbdae.system.prepare import Prepared, prepare
 
 TIGHT = 3e-6  #: accuracy below which multipliers are eliminated: joints then drift as far as the accuracy allows
@@ -31,7 +32,9 @@ SMOOTH = 0.3  #: the same, of oscillations, with eliminated multipliers, whose e
 SMALL = 30  #: unknowns, with multipliers, up to which Radau IIA is cheaper than eliminating them, if all motions are prescribed
 FRICTION = "friction, which is stiff where bodies stick"
 UNSAID = "internal states of '{}': bodies may stick by them, unless the class {} says sticks = False"
+LARGEST = 8  #: of their eigenvalues that are looked for
 EIGENVALUES = 300  #: unknowns up to which eigenvalues are computed
+WELL_CONDITIONED = 1e8  #: condition of a mass matrix up to which it is inverted
 
 
 @dataclass(frozen=True)
@@ -64,14 +67,17 @@ def prepared_from(scene: SceneData, start: Result | None = None, t_end: float | 
 
 
 def with_recursive_joints(scene: SceneData, start: Result | None = None, t_end: float | None = None) -> Prepared | None:
-    """The scene with recursive joints, where its joints form a tree that can be compiled and the user left their model open; None
-    elsewhere: then it is taken as stated."""
+    """The scene with recursive joints, where its joints form a tree and the user left their model open; None elsewhere, and where
+    a large tree is stiff, whose Jacobian is full: then it is taken as stated."""
     variant = with_open_tree(scene)
     try:
         found = prepared_from(variant, start, t_end) if variant is not None else None
     except MbdaeError:  # preparing the scene as stated raises what is wrong with it
         return None
-    return None if found is None or found.model.stay_kinematic else found
+    if found is None or found.model.stay_kinematic:
+        return None
+    full = found.all_bodies.moved.ordered and unknowns(found, ODE(), 0) > MOST_FULL  # implicit methods would pay for it
+    return None if full and (Rates(found).decay > STIFF or Rates(found).oscillation > STIFF) else found
 
 
 def choose(prepared: Prepared, stated: SceneData, accuracy: float, form: Form | None = None) -> Choice:
@@ -133,6 +139,23 @@ def _hard(prepared: Prepared) -> str:
     return ""
 
 
+def _largest_eigenvalues(system: System) -> np.ndarray:
+    """Of dy'/dy at the start: all of a small system, the largest of a large one, by products with it."""
+    if system.n <= EIGENVALUES:
+        return np.asarray(eigvals(system.rate_jacobian(system.t0, system.y0)))
+    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs  # not needed by small scenes
+
+    def product(v: np.ndarray) -> np.ndarray:
+        return np.asarray(system.rate_products(system.t0, system.y0, v.reshape(1, -1))[0])
+
+    begin = np.random.default_rng(7).normal(size=system.n)
+    try:
+        operator = LinearOperator((system.n, system.n), matvec=product, dtype=float)
+        return np.asarray(eigs(operator, LARGEST, which="LM", v0=begin, tol=0.05, return_eigenvectors=False))
+    except ArpackNoConvergence as stopped:
+        return np.asarray(stopped.eigenvalues) if len(stopped.eigenvalues) else np.array([complex(-np.inf, np.inf)])
+
+
 class Rates:
     """How fast small disturbances decay and oscillate at the start, both times the characteristic time of the motion."""
 
@@ -143,17 +166,19 @@ class Rates:
     def _eigenvalues(self) -> np.ndarray:
         """Of small disturbances at the start; infinite where there are too many unknowns to compute them."""
         system = system_for(self._prepared, GGL() if self._prepared.rows else ODE())
+        if system.rate_products is not None:
+            return _largest_eigenvalues(system)
         if system.n > EIGENVALUES:
             return np.array([complex(-np.inf, np.inf)])
-        pattern = system.pattern
-        values = system.jacobian_values(system.t0, system.y0, system.yp0)
-        fy, fyp = (csc_matrix((v, pattern.indices, pattern.indptr), shape=pattern.shape).toarray() for v in values)
+        fy, fyp = system.assembly.dense_jacobian(system.t0, system.y0, system.yp0)
         finite = np.isfinite(fy).all(axis=1) & np.isfinite(fyp).all(axis=1)
         if not finite.all():
             worst = system.equations[int(np.argmin(finite))]
             raise OptionError(f"the derivatives of equation {worst} are not finite at the start t = {system.t0:g} s: check the "
                               f"laws and parameters it contains")  # fmt: skip
-        return np.asarray(scipy.linalg.eigvals(-fy, fyp))
+        if not self._prepared.rows and np.linalg.cond(fyp) < WELL_CONDITIONED:
+            return np.linalg.eigvals(np.linalg.solve(fyp, -fy))
+        return np.asarray(eigvals(-fy, fyp))
 
     @property
     def decay(self) -> float:

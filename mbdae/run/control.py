@@ -43,6 +43,7 @@ CLOSER = 0.4
 UNKNOWN = "the run attached (rtol = {:g}) is complete, its error is not known"
 UNTESTED = "the run attached is complete; what its steps may leave out is not known"
 CRAWL = 10  #: residual evaluations of a run over those of its companion above which it is stopped
+CUT = 100  #: the same for every step that inputs of time cut
 CHAOTIC = 2.0  #: with contact: a run is not repeated any more where two repeats lowered the estimate by less than this factor
 CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic, and its digits are lost at "
          "some time; trust energies, forces and statistics, or a shorter run")  # fmt: skip
@@ -123,12 +124,12 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)
     tight = _with_rtol(tight, min(tight.tolerance, LOOSEST / 2, max(ceiling, limit)))
-    best, made = _companions_of(system, tight, asked)
+    best, made = companions_of(system, tight, asked)
     most, estimates, count, kept = ATTEMPTS - 1 + best.runs, list[float](), len(made), len(companions(system, solver))
     while best.runs < most:
         loose, coarse = made[-1]
         try:
-            most_residuals = CRAWL * coarse.stats.residuals + 10000
+            most_residuals = CRAWL * coarse.stats.residuals + 10000 + CUT * _cuts(system, tight, asked.t_end)
             with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
                 fine = tight.run(system, replace(asked, max_residuals=most_residuals, share=CLOSER**count))
         except WallClockError as error:
@@ -163,7 +164,15 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     return best
 
 
-def _companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controlled, list[Run]]:
+def _cuts(system: System, solver: Solver, end: float) -> int:
+    """How many stretches the inputs of time divide a run into: a tighter run follows a table more closely than its companion."""
+    if system.timeline is None:
+        return 0
+    line = system.timeline(system.t0, end, solver.aimed(system.label))
+    return 0 if line is None else len(line.stretches.edges) + len(line.edges)
+
+
+def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controlled, list[Run]]:
     """The companions of the first run at a tolerance: the last of them, and all with their tolerances, the loosest first. One
     that fails is left out, unless it is the last."""
     rtols = [min(tight.tolerance * multiple, LOOSEST) for multiple in companions(system, tight)]

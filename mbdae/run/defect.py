@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
-from scipy.sparse.linalg import splu
 
+from mbdae.deferred import splu
 from mbdae.errors import SolverError
 from mbdae.integrators.matrices.iteration import as_csc
 from mbdae.integrators.solution import Solution, systems_at
@@ -114,7 +114,7 @@ class Defect:
     def _residual(self, times: Array) -> tuple[Array, Array, Array]:
         """F, y, y' (k, n) at points of the dense output; F is 0 where it is not defined."""
         y, yp, n = self.run(times), self.run.derivative(times), self.system.n
-        out, size = np.zeros_like(y), 1 if self.system.pattern is None else int(np.clip(LARGEST // n, 4, AT_ONCE))
+        out, size = np.zeros_like(y), 1 if not self.system.has_pattern else int(np.clip(LARGEST // n, 4, AT_ONCE))
         part = np.empty((size, n))
         for first in range(0, len(times), size):
             at = np.minimum(np.arange(first, first + size), len(times) - 1)
@@ -159,7 +159,7 @@ class Defect:
         """Change of the unknowns (m, k, n): - J^-1 right with J in the middle of a step."""
         k, h = len(times) // 2, float(self.widths[step])
         system = systems_at(self.run, times[k : k + 1], self.system)[0]
-        if system.pattern is None:  # y' = f, eliminated multipliers, chosen where nothing is stiff
+        if not system.has_pattern and system.rhs is not None:  # y' = f, eliminated multipliers, chosen where nothing is stiff
             return -h * right
         J = np.zeros((system.n,) * 2 if system.sparsity is None else system.sparsity.nnz)
         system.jacobian(float(times[k]), y[k], yp[k], 1 / h, J)

@@ -20,13 +20,14 @@ import time
 import warnings as python_warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError, keeping
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Asked, Solver
+from mbdae.integrators.checkpoints.keeper import keeping_runs, kept_value
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result, RunInfo
@@ -36,7 +37,8 @@ from mbdae.run.contact_tolerances import refuse_unresolved
 from mbdae.run.control import UNTESTED, Controlled, cpu_of, run_controlled
 from mbdae.run.drift import joint_drift
 from mbdae.run.lost_vibrations import with_lost_vibrations
-from mbdae.run.recheck import rechecked
+from mbdae.run.recheck import Rechecked, rechecked
+from mbdae.run.reliability import Assessment
 from mbdae.run.verification import accuracy_of, nothing_known, verified
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
@@ -47,6 +49,10 @@ UNRESOLVED = ("of it, part are elastic vibrations that the steps leave out; form
               "follows them")  # fmt: skip
 LOOSER, MOST = 10.0, 1e-3  #: accuracy of a run that looks for the end of another, over that of the other; at most
 NEARLY = 10.0  #: largest estimate over the accuracy for which a tighter run is tried before one that resolves all vibrations
+
+
+def _same(value: Any) -> Any:
+    return value
 
 
 @dataclass
@@ -116,8 +122,13 @@ class Job:
         if not solver.fixed and solver.rtol is None:
             solver = solver.at_accuracy(looser, self._system(solver).label)
         asked = replace(self.asked, stop=lambda solution: ends(self.prepared, solution) is not None, begin=self.begin)
+        found: float | None = kept_value(lambda: self._found(solver, asked, ends), _same, _same)
+        return found
+
+    def _found(self, solver: Solver, asked: Asked, ends: Callable[[Prepared, Solution], Any]) -> float | None:
+        """The time of the event on one run, of which a checkpoint keeps nothing: it is short beside the run that follows."""
         try:
-            with python_warnings.catch_warnings():
+            with python_warnings.catch_warnings(), keeping_runs(None):
                 python_warnings.simplefilter("ignore", AccuracyWarning)
                 found = solver.run(self._system(solver), asked)
         except WallClockError:
@@ -181,10 +192,11 @@ class Job:
             info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, (), self.choice)
             times = self.times[self.times <= run.solution.t[-1]]
             made = Result(self.prepared, run.solution, info, times)
-            found = assessed(made, run, self.form.label == "Index1")
+            found = kept_value(lambda: assessed(made, run, self.form.label == "Index1"), tuple, lambda kept: Assessment(*kept))
             known = found.within(known)
             if found.reliable and not found.singular:  # else the run has a warning already
-                missed = rechecked(self.prepared, self.form, self._system(run.solver), run, known.asked)
+                missed = kept_value(lambda: rechecked(self.prepared, self.form, self._system(run.solver), run, known.asked),
+                                    asdict, Rechecked.again)  # fmt: skip
                 info, known = replace(info, cpu_s=info.cpu_s + missed.cpu_s), missed.within(known)
                 found = found._replace(notes=(*found.notes, *missed.notes))
             made.info = replace(info, accuracy=known, warnings=found.notes, reliable=found.reliable)

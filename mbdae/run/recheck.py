@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -102,6 +102,11 @@ class Rechecked:
     suspects: int = 0
     cpu_s: float = 0.0
     allowed: float = 0.0  #: largest difference without a warning
+
+    @classmethod
+    def again(cls, stored: dict[str, Any]) -> Self:
+        """From its plain data."""
+        return cls(**stored | {"contradictions": tuple(Contradiction(**c) for c in stored["contradictions"])})
 
     def within(self, known: Accuracy) -> Accuracy:
         """The accuracy with the largest contradiction in it."""

@@ -23,6 +23,7 @@ from mbdae.system.model.model import Model, build
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
+from mbdae.system.motion.ordered_tree import ordered_size
 from mbdae.system.prepare import Prepared
 from mbdae.system.without_multipliers import WithoutMultipliers
 
@@ -53,7 +54,7 @@ def size_of(system: Assembly) -> Size:
     live = {(row.group, row.instance) for row in system.numbering.rows}
     for g, group in enumerate(system.model.groups):
         d = group.derived
-        idle = d.rows and not (d.force or getattr(d.law, "penalty", None))
+        idle = d.rows and not (d.forced or getattr(d.law, "penalty", None))
         active = [i for i in range(len(group.instances))
                   if (g, i) not in system.moved.replaced and not (idle and (g, i) not in live)]  # fmt: skip
         if active:
@@ -62,8 +63,12 @@ def size_of(system: Assembly) -> Size:
             kernels += bool(p.nonlinear) + bool(p.jacobian_places)
             operations += own * len(active)
     trees = system.moved.trees
-    kernels += 2 * len({tree.structure for tree in trees})
-    operations += sum(tree_plan(tree.structure).operations for tree in trees)
+    if system.moved.ordered:
+        sizes = [ordered_size(system.moved, system.numbering, tree) for tree in trees]
+        kernels, operations = kernels + sum(k for k, _ in sizes), operations + sum(o for _, o in sizes)
+    else:
+        kernels += 2 * len({tree.structure for tree in trees})
+        operations += sum(tree_plan(tree.structure).operations for tree in trees)
     multipliers = sum(kind in ("lambda", "mu") for kind in system.kinds)
     return Size(system.n, len(system.equations), multipliers, kernels, operations)
 

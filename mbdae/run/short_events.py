@@ -42,7 +42,8 @@ def _laws(prepared: Prepared) -> bool:
 def _switches(law: Any, structure: Any, sides: Any) -> bool:
     """Whether a law between nodes of given kinds states anything steep."""
     derived = derive(law, structure, sides)
-    return any(_steep(e) for outputs in STATED for e in _subexpressions(plan(derived, outputs).kernel.expressions))
+    return bool(derived.noted("short_events.steep", lambda: any(
+        _steep(e) for outputs in STATED for e in _subexpressions(plan(derived, outputs).kernel.expressions))))  # fmt: skip
 
 
 def _subexpressions(expressions: Sequence[Any]) -> Iterator[Any]:

@@ -70,7 +70,7 @@ class ConnectionStatements(CouplingStatements):
         check_attachments(self, item)
         self._claim(item.name)
         self.connections.append(item)
-        self._keep_read_coordinates()
+        self._keep_read_coordinates(item)
         return item
 
     def _check_point_masses(self, item: Connection) -> None:

@@ -96,14 +96,14 @@ class ControlStatements(ConnectionStatements):
             self.problems.append(f"{item}: {wrong}")
         self._claim(name)
         self.controllers.append(Controller(name, f.value, memory, every, tuple(reads), tuple(sets)))
+        self._keep_read_coordinates(self.controllers[-1])
         for output in sets:
             self._add_signal(Signal(output, "output", HeldOutput(output, rate=0.0, start=0.0, size=1.0)))
-        self._keep_read_coordinates()
 
     def _add_signal(self, signal: Signal) -> None:
         self._claim(signal.name)
         self.signals.append(signal)
-        self._keep_read_coordinates()
+        self._keep_read_coordinates(signal)
 
 
 def _symbol(path: str) -> Any:

@@ -12,7 +12,7 @@ from mbdae.scene import reading
 from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Controller, Signal
 from mbdae.scene.reading import Argument
 from mbdae.scene.record import Own, Statement
-from mbdae.scene.sensed import keep_read_coordinates
+from mbdae.scene.sensed import keep_read_coordinates, keep_wanted, read_by
 
 
 class SceneItems:
@@ -35,6 +35,9 @@ class SceneItems:
         self.line_loads: list[BeamLoad] = []
         self.signals: list[Signal] = []  #: states, named expressions, outputs of controllers
         self.controllers: list[Controller] = []
+        self._known: dict[str, Any] = {"ground": self.ground}  #: items by name, as far as `_by_name` has read the lists
+        self._read = [0] * 5
+        self._wanted: dict[str, set[str]] = {}  #: by names of joints what is read of them, see `keep_read_coordinates`
         self.attachments: dict[Beam, tuple[float, ...]] = {}  #: places on beams where something is attached, see `nearest_place`
 
     @property
@@ -46,22 +49,34 @@ class SceneItems:
         """The joints, in the order of their statement."""
         return [c for c in self.connections if c.is_joint]
 
+    @property
+    def _by_name(self) -> dict[str, Any]:
+        """Items by name; of equal names the one stated first."""
+        lists: tuple[list[Any], ...] = self.bodies, self.connections, self.line_loads, self.signals, self.controllers
+        for n, items in enumerate(lists):
+            for item in items[self._read[n] :]:
+                self._known.setdefault(item.name, item)
+            self._read[n] = len(items)
+        return self._known
+
     def __getitem__(self, name: str) -> Any:
-        for item in [self.ground, *self._items]:
-            if item.name == name:
-                return item
+        found = self._by_name.get(name)
+        if found is not None:
+            return found
         raise SceneError([f"there is no item '{name}' in scene '{self.name}'; it has {self._names()}"])
 
     def _names(self) -> str:
         names = [item.name for item in self._items]
         return ", ".join(repr(n) for n in names[:12]) + (", ..." if len(names) > 12 else "")
 
-    def _keep_read_coordinates(self) -> None:
-        keep_read_coordinates(self)
+    def _keep_read_coordinates(self, item: Any) -> None:
+        """What a new item reads, and what others read of it."""
+        keep_read_coordinates(self, read_by(item))
+        keep_wanted(self, item)
 
     def _claim(self, name: str) -> None:
         """Report a name that another item has already."""
-        if name == "ground" or (name != reading.NAMELESS and any(item.name == name for item in self._items)):
+        if name != reading.NAMELESS and name in self._by_name:
             self.problems.append(f"two items have the name '{name}'; give each its own")
 
     def _add_body(self, body: Body) -> Body:

@@ -9,15 +9,17 @@ import numpy as np
 import symengine as se
 
 from mbdae.inputs import timed
-from mbdae.inputs.breaks import TooManyError, jump, unresolved
+from mbdae.inputs.breaks import TooManyError, jumps, unresolved
 from mbdae.inputs.resolution import Stretches, resolved
 from mbdae.inputs.sensed import paths
+from mbdae.inputs.tables import Table
 from mbdae.scene.components import BeamLoad, Connection
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.vectors import Expr
 
 _RAMP = "; join the pieces by a smooth ramp such as h*(3*x**2 - 2*x**3), x = (mb.t - t1)/T from 0 to 1"
+_CUBIC = "; give kind=\"cubic\", and a table that ends without slope where it is held beyond its ends"
 JUMP = 1e-7  #: smallest jump reported, over the largest value: below are the rounding errors of the expression
 MOST = 20_000  #: number of stretches in which values are checked, at most
 
@@ -49,13 +51,17 @@ def problems(connections: list[Connection], loads: list[BeamLoad], t0: float, t_
 
 
 def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
+    short = [text for lookup, a, b, _ in timed.split((timed.sided(one.expression),)).readings
+             for text in _beyond(lookup.table, *sorted((a * t0 + b, a * t_end + b)))]  # fmt: skip
+    if short:
+        return [f"{one.what}: {short[0]}"]
     parts = list(timed.derivatives(one.expression)) if one.moves else [timed.sided(one.expression)]
     for part, name in zip(parts, ("value", "rate", "second derivative"), strict=False):
         start = float(timed.values(part, np.array([t0]))[0])
         if not np.isfinite(start):
             return [f"{one.what}: its {name} is {start} at the start t = {t0:g} s"]
     try:
-        edges, found = resolved((one.expression,), t0, t_end)
+        edges, found = resolved(timed.used(one.expression, one.moves), t0, t_end)
     except TooManyError as error:
         return [f"{one.what} {error}: steps that follow it cannot be afforded; shorten the run, or give its mean"]
     twice = unresolved(one.expression, t0, t_end)
@@ -83,17 +89,28 @@ def _looked_at(edges: Any, found: Stretches) -> tuple[Any, Any]:
     return np.r_[low, middle, high], np.r_[side, side, side]
 
 
+def _beyond(table: Table, low: float, high: float) -> list[str]:
+    """That a run reads a table with outside="error" before its first point or after its last."""
+    if table.outside != "error" or (table.t[0] <= low and high <= table.t[-1]):
+        return []
+    return [f"the table goes from {table.t[0]:g} to {table.t[-1]:g} s, and the run reads it from {low:g} to {high:g} s: give a "
+            f"longer table, outside=\"hold\" or \"periodic\", or another run"]  # fmt: skip
+
+
 def _jumps(one: Input, parts: list[Expr], values: list[Any], edges: Any, before: list[float]) -> list[str]:
     """Breaks at which a prescribed motion, or its rate, jumps; before: a time just before the start, where that counts too."""
     middle = np.r_[before, (edges[1:] + edges[:-1]) / 2]
-    edges = edges if before else edges[1:]
+    at = (edges if before else edges[1:])[:-1]
+    if not len(at):
+        return []
+    remedy = _CUBIC if timed.split(tuple(parts[:1])).readings else _RAMP
     for order, consequence in ((0, "the bodies cannot follow"), (1, "that takes an infinite force")):
-        size = float(np.nanmax(np.abs(values[order][np.isfinite(values[order])]), initial=0.0))
-        steep = float(np.nanmax(np.abs(values[order + 1][np.isfinite(values[order + 1])]), initial=0.0))
-        for t, left, right in zip(edges[:-1], middle[:-1], middle[1:], strict=True):
-            by = jump(parts[order], t, left, right)
-            if abs(by) > max(JUMP * size, 1e-300) + 8 * float(np.spacing(t)) * steep:
-                if order:
-                    return [f"{one.what}: its rate jumps by {by:.4g} {one.unit}/s at t = {t:.6g} s; {consequence}{_RAMP}"]
-                return [f"{one.what} jumps by {by:.4g} {one.unit} at t = {t:.6g} s; {consequence}{_RAMP}"]
+        size, steep = (float(np.max(np.abs(v[np.isfinite(v)]), initial=0.0)) for v in values[order : order + 2])
+        by = jumps(parts[order], at, middle[:-1], middle[1:])
+        found = np.flatnonzero(np.abs(by) > max(JUMP * size, 1e-300) + 8 * np.spacing(at) * steep)
+        if len(found):
+            i = int(found[0])
+            if order:
+                return [f"{one.what}: its rate jumps by {by[i]:.4g} {one.unit}/s at t = {at[i]:.6g} s; {consequence}{remedy}"]
+            return [f"{one.what} jumps by {by[i]:.4g} {one.unit} at t = {at[i]:.6g} s; {consequence}{remedy}"]
     return []

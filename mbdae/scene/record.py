@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from functools import wraps
 from inspect import signature
@@ -13,10 +13,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mbdae.inputs import text, timed
+from mbdae.inputs.tables import from_data, lookup_of
 from mbdae.scene.components import AsGiven, Body, Place
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.law import Law
 from mbdae.symbolic.part import Part
+from mbdae.symbolic.rebuild import nodes
 from mbdae.values import number, shown
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -93,11 +95,33 @@ def _encode_as_given(value: AsGiven, own: Own | None) -> dict[str, Any]:
     return {"kept": f"kept {number}", "plain": encode(value.value)}
 
 
+def stored(e: Any) -> dict[str, Any]:
+    """An expression of time as plain data: its text, and the tables that it names."""
+    found = {lookup.table.name: lookup.table.as_data for node in nodes(e) if (lookup := lookup_of(node)) is not None}
+    return {"expression": text.written(e)} | ({"tables": found} if found else {})
+
+
+def tables_in(data: Any) -> Iterator[tuple[str, Any]]:
+    """Names and data of all tables in nested plain data."""
+    if isinstance(data, dict) and set(data) == {"expression", "tables"}:
+        yield from data["tables"].items()
+    elif isinstance(data, dict | list):
+        for part in data.values() if isinstance(data, dict) else data:
+            yield from tables_in(part)
+
+
+def read(stored_: Any) -> Any:
+    """The expression of time that such data stands for; ValueError where it is none."""
+    for name, data in stored_.get("tables", {}).items():
+        from_data(name, data)
+    return text.read(stored_["expression"])
+
+
 def _encode_expression(value: Any) -> Any:
     try:
         if not getattr(value, "free_symbols", None):
             return number(value)
-        return {"expression": text.written(timed.expression(value, sensors=True))}
+        return stored(timed.expression(value, sensors=True))
     except Exception:  # the statement itself reports it
         return {"unreadable": shown(value)}
 

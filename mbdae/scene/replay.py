@@ -17,11 +17,10 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import MbdaeError, OptionError, SceneError
-from mbdae.inputs import text
 from mbdae.laws.contact import Normal
 from mbdae.laws.friction import Friction
 from mbdae.scene.components import AsGiven, Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
-from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, stored_name, without_module
+from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, read, stored_name, without_module
 from mbdae.scene.section import Section
 from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Shape, Sphere
 from mbdae.symbolic.coupling import Coupling
@@ -131,8 +130,8 @@ def _body(name: Any, scene: Any) -> Any:
 
 def _expression(value: Any, scene: Any, known: Known) -> Any:
     try:
-        return text.read(value["expression"])
-    except ValueError as error:
+        return read(value)
+    except (ValueError, AttributeError) as error:
         raise SceneError([f"{shown(value['expression'])} is no expression of t: {error}"]) from None
 
 
@@ -233,8 +232,8 @@ def _takes(cls: type, arguments: dict[str, Any]) -> bool:
 
 _READERS: dict[frozenset[str], Callable[[Any, Any, Known], Any]] = {
     frozenset({"body"}): lambda value, scene, known: _body(value["body"], scene),
-    frozenset({"kept", "plain"}): _as_given,
-    frozenset({"place", "point"}): _place, frozenset({"expression"}): _expression,
+    frozenset({"kept", "plain"}): _as_given, frozenset({"place", "point"}): _place,
+    frozenset({"expression"}): _expression, frozenset({"expression", "tables"}): _expression,
     frozenset({"class"}): lambda value, scene, known: known.find(value["class"], Law, Part, FunctionType),
     frozenset({"object", "fields"}): _object,
     frozenset({"coupling", "name", "of", "values"}): _coupling,

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.inputs.tables import from_data
 from mbdae.laws.forces import AppliedForce, AppliedTorque, Bushing, PointSpring, RotationalBushing
 from mbdae.scene import inertia as mass_properties
 from mbdae.scene import reading
@@ -19,7 +20,7 @@ from mbdae.scene.contacts import ContactStatements
 from mbdae.scene.control import ControlStatements
 from mbdae.scene.joints import JointStatements
 from mbdae.scene.reading import FEEDS, reads
-from mbdae.scene.record import statement
+from mbdae.scene.record import statement, tables_in
 from mbdae.scene.variants import replaced, with_recursive_tree
 from mbdae.symbolic.law import Force, TwoBodyLaw
 
@@ -29,6 +30,12 @@ FRAME = reading.one_of("inertial", "body")
 
 class SceneData(BeamStatements, JointStatements, ContactStatements, ControlStatements):
     """Bodies, joints and forces by name. Lengths in m, angles in rad, SI throughout; inertial frame, right-handed."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """In another process its tables are made known first."""
+        for stored in tables_in(state["statements"]):
+            from_data(*stored)
+        vars(self).update(state)
 
     # -- bodies
 

@@ -36,6 +36,8 @@ class Section:
     mass_per_length: float
     rotary_inertia: Any
     damping: float = 0.0
+    E: float | None = None  #: Pa, where the section was made from a shape, for stresses at its fibres
+    shape: tuple[Any, ...] = ()  #: ("tube", outer, inner) or ("rectangle", width along axis 3, height along axis 2), m
 
     def __post_init__(self) -> None:
         given = self.rotary_inertia
@@ -57,6 +59,24 @@ class Section:
         wrong = self._read("damping", "s", least=0)
         if wrong:
             raise OptionError(f"section: {wrong[0]}: give 0 or more; a negative one would feed energy")
+
+        self._read_shape()
+
+    def _read_shape(self) -> None:
+        """Refuse a shape that is none; leave out one that is not that of the stiffnesses, such as after `dataclasses.replace`."""
+        if self.E is None and not self.shape:
+            return
+        try:
+            kind, first, second = self.shape
+            E, a, b = (number(x, least=0) for x in (self.E, first, second))
+            A, I2, I3 = {"tube": _of_tube, "rectangle": _of_rectangle}[kind](a, b)
+        except (BadValueError, ValueError, TypeError, KeyError):
+            raise OptionError(f"section: shape = {shown(self.shape)}, E = {shown(self.E)}: use mb.Section.circular, tube or "
+                              f"rectangular") from None  # fmt: skip
+        stated = (self.EA, self.EI2, self.EI3)
+        if not all(math.isclose(x, E * y, rel_tol=1e-9) for x, y in zip(stated, (A, I2, I3), strict=True)):
+            object.__setattr__(self, "E", None)
+            object.__setattr__(self, "shape", ())
 
     def _read(self, name: str, unit: str, **bounds: float) -> list[str]:
         """Make a field a plain number; a list of the mistake in it, or empty."""
@@ -82,7 +102,8 @@ class Section:
     def swapped(self) -> Section:
         """The section with axes 2 and 3 exchanged: what a planar scene sees where axis 2 is the normal."""
         J1, J2, J3 = self.rotary_inertia
-        return replace(self, GA2=self.GA3, GA3=self.GA2, EI2=self.EI3, EI3=self.EI2, rotary_inertia=(J1, J3, J2))
+        return replace(self, GA2=self.GA3, GA3=self.GA2, EI2=self.EI3, EI3=self.EI2, rotary_inertia=(J1, J3, J2),
+                       shape=(self.shape[0], *self.shape[:0:-1]) if self.shape[:1] == ("rectangle",) else self.shape)  # fmt: skip
 
     @classmethod
     def circular(cls, radius: float, E: float, nu: float, rho: float, damping: float = 0.0) -> Section:
@@ -97,28 +118,39 @@ class Section:
         inner = option("section: inner", inner, number, "give the inner radius in m, 0 or more", least=0)
         if not inner < outer:
             raise OptionError(f"section: inner = {inner:g} m: give 0 or more and less than outer = {outer:g} m")
-        m = (inner / outer) ** 2
+        m, (A, I, _) = (inner / outer) ** 2, _of_tube(outer, inner)
         k = 6 * (1 + nu) * (1 + m) ** 2 / ((7 + 6 * nu) * (1 + m) ** 2 + (20 + 12 * nu) * m)
-        A, I = math.pi * (outer**2 - inner**2), math.pi / 4 * (outer**4 - inner**4)
-        return cls._of_shape(A, (2 * I, I, I), k, 2 * I, E, nu, rho, damping)
+        return cls._of_shape(A, (2 * I, I, I), k, 2 * I, E, nu, rho, damping, ("tube", outer, inner))
 
     @classmethod
     def rectangular(cls, width: float, height: float, E: float, nu: float, rho: float, damping: float = 0.0) -> Section:
         """Rectangle, `height` m along axis 2 (in the plane of a planar beam) and `width` m along axis 3: EI3 = E width
         height^3 / 12. E Pa, nu Poisson's ratio, rho kg/m^3."""
         (width, height), nu = _positive(width=(width, "m"), height=(height, "m")), _poisson(nu)
-        A, I2, I3 = width * height, height * width**3 / 12, width * height**3 / 12
+        A, I2, I3 = _of_rectangle(width, height)
         k = 10 * (1 + nu) / (12 + 11 * nu)
-        return cls._of_shape(A, (I2 + I3, I2, I3), k, _torsion_of_rectangle(width, height), E, nu, rho, damping)
+        return cls._of_shape(A, (I2 + I3, I2, I3), k, _torsion_of_rectangle(width, height), E, nu, rho, damping,
+                             ("rectangle", width, height))  # fmt: skip
 
     @classmethod
     def _of_shape(cls, A: float, I: tuple[float, float, float], k: float, J: float, E: float, nu: float, rho: float,
-                  damping: float) -> Section:  # fmt: skip
+                  damping: float, shape: tuple[Any, ...]) -> Section:  # fmt: skip
         """From area, polar and second moments, shear correction factor and torsion constant."""
         E, rho = _positive(E=(E, "Pa"), rho=(rho, "kg/m^3"))
         G = E / (2 * (1 + nu))
         inertia = tuple(rho * i for i in I)
-        return cls(E * A, k * G * A, k * G * A, G * J, E * I[1], E * I[2], rho * A, inertia, damping)
+        return cls(E * A, k * G * A, k * G * A, G * J, E * I[1], E * I[2], rho * A, inertia, damping, E, shape)
+
+
+def _of_tube(outer: float, inner: float) -> tuple[float, float, float]:
+    """Area and second moments about axes 2 and 3."""
+    I = math.pi / 4 * (outer**4 - inner**4)
+    return math.pi * (outer**2 - inner**2), I, I
+
+
+def _of_rectangle(width: float, height: float) -> tuple[float, float, float]:
+    """Area and second moments about axes 2 and 3."""
+    return width * height, height * width**3 / 12, width * height**3 / 12
 
 
 def _torsion_of_rectangle(width: float, height: float) -> float:

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
 
-from mbdae.errors import OptionError
+from mbdae.errors import OptionError, SceneError
 from mbdae.inputs.sensed import paths
-from mbdae.scene.components import Array, Body, Connection
+from mbdae.scene.components import Array, Body, Connection, Controller, Signal
+from mbdae.scene.sensor_names import parsed, placed, rates_of
 from mbdae.symbolic.joint import Joint
 from mbdae.values import BadValueError
 
 MOTION = {"position": (3,), "velocity": (3,), "angular_velocity": (3,), "rotation": (3, 3)}  #: of bodies, with their shapes
 #: what follows from accelerations: known when the loads are, so that no load can depend on it
 LOOPS = ("force", "torque", "power", "acceleration", "angular_acceleration", "drive", "gap", "normal_force")
-_ENTRY = re.compile(r"(?P<path>.*?)(?P<entry>(\[\s*\d+\s*(,\s*\d+\s*)?\])*)")
-_PLACE = re.compile(r"(?P<item>.+)\.at\((?P<where>[^()]*)\)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,48 +31,21 @@ class Sensed:
     point: Array | None = None
 
 
-def rates_of(item: Connection) -> dict[str, str]:
-    """Angles and displacements of a joint by the names of the sensors of their rates."""
-    names = item.scalars
-    return {f"{c}_rate": c for c in names} | ({"rate": names[0]} if len(names) == 1 else {})
-
-
 def found(scene: Any, path: str) -> Sensed:
     """What a path names in a scene; BadValueError with a sentence where there is nothing that can be read."""
-    plain, entry = split_entry(path)
-    signal = next((one for one in scene.signals if one.name == path), None)
-    if signal is not None:
+    signal = scene._by_name.get(path)
+    if isinstance(signal, Signal):
         return Sensed(signal)
-    name, _, quantity = plain.rpartition(".")
-    item, point = _placed(scene, name)
+    name, quantity, entry = parsed(path)
+    try:
+        item, where = placed(scene, name)
+    except SceneError:
+        raise BadValueError(_unknown(scene, path)) from None
     if isinstance(item, Connection):
         return _of_connection(scene, path, item, quantity)
     if isinstance(item, Body):
-        return _of_body(scene, path, Sensed(item, quantity, entry, point=point))
+        return _of_body(scene, path, Sensed(item, quantity, entry, point=None if where is None else item.at(where).point))
     raise BadValueError(_unknown(scene, path))
-
-
-def split_entry(path: str) -> tuple[str, tuple[int, ...]]:
-    """A path without the component it names at its end, "b.position[1]", and the component."""
-    whole = _ENTRY.fullmatch(path)
-    assert whole is not None  # every text has this form
-    return whole["path"], tuple(int(n) for n in re.findall(r"\d+", whole["entry"]))
-
-
-def _placed(scene: Any, name: str) -> tuple[Any, Array | None]:
-    """The item of a name, or of "body.at(s)", "body.at(x, y, z)", and the place there; None where there is none."""
-    items = {one.name: one for one in [scene.ground, *scene.bodies, *scene.connections]}
-    if name in items:
-        return items[name], None
-    place = _PLACE.fullmatch(name)
-    item = items.get(place["item"]) if place else None
-    if place is None or not isinstance(item, Body):
-        return None, None
-    try:
-        where = [float(x) for x in place["where"].split(",")]
-    except ValueError:
-        return None, None
-    return item, item.at(where[0] if len(where) == 1 else where).point
 
 
 def _of_connection(scene: Any, path: str, item: Connection, quantity: str) -> Sensed:
@@ -125,11 +96,17 @@ def refuse_sampled(scene: Any, what: str) -> None:
                           f"state its law as feedback, with s.sensor and s.state, or use s.simulate")  # fmt: skip
 
 
+def read_by(item: Any) -> list[str]:
+    """Paths of the sensors on which a joint, force, signal or controller depends."""
+    if isinstance(item, Connection):
+        return [path for law in item.laws for key in law.params for path in paths(getattr(law, key))]
+    return item.reads() if isinstance(item, Signal) else list(item.reads)
+
+
 def fed(scene: Any) -> list[tuple[str, list[str]]]:
     """What depends on sensors: the item in words, and the paths."""
-    out = [(f"{c.kind} '{c.name}'", paths(getattr(law, key))) for c in scene.connections for law in c.laws for key in law.params]
-    out += [(f"{one.kind} '{one.name}'", one.reads()) for one in scene.signals]
-    out += [(f"controller '{one.name}'", list(one.reads)) for one in scene.controllers]
+    out = [(f"controller '{one.name}'" if isinstance(one, Controller) else f"{one.kind} '{one.name}'", read_by(one))
+           for one in (*scene.connections, *scene.signals, *scene.controllers)]  # fmt: skip
     return [(item, read) for item, read in out if read]
 
 
@@ -159,15 +136,26 @@ def _circles(scene: Any) -> list[str]:
     return [text for name in needs if (text := walk(name, ()))][:1]
 
 
-def keep_read_coordinates(scene: Any, further: Sequence[str] = ()) -> None:
-    """Angles that are read, by `further` paths too, and coordinates that bodies do not show, become unknowns of their own: whole
-    turns count."""
-    read = {path for _, some in fed(scene) for path in some} | set(further)
-    for c in scene.joints:
-        wanted = [q for path in read if path.rpartition(".")[0] == c.name
-                  for q in [rates_of(c).get(path.rpartition(".")[2], path.rpartition(".")[2])] if q in c.scalars]  # fmt: skip
-        shown = type(c.joint).coordinate is not Joint.coordinate
-        if not c.loose and any(c.unit(q) == "rad" or not shown for q in wanted):
-            for part in (*c.laws, *c.as_kinematic):
-                if hasattr(part, "kept"):
-                    part.kept = True
+def keep_read_coordinates(scene: Any, read: Iterable[str]) -> None:
+    """Angles that are read by these paths, and coordinates that bodies do not show, become unknowns of their own: whole turns
+    count. Joints may be stated later: `_wanted` of the scene has what is read of every name, and each joint asks for its own."""
+    names = dict[str, None]()
+    for path in read:
+        name, quantity, _ = parsed(path)
+        scene._wanted.setdefault(name, set()).add(quantity)
+        names[name] = None
+    for name in names:
+        keep_wanted(scene, scene._by_name.get(name))
+
+
+def keep_wanted(scene: Any, c: Any) -> None:
+    """The same of one item, where it is a joint of which something is read."""
+    wanted = scene._wanted.get(c.name) if isinstance(c, Connection) and c.is_joint else None
+    if not wanted or c.loose:
+        return
+    coordinates = [q for one in wanted for q in [rates_of(c).get(one, one)] if q in c.scalars]
+    shown = type(c.joint).coordinate is not Joint.coordinate
+    if any(c.unit(q) == "rad" or not shown for q in coordinates):
+        for part in (*c.laws, *c.as_kinematic):
+            if hasattr(part, "kept"):
+                part.kept = True

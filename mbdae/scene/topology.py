@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -21,10 +21,12 @@ class Tree:
     closing: list[Connection]
 
 
-def leader(item: T, leads: Mapping[T, T]) -> T:
-    """The representative of the group of `item`; leads: item -> the item of its group to which it was joined."""
+def leader(item: T, leads: dict[T, T]) -> T:
+    """The representative of the group of `item`; leads: item -> an item of its group nearer to the representative, with
+    ways shortened as they are gone."""
     while item in leads:
-        item = leads[item]
+        before, item = item, leads[item]
+        leads[before] = leads.get(item, item)
     return item
 
 
@@ -47,24 +49,27 @@ def spanning_tree(scene: SceneItems, joints: Collection[Connection] | None = Non
     edges: list[tuple[Body, Connection, Body]] = []
     roots: list[Body] = []
     seen: set[Body] = set()
+    joined: dict[Body, list[tuple[Connection, Body]]] = {}  #: joints of a body with the body on the other side
+    for joint in chosen:
+        for a, b in ((joint.k, joint.l), (joint.l, joint.k)):
+            joined.setdefault(a, []).append((joint, b))
     for root in [scene.ground, *scene.bodies]:
         if root not in seen:
             roots.append(root)
             seen.add(root)
-            _grow(root, chosen, seen, edges)
+            _grow(root, joined, seen, edges)
     return Tree(edges, roots, closing)
 
 
-def _grow(root: Body, joints: list[Connection], seen: set[Body], edges: list[tuple[Body, Connection, Body]]) -> None:
+def _grow(root: Body, joined: dict[Body, list[tuple[Connection, Body]]], seen: set[Body],
+          edges: list[tuple[Body, Connection, Body]]) -> None:  # fmt: skip
     front = [root]
-    while front:
-        parent = front.pop(0)
-        for joint in joints:
-            for a, b in ((joint.k, joint.l), (joint.l, joint.k)):
-                if a is parent and b not in seen:
-                    seen.add(b)
-                    edges.append((parent, joint, b))
-                    front.append(b)
+    for parent in front:
+        for joint, child in joined.get(parent, ()):
+            if child not in seen:
+                seen.add(child)
+                edges.append((parent, joint, child))
+                front.append(child)
 
 
 def _rank(c: Connection) -> tuple[bool, ...]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mbdae.display import framed, picture
 from mbdae.errors import OptionError
 from mbdae.files import replacing, write_file
 from mbdae.notation import axis_label
@@ -17,9 +18,22 @@ from mbdae.show.plots import PLACE, checked, dress, numbers, steady, style, trac
 from mbdae.values import number, option, optional, sequence, text
 
 
-def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: float | None, trail: Any) -> None:
-    """Write a .gif or an .html player; see `Result.animate`."""
-    file = checked(path, (".gif", ".html"), "animate")
+class Animation:
+    """A film that was made: `html` is its page (of a .gif the picture); a notebook plays it. path: its file, or None."""
+
+    def __init__(self, name: str, html: str, path: Path | None) -> None:
+        self.name, self.html, self.path = name, html, path
+
+    def __repr__(self) -> str:
+        return f"<Animation of '{self.name}'{'' if self.path is None else f', {self.path}'}>"
+
+    def _repr_html_(self) -> str:
+        return self.html if self.path is not None and self.path.suffix.lower() == ".gif" else framed(self.html)
+
+
+def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: float | None, trail: Any) -> Animation:
+    """Make a film, written as .gif or .html player where a path is given; see `Result.animate`."""
+    file = None if path is None else checked(path, (".gif", ".html"), "animate")
     given = [sensors] if isinstance(sensors, str) else sensors
     sensors = option("sensors", given, sequence, "give a sensor such as 'C.angle', or a list of them", each=text)
     fps = option("fps", fps, number, "give frames per second on the screen, up to 100", above=0, most=100)
@@ -33,14 +47,17 @@ def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: f
         raise OptionError("animate: this result has no times; ask for some with r(times)")
     duration = float(result.t[-1] - result.t[0])
     rate = natural_speed(duration) if speed is None else speed
-    gif = file.suffix.lower() == ".gif"
+    gif = file is not None and file.suffix.lower() == ".gif"
     delay = max(2, round(100 / fps)) / 100 if gif else 1 / fps  # a GIF counts in hundredths of a second
     times = frame_times(float(result.t[0]), duration, rate * delay, 2 if gif else SMOOTH)
     film = filmed(result, times, sensors, places, rate)
-    if gif:
+    if file is not None and gif:
         write_gif(film, file, max(delay, duration / rate / max(len(times) - 1, 1)))
-    else:
-        write_file(file, page(film))
+        return Animation(film.seen.name, picture(file.read_bytes(), "gif"), file)
+    text_ = page(film)
+    if file is not None:
+        write_file(file, text_)
+    return Animation(film.seen.name, text_, file)
 
 
 def _listed(trail: Any) -> list[Any]:

@@ -152,12 +152,10 @@ def figure_size(seen: Geometry, width: float = 7.0) -> tuple[float, float]:
 
 def draw(prepared: Prepared, path: Any = None) -> Any:
     """The scene as it starts: bodies, joints, forces, ground, names and gravity; a matplotlib figure."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from mbdae.show.figure import Figure
 
     seen = geometry(started(prepared))
     figure = Figure(figsize=figure_size(seen), layout="constrained" if seen.planar else None)
-    FigureCanvasAgg(figure)
     margins = {} if seen.planar else {"left": 0.02, "right": 0.92, "bottom": 0.04, "top": 0.94}
     axes = axes_for(figure, seen, figure.add_gridspec(1, 1, **margins)[0])
     Picture(axes, seen)

@@ -12,8 +12,8 @@ from mbdae.errors import OptionError, SceneError
 from mbdae.files import replacing
 from mbdae.notation import axis_label
 from mbdae.results.result import Result
-from mbdae.results.sensors import measured, placed, split
 from mbdae.scene.components import Array, Body, Connection, Place
+from mbdae.scene.sensor_names import measured, placed, split
 from mbdae.values import file_to_write, of_class, option, sequence, shown, text
 
 #: the colours of Okabe and Ito by falling contrast; the line style changes with the colour for grey prints
@@ -30,7 +30,7 @@ PICTURES = (".png", ".svg", ".pdf")
 
 def new_figure(rows: int, width: float = 7.0, height: float = 2.4) -> tuple[Any, list[Any]]:
     """A figure with `rows` axes under each other; the user's backend of matplotlib stays as it is."""
-    from matplotlib.figure import Figure
+    from mbdae.show.figure import Figure
 
     figure = Figure(figsize=(width, 0.6 + height * rows), layout="constrained")
     axes = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import os
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 from mbdae.errors import OptionError
-from mbdae.files import write_file
+from mbdae.files import first_difference, write_file
 from mbdae.values import BadValueError, file_to_write, optional, shown
 
 T = TypeVar("T")
@@ -105,21 +105,3 @@ def check_same(path: Path, what: str, there: Any, here: Any) -> None:
     difference = first_difference(there, json.loads(json.dumps(here)))
     if difference:
         raise OptionError(f"resume = '{path}' holds another {what}: {difference}; ask for the same one, or name another file")
-
-
-def first_difference(there: Any, here: Any, where: str = "") -> str | None:
-    """The first entry in which two plain values differ, in words; None where they are equal."""
-    if there == here:
-        return None
-    if isinstance(there, Mapping) and isinstance(here, Mapping) and set(there) == set(here):
-        names = [(f"{where}.{key}" if where else str(key), there[key], here[key]) for key in there]
-    elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
-        names = [(f"{where}[{i}]", a, b) for i, (a, b) in enumerate(zip(there, here, strict=True))]
-    else:
-        return f"{where or 'it'} is {_short(there)} there and {_short(here)} here"
-    return next(found for name, a, b in names if (found := first_difference(a, b, name)))
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 200 else text[:197] + "..."

@@ -13,13 +13,15 @@ from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, TextIO, overload
 
 import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError, interrupted
 from mbdae.files import write_file
+from mbdae.scene.scene import SceneData
 from mbdae.sweep.resume import check_same, damage_refused, interruption, resume_path
+from mbdae.sweep.scene_sweep import SceneSweep, sweep_scene
 from mbdae.sweep.workers import Job, Outcome, with_executor, with_processes
 from mbdae.sweep.writing import as_json
 from mbdae.system.base import Array
@@ -104,10 +106,24 @@ class Sweep(ListsAttributes):
         return f"<Sweep: {len(self.done)} of {len(self.points)} points done, {len(self.failures)} failed>"
 
 
+@overload
+def sweep(job: SceneData, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, Any]], executor: Executor | None = None, *,
+          workers: int | None = None, resume: Any = None, again: bool = False, progress: Progress | None = None, t_end: float,
+          accuracy: float = 1e-6, outputs: Any = None) -> SceneSweep:  # fmt: skip
+    """Runs of a scene."""
+
+
+@overload
 def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, Any]], executor: Executor | None = None, *,
           workers: int | None = None, resume: Any = None, again: bool = False,
           progress: Progress | None = None) -> Sweep:  # fmt: skip
-    """job(**point) -> dict at every point of a grid.
+    """A function of the user's."""
+
+
+def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int | None = None, resume: Any = None,
+          again: bool = False, progress: Progress | None = None, t_end: float | None = None, accuracy: float = 1e-6,
+          outputs: Any = None) -> Sweep | SceneSweep:  # fmt: skip
+    """job(**point) -> dict at every point of a grid; where the job is a scene, its runs to t_end (s) with other numbers.
 
     grid: name -> values (their outer product), or a list of points. executor: None for processes of this machine (`workers`
     of them, one per core by default, each with one BLAS thread), or any executor with the interface of concurrent.futures,
@@ -117,12 +133,20 @@ def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, An
     only what is missing is computed, points whose worker died among it, and with again=True all that failed.
     progress(done, all) is called after every point. Ctrl-C comes out as KeyboardInterrupt, whose attribute `solution` is the
     Sweep of the points done. The worker processes end with this one, however it ends.
+
+    Of a scene the names are those of `mb.extremes` ("crank.mass"), accuracy and outputs those of `simulate`, and `resume` is a
+    folder; the result is a SceneSweep, of the unknowns at the outputs. Points are made in native batches where they can be; its
+    `why` says where they cannot.
     """
-    points, axes = _points(grid)
     workers = optional("workers", workers, whole, "give the number of processes, 1 or more, or None for one per core",
                        least=1, most=MOST_WORKERS)  # fmt: skip
     again = option("again", again, flag, "give True to do points that failed once more, or False")
     tell = optional("progress", progress, function, "give a function progress(done, all), or None", takes="done, all")
+    if isinstance(job, SceneData):
+        return sweep_scene(job, grid, executor, workers, resume, again, tell, t_end, accuracy, outputs)
+    if t_end is not None or outputs is not None:
+        raise OptionError("t_end and outputs are for a sweep of a scene; a function of yours takes what it needs itself")
+    points, axes = _points(grid)
     if not callable(job):
         raise OptionError(f"job = {shown(job)}: give a function that takes a point and returns a dict")
     if executor is not None and not callable(getattr(executor, "submit", None)):

@@ -6,118 +6,32 @@ Sign: residual = M u' + G^T lambda + (internal, gyroscopic) - applied.
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import symengine as se
 
+from mbdae.costs import made_once
+from mbdae.disk.entries import key_of
+from mbdae.disk.exact import Digests
+from mbdae.disk.store import store
 from mbdae.errors import LawError
-from mbdae.symbolic.frames import Axes, Frame, NodeKind, make_frame
+from mbdae.symbolic.derived import Derived as Derived
+from mbdae.symbolic.derived import Facts, Pair, Terms, reaction_on_l, reactions
+from mbdae.symbolic.derived import Side as Side
+from mbdae.symbolic.frames import Frame, NodeKind, make_frame
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Law, Structure
 from mbdae.symbolic.motion import Rotation, refuse_amounts, value_of
 from mbdae.symbolic.rebuild import one_sided, without_overflow
-from mbdae.symbolic.statement import NO_FEEDS, Feeds, Statement
+from mbdae.symbolic.statement import Feeds, Statement
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
-Side = tuple[NodeKind, Axes]
 _ZERO = se.Integer(0)
-Pair = tuple[Vec, Vec]  #: (translational, rotational) part of a covector, inertial components
 
 
-@dataclass(frozen=True, eq=False)
-class Derived:
-    """A law derived for given kinds of nodes. Expressions are in the symbols of its frames."""
-
-    law: Any
-    frames: tuple[Frame, ...]
-    rows: tuple[str, ...]  #: constraint rows that do not vanish
-    vanished: tuple[str, ...]  #: rows that vanish identically, or are undefined
-    undefined: tuple[str, ...]  #: rows left out because they need axes that a point mass does not have
-    g: tuple[Expr, ...]
-    G: tuple[dict[str, Pair], ...]  #: per row and side
-    force: dict[str, Pair]  #: left-hand side, without multipliers
-    energy: Expr
-    dissipated_power: Expr
-    work_power: Expr
-    coordinates: dict[str, Expr]  #: values of a joint's coordinates where they can be read, by name
-    states: tuple[str, ...]
-    state_rates: tuple[Expr, ...]
-    state_starts: tuple[Expr, ...]
-    variation: Variation
-    feeds: Feeds = NO_FEEDS
-
-    @property
-    def multipliers(self) -> list[Expr]:
-        """Symbols of the multipliers lambda."""
-        return [se.Symbol(f"lambda_{row}") for row in self.rows]
-
-    @property
-    def sides(self) -> tuple[Frame, ...]:
-        """The frames a law is stated on, without joint coordinates."""
-        return self.frames[: len(self.law.frames)]
-
-    @cached_property
-    def read_frames(self) -> tuple[Frame, ...]:
-        """The frames on which anything of the law depends: a force on a coordinate that is an unknown needs that one alone."""
-        stated = [*self.g, self.energy, self.dissipated_power, self.work_power, *self.coordinates.values(), *self.state_rates,
-                  *self.state_starts, *self.variation.values.values()]  # fmt: skip
-        stated += [c for pair in self.force.values() for part in pair for c in part]
-        stated += [c for row in self.G for pair in row.values() for part in pair for c in part]
-        symbols = set().union(*(se.sympify(e).free_symbols for e in stated))
-        return tuple(f for f in self.frames if f.symbols & symbols or isinstance(self.law, Element))
-
-    @property
-    def row_forces(self) -> list[Expr]:
-        """Factors of the rows' gradients: lambda, or scaling lambda + 2 penalty c (paper Eq. 2)."""
-        forces = [self.scaled(s) for s in self.multipliers]
-        penalty = getattr(self.law, "penalty", None)
-        return forces if penalty is None else [f + 2 * penalty * c for f, c in zip(forces, self.g, strict=True)]
-
-    @property
-    def reaction_forces(self) -> list[Expr]:
-        """The forces of the rows where the rows vanish: scaling lambda."""
-        return [self.scaled(s) for s in self.multipliers]
-
-    def scaled(self, e: Expr) -> Expr:
-        """A row or multiplier times the scaling of the joint."""
-        return _scaled(self.law, e)
-
-    @property
-    def reactions(self) -> dict[str, Expr]:
-        """Force of every row by its name, on which `resistance` depends: scaling lambda, 0 where the row vanishes."""
-        return _reactions(self.law, self.rows, self.vanished)
-
-    @property
-    def reactive(self) -> bool:
-        """Whether a joint states forces that depend on its own reactions."""
-        return isinstance(self.law, Joint) and bool(self.force)
-
-    @property
-    def pressing(self) -> Vec | None:
-        """The part of a joint's reaction force that presses surfaces together where friction acts; None where the law states its
-        resistance by itself."""
-        if not isinstance(self.law, Joint) or self.law.friction is None:
-            return None
-        return self.law.pressing(self.sides[0], self.sides[1], _reaction_on_l(self.law, self.frames, self.rows, self.G))
-
-    @property
-    def rubbing(self) -> tuple[Expr, Expr] | None:
-        """The coordinate against which a joint's own friction acts, and the friction; None where there is none."""
-        if not isinstance(self.law, Joint):
-            return None
-        return self.law.rubbing(_reaction_on_l(self.law, self.frames, self.rows, self.G), *self.sides)
-
-    @property
-    def stabilisers(self) -> list[Expr]:
-        """Symbols of the stabilising multipliers mu."""
-        return [se.Symbol(f"mu_{row}") for row in self.rows]
-
-
-@lru_cache(maxsize=512)
+@made_once("derive", 512)
 def derive(cls: type[Law], structure: Structure, sides: tuple[Side, ...]) -> Derived:
     """Derive a law class for the kinds of its nodes (one side for an element, else k and l)."""
     law = cls.symbolic(structure)
@@ -127,7 +41,13 @@ def derive(cls: type[Law], structure: Structure, sides: tuple[Side, ...]) -> Der
         raise LawError(f"{cls.__name__}: {min(structure.timed)} may not depend on time; give a number")
     for name, frame in zip(law.own_coordinates, frames[len(law.frames) :], strict=False):
         setattr(law, name, frame.q[0] if frame.kind is NodeKind.COORDINATE else Rotation(tuple(frame.q), frame.body, frame.spin))
-    return _Derivation(law, Variation(frames, _clock(structure.timed)), structure.feeds).run()
+    clock = _clock(structure.timed)
+
+    def run() -> tuple[Facts, Terms, Variation]:
+        made = _Derivation(law, Variation(frames, clock), structure.feeds)
+        return (*made.run(), made.variation)
+
+    return Derived(law, frames, _Derivation(law, Variation(frames, clock), structure.feeds).key(), run, structure.feeds)
 
 
 def side_names(law: Law) -> tuple[str, ...]:
@@ -165,35 +85,60 @@ class _Stated(NamedTuple):
 
 
 class _Derivation(Statement):
-    """The steps from a statement to a `Derived`."""
+    """The steps from a statement to its terms."""
 
     def __init__(self, law: Any, variation: Variation, feeds: Feeds) -> None:
         super().__init__(law, variation)
         self.feeds = feeds
 
-    def run(self) -> Derived:
+    def key(self) -> str | None:
+        """A digest of all that the law states, forces by its own reactions included; None where that has none."""
+        if not store().used:
+            return None
+        try:
+            return key_of("law", Digests().of([self.answers(), self._by_reactions(), self._fed()]))
+        except Exception:  # a mistake in a law, which its derivation finds, or nothing that can be told apart from others
+            return None
+
+    def _fed(self) -> list[Any]:
+        """What is fed into the law: every name with its statement on the frames that are read, and states of other laws."""
+        return [[list(pair) for pair in self.feeds.stated(self.read_frames)], self.feeds.foreign]
+
+    def _by_reactions(self) -> list[Any] | None:
+        law, cls = self.law, type(self.law)
+        own = [name for name in ("resistance", "rubbing", "pressing", "normal_force", "sliding", "lever")
+               if getattr(cls, name, None) is not getattr(Joint, name)]  # fmt: skip
+        if not isinstance(law, Joint) or (law.friction is None and not own):
+            return None
+        rows, vanished, _, _, G = self._constraints()
+        force = reaction_on_l(law, self.frames, rows, G)
+        pressing = None if law.friction is None else law.pressing(self.sides[0], self.sides[1], force)
+        return [law.resistance(*self.sides, reactions(law, rows, vanished)), law.rubbing(force, *self.sides), pressing]
+
+    def run(self) -> tuple[Facts, Terms]:
         self.refuse_clashes()
         self.refuse_undefined()
         self._define_feeds()
         if isinstance(self.law, Joint):
             refuse_amounts(self.law)
         rows, vanished, undefined, g, G = self._constraints()
-        force_on_l = _reaction_on_l(self.law, self.frames, rows, G)
-        force, powers = self._forces(_reactions(self.law, rows, vanished), force_on_l)
+        force_on_l = reaction_on_l(self.law, self.frames, rows, G)
+        force, powers = self._forces(reactions(self.law, rows, vanished), force_on_l)
         resolve = self.variation.resolve
         energy, dissipated, work = map(resolve, powers)
         states, rates, starts = self._states([*g, energy, dissipated, work, *self.variation.values.values()])
         self.variation.release()
-        return Derived(
-            self.law, self.frames, tuple(rows), tuple(vanished), tuple(undefined), tuple(g), tuple(G), force, energy, dissipated,
-            work,
-            self._coordinates(), states, rates, starts, self.variation, self.feeds,
-        )  # fmt: skip
+        facts = Facts(tuple(rows), tuple(vanished), tuple(undefined), states, bool(force))
+        return facts, Terms(tuple(g), tuple(G), force, energy, dissipated, work, self._coordinates(), rates, starts)
+
+    @property
+    def read_frames(self) -> tuple[Frame, ...]:
+        """The frames that are added for what is read."""
+        return self.frames[len(self.frames) - len(self.feeds.sides) :]
 
     def _define_feeds(self) -> None:
         """Name what is fed into the law."""
-        read = self.frames[len(self.frames) - len(self.feeds.sides) :]
-        for name, statement in self.feeds.stated(read):
+        for name, statement in self.feeds.stated(self.read_frames):
             e = without_overflow(one_sided(statement))
             for frame, quantity in self.undefined(e):
                 raise LawError(f"{type(self.law).__name__} is fed by a sensor that a {frame.kind.value} node does not have: its "
@@ -325,25 +270,6 @@ class _Derivation(Statement):
                 self.refuse(f"{what} of state '{n}'", table[n])
         ready = [tuple(self.variation.resolve(self.variation.name(table[n])) for n in names) for table in (rates, starts)]
         return names, ready[0], ready[1]
-
-
-def _scaled(law: Any, e: Expr) -> Expr:
-    scaling = getattr(law, "scaling", None)
-    return e if scaling is None else scaling * e
-
-
-def _reactions(law: Any, rows: Iterable[str], vanished: Iterable[str]) -> dict[str, Expr]:
-    return {row: _scaled(law, se.Symbol(f"lambda_{row}")) for row in rows} | dict.fromkeys(vanished, _ZERO)
-
-
-def _reaction_on_l(law: Any, frames: Sequence[Frame], rows: Sequence[str], G: Sequence[dict[str, Pair]]) -> Vec:
-    """Reaction force of a joint on l, N, inertial components: where l does not move, the opposite of that on k."""
-    l = next((f for f in frames if f.side == "l"), None)
-    if l is None:
-        return ZERO
-    side, sign = ("l", -1) if l.kind.moves else ("k", 1)
-    forces = (_scaled(law, se.Symbol(f"lambda_{row}")) * sign for row in rows)
-    return sum((pairs[side][0] * force for force, pairs in zip(forces, G, strict=False)), ZERO)
 
 
 def _power(pair: Pair, f: Frame) -> Expr:

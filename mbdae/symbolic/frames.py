@@ -17,12 +17,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 
 import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.symbolic.quaternions import rotation_columns, rotation_per_component
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
+
+#: of every kind of node the number of position and of velocity unknowns
+SIZES = {"spatial": (7, 6), "planar": (3, 3), "point": (3, 3), "planar point": (2, 2), "ground": (0, 0), "planar ground": (0, 0),
+         "joint coordinate": (1, 1), "joint rotation": (4, 3)}  # fmt: skip
 
 
 class NodeKind(Enum):
@@ -67,16 +72,15 @@ class NodeKind(Enum):
         """Whether the node has axes: all but mass points."""
         return self not in (NodeKind.POINT, NodeKind.PLANAR_POINT)
 
-    @property
+    @cached_property
     def translations(self) -> int:
         """Number of unknowns before those of rotation (the one unknown of a joint coordinate is counted here)."""
         return {(7, 6): 3, (4, 3): 0, (3, 3): 2 if self is NodeKind.PLANAR else 3}.get(self.sizes, self.sizes[0])
 
-    @property
+    @cached_property
     def sizes(self) -> tuple[int, int]:
         """Number of position and velocity unknowns."""
-        return {"spatial": (7, 6), "planar": (3, 3), "point": (3, 3), "planar point": (2, 2),
-                "joint coordinate": (1, 1), "joint rotation": (4, 3)}.get(self.value, (0, 0))  # fmt: skip
+        return SIZES[self._value_]
 
 
 class Axes(Enum):

@@ -20,11 +20,11 @@ fields, the elements keep energy and angular momentum.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import symengine as se
 
+from mbdae.costs import made_once
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Law, Structure
@@ -136,7 +136,7 @@ class LineDerived:
         return {place: e for place, e in found.items() if e != 0}
 
 
-@lru_cache(maxsize=64)
+@made_once("derive", 64)
 def derive_line(cls: type[LineLaw], structure: Structure, kind: NodeKind, mixed: bool = True) -> LineDerived:
     """Derive a law on a line; `mixed` keeps the stresses as unknowns, otherwise their compliance eliminates them."""
     law, x = cls.symbolic(structure), make_point(kind)

@@ -175,6 +175,16 @@ def symbolic_motion(law: Any) -> Motion | None:
     return motion_of(law, symbols | {c: no_rotation() for c in law.coordinates.keys() - symbols.keys()})
 
 
+def symbolic_steps(law: Any) -> tuple[Step, ...] | None:
+    """The elementary motions of a joint with symbols for its coordinates, those of free rotations included; None where the law
+    states no motion."""
+    if not hasattr(law, "states_motion"):
+        return None
+    turns = {c: Rotation.of(se.symbols(f"{c}_P1:5"), Vec(*se.symbols(f"{c}_W1:4"))) for c in law.coordinates}
+    motion = motion_of(law, turns | {c: se.Symbol(c) for c in law.scalars()})
+    return None if motion is None else motion.steps
+
+
 def refuse_amounts(law: Any) -> None:
     """Raise LawError where the motion of a law with symbols for its parameters contains the time or undeclared symbols, or a
     function whose derivatives are not known."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import symengine as se
 
-from mbdae.symbolic.derive import Derived, Pair
+from mbdae.symbolic.derived import Derived, Pair
 from mbdae.symbolic.frames import Frame, NodeKind, rotation_columns_of_q
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.quaternions import rate_from_body_spin, rate_from_spatial_spin

@@ -6,7 +6,7 @@ forward differentiation of the steps gives the exact Jacobian (geometric terms i
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import symengine as se
@@ -15,6 +15,7 @@ from mbdae.symbolic.rebuild import substituted
 from mbdae.symbolic.vectors import Expr, Vec
 
 _ZERO = se.Integer(0)
+STEPPED = ("floor", "ceiling")  #: functions that do not change but where they jump
 
 
 class Program:
@@ -40,8 +41,12 @@ class Program:
         if e.is_Number or isinstance(e, se.Symbol) or not e.args:
             return e
         args = [self._flat(a) for a in e.args]
+        if isinstance(e, se.UnevaluatedExpr):
+            return self.let(args[0])
         if isinstance(e, se.Mul):
             args = [self._named(a) if isinstance(a, se.Add) else a for a in args]
+        if type(e).__name__ in STEPPED:
+            return self._named(e.func(*args))
         if isinstance(e, se.Piecewise):
             return se.Piecewise(*zip(args[::2], args[1::2], strict=True))
         return e.func(*args) if hasattr(e, "func") else e.subs(dict(zip(e.args, args, strict=True)))  # a comparison
@@ -76,7 +81,17 @@ class Program:
                 raise OverflowError(len(self.steps))
         return [self._tangent(e, tangent) for e in outputs]
 
+    def along(self, outputs: Sequence[Expr], changes: Mapping[Expr, Expr]) -> list[Expr]:
+        """Changes of outputs by those of inputs: symbols that belong to inputs."""
+        one = se.Integer(1)
+        tangent: dict[Expr, dict[Expr, Expr]] = {x: {one: change} for x, change in changes.items()}
+        for name in self.needed(outputs):
+            tangent[name] = self._tangent(self.steps[name], tangent)
+        return [self._tangent(e, tangent).get(one, _ZERO) for e in outputs]
+
     def _tangent(self, e: Expr, tangent: dict[Expr, dict[Expr, Expr]]) -> dict[Expr, Expr]:
+        if type(e).__name__ in STEPPED:
+            return {}
         total: dict[Expr, Expr] = {}
         for x in sorted(e.free_symbols & tangent.keys(), key=str):
             slope = se.diff(e, x) if tangent[x] else _ZERO

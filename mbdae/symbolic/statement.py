@@ -16,11 +16,15 @@ import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame, NodeKind, make_frame
+from mbdae.symbolic.motion import symbolic_steps
 from mbdae.symbolic.rebuild import nodes
 from mbdae.symbolic.variation import Variation, rate
 from mbdae.symbolic.vectors import Expr, Vec
 
 _TIME = se.Symbol("t")
+#: what may be asked of a law on its frames; with `resistance`, `rubbing` and `pressing` of joints all that derivations read
+QUESTIONS = ("rows", "read", "positives", "energy", "dissipation", "wrench", "thrust", "gaps", "approach", "observed", "losses",
+             "rates", "initial", "kinetic_energy")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -148,6 +152,24 @@ class Statement:
             raise LawError(f"{law} needs axes on both sides; a point mass has none: {what} reads the {quantity} of {frame.side}; "
                            f"use s.rigid_body")  # fmt: skip
 
+    def answers(self) -> dict[str, Any]:
+        """All that the law says of itself and on its frames: two laws with the same answers have the same equations, but for
+        forces that follow from a joint's own reactions."""
+        law, cls = self.law, type(self.law)
+        plain = {name: getattr(cls, name) for name in dir(cls) if not name.startswith("_")}
+        parameters = [{name: entry.unit for name, entry in table.items()}
+                      for table in (law.params, law.states, getattr(law, "coordinates", {}))]  # fmt: skip
+        return {
+            "of the class": {name: value for name, value in plain.items() if _is_plain(value)},
+            "declared": [list(map(list, table.items())) for table in parameters],
+            "present": [name for name in law.params if getattr(law, name) is not None],
+            "chosen": {name: _chosen(getattr(law, name)) for name in law.options},
+            "in time": [(p, rate) for p, rate in self.variation.clock.items()],
+            "frames": [(f.side, f.kind.value, f.axes.value) for f in self.frames],
+            "motion": symbolic_steps(law),
+            **{name: getattr(law, name)(*self.sides) for name in QUESTIONS if hasattr(law, name)},
+        }
+
     @cached_property
     def _known(self) -> set[Expr]:
         """Every symbol a statement may contain."""
@@ -182,6 +204,17 @@ class Statement:
         for what, e in stated:
             self.refuse(what, e)
             self.refuse_speeds(what, e)
+
+
+def _is_plain(value: Any) -> bool:
+    """Whether the value of a class attribute is data that a derivation may look at."""
+    return value is None or isinstance(value, bool | int | float | str) or (
+        isinstance(value, tuple) and all(isinstance(v, str) for v in value))  # fmt: skip
+
+
+def _chosen(value: Any) -> Any:
+    """The value of an option where that is plain; else whether there is one: what it does shows in the other answers."""
+    return value if _is_plain(value) else "given"
 
 
 @lru_cache(maxsize=64)

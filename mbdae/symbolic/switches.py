@@ -66,6 +66,12 @@ def known_switches(d: Derived) -> tuple[Switch, ...]:
     return tuple(switches_of(d))
 
 
+def switch_kinds(d: Derived) -> list[tuple[str, Expr]]:
+    """Kind and exponent of every one of them."""
+    found: list[tuple[str, Expr]] = d.noted("switches", lambda: [(s.kind, s.exponent) for s in known_switches(d)])
+    return found
+
+
 def _statements(d: Derived) -> Iterator[tuple[Any, bool]]:
     """The expressions of a law as stated, and whether they are a Rayleigh function."""
     law, sides = d.law, d.sides

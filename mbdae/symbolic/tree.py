@@ -10,12 +10,12 @@ geometric stiffness (paper Eqs. 24-33).
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 from itertools import count
 from typing import Any
 
 import symengine as se
 
+from mbdae.costs import made_once
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, axes_pattern
 from mbdae.symbolic.motion import Motion, Rotation, Step, half_turn, motion_of, refuse_amounts
@@ -29,8 +29,7 @@ from mbdae.symbolic.quaternions import (
     rotation_per_component,
 )
 from mbdae.symbolic.rebuild import substituted
-from mbdae.symbolic.tree_motion import Coordinate, Moved, State, Way, moved, way
-from mbdae.symbolic.tree_structure import Link, Member, Numbers, TreeStructure
+from mbdae.symbolic.tree_motion import Coordinate, Link, Member, Moved, Numbers, State, TreeStructure, Way, moved, way
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
 OPERATIONS = 8500  #: steps of the Jacobian above which a tree is not built: compiling grows faster than the gain
@@ -324,7 +323,7 @@ def _sum(a: Wrench | None, b: Wrench) -> Wrench:
     return b if a is None else (a[0] + b[0], a[1] + b[1])
 
 
-@lru_cache(maxsize=64)
+@made_once("derive", 64)
 def tree_program(structure: TreeStructure) -> TreeProgram:
     """The program of a tree; made once per process and structure."""
     return TreeProgram(structure)

@@ -1,18 +1,59 @@
-"""The motion of a body relative to the one before it in a tree, elementary motion by elementary motion, with its rates."""
+"""What distinguishes two trees of joints apart from numbers; the motion of a body relative to the one before it in a tree,
+elementary motion by elementary motion, with its rates."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import symengine as se
 
-from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.derived import Side
+from mbdae.symbolic.frames import Axes, NodeKind
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import Structure
 from mbdae.symbolic.motion import Step, Triad, turned
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
 NONE = se.Integer(0)
+Numbers = tuple[tuple[str, int | None], ...]  #: parameter -> its value where that is 0, 1 or -1, None: a symbol
+
+
+@dataclass(frozen=True)
+class Link:
+    """The joint that carries node `j` (its place in the tree, from 1) from node `parent` (0: the root)."""
+
+    law: type[Joint]
+    structure: Structure
+    parent: int
+    side: str  #: of the joint on which the parent is, "k" or "l"
+    kind: NodeKind  #: of the node carried
+    axes: tuple[Axes, Axes]  #: of the joint on its parent and on the node carried
+    numbers: Numbers
+    moves: bool  #: False of a joint that only holds a point where it is
+    coordinates: tuple[str, ...]
+    prescribed: tuple[bool, ...]  #: coordinate by coordinate
+    first: int  #: number of its first coordinate among those of the tree, from 1
+
+
+@dataclass(frozen=True)
+class Member:
+    """A law between nodes of the tree (None: the ground) that is part of its program."""
+
+    law: tuple[Any, Structure, tuple[Side, ...]]
+    nodes: tuple[int | None, ...]
+    numbers: Numbers
+
+
+@dataclass(frozen=True)
+class TreeStructure:
+    """What distinguishes two trees apart from numbers. loaded: nodes on which laws outside the program act."""
+
+    root: NodeKind
+    links: tuple[Link, ...]
+    members: tuple[Member, ...]
+    loaded: tuple[int, ...] = ()
 
 
 @dataclass

@@ -102,10 +102,17 @@ class System:
     #: CSC pattern (n, n) of the Jacobian where it is known although `sparsity` may be None; see `jacobian_values`
     pattern: Any = None
 
+    @property
+    def has_pattern(self) -> bool:
+        """Whether there is one."""
+        return self.pattern is not None
+
+
     kept: Kept | None = None  #: None: solvers keep nothing
     #: optional parts of the interface; a system that has none of them leaves them None
     rhs: Any = None
     rate_jacobian: Any = None  #: (t, y) -> dy'/dy (n, n) of systems with a right-hand side that know it
+    rate_products: Any = None  #: (t, y, directions (k, n)) -> dy'/dy times each (k, n), where that is cheaper than dy'/dy
     partition: Any = None
     #: the equations as native methods call them (`mbdae.native.equations.Equations`); None: by calls of the functions here
     native: Any = None
@@ -126,7 +133,7 @@ class System:
 
     #: begin and end of a run (s) -> where its inputs of time break, and how long steps may be (`system.model.inputs.Timeline`;
     #: None: they are smooth and slow); None: inputs of time are not looked at
-    timeline: Callable[[float, float], Any] | None = None
+    timeline: Callable[..., Any] | None = None
     #: begin of a run (s) -> its sampled controllers (`system.sampling.Sampler`); None: there are none
     sampled: Callable[[float], Any] | None = None
     #: time -> longest step (s) that may be taken from there; None: no bound
@@ -145,6 +152,16 @@ class System:
         """A system of the same unknowns to go on with from y (n,), because some of these equations are about to depend on each
         other; None: go on with this one. Asked after every accepted step."""
         return None
+
+    def memory(self) -> dict[str, Any]:
+        """What these equations remember of a run beside its state, as plain values and arrays of their own."""
+        return {}
+
+    def remember(self, memory: dict[str, Any]) -> None:
+        """Remember what `memory` told."""
+
+    def forget(self) -> None:
+        """Have `renewed` look at the next position whatever it saw before."""
 
     @property
     def looks_at_steps(self) -> bool:

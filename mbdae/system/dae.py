@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csc_matrix, issparse
 
+from mbdae.deferred import csc_matrix, issparse
 from mbdae.errors import OptionError
 from mbdae.system.base import Array, Switches, System
 from mbdae.system.partition import checked_partition

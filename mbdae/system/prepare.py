@@ -15,14 +15,15 @@ from mbdae.scene import prescribed, sensed
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model, build
-from mbdae.system.model.moved_bodies import MovedBodies, acted_on_while_prescribed, too_large
+from mbdae.system.model.moved_bodies import MovedBodies, acted_on_while_prescribed, by_order, too_large
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
 from mbdae.system.motion.all_bodies import AllBodies, TreeMechanics
 from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.motion.ordered_motion import OrderedBodies, OrderedMechanics
 from mbdae.system.rank.redundancy import RankReport, analyse
 from mbdae.system.rank.rows import smallest, unit_rows
-from mbdae.system.rank.undetermined import massless_coordinates, massless_motions, undecided
+from mbdae.system.rank.undetermined import massless_coordinates, massless_motions, massless_unknowns, undecided
 from mbdae.system.start.contacts import ExpectedContact, expected_contacts
 from mbdae.system.start.ideal_joints import ideal_start
 from mbdae.system.start.start import Start, Starter
@@ -31,7 +32,9 @@ from mbdae.threads import single_threaded
 
 SOUND = 1e-3  #: smallest singular value of rows above which they determine a position
 FOLLOWED, NEAR = 24, 0.2  #: steps in which prescribed motions are followed, of at most so many rad or scene's lengths each
+PLACED = 1e-11  #: of the scene's length, or rad: rounding of positions along a tree
 FORESIGHT = 10.0  #: s, how far `check` looks at prescribed values
+FITS = 1e-4  #: part of the scene's length, or of its speed, by which a continued run may be off the joints: the error of a run
 
 
 @dataclass
@@ -59,7 +62,8 @@ class Prepared:
 
     def with_rows(self, rows: list[Row], start: Start) -> Prepared:
         """The same from another state, with other rows in force."""
-        dropped = [row for row in (*self.rank.kept, *self.rank.dropped) if row not in set(rows)]
+        kept = set(rows)
+        dropped = [row for row in (*self.rank.kept, *self.rank.dropped) if row not in kept]
         rank = replace(self.rank, kept=rows, dropped=dropped)
         return replace(self, mechanics=self.mechanics_with(rows), rank=rank, start=start)
 
@@ -99,11 +103,12 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
                           f"and {model.nu}; continue it with the same bodies and joint models"])  # fmt: skip
     model.conditions.time = after(begin_time)  # the start of a run belongs to what comes after it
     model.conditions.end = t_end if t_end is not None else inf
-    all_bodies = AllBodies(model, moved)
+    all_bodies = (OrderedBodies if moved.ordered else AllBodies)(model, moved)
     if not all_bodies.numbering.free:
         raise SceneError([f"scene '{scene.name}': every joint is recursive and prescribed, so there is nothing to solve for; use "
                           f"model=mb.Kinematic() for one of them"])  # fmt: skip
-    all_rows = Mechanics(model, constraint_rows(model))
+    rows = constraint_rows(model)
+    all_rows = mechanics_of(model, rows, all_bodies) if moved.alone else Mechanics(model, rows)
     loose = start is None and any(c.loose for c in scene.joints)
     ideal = ideal_start(scene, model.stay_kinematic, t0) if loose else None
     starter = Starter(all_rows, start.t if start is not None else t0, changes=ideal.changes if ideal else None)
@@ -111,14 +116,15 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     problems = _not_finite(all_rows, starter.t, q)
     if problems:
         raise SceneError(problems)
-    if start is None and not ideal:
+    if start is None and not ideal and not (moved.alone and _closed(all_rows, starter.t, q)):
         q = starter.close_or_bend(q)
     always = {row for row in all_rows.rows if not moved.keeps(row)}
-    rank = analyse(all_rows, starter, q, always)
+    rank = (RankReport(list(all_rows.rows), degrees_of_freedom=all_rows.nu - all_rows.m) if moved.alone else
+            analyse(all_rows, starter, q, always))  # fmt: skip
     problems = _massless(all_rows, all_bodies, rank, starter, q) + undecided(all_rows, rank, starter.t, q)
     if problems:
         raise SceneError(problems)
-    mechanics = mechanics_of(model, rank.kept, all_bodies)
+    mechanics = all_rows if moved.alone else mechanics_of(model, rank.kept, all_bodies)
     begin = (_continued(mechanics, start) if start is not None else
              Starter(mechanics, t0, changes=starter.changes).run(q, ideal.u if ideal else None))  # fmt: skip
     problems = _contradictions(all_rows, rank, begin)
@@ -135,13 +141,15 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     return Prepared(model, mechanics, rank, begin, T, all_bodies, touching)
 
 
-FITS = 1e-4  #: part of the scene's length, or of its speed, by which a continued run may be off the joints: the error of a run
+def _closed(all_rows: Mechanics, t: Array, q: Array) -> bool:
+    """Whether bodies stand where their joints hold them."""
+    return bool(np.max(np.abs(all_rows.position_residual(t, q[None])), initial=0.0) <= PLACED * max(1.0, all_rows.model.length))
 
 
 def _not_finite(all_rows: Mechanics, t: Array, q: Array) -> list[str]:
     """Constraint rows that have no finite value or derivative where the scene is drawn, one sentence each."""
-    g, G = all_rows.position_residual(t, q[None])[0], all_rows.constraint_jacobian(t, q[None])[0]
-    wrong = ~(np.isfinite(g) & np.isfinite(G).all(axis=1))
+    g, wrong = all_rows.position_residual(t, q[None])[0], all_rows.rows_without_slope(t, q)
+    wrong |= ~np.isfinite(g)
     return [f"row {row.name} has no finite value or derivative where the scene is drawn ({value:g}): check the numbers of that "
             f"joint, and what its law divides by"
             for row, value, off in zip(all_rows.rows, g, wrong, strict=True) if off]  # fmt: skip
@@ -150,6 +158,8 @@ def _not_finite(all_rows: Mechanics, t: Array, q: Array) -> list[str]:
 def _massless(all_rows: Mechanics, all_bodies: AllBodies, rank: RankReport, starter: Starter, q: Array) -> list[str]:
     """Motions without inertia: of joint coordinates where nothing else constrains them, of bodies otherwise."""
     inside = all_bodies.moved.replaced
+    if isinstance(all_rows, OrderedMechanics):
+        return massless_unknowns(all_bodies, all_rows.without_inertia(starter.t, q))
     if all_bodies.moved.trees and not all_bodies.model.lines and all((row.group, row.instance) in inside for row in rank.kept):
         return massless_coordinates(all_bodies, all_rows.mass, starter.t, q)
     return massless_motions(all_rows, rank, starter.t, q)
@@ -157,6 +167,8 @@ def _massless(all_rows: Mechanics, all_bodies: AllBodies, rank: RankReport, star
 
 def mechanics_of(model: Model, rows: list[Row], all_bodies: AllBodies, redundant: int = 0) -> Mechanics:
     """The mechanics of all nodes with some rows, of which so many are redundant."""
+    if all_bodies.moved.alone:
+        return OrderedMechanics(model, rows, all_bodies)
     reduced = all_bodies.moved.trees and not model.lines  # with beams the constrained equations are sparse, these are not
     return TreeMechanics(model, rows, all_bodies, redundant) if reduced else Mechanics(model, rows, redundant)
 
@@ -166,6 +178,8 @@ def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tupl
     joints that stay with their rows, and why."""
     model = build(scene, by_rows)
     moved = MovedBodies(model, find_trees(model))
+    if moved.trees and by_order(model, moved):
+        return model, MovedBodies(model, moved.trees, ordered=True)
     kept = too_large(moved) | acted_on_while_prescribed(moved)
     if not kept and not AllBodies(model, moved).numbering.free:  # without unknowns there is nothing to solve
         kept = {c.name: "nothing else moves" for c in scene.joints if c.rigid}
@@ -178,8 +192,10 @@ def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tupl
 def _contradictions(all_rows: Mechanics, rank: RankReport, start: Start) -> list[str]:
     """Rows left out as redundant that the start does not satisfy: prescribed motions against each other."""
     t, q, u = np.array([start.t]), start.q[None], start.u[None]
+    if not rank.dropped:
+        return []
     rate = all_rows.velocity_residual(t, q, u)[0]
-    bias = (all_rows.constraint_jacobian(t, q)[0] @ start.acceleration + all_rows.acceleration_bias(t, q, u)[0])
+    bias = all_rows.constraint_matrix(t, start.q) @ start.acceleration + all_rows.acceleration_bias(t, q, u)[0]
     size = 1.0 + float(np.max(np.abs(start.u), initial=0.0)) ** 2 + float(np.max(np.abs(start.acceleration), initial=0.0))
     dropped = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}
     found = []
@@ -194,9 +210,12 @@ def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankR
     """The same at later times, followed in short steps: positions where the rows in force can be satisfied, but not all rows."""
     timed = any(i.timed for group in all_rows.model.groups if group.derived.rows for i in group.instances)
     dropped, q, t = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}, start.q, start.t
-    together = Mechanics(all_rows.model, [row for row in all_rows.rows if row in rank.kept or row.name in dropped])
+    if not (timed and dropped):
+        return []
+    kept = set(rank.kept)
+    together = Mechanics(all_rows.model, [row for row in all_rows.rows if row in kept or row.name in dropped])
     step = 0.01 * (end - start.t)
-    for _ in range(FOLLOWED if timed and dropped else 0):
+    for _ in range(FOLLOWED):
         step = min(2 * step, 0.5 * (end - start.t) - (t - start.t))
         while step > 0 and Starter(together, t + step, holding=False).closing_error(q) > NEAR:
             step /= 2
@@ -210,10 +229,10 @@ def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankR
             q = Starter(mechanics, t, holding=False).close(q)
         except StartError:
             break  # too far for one step
-        B = unit_rows(mechanics, mechanics.constraint_jacobian(np.array([t]), q[None])[0])
+        B = unit_rows(mechanics, mechanics.constraint_matrix(np.array([t]), q))
         off = all_rows.position_residual(np.array([t]), q[None])[0]
         for row, g in zip(all_rows.rows, off, strict=True):
-            if row.name in dropped and abs(g) > 1e-7 * max(1.0, all_rows.model.length) and smallest(B, len(B)) > SOUND:
+            if row.name in dropped and abs(g) > 1e-7 * max(1.0, all_rows.model.length) and smallest(B, B.shape[0]) > SOUND:
                 return [f"prescribed motions contradict: row {row.name} depends on the other rows, but at t = "
                         f"{t:.4g} s they leave it off by {g:.4g} (m or rad); release one of them"]  # fmt: skip
     return []

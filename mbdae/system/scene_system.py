@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.contact_guards import ContactGuards
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.assembled.numbers import numbers_of
+from mbdae.system.assembled.ordered_assembly import OrderedAssembly, assembly_of
 from mbdae.system.assembled.right_hand_side import partition_of, rhs_of, state_rates
 from mbdae.system.assembled.switches import switches_of_model
 from mbdae.system.base import Array, Kept, Numbers, System
@@ -20,7 +22,8 @@ from mbdae.system.model.inputs import timeline
 from mbdae.system.motion.displacements import Displacements
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
-from mbdae.system.rank.rows import Rows, RowsInForce
+from mbdae.system.rank.rows import Rows
+from mbdae.system.rank.rows_in_force import RowsInForce
 from mbdae.system.sampling import Sampling
 from mbdae.system.start.start import Start
 from mbdae.system.start.typical_sizes import multiplier_scales, state_scale, stress_scale
@@ -37,16 +40,20 @@ class SceneSystem(System):
     others: equations with other rows in force that a run had before, which it takes again where these rows are good;
     assembly: the equations, by default those of the rows in force."""
 
+    guards: ContactGuards | None = None
+
     @single_threaded
     def __init__(self, prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
                  others: dict[Rows, SceneSystem] | None = None, assembly: Assembly | None = None) -> None:  # fmt: skip
         self.kept = Kept()
         self._prepared, self._asked, self._others = prepared, (spec, sparse), others if others is not None else {}
         mechanics, start, all_bodies = prepared.mechanics, prepared.start, prepared.all_bodies
-        made = assembly or Assembly(prepared.model, mechanics.rows, spec, sparse, all_bodies.moved)
+        made = assembly or assembly_of(all_bodies.moved)(prepared.model, mechanics.rows, spec, sparse, all_bodies.moved)
         self.assembly, self.model, self.numbering, self.spec = made, made.model, made.numbering, made.spec
         self.n, self.names, self.equations, self.kinds, self.index = made.n, made.names, made.equations, made.kinds, made.index
-        self.label, self.sparsity, self.pattern = made.label, made.sparsity, made.pattern
+        self.label, self.sparsity = made.label, made.sparsity
+        if isinstance(made, OrderedAssembly) and not prepared.rows:
+            self.rate_jacobian, self.rate_products = made.rate_jacobian, made.products
         lines, stressed = prepared.model.lines, self.numbering.stresses
         z = np.concatenate([np.zeros(0), *(line.stress(start.q, start.u) for line in lines if stressed)])
         self.t0, (self.y0, self.yp0), self.scale = start.t, _values(prepared, made, start, z), _scales(prepared, made)
@@ -67,6 +74,15 @@ class SceneSystem(System):
             self.switches = switches_of_model(prepared.model, all_bodies.moved)
             self.timeline = partial(timeline, prepared.model)
         self._choice = _rows_in_force(prepared, self._others) if prepared.rank.dropped and prepared.rows else None
+
+    @property
+    def has_pattern(self) -> bool:
+        return self.assembly.has_pattern
+
+    @cached_property
+    def pattern(self) -> Any:
+        """CSC pattern of the Jacobian."""
+        return self.assembly.pattern
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         self.assembly.residual(t, y, yp, out)
@@ -136,6 +152,28 @@ class SceneSystem(System):
             state = self._state(self._prepared.mechanics_with(list(rows)), t, y)
             self._others[rows] = type(self)(self._prepared.with_rows(list(rows), state), *self._asked, self._others)
         return self._others[rows].taking_over(self, t, y)
+
+    def memory(self) -> dict[str, Any]:
+        return {"systems": [system._own_memory() for system in (self, *self._others.values())]}
+
+    def remember(self, memory: dict[str, Any]) -> None:
+        for system, own in zip((self, *self._others.values()), memory["systems"], strict=False):
+            system._remember_own(own)
+
+    def forget(self) -> None:
+        if self._choice is not None:
+            self._choice.seen = None
+
+    def _own_memory(self) -> dict[str, Any]:
+        """What these equations, without those with other rows in force, remember."""
+        return {"seen": None if self._choice is None else self._choice.seen,
+                "masses": None if self.guards is None else self.guards.memory()}  # fmt: skip
+
+    def _remember_own(self, memory: dict[str, Any]) -> None:
+        if self._choice is not None:
+            self._choice.seen = memory["seen"]
+        if self.guards is not None:
+            self.guards.remember(memory["masses"])
 
     @property
     def looks_at_steps(self) -> bool:

@@ -18,12 +18,14 @@ from typing import Any, Self
 
 import numpy as np
 
+from mbdae.deferred import as_full
 from mbdae.errors import AccuracyWarning
 from mbdae.native.equations import Equations
 from mbdae.system.assembled.acceleration_kernel import AccelerationKernel, acceleration_kernel
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.assembled.numbers import numbers_of
+from mbdae.system.assembled.ordered_assembly import assembly_of
 from mbdae.system.assembled.right_hand_side import Rates, singular
 from mbdae.system.base import Array, Numbers, System
 from mbdae.system.prepare import Prepared
@@ -50,20 +52,24 @@ class Accelerations(Rates):
     @cached_property
     def kernel(self) -> AccelerationKernel | None:
         """The kernel; None where the full equations are solved."""
-        return acceleration_kernel(self.full, self.full.constant_mass, self.full.row_of, self._start) if self.linear else None
+        if not self.linear:
+            return None
+        return acceleration_kernel(self.full, as_full(self.full.constant_mass), self.full.row_of, self._start)
 
 
 class WithoutMultipliers(SceneSystem):
     """A scene as y' = f(t, y); `multipliers` (m,) are those of the last evaluation."""
 
     strict = False  #: whether a run stops at singular positions
+    pattern = None  #: dy'/dy is full
+    has_pattern = False
 
     def __init__(self, prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
                  others: dict[Rows, SceneSystem] | None = None) -> None:  # fmt: skip
         model, moved, bare = prepared.model, prepared.all_bodies.moved, replace(spec, eliminated=False)
-        self.full = Assembly(model, prepared.mechanics.rows, bare, sparse, moved)
-        super().__init__(prepared, spec, sparse, others, Assembly(model, [], replace(bare, blocks=()), False, moved))
-        self.pattern = None  # dy'/dy is full
+        kind = assembly_of(moved)
+        self.full = kind(model, prepared.mechanics.rows, bare, sparse, moved)
+        super().__init__(prepared, spec, sparse, others, kind(model, [], replace(bare, blocks=()), False, moved))
         linear = not any(group.derived.reactive for group in model.groups)
         self._rates = Accelerations(self.full, self.n, linear, (self.t0, self.y0))
         self._rate = np.zeros(self.n)
@@ -132,6 +138,15 @@ class WithoutMultipliers(SceneSystem):
             text = (f"a singular position is near or passed at t = {t:.6g} s: {name} depends on the other constraints there; the "
                     f"index-1 form may go on in another branch without a sign: compare with mb.GGL()")  # fmt: skip
             warnings.warn(text, AccuracyWarning, stacklevel=4)
+
+    def _own_memory(self) -> dict[str, Any]:
+        own = {"shares": self._seen, "warned": self._warned, "multipliers": self._rates.multipliers.copy()}
+        return super()._own_memory() | own
+
+    def _remember_own(self, memory: dict[str, Any]) -> None:
+        super()._remember_own(memory)
+        self._seen, self._warned = memory["shares"], memory["warned"]
+        self._rates.multipliers = memory["multipliers"].copy()
 
     def _determined(self, t: float, y: Array) -> bool:
         """Whether the rows that were left out determine the motion where those in force are about to fail."""

@@ -10,6 +10,7 @@ import mbdae as mb
 
 RUNS = [mb.Run(mb.IDA()), mb.Run(mb.RadauIIA(3), model=mb.Classical()), mb.Run(mb.IDA(), mb.Index3())]
 ASKED = [1e-3, 1e-5]
+PARTS = ("derive_s", "compile_s", "start_s", "companions_s", "judgement_s")
 
 
 def pendulum(mass=1.0):
@@ -32,7 +33,7 @@ class Recorder:
 
 
 def facts(w):
-    timed = ("cpu_s", "cpu_spread_s", "peak_bytes", "pareto")
+    timed = ("cpu_s", "cpu_spread_s", "peak_bytes", "pareto", *PARTS)
     return [{k: v for k, v in row.items() if k not in timed} for row in w.to_dict()["runs"]]
 
 

@@ -165,7 +165,7 @@ def test_beams_have_a_right_hand_side():
 
 def test_large_trees_have_factors_in_a_narrow_band(monkeypatch):
     from mbdae.kernels.tree_plan import TreePlan
-    from mbdae.system.assembled import workspace
+    from mbdae.system.motion import workspace
 
     monkeypatch.setattr(TreePlan, "rates", property(lambda plan: None))  # as of trees that are too large for one kernel
     full = system_for(prepare(spring_chain()))

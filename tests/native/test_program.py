@@ -5,10 +5,12 @@ import os
 
 import numpy as np
 import pytest
+import symengine as se
 
 import mbdae as mb
+from mbdae.kernels import Kernel
 from mbdae.native.program import Operations, core
-from mbdae.system.assembled.workspace import Workspace
+from mbdae.system.motion.workspace import Workspace
 
 from .running import run
 
@@ -83,6 +85,49 @@ def random_solution(rng, size):
             ops.lu(n, matrix, right, times)
 
     return state, matrix, right, n * times, np.linalg.solve(A if kind == "cholesky" else full, b.T).T.ravel()
+
+
+def random_pass(rng, size):
+    """A kernel whose instances may read what those before them have handed on."""
+    inputs, width, points = (int(rng.integers(1, 4)) for _ in range(3))
+    count = int(rng.integers(0, width + (rng.random() < 0.95)))
+    symbols = [se.Symbol(f"x{i}") for i in range(inputs)]
+    factors = rng.normal(size=(width, inputs))
+    kernel = Kernel(symbols, [se.Add(*(float(f) * s for f, s in zip(row, symbols, strict=True))) for row in factors])
+    gather, to = slots(rng, size, points * inputs).reshape(points, inputs), slots(rng, size, points * count)
+    to, first = to.reshape(points, count), int(slots(rng, size, 1)[0])
+    if rng.random() < 0.05:
+        to = to[: points - 1] if rng.random() < 0.5 else np.zeros((points, width + 1), dtype=int)
+
+    def applied(W):
+        for r in range(points):
+            at = first + r * width
+            W[at : at + width] = factors @ W[gather[r]]
+            for k in range(count):
+                W[to[r, k]] += W[at + k]
+
+    return lambda ops: ops.hand_on(kernel, gather, to, first), applied
+
+
+def test_random_passes_are_refused_or_right():
+    rng = np.random.default_rng(8)
+    refused = right = 0
+    for _ in range(max(COUNT // 10, 20)):
+        size = int(rng.integers(1, 60))
+        operations, expected = Operations(size), rng.normal(size=size)
+        W, made = expected.copy(), [random_pass(rng, size), random_map(rng, size)]
+        try:
+            for state, _ in made:
+                state(operations)
+            assert run(operations, W) == (0, -1)
+        except ValueError:
+            refused += 1
+            continue
+        for _, applied in made:
+            applied(expected)
+        assert pytest.approx(expected, rel=1e-9, abs=1e-12) == W
+        right += 1
+    assert min(refused, right) > 5
 
 
 def test_random_tables_are_refused_or_right():
@@ -168,7 +213,7 @@ def test_a_velocity_without_inertia_is_named():
     s.rigid_body("b", 1.0, (1.0, 1.0, 1.0), at=(1, 0, 0))
     system = s.system(mb.ODE())
     M, out = system.assembly.constant_mass, np.zeros(system.n)
-    M[4] = M[:, 4] = 0.0
+    M[4, 4] = 0.0
     with pytest.raises(mb.SolverError, match=r"the motion of b\.omega has no inertia"):
         system.rhs(0.0, system.y0, out)
     with pytest.raises(mb.SolverError, match=r"the motion of b\.omega has no inertia"):

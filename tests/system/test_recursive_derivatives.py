@@ -47,7 +47,7 @@ def test_jacobian_of_the_program_by_complex_step(scene: Callable[[], mb.Scene]) 
     """All rows and motions by all inputs; F(x + 1e-30 i) has no cancellation."""
     prepared, rng, step = prepare(scene()), np.random.default_rng(12), 1e-30
     for tree in prepared.all_bodies.moved.trees:
-        plan = tree_plan(tree.structure)
+        plan = tree_plan(tree.structure).programmed
         run, values = evaluated(plan), inputs(prepared, tree, plan, rng)
         outputs = [*plan.rows, *plan.motion]
         seeds = [symbol for symbol, place in plan.places.items() if place[0] in SEEDS]

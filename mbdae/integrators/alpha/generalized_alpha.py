@@ -30,6 +30,7 @@ class _Alpha(Stepped):
 
     order: ClassVar[int] = 2
     highest_index: ClassVar[int] = 3
+    restarts: ClassVar[bool] = False
     orders: ClassVar[dict[str, dict[str, tuple[int, int, int]]]] = {
         label: dict.fromkeys(("GGL", "Index3", "Index1"), SECOND) for label in ("GeneralizedAlpha", "HHT")
     }

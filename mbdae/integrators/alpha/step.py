@@ -17,8 +17,8 @@ from math import inf, isfinite
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
+from mbdae.deferred import sp
 from mbdae.integrators.constant import StepFailedError
 from mbdae.integrators.dense import cubic
 from mbdae.integrators.matrices.iteration import as_csc, inverse_or_one
@@ -95,6 +95,11 @@ class AlphaStep:
         self._factored, self._by_s, self._correction = 0.0, 0.0, np.zeros(len(self._x))
         self._old: tuple[float, Array] | None = None
         self._states, self._straight = ns > 0, np.arange(system.n) >= ends[2]
+
+    def revive(self, kept: dict[str, Any]) -> None:
+        """Have factors where a state that was kept has some."""
+        if kept["_factors"] is not None:
+            self._factors = Factors(Orders(*self._pattern()), float)
 
     # -- the equations of a step
 

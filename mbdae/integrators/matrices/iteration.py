@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bmat, csc_matrix
-from scipy.sparse.linalg import splu
 
+from mbdae.deferred import bmat, csc_matrix, splu
 from mbdae.integrators.matrices.ordering import searches
 from mbdae.native.sparse import Entries, Matrix, Order, SingularMatrixError
 from mbdae.system.base import Array, Kept, System
@@ -51,6 +50,19 @@ class IterationMatrix(Matrix):
         """Evaluate both Jacobian parts."""
         values = self.system.jacobian_parts if self.system.pattern is None else self.system.jacobian_values
         self.fy[:], self.fyp[:] = (part.ravel(order="F") for part in values(t, y, yp))
+
+
+def kept_order(system: System) -> list[NDArray[np.int64]] | None:
+    """Rows and columns of the pivots of the order that `system` keeps; None where it keeps none."""
+    order = None if system.kept is None else system.kept.get("order")
+    return None if order is None else [order.rows, order.columns]
+
+
+def keep_order(system: System, pivots: list[NDArray[np.int64]] | None) -> None:
+    """Have a system keep an order, unless it has one already."""
+    pattern = system.sparsity if system.pattern is None else system.pattern
+    if pivots is not None and system.kept is not None and "order" not in system.kept:
+        system.kept["order"] = Order(_entries(system, pattern), *pivots)
 
 
 def _entries(system: System, pattern: Any) -> Entries:

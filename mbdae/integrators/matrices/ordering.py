@@ -7,16 +7,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_matrix, identity
-from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
 
+from mbdae.deferred import connected_components, csc_matrix, identity, splu
 from mbdae.native.sparse import Entries, Order, Searches
 
 #: unknowns with an easily inverted block of their own: stresses by their compliance, positions by q' = H u
 FIRST = ("z", "q")
-#: unknowns up to which two orders may be compared, and multiplications of a factorisation for which one is not sought further
+#: unknowns up to which two orders of a matrix with stresses may be compared (the largest pivots fill it), and multiplications of
+#: a factorisation for which one is not sought further
 FEW, CHEAP = 600, 15_000
+COUPLED = 2  #: entries of the inverse of the block of the positions, over those of a larger matrix, above which they are not
+#: eliminated first: in space the positions of all bodies that joints connect are one block
 LARGE = 0.1  #: pivots on the diagonal above this part of the largest fill a third to a half of what the largest ones fill
 THRESHOLD = 1e-8  #: a pivot stays on the diagonal unless it is smaller than this times the largest: others fill the factors of a
 #: stiff beam (0.24 s instead of 0.007 s for 1000 elements), because its compliances are small beside its strains
@@ -28,7 +29,7 @@ def searches(kinds: Sequence[str]) -> Searches:
     that of the largest."""
 
     def cheaper(entries: Entries, values: NDArray[Any]) -> Order | None:
-        by_pivots = _largest_pivots(entries, values) if entries.n <= FEW else None
+        by_pivots = None if "z" in kinds and entries.n > FEW else _largest_pivots(entries, values)
         if by_pivots is not None and by_pivots.work <= CHEAP:
             return by_pivots
         by_kinds = _stresses_first(kinds, entries, values)
@@ -76,7 +77,10 @@ def elimination_order(matrix: csc_matrix, kinds: Sequence[str]) -> NDArray[np.in
     def block(rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Any:
         return pattern[rows][:, columns]
 
-    by_rest = _closure(block(q, q)) @ block(q, rest)  # positions in terms of the rest
+    closure = _closure(block(q, q), COUPLED * matrix.nnz if matrix.shape[0] > FEW else matrix.shape[0] ** 2)
+    if closure is None:
+        return None
+    by_rest = closure @ block(q, rest)  # positions in terms of the rest
     left = block(rest, rest) + block(rest, q) @ by_rest + block(rest, z) @ (block(z, rest) + block(z, q) @ by_rest)
     left.data[:] = 1.0
     dominant = left + identity(len(rest)) * (2.0 * len(rest))  # pivots on the diagonal: only the pattern matters
@@ -84,8 +88,10 @@ def elimination_order(matrix: csc_matrix, kinds: Sequence[str]) -> NDArray[np.in
     return np.concatenate([z, q, rest[order]])
 
 
-def _closure(pattern: Any) -> Any:
-    """Pattern of the inverse of a block-diagonal matrix: full blocks."""
+def _closure(pattern: Any, most: int) -> Any:
+    """Pattern of the inverse of a block-diagonal matrix: full blocks; None where these have more than `most` entries."""
     count, label = connected_components(pattern, directed=False)
+    if int(np.sum(np.bincount(label).astype(np.int64) ** 2)) > most:
+        return None
     member = csc_matrix((np.ones(len(label)), (label, np.arange(len(label)))), shape=(count, len(label)))
     return member.T @ member

@@ -38,6 +38,7 @@ class Adaptive:
         demand = Demand(rtol, atol, target, 7 + 2 * (stages - 2))
         self.step = CollocationStep(system, table, loop.stats, demand, estimate=True)
         self.system, self.loop, self.rtol, self.control = system, loop, rtol, self.step.run.table
+        self.solved = False  # whether the stages of the next step are
         self.warned, self.failures, self.resist = False, 0, SOON if system.n <= FEW_UNKNOWNS else RESIST
         self.watch = StepWatch.of(loop, lambda y: rtol * np.abs(y) + atol)
         if system.longest_step is not None:
@@ -52,10 +53,11 @@ class Adaptive:
         """Step until the end, or until the loop stops the run."""
         self.control.h = self.first_step() if h0 is None else h0
         self.control.smallest = 1e-12 * self.control.h
+        self.loop.goes_on(self)
         with self.step.run:
-            solved = False
-            while (ended := self._advance(solved)) is not None:
-                solved = self._solved(ended)
+            while (ended := self._advance(self.solved)) is not None:
+                self.solved = self._solved(ended)
+                self.loop.keep(self)
 
     def _advance(self, solved: bool) -> int | None:
         """Make steps and keep those that hide nothing; what ended them, None where the loop ends."""
@@ -64,8 +66,7 @@ class Adaptive:
             control.bound = watch.bound() if closely else watch.bound_of_switches()
             step.run.watch(None if closely or watch.contacts is None else watch.contacts.given())
         before = None if watch is None else step.run.control()
-        made = step.run.steps(step.t, loop.t_end, solved, loop.evaluations_left, self.rows)
-        step.count()
+        made = self._made(solved)
         self._warn()
         count = len(made.t)
         kept = self._kept(watch, made, before) if watch is not None and before is not None and count else count
@@ -83,6 +84,20 @@ class Adaptive:
         if not going:
             return None
         return made.code if kept == count else DONE
+
+    def _made(self, solved: bool) -> Made:
+        """Steps of the method. Where something is watched they are as many as asked for, however long they take: what bounds them
+        is looked at between calls, and may not depend on the clock."""
+        step, loop = self.step, self.loop
+        made = step.run.steps(step.t, loop.t_end, solved, loop.evaluations_left, self.rows)
+        step.count()
+        while self.watch is not None and made.code == DONE and 0 < len(made.t) < self.rows and made.t[-1] < loop.t_end \
+                and loop.evaluations_left >= 0:  # fmt: skip
+            loop.guard()
+            more = step.run.steps(float(made.t[-1]), loop.t_end, False, loop.evaluations_left, self.rows - len(made.t))
+            step.count()
+            made = made.then(more)
+        return made
 
     def _kept(self, watch: StepWatch, made: Made, before: Any) -> int:
         """How many steps may be kept; before the others the run is where it was."""

@@ -42,6 +42,7 @@ class DOP853(Solver):
     error_fall: ClassVar[float] = 0.6
     tightest: ClassVar[dict[str, float]] = {"": 1e-14}
     highest_index: ClassVar[int] = 0
+    restarts: ClassVar[bool] = False
     alternative: ClassVar[str] = ", or use RadauIIA(3)"
 
     def __post_init__(self) -> None:
@@ -73,6 +74,7 @@ class _Run:
         self.equations = rates_of(self.system)
         self.method = Explicit(self.equations, METHOD, radau_table(NODES).c[:-1], rtol, self.atol)
         self.h0 = h0
+        self.rows, self.landing = 1, inf  # most steps of the next call, and the longest (s) of them because of what one hid
 
     def _start(self) -> None:
         loop = self.loop
@@ -89,13 +91,15 @@ class _Run:
         if self.system.longest_step is not None:
             self.method.bound(*self.system.longest_step)
         most = 1 if self.system.looks_at_steps or (watch is not None and watch.contacts is not None) else ROWS
-        rows, landing, going = most if watch is None else min(most, FEW), inf, True
+        self.rows, going = most if watch is None else min(most, FEW), True
+        loop.goes_on(self)
         while going:
-            made = self._made(rows, landing if watch is None else min(watch.bound(), landing))
+            rows = self.rows
+            made = self._made(rows, self.landing if watch is None else min(watch.bound(), self.landing))
             kept = count = len(made.t)
             if watch is not None and count:
-                kept, landing = self._looked_at(watch, made, closely=rows == 1)
-                rows = min(max(2 * rows, FEW), most) if kept == count else 1
+                kept, self.landing = self._looked_at(watch, made, closely=rows == 1)
+                self.rows = min(max(2 * rows, FEW), most) if kept == count else 1
             if kept == 1:
                 going = loop.accept(float(made.t[0]), made.y[0], made.yp[0], made.inner[0])
             elif kept:
@@ -107,12 +111,26 @@ class _Run:
                 raise self._failed()
             if kept < count:
                 self.method.begin(*loop.state, float(made.t[kept] - loop.t))
+            if going:
+                loop.keep(self)
 
     def _made(self, rows: int, longest: float) -> Steps:
-        """Steps of the method; what they cost is counted."""
+        """Steps of the method; what they cost is counted. Where something is watched they are as many as asked for, however long
+        they take: what bounds them is looked at between calls, and may not depend on the clock."""
+        loop = self.loop
+        made = self._advanced(loop.t, rows, longest)
+        while self.watch is not None and not made.code and len(made.t) < rows and made.t[-1] < loop.t_end \
+                and loop.evaluations_left >= 0:  # fmt: skip
+            loop.guard()
+            more = self._advanced(float(made.t[-1]), rows - len(made.t), longest)
+            made = made.then(more)
+        return made
+
+    def _advanced(self, t: float, rows: int, longest: float) -> Steps:
+        """One call of the method."""
         table, stats = self.method.table, self.loop.stats
         before = table.evaluations, table.rejected
-        made = self.method.advance(self.loop.t, self.loop.t_end, self.loop.evaluations_left, rows, longest)
+        made = self.method.advance(t, self.loop.t_end, self.loop.evaluations_left, rows, longest)
         stats.residuals += table.evaluations - before[0]
         stats.rejected += table.rejected - before[1]
         return made

@@ -35,6 +35,7 @@ class CollocationMethod(Solver):
     """
 
     highest_index = 0
+    restarts = False
     rtol: float | None = None
     atol: Any = None
     step: float | None = None

@@ -72,8 +72,8 @@ class SundialsRun(ABC):
         together = watch is None and loop.system.longest_step is None and not loop.system.looks_at_steps
         rows, going = MOST_ROWS if together else 1, True
         while going:
-            made = last.advance((loop.t, *loop.state), loop.last_step, stop_time(loop, watch), loop.t_end, rows,
-                                loop.evaluations_left)  # fmt: skip
+            made = last.advance((loop.t, *loop.state), loop.last_step, stop_time(loop, watch), loop.t_end,
+                                min(rows, loop.room), loop.evaluations_left)  # fmt: skip
             self._count()
             if len(made.t):
                 going = loop.accept_many(made.t, made.y, made.yp, made.pieces) if together else self._keep(made, watch)

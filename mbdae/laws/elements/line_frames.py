@@ -59,9 +59,15 @@ def _carried(first: Array, normal: Array) -> Array:
 
 def quaternions(axes: Array) -> Array:
     """(k, 4) unit quaternions of axes (k, 3, 3), each with a positive dot product with the one before."""
-    from scipy.spatial.transform import Rotation  # 0.1 s that scenes without beams need not spend
-
-    P = Rotation.from_matrix(axes).as_quat()[:, [3, 0, 1, 2]]
+    R, K = np.moveaxis(axes, 0, -1), np.empty((4, 4, len(axes)))  # K = 4 P P^T
+    K[0, 0] = 1 + R[0, 0] + R[1, 1] + R[2, 2]
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        K[i + 1, i + 1] = 1 + R[i, i] - R[j, j] - R[k, k]
+        K[0, i + 1] = K[i + 1, 0] = R[k, j] - R[j, k]
+        K[j + 1, k + 1] = K[k + 1, j + 1] = R[k, j] + R[j, k]
+    largest = np.argmax(np.einsum("iik->ki", K), axis=1)  # that row loses no digits
+    P = np.moveaxis(K, -1, 0)[np.arange(len(axes)), largest]
+    P = P / np.linalg.norm(P, axis=1, keepdims=True)
     first = 1.0 if P[0, 0] >= 0 else -1.0
     flips = np.where(np.einsum("ki,ki->k", P[1:], P[:-1]) < 0, -1.0, 1.0)
     return np.asarray(P * np.cumprod(np.r_[first, flips])[:, None])

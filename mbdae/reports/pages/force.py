@@ -140,7 +140,7 @@ class ElementPage(Page):
     """The law of a body."""
 
     def __init__(self, law: type[Element], structure: Structure) -> None:
-        self.d, self.flat = (derive(law, structure, ((k, Axes.GENERAL),)) for k in (NodeKind.SPATIAL, NodeKind.PLANAR))  # type: ignore[arg-type]
+        self.d, self.flat = (derive(law, structure, ((k, Axes.GENERAL),)) for k in (NodeKind.SPATIAL, NodeKind.PLANAR))
         self.known = letters(law, structure, self.d.law)
         for i, axis in enumerate("xyz"):
             self.known |= {

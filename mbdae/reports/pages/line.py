@@ -59,8 +59,8 @@ class LinePage(Page):
 
     def __init__(self, law: type[LineLaw], structure: Structure) -> None:
         self.cls, self.law, self.record = law, law.symbolic(structure), Record()
-        self.d: LineDerived = derive_line(law, structure, NodeKind.SPATIAL)  # type: ignore[arg-type]
-        self.flat: LineDerived = derive_line(law, structure, NodeKind.PLANAR)  # type: ignore[arg-type]
+        self.d: LineDerived = derive_line(law, structure, NodeKind.SPATIAL)
+        self.flat: LineDerived = derive_line(law, structure, NodeKind.PLANAR)
         K, W = (Vec(*(se.Symbol(f"{name}{i + 1}") for i in range(3))) for name in ("kappa", "spin"))
         self.a = {base.kind: Vector(self.record, {base: se.Integer(1)}) for base in _BASES}
         axes = (self.a["x"], self.a["y"], self.a["z"])

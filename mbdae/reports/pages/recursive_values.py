@@ -58,7 +58,8 @@ class RecursiveValues(LawPage):
     @property
     def hash(self) -> str:
         """sha256 of the program of the tree that is integrated."""
-        return program_fingerprint(self.plan.tree.program, [e for _, e in [*self.plan.rows, *self.plan.motion]])
+        made = self.plan.programmed
+        return program_fingerprint(made.tree.program, [e for _, e in [*made.rows, *made.motion]])
 
     # -- values
 

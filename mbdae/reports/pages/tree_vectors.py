@@ -14,8 +14,7 @@ from mbdae.symbolic.law import Structure
 from mbdae.symbolic.motion import Step
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.tree import TreeProgram, Wrench
-from mbdae.symbolic.tree_motion import Moved, State, Way
-from mbdae.symbolic.tree_structure import Link, TreeStructure
+from mbdae.symbolic.tree_motion import Link, Moved, State, TreeStructure, Way
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
 

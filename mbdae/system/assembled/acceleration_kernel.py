@@ -11,10 +11,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 import symengine as se
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from mbdae.kernels import plan
 from mbdae.native.equations import Equations, Table
@@ -24,8 +22,8 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
-from mbdae.system.assembled.workspace import Workspace, narrow_order
 from mbdae.system.base import Array
+from mbdae.system.motion.workspace import Workspace, narrow_order
 
 VELOCITY, POSITION = "baumgarte_velocity", "baumgarte_position"  #: factors of G u + g_t (1/s) and of g (1/s^2) in the rows
 SPREAD = 1e-5  #: squared independent part of a row of G M^-1/2 below which S has lost too many digits
@@ -104,26 +102,25 @@ class AccelerationKernel(Workspace):
     def _by_cholesky(self, part: Operations, mass: Array) -> None:
         """S lambda = G M^-1 f + c, then u' = M^-1 (f - G^T lambda)."""
         m, nu, rows, columns = self.m, self.nu, self._rows, self._columns
-        inverse = sp.csr_matrix(_inverse(mass))
+        inverse = _inverse(mass)
         h = part.zeros(nu)  # M^-1 f
-        i, j = inverse.nonzero()
-        part.add(h + i, self._F + self.nq + j, -np.asarray(inverse[i, j]).ravel())
-        number = sp.csr_matrix((np.arange(1.0, len(rows) + 1), (rows, columns)), shape=(m, nu))
-        pattern = (abs(number) @ abs(inverse)).tocoo()  # of G M^-1
-        weighted = part.zeros(pattern.nnz)
-        place_of = {cell: k for k, cell in enumerate(zip(pattern.row, pattern.col, strict=True))}
-        terms = [(place_of[r, c], e, v) for e, (r, k) in enumerate(zip(rows, columns, strict=True))
-                 for c, v in zip(inverse[k].indices, inverse[k].data, strict=True)]  # fmt: skip
+        i, j = np.nonzero(inverse)
+        part.add(h + i, self._F + self.nq + j, -inverse[i, j])
+        along = {int(k): np.flatnonzero(inverse[k]).tolist() for k in np.unique(columns)}
+        cells = sorted({(r, c) for r, k in zip(rows.tolist(), columns.tolist(), strict=True) for c in along[k]})  # of G M^-1
+        row, column = np.array(cells, dtype=np.intp).reshape(-1, 2).T
+        weighted, place_of = part.zeros(len(cells)), {cell: k for k, cell in enumerate(cells)}
+        terms = [(place_of[r, c], e, inverse[k, c]) for e, (r, k) in enumerate(zip(rows.tolist(), columns.tolist(), strict=True))
+                 for c in along[k]]  # fmt: skip
         to, entry, value = (np.array(x) for x in zip(*terms, strict=True))
         part.add(weighted + to, self._G + entry.astype(np.intp), value)
-        self._order, place = narrow_order(sp.csr_matrix(pattern) @ abs(number).T)
         by_column: dict[int, list[int]] = {}
         for e, c in enumerate(columns.tolist()):
             by_column.setdefault(c, []).append(e)
-        pairs = [(k, e) for k, c in enumerate(pattern.col.tolist()) for e in by_column.get(c, [])
-                 if place[pattern.row[k]] >= place[rows[e]]]  # fmt: skip
-        left, right = np.array(pairs, dtype=np.intp).T
-        a, b = place[pattern.row[left]], place[rows[right]]
+        pairs = np.array([(k, e) for k, (_, c) in enumerate(cells) for e in by_column.get(c, [])], dtype=np.intp)
+        self._order, place = narrow_order(m, row[pairs[:, 0]], rows[pairs[:, 1]])
+        left, right = pairs[place[row[pairs[:, 0]]] >= place[rows[pairs[:, 1]]]].T
+        a, b = place[row[left]], place[rows[right]]
         width = int((a - b).max(initial=0)) + 1
         S, x, self._diagonal = part.zeros(m * width), part.slots(m), part.slots(m)
         self._factor = S + np.arange(m) * width + width - 1
@@ -135,7 +132,7 @@ class AccelerationKernel(Workspace):
         part.set(self._multipliers + np.arange(m), x + place)
         u = self.rates + self.nq
         part.set(u + np.arange(nu), h + np.arange(nu))
-        part.multiply(u + pattern.col, weighted + np.arange(pattern.nnz), x + place[pattern.row], -1.0)
+        part.multiply(u + column, weighted + np.arange(len(cells)), x + place[row], -1.0)
 
     def _by_lu(self, part: Operations, mass: Array) -> None:
         """The equations of u' and lambda by LU: for masses that are zero, or differ too much."""
@@ -178,12 +175,19 @@ class AccelerationKernel(Workspace):
 
 def _inverse(mass: Array) -> Array:
     """M^-1; exact zeros where M has blocks."""
-    count, label = connected_components(sp.csr_matrix(mass), directed=False)
     inverse = np.zeros_like(mass)
-    for block in range(count):
-        at = np.flatnonzero(label == block)
+    for at in _blocks(mass):
         inverse[np.ix_(at, at)] = np.linalg.inv(mass[np.ix_(at, at)])
     return inverse
+
+
+def _blocks(matrix: Array) -> list[Index]:
+    """The sets of rows and columns of a symmetric matrix that its entries tie together."""
+    label = np.arange(len(matrix))
+    for i, j in np.argwhere(np.triu(matrix, 1)).tolist():
+        if label[i] != label[j]:
+            label[label == label[j]] = label[i]
+    return [np.flatnonzero(label == one) for one in dict.fromkeys(label.tolist())]
 
 
 def _entry(full: Any, target: Target, g: int, i: int, entries: dict[tuple[int, int], int]) -> int:

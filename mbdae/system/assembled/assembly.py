@@ -11,9 +11,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from mbdae.deferred import sp
 from mbdae.kernels import LinearisedPlan, linearised_plan
 from mbdae.kernels.element import ElementJacobian
 from mbdae.kernels.tree_plan import TreePlan
@@ -22,7 +22,6 @@ from mbdae.symbolic.outputs import Target
 from mbdae.system.assembled.evaluation import EquationsOfScene, Scatter
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.assembled.jacobian_entries import Entries, Pattern
-from mbdae.system.assembled.workspace import Loaded
 from mbdae.system.base import Array
 from mbdae.system.model.beams import ElementBatch, Line, batches
 from mbdae.system.model.model import Model
@@ -30,6 +29,8 @@ from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Row
 from mbdae.system.model.trees import Tree
+from mbdae.system.motion.mechanics import LARGE
+from mbdae.system.motion.workspace import Columns, Loaded
 
 #: index of unknowns where stresses are unknowns: velocities of stiff modes and stresses are the derivatives of multipliers
 #: of nearly rigid strains, and their errors are weighed like those
@@ -43,6 +44,8 @@ class Assembly:
 
     open: every parameter of a law stays an input of its kernels (for those who read the operations); else what does not vary in a
     run is evaluated once."""
+
+    has_pattern = True  #: whether its Jacobian has a pattern, or is full
 
     def __init__(self, model: Model, rows: list[Row], spec: FormSpec, sparse: bool | None = None,
                  moved: MovedBodies | None = None, open: bool = False) -> None:  # fmt: skip
@@ -65,7 +68,7 @@ class Assembly:
         live = {(row.group, row.instance) for row in rows}
         for g, group in enumerate(model.groups):
             d = group.derived
-            idle = d.rows and not (d.force or getattr(d.law, "penalty", None))  # a joint whose rows are all met
+            idle = d.rows and not (d.forced or getattr(d.law, "penalty", None))  # a joint whose rows are all met
             active = [i for i in range(len(group.instances))
                       if (g, i) not in moved.replaced and not (idle and (g, i) not in live)]  # fmt: skip
             if active:
@@ -181,8 +184,8 @@ class Assembly:
 
     def _columns(self, g: int, active: list[int], targets: list[Target]) -> NDArray[np.intp]:
         """(instances, targets) slots of unknowns: columns of F_y below n, of F_y' below 2 n, then loaded nodes."""
-        found = [[self.numbering.place(t, g, i) for t in targets] for i in active]
-        return np.array(found, dtype=np.intp).reshape(len(found), len(targets))
+        found = [self.numbering.places(t, g, active) for t in targets]
+        return np.stack(found, axis=1) if found else np.zeros((len(active), 0), dtype=np.intp)
 
     def _add_tree(self, plan: TreePlan, trees: list[Tree], entries: Entries) -> None:
         """Without laws outside that act on it, the kernels of a tree are evaluated like those of any law."""
@@ -216,7 +219,7 @@ class Assembly:
         used = np.unique(np.concatenate([pattern.cells, pattern.fixed_cells]))
         used = used[used < n * n]
         indptr = np.searchsorted(used, np.arange(n + 1) * n)
-        self.pattern = sp.csc_matrix((np.ones(used.size), used % max(n, 1), indptr), shape=(n, n))
+        self.columns = Columns(indptr, used % max(n, 1))
         self.sparsity = self.pattern if sparse else None
         self._dense = used % max(n, 1) * n + used // max(n, 1)
 
@@ -227,6 +230,11 @@ class Assembly:
         self._c = [np.zeros(used.size + 1), np.zeros(used.size + 1)]
         for part, mask in zip(self._c, (~pattern.fixed_dotted, pattern.fixed_dotted), strict=True):
             np.add.at(part, fixed[mask], pattern.fixed[mask])
+
+    @cached_property
+    def pattern(self) -> sp.csc_matrix:
+        """Entries of the Jacobian."""
+        return sp.csc_matrix((np.ones(self.columns.rows.size), self.columns.rows, self.columns.first), shape=(self.n, self.n))
 
     # -- evaluation
 
@@ -243,8 +251,8 @@ class Assembly:
                                 self._place, self._c)  # fmt: skip
         if not self.numbering.m:
             varying = self._open or (bool(self.moved.trees) and bool(self.model.lines))
-            light = not self._inert and not self.constant_mass.any()
-            made.with_rates(self._mass, None if varying else self.constant_mass, self.pattern, light)
+            light = not self._inert and not (self.constant_mass != 0).sum()
+            made.with_rates(self._mass, None if varying else self.constant_mass, self.columns, light)
         return made
 
     def __getstate__(self) -> dict[str, Any]:
@@ -264,15 +272,18 @@ class Assembly:
         self.evaluation.residual_stages(t, y, yp, out)
 
     @cached_property
-    def constant_mass(self) -> Array:
-        """(nu, nu) entries of the mass matrix that do not vary."""
+    def constant_mass(self) -> Any:
+        """(nu, nu) entries of the mass matrix that do not vary; sparse where there are many."""
         nq, nu = self.numbering.nq, self.numbering.nu
-        M = np.zeros((nu, nu))
         p, n = self._pattern, self.n
         rows, columns = p.fixed_cells % n, p.fixed_cells // n
         inside = p.fixed_dotted & (p.fixed_cells < n * n)
         inside &= (rows >= nq) & (rows < nq + nu) & (columns >= nq) & (columns < nq + nu)
-        np.add.at(M, (rows[inside] - nq, columns[inside] - nq), p.fixed[inside])
+        i, j, values = rows[inside] - nq, columns[inside] - nq, p.fixed[inside]
+        if nu > LARGE:
+            return sp.csr_matrix((values, (i, j)), shape=(nu, nu))
+        M = np.zeros((nu, nu))
+        np.add.at(M, (i, j), values)
         return M
 
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
@@ -292,12 +303,19 @@ class Assembly:
         """As `System.jacobian_values`."""
         return self.evaluation.jacobian(t, y, yp)
 
+    def dense_jacobian(self, t: float, y: Array, yp: Array) -> Array:
+        """dF/dy and dF/dy' (2, n, n), of equations of whatever size."""
+        return self._whole(*self.jacobian_values(t, y, yp))
+
+    def _whole(self, fy: Array, fyp: Array) -> Array:
+        dense = np.zeros((2, self.n * self.n))
+        dense[:, self._dense] = fy, fyp
+        return dense.reshape(2, self.n, self.n)
+
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """As `System.jacobian_parts`."""
         fy, fyp = self.jacobian_values(t, y, yp)
         if self.sparsity is not None:
             return fy, fyp
-        dense = np.zeros((2, self.n, self.n))
-        self._write(fy, dense[0])
-        self._write(fyp, dense[1])
+        dense = self._whole(fy, fyp)
         return dense[0], dense[1]

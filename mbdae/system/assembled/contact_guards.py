@@ -12,11 +12,11 @@ import numpy as np
 from mbdae.kernels import plan
 from mbdae.native.contacts import SPEEDS, Contacts
 from mbdae.system.assembled.assembly import Assembly
-from mbdae.system.assembled.workspace import Values
 from mbdae.system.base import Array
 from mbdae.system.motion.impacts import Place, approaches, effective_masses
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.motion.states import gap_outputs
+from mbdae.system.motion.workspace import Values
 from mbdae.system.start.contacts import ExpectedContact
 
 NEAR = 10.0  #: durations of an impact before it from which its effective mass is that of the present position
@@ -82,6 +82,15 @@ class ContactGuards:
                 self._durations[n, mass] = np.broadcast_to(place.law.contact_duration(mass, SPEEDS), SPEEDS.shape)
             found.append(self._durations[n, mass])
         contacts.hold(found, known, self._at, SAME * min(1.0, self._mechanics.model.length))
+
+    def memory(self) -> dict[str, Any]:
+        """The effective masses that are known, and where."""
+        return {"at": self._at.copy(), "places": list(self._masses), "masses": list(self._masses.values())}
+
+    def remember(self, memory: dict[str, Any]) -> None:
+        """Know the effective masses that `memory` told."""
+        self._at, self._last = memory["at"], None
+        self._masses = dict(zip(memory["places"], memory["masses"], strict=True))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -7,14 +7,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from mbdae.native.equations import Equations, Table
 from mbdae.native.program import Operations, address_of, core
 from mbdae.system.assembled.jacobian_entries import Pattern
-from mbdae.system.assembled.workspace import Index, Loaded, Workspace, narrow_order
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
+from mbdae.system.motion.workspace import Columns, Index, Loaded, Workspace, narrow_order
 
 
 class Scatter:
@@ -124,7 +123,7 @@ class EquationsOfScene(Workspace):
         part.multiply(at, factors[pattern.left[kept]], middle[pattern.value[kept]])
         part.multiply(to[kept], at, factors[pattern.right[kept]])
 
-    def with_rates(self, mass: Scatter, constant: Array | None, pattern: sp.csc_matrix, light: bool) -> None:
+    def with_rates(self, mass: Scatter, constant: Any | None, pattern: Columns, light: bool) -> None:
         """y' = f(t, y) too: F at y' = 0, then the mass matrix, which stands in the rows and columns of the velocities.
 
         constant (nu, nu): its entries that do not vary, mass: those that do; None: it is read from the Jacobian with respect
@@ -156,14 +155,13 @@ class EquationsOfScene(Workspace):
         part.positive(np.concatenate(pivots))
         self.order, self.rates_part = np.concatenate(rows) - self.numbering.nq, part
 
-    def _solve_mass(self, part: Operations, mass: Scatter, constant: Array | None, pattern: sp.csc_matrix, nu: int,
+    def _solve_mass(self, part: Operations, mass: Scatter, constant: Any | None, pattern: Columns, nu: int,
                     nq: int) -> None:  # fmt: skip
         operations, first = self.operations, self.rates
-        rows, columns = pattern.indices, np.repeat(np.arange(self.n), np.diff(pattern.indptr))
+        rows, columns = pattern.rows, np.repeat(np.arange(self.n), np.diff(pattern.first))
         inside = (rows >= nq) & (rows < nq + nu) & (columns >= nq) & (columns < nq + nu)
         i, j = rows[inside] - nq, columns[inside] - nq
-        graph = sp.csr_matrix((np.ones(len(i)), (i, j)), shape=(nu, nu))
-        self.order, place = narrow_order(graph + graph.T)
+        self.order, place = narrow_order(nu, np.concatenate([i, j]), np.concatenate([j, i]))
         width = int(np.abs(place[i] - place[j]).max(initial=0)) + 1
 
         def cell(a: Index, b: Index) -> Index:
@@ -172,7 +170,7 @@ class EquationsOfScene(Workspace):
         values = np.zeros(nu * width)
         lower = place[i] >= place[j]
         if constant is not None:
-            np.add.at(values, cell(i, j)[lower], constant[i[lower], j[lower]])
+            np.add.at(values, cell(i, j)[lower], np.asarray(constant[i[lower], j[lower]]).ravel())
         steady = constant is not None and not mass.kernels
         matrix, right = operations.constant(values) if steady else operations.slots(nu * width), operations.slots(nu)
         if not steady:

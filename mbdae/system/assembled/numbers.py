@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mbdae.errors import OptionError
+from mbdae.errors import NotReadError, OptionError
 from mbdae.kernels import linearised_plan
 from mbdae.system.assembled.assembly import Assembly
-from mbdae.system.assembled.workspace import Workspace
 from mbdae.system.base import Numbers
+from mbdae.system.motion.workspace import Workspace
 
 REMEDY = "build a scene for every value, and solve them one by one"
 
@@ -26,7 +26,7 @@ def numbers_of(workspace: Workspace, equations: Assembly, names: Sequence[str]) 
         found = _slots(equations, name)
         fixed = [slot for slot in found if slot not in reads]
         if fixed:
-            raise OptionError(f"numbers: {name} is not read where y' is evaluated (a number that is 0, 1 or -1, or part of a "
+            raise NotReadError(f"numbers: {name} is not read where y' is evaluated (a number that is 0, 1 or -1, or part of a "
                               f"constant, is compiled in): {REMEDY}")  # fmt: skip
         slots += found
         of += [k] * len(found)

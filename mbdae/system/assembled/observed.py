@@ -13,11 +13,11 @@ from mbdae.kernels import plan
 from mbdae.laws.control.observed import Observed, observed_value
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembled.switches import motion_of_all
-from mbdae.system.assembled.workspace import Values
 from mbdae.system.base import Array
 from mbdae.system.model.model import Group, Model, entry_of
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.numbering import Numbering
+from mbdae.system.motion.workspace import Values
 
 
 class Observer:

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
+from mbdae.deferred import sp, splu
 from mbdae.errors import SolverError
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
@@ -101,7 +100,7 @@ class Rates:
     def __init__(self, full: Assembly, differential: int, linear: bool) -> None:
         self.full, self.n, self.linear = full, differential, linear
         self.multipliers = np.zeros(full.n - differential)
-        self._columns = np.repeat(np.arange(full.n), np.diff(full.pattern.indptr))
+        self._columns = np.repeat(np.arange(full.n), np.diff(full.columns.first)) if full.has_pattern else np.arange(full.n)
         self._rate = self._columns < differential
         self._Y, self._Yp, self._R = np.zeros((3, full.n))
 
@@ -112,7 +111,8 @@ class Rates:
     def matrices(self, t: float, y: Array, yp: Array) -> tuple[sp.csc_matrix, sp.csc_matrix]:
         """Derivatives of F by (y', lambda) and by y, at the present multipliers."""
         self.point(y, yp)
-        fy, fyp = self.full.jacobian_values(t, self._Y, self._Yp)
+        by_parts = self.full.jacobian_parts if self.full.pattern is None else self.full.jacobian_values
+        fy, fyp = by_parts(t, self._Y, self._Yp)
         return self._matrix(np.where(self._rate, fyp, fy)), self._matrix(fy)[:, : self.n]
 
     def shares(self, t: float, y: Array) -> Array:
@@ -122,6 +122,8 @@ class Rates:
 
     def _matrix(self, data: Array) -> sp.csc_matrix:
         pattern = self.full.pattern
+        if pattern is None:
+            return sp.csc_matrix(data)
         return sp.csc_matrix((data, pattern.indices, pattern.indptr), shape=pattern.shape)
 
     def solve(self, t: float, y: Array, out: Array) -> None:

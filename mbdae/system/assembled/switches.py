@@ -7,32 +7,33 @@ from functools import cached_property
 import numpy as np
 
 from mbdae.kernels import plan
-from mbdae.symbolic.switches import Switch, known_switches, switch_outputs
-from mbdae.system.assembled.workspace import Loaded, Values
+from mbdae.symbolic.switches import switch_kinds, switch_outputs
+from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array, Switches
 from mbdae.system.model.model import Instance, Model
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.numbering import Numbering
+from mbdae.system.motion.workspace import Loaded, Values
 
 
 def switches_of_model(model: Model, moved: MovedBodies) -> Switches | None:
     """The arguments of a model that solvers have to watch; None where there are none."""
     members = {place for tree in moved.trees for place in tree.members}
     watched = [(g, [i for i in range(len(group.instances)) if (g, i) not in moved.replaced or (g, i) in members])
-               for g, group in enumerate(model.groups) if known_switches(group.derived)]  # fmt: skip
+               for g, group in enumerate(model.groups) if switch_kinds(group.derived)]  # fmt: skip
     watched = [(g, active) for g, active in watched if active]
     if not watched:
         return None
     found = [(model.groups[g].instances[i], s) for g, active in watched for i in active
-             for s in known_switches(model.groups[g].derived)]  # fmt: skip
-    kinds, names = tuple(s.kind for _, s in found), tuple(instance.item for instance, _ in found)
-    weights = np.array([_weight(*pair) for pair in found])
+             for s in switch_kinds(model.groups[g].derived)]  # fmt: skip
+    kinds, names = tuple(kind for _, (kind, _) in found), tuple(instance.item for instance, _ in found)
+    weights = np.array([_weight(instance, exponent) for instance, (_, exponent) in found])
     return Switches(_Arguments(model, moved, watched), kinds, weights, names)
 
 
-def _weight(instance: Instance, switch: Switch) -> float:
+def _weight(instance: Instance, stated: Expr) -> float:
     """Magnitude of the exponent of a power at the numbers of an instance; 1 where it varies and for everything else."""
-    exponent = switch.exponent.subs(dict(instance.numbers))
+    exponent = stated.subs(dict(instance.numbers))
     return 1.0 if exponent.free_symbols else abs(float(exponent))
 
 

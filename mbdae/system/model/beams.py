@@ -7,10 +7,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.deferred import sp
 from mbdae.errors import OptionError, SceneError
 from mbdae.kernels.beam import GyroscopicKernel, load_kernel, mass_blocks, strain_kernel
 from mbdae.kernels.element import ElementKernel

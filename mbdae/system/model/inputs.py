@@ -6,11 +6,16 @@ from dataclasses import dataclass
 
 import symengine as se
 
-from mbdae.inputs.breaks import switches
+from mbdae.inputs.breaks import TOLERANCE, switches
 from mbdae.inputs.resolution import LongestStep, Stretches, resolved
+from mbdae.inputs.timed import sided, split, used
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.outputs import insert, loads
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model
+
+SHARE = 0.02  #: what a step may leave out of a table, part of its range, over the accuracy of the run
 
 
 @dataclass(frozen=True)
@@ -32,18 +37,21 @@ class Timeline:
         break alone. With a smaller share every interval between two breaks bounds the step too."""
         if share == 1 and not self.varies:
             return None
-        return LongestStep(self.stretches.edges, share)
+        return LongestStep(self.stretches.edges, share, self.stretches.kinks)
 
     @property
     def varies(self) -> bool:
         """Whether some input varies within a stretch that is shorter than the intervals between breaks."""
-        return len(self.stretches.edges) > len(self.edges)
+        return len(self.stretches.edges) > len(self.edges) or len(self.stretches.kinks) > 0
 
     def summary(self) -> str:
         """One line for `check`."""
         found = []
         if len(self.breaks):
             found.append(f"{len(self.breaks)} break{'s' * (len(self.breaks) > 1)}, the first at t = {self.breaks[0]:.6g} s")
+        kinks = self.stretches.kinks
+        if len(kinks):
+            found.append(f"{len(kinks)} kink{'s' * (len(kinks) > 1)} of tables, the first at t = {kinks[0]:.6g} s")
         if self.varies:
             finest, where = self.stretches.finest
             found.append(f"finest change within {finest:.2g} s, at t = {where:.6g} s")
@@ -52,16 +60,29 @@ class Timeline:
 
 def expressions_of(model: Model) -> tuple[Expr, ...]:
     """Every expression of time in a model, once."""
-    found = [value for _, _, instance in model.instances() for value in instance.timed.values()]
-    found += [value for line in model.lines for value in line.timed.values()]
-    return tuple(dict.fromkeys(se.sympify(value) for value in found))
+    found = [e for g, _, instance in model.instances() for value in instance.timed.values()
+             for e in used(value, by_rates(model.groups[g].derived))]  # fmt: skip
+    found += [se.sympify(value) for line in model.lines for value in line.timed.values()]
+    return tuple(dict.fromkeys(found))
 
 
-def timeline(model: Model, t0: float, t1: float) -> Timeline | None:
-    """Of a run from t0 to t1; None where no input switches or varies by itself."""
+def by_rates(d: Derived) -> bool:
+    """Whether the equations of a law hold derivatives of its inputs of time: those of prescribed motions, or of a damper with an
+    end that an input moves."""
+
+    def in_loads() -> bool:
+        rates = set(d.variation.clock.values())
+        return any(rates & e.free_symbols for e in insert(d, [e for _, e in loads(d)]))
+
+    return bool(d.rows) or bool(d.noted(f"{__name__}.by_rates", in_loads))
+
+
+def timeline(model: Model, t0: float, t1: float, accuracy: float | None = None) -> Timeline | None:
+    """Of a run from t0 to t1; None where no input switches or varies by itself. accuracy: at which the run aims, None where its
+    steps are constant."""
     expressions = expressions_of(model)
     if not expressions:
         return None
-    found = Timeline(*resolved(expressions, t0, t1))
-    switching = any(switches(e) for e in expressions)
+    found = Timeline(*resolved(expressions, t0, t1, TOLERANCE if accuracy is None else SHARE * accuracy))
+    switching = any(switches(e) or split((sided(e),)).readings for e in expressions)
     return found if switching or found.varies else None

@@ -30,9 +30,11 @@ class JointMotion:
 
     def _direction(self, step: Step) -> Array:
         """Its axis as drawn (3,)."""
-        return np.asarray(self._axes @ np.array([float(c) for c in step.axis]))
+        return np.asarray(self._axes @ [float(c) for c in step.axis])
 
     def _amount(self, e: Any, values: dict[str, float]) -> float:
+        if e.is_Symbol and str(e) != "t":  # as most amounts
+            return float(values.get(str(e), 0.0))
         numbers = {s: values.get(str(s), 0.0) for s in e.free_symbols if str(s) != "t"}
         found = e.subs(numbers)
         return timed.value_at(found, self._t) if found.free_symbols else real_value(found)
@@ -42,11 +44,14 @@ class JointMotion:
         place relative to l where it is not outwards."""
         P, r = NO_TURN, np.zeros(3)
         for step in self._steps:  # free rotations start at 0
-            amount, axis = self._amount(step.amount, values), self._direction(step)
-            if amount and step.turns:
+            amount = self._amount(step.amount, values)
+            if not amount:
+                continue
+            axis = self._direction(step)
+            if step.turns:
                 dP = turned(NO_TURN, amount * axis)
                 P, r = quaternion_product(P, dP), r + rotation_matrices(P) @ (self.at - rotation_matrices(dP) @ self.at)
-            elif amount:
+            else:
                 r = r + rotation_matrices(P) @ (amount * axis)
         if outwards:
             return P, r
@@ -80,7 +85,8 @@ class JointMotion:
             amount = self._amount(step.amount, values)
             rate = sum(self._amount(se.diff(step.amount, se.Symbol(c)), values) * r for c, r in rates.items())
             if step.turns:
-                w, P = w + rate * axis, quaternion_product(P, turned(NO_TURN, amount * self._direction(step)))
+                P = quaternion_product(P, turned(NO_TURN, amount * self._direction(step))) if amount else P
+                w = w + rate * axis
             else:
                 way, v = way + amount * axis, v + rate * axis + np.cross(w, amount * axis)
         return way, v, w

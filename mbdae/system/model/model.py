@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import inf, isnan, nan
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -15,13 +15,14 @@ from mbdae.errors import LawError, SceneError
 from mbdae.laws.elements import BeamNode, JointCoordinate, PointMass, RigidBody
 from mbdae.laws.forces import Gravity
 from mbdae.scene.beams import mesh_of
-from mbdae.scene.components import Beam, Body, Clearance, Connection, Station
+from mbdae.scene.components import Array, Beam, Body, Clearance, Connection, Station
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Structure
 from mbdae.system.model.beams import Line, meshed
+from mbdae.system.model.condition_time import ConditionTime
 from mbdae.system.model.feedback import Scenery, fed_into
 from mbdae.system.model.joint_motion import JointMotion
 from mbdae.system.model.nodes import Node
@@ -61,33 +62,22 @@ class Group:
         """Numbers of the frames among the nodes of an instance, by their names."""
         return {f.side: n for n, f in enumerate(self.derived.frames)}
 
+    @cached_property
+    def names_of_numbers(self) -> dict[str, int]:
+        """Names of the numbers of its laws, with their columns in `numbers`."""
+        return {name: n for n, name in enumerate(dict.fromkeys(name for i in self.instances for name in i.numbers))}
 
-class ConditionTime:
-    """Time at which conditions of inputs (t < 1 and the like) are evaluated: `time`, inside the part of a run between two breaks;
-    None: just after the time of every evaluation, but before `end`, the end of the run."""
+    @cached_property
+    def numbers(self) -> Array:
+        """(instances, names) numbers of its laws; NaN where a law has none of that name."""
+        names = self.names_of_numbers
+        rows = [[i.numbers.get(name, nan) for name in names] for i in self.instances]
+        return np.array(rows, dtype=float).reshape(len(rows), len(names))
 
-    def __init__(self) -> None:
-        self.read = np.array([nan, inf])  #: both, as the native evaluation reads them; NaN for None
-
-    @property
-    def time(self) -> float | None:
-        """The time in the present part of a run, s."""
-        return None if isnan(self.read[0]) else float(self.read[0])
-
-    @time.setter
-    def time(self, value: float | None) -> None:
-        """Set it, s."""
-        self.read[0] = nan if value is None else value
-
-    @property
-    def end(self) -> float:
-        """The end of the run, s."""
-        return float(self.read[1])
-
-    @end.setter
-    def end(self, value: float) -> None:
-        """Set it, s."""
-        self.read[1] = value
+    def side(self, name: str) -> list[Node]:
+        """The nodes of one frame of all its laws."""
+        n = self.side_numbers[name]
+        return [i.nodes[n] for i in self.instances]  # type: ignore[misc]
 
 
 @dataclass(frozen=True)
@@ -108,12 +98,12 @@ class Model:
     scenery: Any = None  #: by which sensors are found, see `Scenery`
     conditions: ConditionTime = field(default_factory=ConditionTime)
 
-    @property
+    @cached_property
     def nq(self) -> int:
         """Number of position unknowns."""
         return sum(n.kind.sizes[0] for n in self.nodes)
 
-    @property
+    @cached_property
     def nu(self) -> int:
         """Number of velocity unknowns."""
         return sum(n.kind.sizes[1] for n in self.nodes)
@@ -131,14 +121,18 @@ class Model:
         """The nodes and elements of a beam."""
         return next((line for line in self.lines if line.beam is beam), None)
 
-    @property
+    @cached_property
     def joint_coordinates(self) -> list[Node]:
         """Coordinates of joints that keep them as unknowns."""
         return [n for n in self.nodes if n.body is None]
 
     def coordinate_node(self, joint: str, coordinate: str) -> Node | None:
         """A joint's coordinate that is an unknown of its own; None where it is not."""
-        return next((n for n in self.joint_coordinates if (n.joint, n.coordinate) == (joint, coordinate)), None)
+        return self._by_coordinate.get((joint, coordinate))
+
+    @cached_property
+    def _by_coordinate(self) -> dict[tuple[str, str], Node]:
+        return {(n.joint, n.coordinate): n for n in self.joint_coordinates}
 
     @property
     def recursive(self) -> list[Connection]:
@@ -153,7 +147,11 @@ class Model:
 
     def node(self, body: Body) -> Node | None:
         """The node of a body, None for the ground and for a beam as a whole."""
-        return next((n for n in self.nodes if n.body is body), None)
+        return self._by_body.get(body)
+
+    @cached_property
+    def _by_body(self) -> dict[Body, Node]:
+        return {n.body: n for n in self.nodes if n.body is not None}
 
 
 def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
@@ -260,6 +258,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
             q, u = q + kind.sizes[0], u + kind.sizes[1]
     by_coordinate = {(n.joint, n.coordinate): n for n in nodes if n.body is None}
     scenery = Scenery(scene, planar, by_body, by_coordinate, meshes, attached, lambda c: laws_of(c, kept)[0])
+    joints = {c.name: c for c in scene.joints}
     groups: dict[Any, Group] = {}
     vanished: list[str] = []
     undefined: list[str] = []
@@ -271,7 +270,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
             derived = derive(*key)
             vanished += [f"{item}.{row}" for row in derived.vanished]
             undefined += [f"{item}.{row}" for row in derived.undefined]
-            if isinstance(law, Joint) and not scene[item].loose:
+            if isinstance(law, Joint) and not joints[item].loose:
                 refused += without_rows(item, derived)
             if law.drives().keys() & set(derived.vanished):
                 refused.append(f"'{item}': the prescribed motion has no effect: a point mass has no orientation; "

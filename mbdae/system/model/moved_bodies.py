@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.kernels.tree_plan import Piece, TreePlan, tree_plan
+from mbdae.kernels.tree_plan import MOST_SOLVED, Piece, TreePlan, tree_plan
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.tree import OPERATIONS
 from mbdae.system.model.model import Instance, Model
@@ -21,6 +21,9 @@ from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.model.shared_nodes import Sharing, shared_displacements
 from mbdae.system.model.trees import Place, Tree
+
+MOST_FULL = 600  #: unknowns up to which a full Jacobian costs less than the sparse one of kinematic joints
+SURELY = 64  #: rates of a tree from which a kernel of the whole of it is not tried
 
 
 def acting_on(instance: Instance) -> list[Node]:
@@ -30,9 +33,12 @@ def acting_on(instance: Instance) -> list[Node]:
 
 
 class MovedBodies:
-    """The trees of a model: the nodes they move, the laws that their kernels replace, loaded nodes, nodes that share unknowns."""
+    """The trees of a model: the nodes they move, the laws that their kernels replace, loaded nodes, nodes that share unknowns.
 
-    def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True) -> None:
+    ordered: the trees are evaluated joint by joint, not by a kernel of the whole tree; alone: so, and no constraint is left."""
+
+    def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True, ordered: bool = False) -> None:
+        self.ordered = ordered
         self.nodes = tuple(n for tree in trees for n in tree.moved_nodes)
         moved = set(self.nodes)
         inside = {place for tree in trees for place in (*tree.joints, *tree.members)}
@@ -42,6 +48,7 @@ class MovedBodies:
         loaded = {n for g, i, nodes in outside if (g, i) not in idle for n in nodes if n in moved}
         loaded |= {n for line in model.lines for n in line.nodes if n in moved}
         self.replaced = frozenset(inside | idle)
+        self.alone = ordered and not _rows_left(model, self.replaced)
         self.loaded = tuple(n for n in self.nodes if n in loaded)
         self.trees = [tree.loaded(loaded) for tree in trees]
         not_shared = moved | {n for tree in trees for n in tree.nodes[1:] if n}
@@ -68,8 +75,8 @@ class MovedBodies:
                          self.constants, self.sharing, numbers or {})  # fmt: skip
 
     def plans(self) -> list[tuple[TreePlan, list[Tree]]]:
-        """Plan and trees of equal structure."""
-        return [(tree_plan(structure), trees) for structure, trees in self._groups.items()]
+        """Plan and trees of equal structure, of trees that have kernels of their own."""
+        return [] if self.ordered else [(tree_plan(structure), trees) for structure, trees in self._groups.items()]
 
     def gather(self, numbering: Numbering, piece: Piece, trees: list[Tree]) -> NDArray[np.intp]:
         """(trees, inputs) slots a kernel reads."""
@@ -92,11 +99,36 @@ class MovedBodies:
         return numbering.slot(g, i, name)
 
 
+def by_order(model: Model, moved: MovedBodies) -> bool:
+    """Whether trees are evaluated joint by joint: they are large, without beams, and no other law reads a coordinate that is
+    prescribed. Beside constraints only where a kernel of the whole tree is too large, and the Jacobian, which is full, is not."""
+    many = any(_freedoms(tree) > MOST_SOLVED for tree in moved.trees)
+    if model.lines or acted_on_while_prescribed(moved):
+        return False
+    left = _rows_left(model, moved.replaced)
+    if left:
+        carried = set(moved.nodes)
+        unknowns = 2 * left + sum(sum(n.kind.sizes) for n in model.nodes if n not in carried)
+        return unknowns <= MOST_FULL and bool(too_large(moved))
+    return many or bool(too_large(moved))
+
+
+def _freedoms(tree: Tree) -> int:
+    return sum(n.kind.sizes[1] for n in tree.coordinates)
+
+
+def _rows_left(model: Model, replaced: frozenset[Place]) -> int:
+    """Number of constraint rows of laws that no tree replaces."""
+    return sum(len(model.groups[g].derived.rows) for g, i, _ in model.instances() if (g, i) not in replaced)
+
+
 def too_large(moved: MovedBodies) -> dict[str, str]:
     """Joints of trees whose equations take more operations than are worth compiling at once, and why."""
     found: dict[str, str] = {}
     for tree in moved.trees:
         try:
+            if _freedoms(tree) > SURELY:
+                raise OverflowError
             tree_plan(tree.structure)
         except OverflowError:
             why = (f"the equations of its tree of {len(tree.joints)} recursive joints take more than {OPERATIONS} operations, "

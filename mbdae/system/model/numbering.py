@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import accumulate
 from typing import Any
 
@@ -13,12 +13,11 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.inputs import timed
-from mbdae.kernels import Kernel
 from mbdae.kernels.plan import Inputs
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.outputs import Target
-from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
+from mbdae.system.model.clock import clock
 from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.shared_nodes import Sharing
@@ -66,12 +65,6 @@ def constraint_rows(model: Model) -> list[Row]:
     return sorted(rows, key=lambda row: order[model.groups[row.group].instances[row.instance].item])
 
 
-@lru_cache(maxsize=64)
-def _clock(values: tuple[Expr, ...]) -> Kernel:
-    """The kernel of prescribed values: one for all numberings of a scene, which are several in a run."""
-    return Kernel([timed.TIME, timed.SIDE], values)
-
-
 class Numbering:
     """Where every number stands: y = (q, u, s, z, lambda, mu), without the blocks that a form does not have, and the workspace.
 
@@ -88,7 +81,8 @@ class Numbering:
                  replaced: frozenset[tuple[int, int]] = frozenset(), constants: Sequence[float] = (),
                  sharing: Sharing | None = None, numbers: Mapping[str, float] | None = None) -> None:  # fmt: skip
         self.model, self.rows, self.derivatives, self.m = model, rows, derivatives, len(rows)
-        self.free = [node for node in model.nodes if node not in set(moved)]
+        carried = set(moved)
+        self.free = [node for node in model.nodes if node not in carried]
         self._place: dict[str, tuple[int, int]] = {}
         self.nq = self.nu = 0
         self._sharing = sharing or Sharing()
@@ -96,8 +90,10 @@ class Numbering:
             self._place[node.name] = self.nq, self.nu
             self.nq += node.kind.sizes[0] - self._own(node, "q")
             self.nu += node.kind.sizes[1] - self._own(node, "u")
-        self.states = {(g, i, j): f"{instance.item}.{name}" for g, i, instance in model.instances() if (g, i) not in replaced
-                       for j, name in enumerate(model.groups[g].derived.states)}  # fmt: skip
+        with_states = [(g, group, group.derived.states) for g, group in enumerate(model.groups) if group.derived.states]
+        self.states = {(g, i, j): f"{instance.item}.{name}" for g, group, states in with_states
+                       for i, instance in enumerate(group.instances) if (g, i) not in replaced
+                       for j, name in enumerate(states)}  # fmt: skip
         self._state = {key: n for n, key in enumerate(self.states)}
         self._kept_state = {model.groups[g].instances[i].item: n for (g, i, _), n in self._state.items()
                             if model.groups[g].instances[i].law.keeps_states}  # fmt: skip
@@ -113,6 +109,7 @@ class Numbering:
             self._loaded[node.name] = self.first_input
             self.first_input += 2 * node.kind.sizes[0] + 3 * node.kind.sizes[1]
         self._gathers: dict[Any, NDArray[np.intp]] = {}
+        self._places: dict[tuple[int, Target], NDArray[np.intp]] = {}
         self._slots: dict[tuple[int, int, str], int] = {}
         self.form_numbers = dict(numbers or {})
         self._clock_values = self._collect_prescribed()
@@ -122,7 +119,7 @@ class Numbering:
         self.further = self._add(constants)
         self._at = {name: self._add(position) for name, position in self._sharing.fixed_position.items()}
         self._turned = {name: self._add(rotation) for name, rotation in self._sharing.fixed_rotation.items()}
-        self.clock = _clock(tuple(self._clock_values))
+        self.clock = clock(tuple(self._clock_values))
         self.width = self._first_constant + len(self._constants) + 1
 
     def _collect_prescribed(self) -> list[Any]:
@@ -143,9 +140,8 @@ class Numbering:
         return values
 
     def _collect_numbers(self) -> None:
-        """Give every number of the laws and of the form a slot."""
-        for g, i, instance in self.model.instances():
-            self._slots |= {(g, i, name): self._add([number]) for name, number in instance.numbers.items()}
+        """Give every number of the laws and of the form a slot; those of a law stand one behind the other."""
+        self._numbers_at = [self._add(group.numbers.ravel().tolist()) for group in self.model.groups]
         self._slots |= {(-2, 0, name): self._add([number]) for name, number in self.form_numbers.items()}
 
     def _add(self, numbers: Iterable[float]) -> int:
@@ -179,6 +175,10 @@ class Numbering:
 
     def node_place(self, head: str, node: Node, component: int) -> int:
         """Slot of an entry of a node: "q", "u", their rates "qp", "up"; for loaded nodes also their rows "wq", "wu"."""
+        name = node.name
+        if name not in self._loaded and not self._sharing.has(name):  # as most nodes of large scenes
+            q, u = self._place[name]
+            return (q if head[0] == "q" else self.nq + u) + component + (self.n if head[-1] == "p" else 0)
         nq, nu = node.kind.sizes
         if node.name in self._loaded:
             parts = {"q": 0, "u": nq, "up": nq + nu, "wq": nq + 2 * nu, "wu": 2 * (nq + nu)}
@@ -232,13 +232,36 @@ class Numbering:
         """Place among the unknowns of the state of an item that has one for others to read."""
         return self.start["s"] + self._kept_state[item]
 
+    def places(self, target: Target, g: int, active: Sequence[int] | None = None) -> NDArray[np.intp]:
+        """The same (instances,) of many instances of a group, by default all."""
+        key, group = (g, target), self.model.groups[g]
+        if active is not None and len(active) < len(group.instances):
+            return np.array([self.place(target, g, i) for i in active], dtype=np.intp)
+        if key not in self._places:
+            if target[0] in ("q", "u", "qp", "up"):
+                head, side, component = target
+                found = [self.node_place(head, node, component) for node in group.side(side)]
+            else:
+                found = [self.place(target, g, i) for i in range(len(group.instances))]
+            self._places[key] = np.array(found, dtype=np.intp)
+        return self._places[key]
+
+    def velocities(self, target: Target, g: int) -> NDArray[np.intp]:
+        """(instances,) numbers among the velocities of a target ("u" or another head, side, component)."""
+        return self.places(("u", *target[1:]), g) - self.nq
+
+    def row_numbers(self, g: int, r: int) -> NDArray[np.intp]:
+        """(instances,) numbers of a constraint row of a law, -1 where it is dropped."""
+        return np.array([self._row.get((g, i, r), -1) for i in range(len(self.model.groups[g].instances))], dtype=np.intp)
+
     def velocity(self, target: Target, g: int, i: int) -> int:
         """Number among the velocities of a target ("u" or another head, side, component)."""
         return self.place(("u", *target[1:]), g, i) - self.nq
 
     def slot(self, g: int, i: int, name: str) -> int:
         """Slot of a parameter of an instance, or of a value or rate of a prescribed one; group -1: a load on a beam."""
-        return self._slots[g, i, name]
+        at = self.model.groups[g].names_of_numbers if g >= 0 else {}
+        return self._numbers_at[g] + i * len(at) + at[name] if name in at else self._slots[g, i, name]
 
     def row(self, g: int, i: int, r: int) -> int | None:
         """Number of a constraint row, None where it is dropped."""
@@ -253,22 +276,30 @@ class Numbering:
         return self._gathers[key]
 
     def _gathered(self, g: int, inputs: Inputs, chosen: tuple[int, ...]) -> NDArray[np.intp]:
-        table = np.empty((len(chosen), len(inputs.symbols)), dtype=np.intp)
-        for row, i in enumerate(chosen):
-            for j, target in enumerate(inputs.unknowns):
-                table[row, j] = self.place(target, g, i) % self.width  # -1: the zero at the end
-            for j, name in enumerate(inputs.parameters, start=len(inputs.unknowns)):
-                table[row, j] = self._slots[-2, 0, name] if name in self.form_numbers else self._slots[g, i, name]
-        return table
+        at = np.array(chosen, dtype=np.intp)
+        columns = [self.places(target, g, chosen) % self.width for target in inputs.unknowns]  # -1: the zero at the end
+        for name in inputs.parameters:
+            if name in self.form_numbers:
+                columns.append(np.full(len(at), self._slots[-2, 0, name]))
+            elif name in self.model.groups[g].names_of_numbers:
+                columns.append(self.slot(g, 0, name) + at * len(self.model.groups[g].names_of_numbers))
+            else:
+                columns.append(np.array([self._slots[g, i, name] for i in chosen], dtype=np.intp))
+        return np.stack(columns, axis=1) if columns else np.empty((len(at), 0), dtype=np.intp)
 
     def numbers(self, g: int, inputs: Inputs) -> Array:
         """(instances, parameters) values of constant parameters."""
-        instances, known = self.model.groups[g].instances, self.form_numbers
-        values = np.array([[(known | instance.numbers)[name] for name in inputs.parameters] for instance in instances])
-        return values.reshape(len(instances), len(inputs.parameters))
+        group, known = self.model.groups[g], self.form_numbers
+        columns = [group.numbers[:, group.names_of_numbers[name]] if name in group.names_of_numbers
+                   else np.full(len(group.instances), known[name]) for name in inputs.parameters]  # fmt: skip
+        return np.stack(columns, axis=1) if columns else np.empty((len(group.instances), 0))
 
     def scaling(self) -> Array:
         """(m,) scaling of every constraint row (paper Eq. 2), 1 where its joint has none."""
+        return self._scaling
+
+    @cached_property
+    def _scaling(self) -> Array:
         return np.array([self.model.groups[r.group].instances[r.instance].numbers.get("scaling", 1.0) for r in self.rows])
 
     def rows_among(self, rows: list[Row]) -> NDArray[np.intp]:

@@ -10,6 +10,10 @@ from mbdae.system.base import Array
 
 def quaternion_product(a: Array, b: Array) -> Array:
     """a o b for arrays (..., 4)."""
+    if a.ndim == b.ndim == 1:  # as below; numbers by themselves are much faster than arrays of four
+        (s, x, y, z), (t, u, v, w) = a.tolist(), b.tolist()
+        return np.array([s * t - (x * u + y * v + z * w), s * u + t * x + (y * w - z * v), s * v + t * y + (z * u - x * w),
+                         s * w + t * z + (x * v - y * u)])  # fmt: skip
     scalar = a[..., :1] * b[..., :1] - np.sum(a[..., 1:] * b[..., 1:], axis=-1, keepdims=True)
     vector = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
     return np.concatenate([scalar, vector], axis=-1)
@@ -25,13 +29,13 @@ def turned(P: Array, rotation: Array) -> Array:
 def rotation_matrices(P: Array) -> Array:
     """R (..., 3, 3) of quaternions (..., 4) of any length."""
     p = P / np.linalg.norm(P, axis=-1, keepdims=True)
-    w, x, y, z = np.moveaxis(p, -1, 0)
+    w, x, y, z = p.tolist() if p.ndim == 1 else np.moveaxis(p, -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return np.array(rows) if p.ndim == 1 else np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def quaternion(R: Array) -> Array:

@@ -41,6 +41,10 @@ class Sharing:
         """Names of the nodes without displacement unknowns of their own."""
         return self.displacement_of.keys() | self.fixed_position.keys()
 
+    def has(self, name: str) -> bool:
+        """Whether a node of this name has fewer unknowns than its kind."""
+        return name in self.nodes or name in self.turned
+
     @cached_property
     def turned(self) -> set[str]:
         """Names of the nodes without rotation unknowns of their own."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -28,12 +29,17 @@ def sides_of(law: Any, bodies: tuple[Body, ...], nodes: tuple[Node | None, ...],
         Q = body.drawn.rotation.T @ J
         offset = body.drawn.rotation.T @ (law.point_on(side) - body.drawn.position)
         sides.append((kind, pattern(Q) if planar else Axes.GENERAL))
-        numbers |= {f"{side}_p{i + 1}": float(v) for i, v in enumerate(offset)}
-        numbers |= {f"{side}_Q{a}{i + 1}": float(Q[i, j]) for j, a in enumerate("xyz") for i in range(3)}
-        numbers[f"{side}_theta0"] = body.heading
+        numbers |= zip(_names(side), (*offset.tolist(), *Q.T.ravel().tolist(), body.heading), strict=True)
     if law.at_nodes:
         sides = [(kind, Axes.NORMAL if planar else Axes.GENERAL) for kind, _ in sides]
     return tuple(sides), numbers
+
+
+@lru_cache(maxsize=64)
+def _names(side: str) -> tuple[str, ...]:
+    """Names of the numbers of a frame: its point, its axes column by column, its heading."""
+    axes = (f"{side}_Q{a}{i + 1}" for a in "xyz" for i in range(3))
+    return *(f"{side}_p{i + 1}" for i in range(3)), *axes, f"{side}_theta0"
 
 
 def joint_axes(law: Any, k: Body) -> Array:
@@ -42,9 +48,14 @@ def joint_axes(law: Any, k: Body) -> Array:
         return k.drawn.rotation
     if law.axes_of == "l":
         return law.l.drawn.rotation  # type: ignore[no-any-return]
-    z = np.asarray(law.axis, dtype=float)
-    if law.axis_x is not None:
-        x = np.asarray(law.axis_x, dtype=float) - (law.axis_x @ z) * z
+    return _axes(tuple(map(float, law.axis)), None if law.axis_x is None else tuple(map(float, law.axis_x)))
+
+
+@lru_cache(maxsize=1024)
+def _axes(axis: tuple[float, ...], axis_x: tuple[float, ...] | None) -> Array:
+    z = np.array(axis)
+    if axis_x is not None:
+        x = np.array(axis_x) - (np.array(axis_x) @ z) * z
         x /= np.linalg.norm(x)
     elif abs(z[2]) < 1e-14:
         x = np.array([0.0, 0.0, 1.0])
@@ -52,7 +63,10 @@ def joint_axes(law: Any, k: Body) -> Array:
         helper = np.eye(3)[0] if abs(z[0]) < 0.9 else np.eye(3)[1]
         x = helper - (helper @ z) * z
         x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
+    y = [z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]]
+    found = np.array([x, y, z]).T
+    found.flags.writeable = False  # shared by all joints with these axes
+    return found
 
 
 def pattern(Q: Array) -> Axes:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,7 @@ from mbdae.scene.topology import leader
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Structure
-from mbdae.symbolic.tree_structure import Link, Member, Numbers, TreeStructure
+from mbdae.symbolic.tree_motion import Link, Member, Numbers, TreeStructure
 from mbdae.system.model.beams import drawn_quaternion
 from mbdae.system.model.model import Instance, Model
 from mbdae.system.model.nodes import Node
@@ -43,7 +45,7 @@ class Tree:
         driven = [self.node(-c) for _, c, _ in self.driven]
         return tuple(n for n in (*self.nodes[1:], *driven) if n is not None)
 
-    @property
+    @cached_property
     def driven(self) -> list[tuple[int, int, str]]:
         """Prescribed coordinates: numbers of the joint and of the coordinate, from 1, and name of the parameter that prescribes
         it."""
@@ -139,13 +141,18 @@ def _roots(joints: list[Joined], ground: Body) -> list[Body]:
 
 def _edges(root: Body, joints: list[Joined]) -> list[tuple[Body, Connection, Body]]:
     edges: list[tuple[Body, Connection, Body]] = []
-    front, left = [root], list(joints)
+    front, at, taken = deque([root]), dict[Body, list[int]](), set[int]()
+    for number, (_, k, l) in enumerate(joints):
+        at.setdefault(k, []).append(number)
+        at.setdefault(l, []).append(number)
     while front:
-        parent = front.pop(0)
-        for joint in [j for j in left if parent in j[1:]]:
-            c, k, l = joint
+        parent = front.popleft()
+        for number in at.get(parent, ()):
+            if number in taken:
+                continue
+            taken.add(number)
+            c, k, l = joints[number]
             child = l if k is parent else k
-            left.remove(joint)
             edges.append((parent, c, child))
             front.append(child)
     return edges
@@ -158,8 +165,9 @@ def _tree(model: Model, root: Body, edges: list[tuple[Body, Connection, Body]], 
     numbers = tuple(_with_quaternions(model.groups[g].instances[i], model.groups[g].key[2]) for g, i in joints)
     coordinates: list[Node] = []
     made: list[Link] = []
+    number = {body: j for j, body in enumerate(bodies)}
     for (parent, c, child), place, own in zip(edges, joints, numbers, strict=True):
-        made.append(_link(model, bodies.index(parent), model.node(child), place, own, len(coordinates) + 1))
+        made.append(_link(model, number[parent], model.node(child), place, own, len(coordinates) + 1))
         found = [model.coordinate_node(c.name, name) for name in made[-1].coordinates]
         coordinates += [node for node in found if node is not None]
     links = tuple(made)
@@ -207,7 +215,7 @@ def _rounded(numbers: dict[str, float], length: float) -> Numbers:
     out: list[tuple[str, int | None]] = []
     for name, value in numbers.items():
         small = ROUND_OFF * (length if "_p" in name else 1.0)
-        whole = 0 if abs(value) <= small else int(np.sign(value)) if abs(abs(value) - 1) <= ROUND_OFF else None
+        whole = 0 if abs(value) <= small else (1 if value > 0 else -1) if abs(abs(value) - 1) <= ROUND_OFF else None
         out.append((name, whole))
     return tuple(out)
 

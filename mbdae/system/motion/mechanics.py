@@ -6,19 +6,21 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
+from mbdae.deferred import issparse, sp, splu
 from mbdae.kernels import linearised_plan
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import dynamics, loads
 from mbdae.system.base import Array
 from mbdae.system.model.beams import ElementBatch, batches, nodal_inputs, sparse_mass
-from mbdae.system.motion.constrained import solve_constrained, unique_multipliers
+from mbdae.system.motion.constrained import row_lengths, solve_constrained, solver_of, unique_multipliers
 from mbdae.system.motion.reaction_friction import Solve, solve_with_friction
 from mbdae.system.motion.states import States
 from mbdae.threads import one_thread
+
+AT_ONCE = 100  #: rows whose mobility is computed together
+LARGE = 400  #: velocities from which on matrices of bodies are sparse
 
 
 def _inertia(d: Derived) -> Any:
@@ -28,49 +30,115 @@ def _inertia(d: Derived) -> Any:
 class Mechanics(States):
     """Masses, forces, accelerations and multipliers of a model at states."""
 
+    carries_bodies = False  #: whether all rows are those of joints that carry bodies along
+
+    @cached_property
+    def sparse(self) -> bool:
+        """Whether its matrices are sparse: with beams, and where there are many bodies."""
+        return bool(self.model.lines) or self.large
+
+    @property
+    def large(self) -> bool:
+        """Whether its rank is that of sparse rows."""
+        return self.nu > LARGE
+
+    def constraint_matrix(self, t: Array, q: Array) -> Any:
+        """G (m, nu) at one state t (1,), q (nq,); sparse where it is large."""
+        if self.large:
+            return self.sparse_constraint_jacobian(t, q[None])[0]
+        return self.constraint_jacobian(t, q[None])[0]
+
     @cached_property
     def mass(self) -> Any:
         """(nu, nu), constant: bodies carry their node at the centre of mass, spin in the body frame; sparse with beams."""
-        M = np.zeros((self.nu, self.nu))
+        values, rows, columns = self._entries_of_mass
+        if not self.sparse:
+            M = np.zeros((self.nu, self.nu))
+            np.add.at(M, (rows, columns), values)
+            return M
+        M = sp.csc_matrix((values, (rows, columns)), shape=(self.nu, self.nu))
+        return M + sparse_mass(self.model.lines, self.nu) if self.model.lines else M
+
+    @cached_property
+    def inertia(self) -> dict[tuple[int, int], float]:
+        """Entries of the mass matrix of all but beams, by row and column."""
+        found: dict[tuple[int, int], float] = {}
+        for value, *place in zip(*(part.tolist() for part in self._entries_of_mass), strict=True):
+            found[place[0], place[1]] = found.get((place[0], place[1]), 0.0) + value
+        return found
+
+    @cached_property
+    def _entries_of_mass(self) -> tuple[Array, Any, Any]:
+        """Values, rows and columns of the mass matrix of all but beams, added where a place comes again."""
+        entries: list[tuple[Array, Any, Any]] = []
         for g, group in enumerate(self.model.groups):
             p = linearised_plan(group.derived, _inertia)
             values = p.constants.once(self.numbering.numbers(g, p.constant_inputs))
-            for i in range(len(group.instances)):
-                for (row, target), value in zip(p.constant_places, values[i], strict=False):
-                    if target[0] == "up":
-                        a = self.numbering.velocity(p.targets[row], g, i)
-                        M[a, self.numbering.velocity(target, g, i)] += value
-        return M if not self.model.lines else sp.csc_matrix(M) + sparse_mass(self.model.lines, self.nu)
+            for (row, target), value in zip(p.constant_places, values.T, strict=False):
+                if target[0] == "up":
+                    entries.append((value, self.numbering.velocities(p.targets[row], g), self.numbering.velocities(target, g)))
+        pairs = zip(*entries, strict=True) if entries else [()] * 3
+        values, rows, columns = (np.concatenate([np.zeros(0), *parts]) for parts in pairs)
+        return values, rows.astype(np.intp), columns.astype(np.intp)
 
     @cached_property
     def weight(self) -> Any:
         """The mass matrix made positive definite by a millionth of its largest entries: the metric of projections."""
         M, rotational = self.mass, self.rotational
+        if not (self.sparse or isinstance(M, np.ndarray)):
+            M = M.toarray()
         d = M.diagonal()
         floor = np.where(rotational, _largest(d[rotational], self.model.length**2), _largest(d[~rotational], 1.0))
-        return M + (sp.diags(1e-6 * floor, format="csc") if self.model.lines else np.diag(1e-6 * floor))
+        return M + (sp.diags(1e-6 * floor, format="csc") if self.sparse else np.diag(1e-6 * floor))
 
-    def mobility(self, G: Array) -> Array:
-        """(m,) velocity of every row per impulse on it, by the metric of projections."""
-        moved = splu(self.weight).solve(G.T.copy()) if self.model.lines else np.linalg.solve(self.weight, G.T)
-        return np.asarray(np.einsum("ij,ji->i", G, moved))
+    def mobility(self, G: Any) -> Array:
+        """(m,) velocity of every row of G (m, nu), sparse or not, per impulse on it, by the metric of projections."""
+        if not self.sparse:
+            return np.asarray(np.einsum("ij,ji->i", G, np.linalg.solve(self.weight, G.T)))
+        if not self.model.lines:  # bodies by themselves
+            G = sp.csr_matrix(G)
+            return np.asarray((G @ self._inverse_weight).multiply(G).sum(axis=1))[:, 0]
+        factors, parts = splu(self.weight), [np.zeros(0)]
+        for first in range(0, G.shape[0], AT_ONCE):
+            rows = G[first : first + AT_ONCE]
+            rows = rows.toarray() if issparse(rows) else rows
+            parts.append(np.einsum("ij,ji->i", rows, factors.solve(rows.T.copy())))
+        return np.concatenate(parts)
+
+    @cached_property
+    def _inverse_weight(self) -> Any:
+        """Inverse of the weight of bodies, node by node."""
+        parts = []
+        for _, _, by in self._kinds:
+            rows, columns = np.broadcast_arrays(by[:, :, None], by[:, None, :])
+            blocks = np.asarray(self.weight.tocsr()[rows.ravel(), columns.ravel()]).reshape(rows.shape)
+            parts.append((np.linalg.inv(blocks).ravel(), rows.ravel(), columns.ravel()))
+        values, rows, columns = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return sp.csr_matrix((values, (rows, columns)), shape=(self.nu, self.nu))
 
     def mobility_with_joints(self, t: float, q: Array, rows: Array) -> Array:
         """(k,) velocity along every row (k, nu) per impulse on it at positions q (nq,), with the constraints in force."""
+        if self.sparse:
+            return self._sparse_mobility(t, q, rows)
         impulses = np.vstack([rows, np.zeros((1, self.nu))])  # the last one: what moves without
         with one_thread():
             solve = self._constrained(np.full(len(impulses), t), np.tile(q, (len(impulses), 1)), np.zeros(impulses.shape))
             moved = solve(impulses, None)[0]
         return np.asarray(np.einsum("ij,ij->i", rows, moved[:-1] - moved[-1]))
 
+    def _sparse_mobility(self, t: float, q: Array, rows: Array) -> Array:
+        """`mobility_with_joints` by one factorisation."""
+        (G,) = self.sparse_constraint_jacobian(np.array([t]), q[None])
+        solve = solver_of(self.mass, G, self._give(G), self.redundant > 0)
+        return np.array([row @ solve(row, np.zeros(self.m))[0] for row in rows])
+
     def load(self, t: Array, q: Array, u: Array, s: Array | None = None, z: Array | None = None) -> Array:
         """f (nt, nu): all forces but those of constraints and their friction; M u' + G^T lambda = f. z (nt, nz): stresses of
         the beams, by default those of their strains (where a beam is stiff, they magnify the error of the positions)."""
         f = np.zeros((len(t), self.nu))
         for g, p, values in self.evaluate(loads, t, q, u, s):
-            for i in range(values.shape[1]):
-                for o, target in enumerate(p.targets):
-                    f[:, self.numbering.velocity(target, g, i)] -= values[:, i, o]
+            for o, target in enumerate(p.targets):
+                np.subtract.at(f.T, self.numbering.velocities(target, g), values[:, :, o].T)
         return f + self._of_beams(t, q, u, z) if self.model.lines else f
 
     @cached_property
@@ -130,8 +198,8 @@ class Mechanics(States):
 
     def _constrained(self, t: Array, q: Array, u: Array) -> Solve:
         """The linear equations for u' and lambda at given states."""
-        if self.model.lines:
-            return lambda f, slope: self._sparse_accelerations(t, q, u, f, slope)
+        if self.sparse:
+            return self._sparse(t, q, u)
         if not self.m:
             return lambda f, _: (np.linalg.lstsq(self.mass, f.T, rcond=1e-13)[0].T, np.zeros((len(t), 0)))
         G, gamma = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u)
@@ -147,19 +215,28 @@ class Mechanics(States):
         B = G * self.velocity_units
         return unique_multipliers(B if rows is None else rows * units, self.redundant, mass, np.linalg.norm(B, axis=2))
 
-    def _sparse_accelerations(self, t: Array, q: Array, u: Array, f: Array, slope: Array | None) -> tuple[Array, Array]:
-        out = np.empty((len(t), self.nu + self.m))
-        G, gamma, M = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u), sp.coo_matrix(self.mass)
-        E = self.unique(G)
-        a, b = np.indices((self.m, self.m)).reshape(2, -1) if E is not None else np.zeros((2, 0), dtype=int)
-        columns = G.transpose(0, 2, 1) if slope is None else G.transpose(0, 2, 1) - slope
-        r, c = np.nonzero(np.any(G != 0, axis=0))
-        d, e = np.nonzero(np.any(columns != 0, axis=0))
-        places = np.r_[M.row, self.nu + r, d, self.nu + a], np.r_[M.col, c, self.nu + e, self.nu + b]
-        for i in range(len(t)):
-            values = np.r_[M.data, G[i, r, c], columns[i, d, e], () if E is None else -E[i].ravel()]
-            out[i] = splu(sp.csc_matrix((values, places), shape=(out.shape[1],) * 2)).solve(np.r_[f[i], -gamma[i]])
-        return out[:, : self.nu], out[:, self.nu :]
+    def _sparse(self, t: Array, q: Array, u: Array) -> Solve:
+        """The same, one state after the other."""
+        matrices, gamma = self.sparse_constraint_jacobian(t, q), self.acceleration_bias(t, q, u)
+
+        def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
+            a, multipliers = np.empty((len(t), self.nu)), np.empty((len(t), self.m))
+            for i, G in enumerate(matrices):
+                own = None if slope is None else slope[i]
+                a[i], multipliers[i] = solver_of(self.mass, G, self._give(G), self.redundant > 0, own)(f[i], gamma[i])
+            return a, multipliers
+
+        return solve
+
+    def _give(self, G: Any) -> Array:
+        """(m,) see `solver_of`."""
+        mass = float(np.max(self.mass.diagonal() * self.velocity_units**2))
+        return np.asarray(row_lengths(in_units(self, G))[:, 0] ** 2 / mass)
+
+
+def in_units(mechanics: States, G: Any) -> Any:
+    """G (m, nu), sparse or not, over unit displacements: the scene's length, 1 rad."""
+    return G @ sp.diags(mechanics.velocity_units) if issparse(G) else G * mechanics.velocity_units
 
 
 def _largest(values: Array, otherwise: float) -> float:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.deferred import sp
 from mbdae.kernels import plan
 from mbdae.kernels.plan import Outputs
 from mbdae.symbolic.derive import Derived
@@ -24,6 +24,13 @@ from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.model.rotations import quaternion_product, turned
 
 Index = NDArray[np.intp]
+AT_ONCE = 4_000_000  #: numbers of states that are evaluated at once: bounded memory
+
+
+def blocks(count: int, width: int) -> list[slice]:
+    """States one after the other, so many at once that their rows of numbers take a bounded memory."""
+    size = max(1, AT_ONCE // max(width, 1))
+    return [slice(first, min(first + size, count)) for first in range(0, count, size)] or [slice(0, 0)]
 
 
 class States:
@@ -34,7 +41,8 @@ class States:
         self.model, self.rows, self.redundant = model, rows, redundant
         self.numbering = Numbering(model, rows, ("lambda",))
         self.nq, self.nu, self.m = model.nq, model.nu, len(rows)
-        self._places: dict[int, tuple[Index, Index, Index]] = {}
+        self._in_G: dict[int, tuple[Index, Index, Index]] = {}
+        self._of_row: dict[tuple[int, int], Index] = {}
 
     @cached_property
     def reactive(self) -> list[int]:
@@ -80,6 +88,11 @@ class States:
                  multipliers: Array | None = None, groups: Sequence[int] | None = None,
                  ) -> list[tuple[int, Any, Array]]:  # fmt: skip
         """(group, plan, values (nt, instances, outputs)) of every group, or of those named, that has such outputs."""
+        parts = blocks(len(t), self.numbering.width)
+        if len(parts) > 1:
+            found = [self.evaluate(outputs, t[part], q[part], u[part], None if s is None else s[part],
+                                   None if multipliers is None else multipliers[part], groups) for part in parts]  # fmt: skip
+            return [(g, p, np.concatenate([of[k][2] for of in found])) for k, (g, p, _) in enumerate(found[0])]
         W = self.workspace(t, q, u, s, multipliers)
         out = []
         for g in range(len(self.model.groups)) if groups is None else groups:
@@ -103,41 +116,67 @@ class States:
     def constraint_jacobian(self, t: Array, q: Array) -> Array:
         """G (nt, m, nu)."""
         G = np.zeros((len(t), self.m, self.nu))
+        for values, rows, columns in self._entries_of_G(t, q):
+            places: Any = slice(None), rows, columns
+            np.add.at(G, places, values)
+        return G
+
+    def sparse_constraint_jacobian(self, t: Array, q: Array) -> list[sp.csr_matrix]:
+        """G (m, nu) of every state."""
+        parts = self._entries_of_G(t, q)
+        rows, columns = (np.concatenate([np.zeros(0, np.intp), *(part[i] for part in parts)]) for i in (1, 2))
+        values = np.concatenate([np.zeros((len(t), 0)), *(part[0] for part in parts)], axis=1)
+        return [sp.csr_matrix((of_state, (rows, columns)), shape=(self.m, self.nu)) for of_state in values]
+
+    def _entries_of_G(self, t: Array, q: Array) -> list[tuple[Array, Index, Index]]:
+        """Values (nt, k) of the entries of G, group by group, with their rows and columns (k,)."""
+        found = []
         for g, p, values in self.evaluate(jacobian_G, t, q, np.zeros((len(t), self.nu))):
             taken, rows, columns = self._places_in_G(g, p)
-            places: Any = slice(None), rows, columns
-            np.add.at(G, places, values.reshape(len(t), -1)[:, taken])
-        return G
+            found.append((values.reshape(len(t), -1)[:, taken], rows, columns))
+        return found
+
+    def rows_without_slope(self, t: Array, q: Array) -> Any:
+        """(m,) bool: rows of which an entry of G is not finite at positions q (nq,)."""
+        found = np.zeros(self.m, dtype=bool)
+        for g, p, values in self.evaluate(jacobian_G, t, q[None], np.zeros((1, self.nu))):
+            taken, rows, _ = self._places_in_G(g, p)
+            np.logical_or.at(found, rows, ~np.isfinite(values.reshape(-1)[taken]))
+        return found
 
     def _places_in_G(self, g: int, p: Any) -> tuple[Index, Index, Index]:
         """Numbers of the values of a group (instances times outputs) that belong to rows in force, their rows and columns."""
-        if g not in self._places:
-            found = []
-            for n, (i, (_, r, side, column)) in enumerate(product(range(len(self.model.groups[g].instances)), p.targets)):
-                row = self.numbering.row(g, i, r)
-                if row is not None:
-                    found.append((n, row, self.numbering.velocity(("u", side, column), g, i)))
-            self._places[g] = tuple(np.array(found, dtype=np.intp).reshape(-1, 3).T)  # type: ignore[assignment]
-        return self._places[g]
+        if g not in self._in_G:
+            nb = self.numbering
+            rows = np.stack([self._rows_of(g, target[1]) for target in p.targets], axis=1).ravel()
+            columns = np.stack([nb.velocities(("u", *target[2:]), g) for target in p.targets], axis=1).ravel()
+            taken = np.flatnonzero(rows >= 0)
+            self._in_G[g] = taken, rows[taken], columns[taken]
+        return self._in_G[g]
 
     def _rows(self, outputs: Outputs, t: Array, q: Array, u: Array) -> Array:
         out = np.zeros((len(t), self.m))
         for g, p, values in self.evaluate(outputs, t, q, u):
-            for i in range(values.shape[1]):
-                for o, target in enumerate(p.targets):
-                    row = self.numbering.row(g, i, target[1])
-                    if row is not None:
-                        out[:, row] = values[:, i, o]
+            for o, target in enumerate(p.targets):
+                rows = self._rows_of(g, target[1])
+                kept = rows >= 0
+                out[:, rows[kept]] = values[:, kept, o]
         return out
+
+    def _rows_of(self, g: int, r: int) -> Index:
+        """(instances,) numbers of a row of a law, -1 where it is dropped."""
+        key = g, r
+        if key not in self._of_row:
+            self._of_row[key] = self.numbering.row_numbers(g, r)
+        return self._of_row[key]
 
     def of_states(self, outputs: Outputs, t: Array, q: Array, u: Array, s: Array | None = None) -> Array:
         """(nt, ns) outputs that belong to internal states: their start values, or their rates."""
         nb = self.numbering
         out = np.zeros((len(t), len(nb.states)))
         for g, p, values in self.evaluate(outputs, t, q, u, s):
-            for i in range(values.shape[1]):
-                for o, target in enumerate(p.targets):
-                    out[:, nb.place(target, g, i) - nb.start["s"]] = values[:, i, o]
+            for o, target in enumerate(p.targets):
+                out[:, nb.places(target, g) - nb.start["s"]] = values[:, :, o]
         return out
 
     def position_residual(self, t: Array, q: Array) -> Array:

@@ -12,15 +12,23 @@ from mbdae.system.base import Array
 from mbdae.system.model.numbering import Row
 from mbdae.system.motion.constrained import row_lengths
 from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.rank.large import DENSE, NotResolvedError, too_many
 from mbdae.system.rank.rows import DEPENDENT, chosen_rows, independent_parts, rows_in_order, smallest, unit_rows
+from mbdae.system.rank.sparse_redundancy import (
+    ASIDE,
+    CHANGING,
+    SAMPLES,
+    chosen_beside,
+    motions,
+    nearly_redundant,
+    rank_lost_here,
+    sparse_rows,
+)
 from mbdae.system.start.start import Starter
 
 CERTAIN, DOUBTFUL = 1e-8, 1e-3  #: between the two: nearly redundant, reported whether kept or left out
-SAMPLES = 3
 STEPS = (0.3, 0.1, 0.03)  #: rad, or parts of the scene's length, by which other positions are tried
-ASIDE = 1e-4  #: rad, or parts of the scene's length, by which rows are differentiated
 NEARBY = 1e-3  #: of the scene's length: violation of released rows above which a position belongs to another motion
-CHANGING = 2e-6  #: change of a unit row per rad, or scene's length, from which rows depend on each other in one position alone
 
 
 @dataclass
@@ -45,6 +53,12 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[
     always: rows that recursive joints and shared displacements satisfy; they are kept."""
     if not mechanics.m:
         return RankReport([], degrees_of_freedom=mechanics.nu)
+    if mechanics.large:
+        try:
+            return _analysed_sparse(mechanics, starter, q, always)
+        except NotResolvedError:
+            if mechanics.m > DENSE:
+                raise too_many(mechanics.m) from None
     closing = {row.name.rsplit(".", 1)[0] for row in mechanics.rows} - {joint.name for _, joint, _ in starter.tree.edges}
     order = sorted(range(mechanics.m), key=lambda i: (mechanics.rows[i] not in always,
                                                       mechanics.rows[i].name.rsplit(".", 1)[0] in closing))  # fmt: skip
@@ -74,6 +88,31 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[
                       not_unique, mechanics.nu - rank, smallest(here, rank))  # fmt: skip
 
 
+def _analysed_sparse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[Row]) -> RankReport:
+    """The same for many rows."""
+    t, rows = starter.t, mechanics.rows
+    here = sparse_rows(mechanics, t, q, always)
+    closing = {row.name.rsplit(".", 1)[0] for row in rows} - {joint.name for _, joint, _ in starter.tree.edges}
+    dependent = {rows[i].name for i in here.left}
+    elsewhere = _other_positions(mechanics, starter, q) if dependent and closing else []
+    freed = _other_positions(mechanics, starter, q, dependent) if dependent and closing else []
+    nearby = [p for p in freed if np.max(np.abs(mechanics.position_residual(t, p[None]))) < NEARBY * mechanics.model.length]
+    places = [here, *(sparse_rows(mechanics, t, p, always) for p in elsewhere)]
+    lost, beside = rank_lost_here(mechanics, t, q, here) if dependent else (0, here.B)
+    rank = max(here.rank + lost, *(place.rank for place in places))
+    chosen, singular = here.kept, here.kept[:0]
+    if here.rank < rank:
+        best = beside if here.rank + lost == rank else places[int(np.argmax([place.rank for place in places]))].B
+        chosen, singular = chosen_beside(here, best, rank)
+    others = [*places[1:], *(sparse_rows(mechanics, t, p, always) for p in nearby)]
+    doubtful = nearly_redundant(here, chosen, singular, others, (CERTAIN, DOUBTFUL))
+    kept = set(chosen.tolist())
+    dropped = [row for i, row in enumerate(rows) if i not in kept]
+    return RankReport([row for i, row in enumerate(rows) if i in kept], dropped, [(rows[i], part) for i, part in doubtful],
+                      [rows[i] for i in singular], [rows[i] for i in here.dependent] if dropped else [], mechanics.nu - rank,
+                      smallest(here.B, rank) if here.rank == rank else 0.0)  # fmt: skip
+
+
 def _nearly_redundant(rows: list[Row], chosen: list[int], singular: set[int], places: list[Array]) -> list[tuple[Row, float]]:
     """Rows that are left out although they are not quite dependent, and rows that are kept although they nearly are."""
     kept, left = sorted(set(chosen) - singular), [i for i in range(len(rows)) if i not in set(chosen)]
@@ -95,7 +134,7 @@ def _dependent_on_others(B: Array) -> list[int]:
 
 
 def _rows_at(mechanics: Mechanics, t: Array, q: Array) -> Array:
-    return unit_rows(mechanics, mechanics.constraint_jacobian(t, q[None])[0])
+    return np.asarray(unit_rows(mechanics, mechanics.constraint_jacobian(t, q[None])[0]))
 
 
 def _rank_lost_here(mechanics: Mechanics, t: Array, q: Array, rank: int) -> tuple[int, Array]:
@@ -133,8 +172,12 @@ def _other_positions(mechanics: Mechanics, starter: Starter, q: Array, without: 
     rows = [row for row in mechanics.rows if not row.prescribes and row.name not in without]
     released = Mechanics(mechanics.model, rows)
     closer = Starter(released, float(starter.t[0]), holding=False)
-    freedoms, rng = free_motions(released, closer.t, q, closer), np.random.default_rng(11)
     found: list[Array] = []
+    if mechanics.large and not mechanics.model.lines:
+        for v in motions(released, sparse_rows(released, closer.t, q), SAMPLES):
+            found += _moved(closer, q, v * closer.units(q))
+        return found
+    freedoms, rng = free_motions(released, closer.t, q, closer), np.random.default_rng(11)
     for _ in range(SAMPLES if freedoms.size else 0):
         direction = freedoms @ rng.normal(size=freedoms.shape[1])
         found += _moved(closer, q, direction / np.max(np.abs(direction)) * closer.units(q))

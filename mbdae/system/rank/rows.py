@@ -2,38 +2,56 @@
 
 An over-constrained mechanism has more rows than its motion needs. Which of them can be left out depends on the position: rows
 that determine the motion here may depend on each other there, although all rows together never lose their rank. So the rows
-in force are chosen from the geometry of the present position, and chosen again before they become dependent (`RowsInForce`).
+in force are chosen from the geometry of the present position, and chosen again before they become dependent (`rows_in_force`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from scipy.linalg import qr
 
+from mbdae.deferred import LinearOperator, eigsh, issparse, qr, sp, splu
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Row
 from mbdae.system.motion.constrained import row_lengths
-from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.motion.mechanics import Mechanics, in_units
 
 DEPENDENT = 2e-6  #: independent part of a row of unit length below which it counts as dependent on the rows before it
+SHIFT = 1e-12  #: added to B B^T of sparse rows where it is singular, below the square of `DEPENDENT`
 CLEAR = 0.1  #: the same, above which a row is taken in the order of the scene
 Rows = tuple[Row, ...]
-GOOD = 0.5  #: smallest singular value of an earlier choice over that of the best one, above which it is taken again
 WORN = 0.2  #: smallest singular value of the rows in force over that of the best choice, below which they are chosen again
-SHARE = 0.5  #: distance moved, over the margin to `WORN` at the last look, at which the rows are looked at again
 
 
-def unit_rows(mechanics: Mechanics, G: Array) -> Array:
-    """G over unit displacements (the scene's length, 1 rad), with rows of unit length."""
-    B = G * mechanics.velocity_units
-    return np.asarray(B / row_lengths(B))
+def unit_rows(mechanics: Mechanics, G: Any) -> Any:
+    """G over unit displacements (the scene's length, 1 rad), with rows of unit length; sparse where G is."""
+    B = in_units(mechanics, G)
+    return sp.diags(1 / row_lengths(B)[:, 0]) @ B if issparse(B) else np.asarray(B / row_lengths(B))
 
 
-def smallest(B: Array, rank: int) -> float:
+def smallest(B: Any, rank: int) -> float:
     """The smallest singular value that counts of rows of a given rank; 1 where there are none."""
+    if issparse(B):
+        return smallest_value(B, rank < B.shape[0]) if rank else 1.0
     return float(np.linalg.svd(B, compute_uv=False)[rank - 1]) if rank else 1.0
+
+
+def smallest_value(B: Any, singular: bool) -> float:
+    """The smallest singular value of sparse rows B (m, n) of unit length; singular: the smallest that is not 0."""
+    m, n = B.shape
+    gram = sp.csc_matrix(B @ B.T)
+    shift = SHIFT if singular else 0.0
+    try:
+        factors = splu(gram + shift * sp.identity(m, format="csc"), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+                       options={"SymmetricMode": True})  # fmt: skip
+    except RuntimeError:
+        return 0.0
+    operator = LinearOperator((n, n), matvec=lambda x: B.T @ factors.solve(factors.solve(B @ x)), dtype=float)
+    start = np.random.default_rng(3).normal(size=n)
+    (largest,) = eigsh(operator, k=1, which="LA", v0=start, tol=1e-4, return_eigenvectors=False)
+    return float(1 / np.sqrt(largest))
 
 
 def independent_parts(B: Array) -> Array:
@@ -92,49 +110,3 @@ def _without(row: Array, basis: Array) -> Array:
     for _ in range(2):
         row = row - basis.T @ (basis @ row)
     return row
-
-
-class RowsInForce:
-    """The rows that are integrated of an over-constrained mechanism, and when others have to be.
-
-    all_rows: all rows; rank: of all of them; always: numbers of the rows that recursive joints and shared displacements
-    satisfy, which stay; rows: those in force; known: choices that were made before and are taken again where they are good,
-    because equations are at hand for them."""
-
-    def __init__(self, all_rows: Mechanics, rank: int, always: Sequence[int], rows: Rows, known: Iterable[Rows] = ()) -> None:
-        self.all_rows, self.rank, self.always, self.known = all_rows, rank, list(always), known
-        self._number = {row: i for i, row in enumerate(all_rows.rows)}
-        self.numbers = self._numbers(rows)
-        self._units = all_rows.position_units
-        self._seen: tuple[Array, float] | None = None  # positions at which the rows were looked at last, and their slack
-
-    def smallest(self, t: float, q: Array) -> float:
-        """Smallest singular value that counts of all rows: 0 in a singular position, whichever rows are in force."""
-        return smallest(self._unit_rows(t, q), self.rank)
-
-    def _numbers(self, rows: Rows) -> list[int]:
-        return [self._number[row] for row in rows]
-
-    def better(self, t: float, q: Array) -> Rows | None:
-        """Rows to go on with from positions q (nq,) of all nodes; None where those in force are good enough."""
-        if self._seen is not None and self._distance(q) < SHARE * self._seen[1]:
-            return None
-        B = self._unit_rows(t, q)
-        others = best_rows(B, self.rank, self.always)
-        reached = smallest(B[others], self.rank)
-        slack = smallest(B[self.numbers], self.rank) - WORN * reached
-        if slack >= 0 or reached <= DEPENDENT:  # the second: a singular position, where no choice is good
-            self._seen = q.copy(), max(slack, 0.0)
-            return None
-        for rows in self.known:
-            if smallest(B[self._numbers(rows)], self.rank) >= GOOD * reached:
-                return rows
-        return tuple(self.all_rows.rows[i] for i in sorted(others))
-
-    def _unit_rows(self, t: float, q: Array) -> Array:
-        return unit_rows(self.all_rows, self.all_rows.constraint_jacobian(np.array([t]), q[None])[0])
-
-    def _distance(self, q: Array) -> float:
-        """How far positions are from those looked at last, over the scene's length, or rad."""
-        assert self._seen is not None
-        return float(np.max(np.abs(q - self._seen[0]) / self._units, initial=0.0))

@@ -3,10 +3,12 @@ share."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import symengine as se
-from scipy.linalg import eigh
 
+from mbdae.deferred import LinearOperator, eigh, eigsh, sp, splu
 from mbdae.errors import SceneError
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import Target
@@ -14,6 +16,7 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.nodes import Node
 from mbdae.system.motion.all_bodies import AllBodies
+from mbdae.system.motion.constrained import row_lengths
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.rank.redundancy import RankReport, null_space
 
@@ -43,6 +46,14 @@ def massless_coordinates(all_bodies: AllBodies, mass: Array, t: Array, q: Array)
     return [_no_inertia(names[int(np.argmax(np.abs(motion)))], joints, _is_still(T[moved], motion)) for motion in lost]
 
 
+def massless_unknowns(all_bodies: AllBodies, lost: Sequence[int]) -> list[str]:
+    """The same for velocities known to have no inertia, by their numbers."""
+    names, joints = all_bodies.numbering.names()[all_bodies.nq :], dict[str, list[str]]()
+    for node in all_bodies.model.joint_coordinates if lost else ():
+        joints.setdefault(node.joint, []).append(node.coordinate)
+    return [_no_inertia(names[k], joints, False) for k in lost]
+
+
 def _is_still(T: Array, motion: Array) -> bool:
     """Whether rates of the unknowns move no body."""
     return bool(np.linalg.norm(T @ motion) <= STILL * np.linalg.norm(motion) * max(1.0, float(np.max(np.abs(T), initial=0.0))))
@@ -63,6 +74,8 @@ def _no_inertia(rate: str, joints: dict[str, list[str]], still: bool) -> str:
 def massless_motions(mechanics: Mechanics, report: RankReport, t: Array, q: Array) -> list[str]:
     """Names of the bodies with a free motion that has no inertia, one sentence each."""
     kept = Mechanics(mechanics.model, report.kept)
+    if mechanics.large:
+        return _massless_sparse(kept, t, q)
     G = kept.constraint_jacobian(t, q[None])[0]
     own = np.ones(kept.nu, dtype=bool)
     for node in (n for line in kept.model.lines for n in line.nodes):  # nodes of beams that nothing holds have mass
@@ -70,13 +83,31 @@ def massless_motions(mechanics: Mechanics, report: RankReport, t: Array, q: Arra
     at = np.flatnonzero(own)
     unit, N = kept.velocity_units[at], null_space(G[:, at] * kept.velocity_units[at])
     mass = kept.mass[at][:, at]
-    M = unit[:, None] * (mass.toarray() if kept.model.lines else mass) * unit
+    M = unit[:, None] * (mass.toarray() if kept.sparse else mass) * unit
     if not N.size:
         return []
     values, vectors = _compared(N.T @ M @ N, N.T @ (_own_inertia(np.diag(M))[:, None] * N))
     motions = np.zeros((len(values), kept.nu))
     motions[:, at] = (N @ vectors).T
     return [_name_motion(kept, G, motions[i]) for i in np.flatnonzero(values <= NOTHING)]
+
+
+def _massless_sparse(mechanics: Mechanics, t: Array, q: Array) -> list[str]:
+    """The same for many bodies: a motion without inertia that the rows allow is a null vector of M + B^T B, with the inertia of
+    every coordinate and the length of every row 1."""
+    units, G = mechanics.velocity_units, mechanics.constraint_matrix(t, q)
+    M = sp.diags(units) @ mechanics.mass @ sp.diags(units)
+    scale = units / np.sqrt(_own_inertia(M.diagonal()))
+    B = G @ sp.diags(scale)
+    B = sp.diags(1 / row_lengths(B)[:, 0]) @ B
+    K = sp.csc_matrix(sp.diags(scale) @ mechanics.mass @ sp.diags(scale) + B.T @ B)
+    shifted = splu(K + NOTHING * sp.identity(len(units), format="csc"), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+                   options={"SymmetricMode": True})  # fmt: skip
+    inverse = LinearOperator(K.shape, matvec=shifted.solve, dtype=float)
+    start = np.random.default_rng(5).normal(size=len(units))
+    values, motions = eigsh(inverse, k=min(6, len(units) - 1), which="LA", v0=start, tol=1e-3)
+    lost = motions[:, values > 1 / (100 * NOTHING)]
+    return [_name_motion(mechanics, G.toarray() if mechanics.model.joint_coordinates else G, v * scale) for v in lost.T]
 
 
 def _own_inertia(diagonal: Array) -> Array:

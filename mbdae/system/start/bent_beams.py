@@ -11,17 +11,16 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
+from mbdae.deferred import sp
 from mbdae.system.base import Array
-from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.motion.mechanics import Mechanics, in_units
 from mbdae.system.start.least_change import largest_violation
+from mbdae.system.start.sparse_change import cheapest
 
 SLOW = 0.01  #: frequency of the slow motion assumed, over the lowest bending frequency: its square weighs the inertia
-CORRECTIONS, STEPS = 5, 50
+STEPS = 50
 CONVERGED = 1e-9  #: last displacement of Newton's method, over the scene's length, or rad
-GIVEN = 1e-10  #: compliance of the constraints over that of the stiffest unknown, against singular matrices; then corrected
 
 
 def can_bend(mechanics: Mechanics) -> bool:
@@ -41,19 +40,7 @@ class Bending:
 
     def least(self, A: Array, right: Array, pull: Array) -> Array:
         """x (nu,) with A x = right that makes x^T W x / 2 - pull^T x least, rows of A (m, nu) in any number."""
-        A, W = A * self.units, sp.diags(self.units) @ self.weight @ sp.diags(self.units)
-        size = np.max(np.abs(A), axis=1, initial=0.0)
-        size[size == 0] = 1.0
-        A, right, pull = A / size[:, None], right / size, pull * self.units
-        stiff = float(np.max(W.diagonal()))
-        A, right = A * stiff, right * stiff  # rows like those of the stiffness
-        give = GIVEN * stiff * sp.identity(len(A))
-        factors = splu(sp.bmat([[W, sp.csc_matrix(A.T)], [sp.csc_matrix(A), -give]], format="csc"))
-        x, forces = np.zeros(len(self.units)), np.zeros(len(A))
-        for _ in range(CORRECTIONS):
-            step = factors.solve(np.r_[pull - W @ x - A.T @ forces, right - A @ x])
-            x, forces = x + step[: len(x)], forces + step[len(x) :]
-        return np.asarray(x * self.units)
+        return cheapest(self.weight, self.units, A, right, pull)
 
 
 def stiffness(mechanics: Mechanics, q: Array) -> sp.csc_matrix:
@@ -74,7 +61,7 @@ def closed_by_bending(mechanics: Mechanics, q: Array, closure: Callable[[Array],
     (m, nu), to `within` (over the scene's length, or rad); None where none is found."""
     for _ in range(STEPS):
         bending, A, g = Bending(mechanics, q), jacobian(q), closure(q)
-        off = largest_violation(g, A * mechanics.velocity_units)
+        off = largest_violation(g, in_units(mechanics, A))
         x = bending.least(A, -g, bending.force)
         step = float(np.max(np.abs(x) / mechanics.velocity_units))
         if off <= within and step <= CONVERGED:
@@ -82,7 +69,7 @@ def closed_by_bending(mechanics: Mechanics, q: Array, closure: Callable[[Array],
         factor = min(1.0, 0.5 / max(step, 1e-300))
         while factor > 1e-4:
             moved = mechanics.integrate_positions(q, factor * x)
-            if largest_violation(closure(moved), A * mechanics.velocity_units) < max(off, within) * (1 + 1e-9) or off <= 1e-6:
+            if largest_violation(closure(moved), in_units(mechanics, A)) < max(off, within) * (1 + 1e-9) or off <= 1e-6:
                 break
             factor /= 2
         else:

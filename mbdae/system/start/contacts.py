@@ -77,16 +77,24 @@ def expected_contacts(mechanics: Mechanics, start: Start, reactions: dict[str, f
     t, q, u = np.array([start.t]), start.q[None], start.u[None]
     known = approaches(mechanics, start.t, start.q)
     gaps = gaps_of(mechanics, t, q, u) if known else {}
+    masses: dict[Place, float] = {}
+    for with_joints in (False, True):
+        of = {place: rows for place, rows in known.items() if _law(mechanics, place).with_joints is with_joints}
+        if of:
+            masses |= dict(zip(of, effective_masses(mechanics, start.t, start.q, with_joints, list(of.values())), strict=True))
     found = []
     for (g, i), rows in known.items():
-        instance = mechanics.model.groups[g].instances[i]
-        (mass,) = effective_masses(mechanics, start.t, start.q, instance.law.with_joints, [rows])
+        instance, mass = mechanics.model.groups[g].instances[i], masses[g, i]
         gap = float(gaps[g, i][0].min())
         force = reactions.get(instance.item, 0.0)
         size = mechanics.model.length if instance.law.gap_unit == "m" else 1.0
         impact = Impact(mass, _speed(rows, start.u), force, max(0.0, gap), size, time)
         found.append(ExpectedContact(instance.item, instance.law, (g, i), impact, max(0.0, -gap)))
     return found
+
+
+def _law(mechanics: Mechanics, place: Place) -> Any:
+    return mechanics.model.groups[place[0]].instances[place[1]].law
 
 
 def _speed(rows: Array, u: Array) -> float:

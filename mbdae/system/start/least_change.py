@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.system.base import Array
-from mbdae.system.motion.constrained import row_lengths
+from mbdae.system.motion.constrained import largest_entries, row_lengths
 
 DEPENDENT = 1e-9  #: singular values of rows of unit length below which they depend on each other
 
@@ -19,7 +19,7 @@ def least_change(A: Array, right: Array, root: Array, massless: Any, stated: Arr
     size; massless (n,) bool: joint coordinates, which have no mass and follow from the rows of A that contain them."""
     heavy, x = ~massless, np.zeros(len(massless))
     rows, values, pivots = _without(A, right, np.flatnonzero(massless))
-    left = np.setdiff1d(np.arange(len(A)), list(pivots.values()))
+    left = np.array([row for row in range(len(A)) if row not in set(pivots.values())], dtype=np.intp)
     scaled, wanted = (np.asarray(np.linalg.solve(root, part.T).T) for part in (rows[np.ix_(left, heavy)], stated[:, heavy]))
     sizes, lengths = row_lengths(scaled), row_lengths(wanted)
     scaled, wanted = scaled / sizes, wanted / lengths
@@ -33,13 +33,13 @@ def least_change(A: Array, right: Array, root: Array, massless: Any, stated: Arr
     return x
 
 
-def violations(g: Array, B: Array) -> Array:
-    """(m,) |g| over the largest entry of every row of B (m, n)."""
-    size = np.max(np.abs(B), axis=1, initial=0.0)
+def violations(g: Array, B: Any) -> Array:
+    """(m,) |g| over the largest entry of every row of B (m, n), sparse or not."""
+    size = largest_entries(B)
     return np.asarray(np.abs(g) / np.where(size > 0, size, 1.0))
 
 
-def largest_violation(g: Array, B: Array) -> float:
+def largest_violation(g: Array, B: Any) -> float:
     """The largest of them; 0 where there are no rows."""
     return float(np.max(violations(g, B), initial=0.0))
 

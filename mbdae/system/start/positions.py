@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.deferred import sp
 from mbdae.errors import StartError
 from mbdae.inputs import timed
 from mbdae.scene.components import Body, Connection
@@ -20,10 +21,11 @@ from mbdae.system.base import Array
 from mbdae.system.model.beams import drawn_quaternion
 from mbdae.system.model.joint_motion import JointMotion
 from mbdae.system.model.rotations import quaternion_product, rotation_matrices
-from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.motion.mechanics import Mechanics, in_units
 from mbdae.system.start.bent_beams import can_bend, closed_by_bending
 from mbdae.system.start.least_change import largest_violation, least_change, violations
 from mbdae.system.start.rigid_beams import RigidMotions
+from mbdae.system.start.sparse_change import sparse_least_change
 
 Held = tuple[Connection, str, float]  #: a joint, its coordinate, the value held
 CLOSED = 1e-12  #: relative to the scene's length and 1 rad: a closed loop
@@ -59,35 +61,46 @@ class ConsistentPositions:
         self.changes = changes if changes is not None else []
         self.rigid = RigidMotions(self.model)
         self._roots: tuple[Any, Array] | None = None
+        self._motions: dict[Connection, JointMotion] = {}
 
     def placed(self) -> Array:
         """Positions of the tree with every held coordinate at its value."""
         motion = {b: (np.eye(4)[0], np.zeros(3)) for b in self.tree.roots}
         for parent, joint, child in self.tree.edges:
             P, r = motion[parent]
-            dP, dr = JointMotion(joint, self.t[0]).drawn(self.held_values(joint), joint.l is child)
+            held = self.held_values(joint)
+            if not held:  # as drawn
+                motion[child] = motion[parent]
+                continue
+            dP, dr = self._motion(joint).drawn(held, joint.l is child)
             motion[child] = (quaternion_product(P, dP), rotation_matrices(P) @ dr + r)
-        q = np.zeros(self.model.nq)
+        q, turns = np.zeros(self.model.nq), self._turns()
         for node, body in self.model.bodies:
             P, r = motion[body.owner]
             n = node.kind.translations
             q[node.q : node.q + n] = (rotation_matrices(P) @ body.drawn.position + r)[:n]
             if node.kind is NodeKind.PLANAR:
-                q[node.q + 2] = self._unwrapped_heading(body)
+                q[node.q + 2] = body.heading + turns[body.owner]  # whole turns along the tree included
             elif node.kind is NodeKind.SPATIAL:
                 q[node.q + 3 : node.q + 7] = quaternion_product(P, drawn_quaternion(body))
+        joints = {c.name: c for c in self.scene.joints}
         for node in self.model.joint_coordinates:
-            q[node.q] = self.held_values(self.scene[node.joint]).get(node.coordinate, float(node.kind is NodeKind.ROTATION))
+            q[node.q] = self.held_values(joints[node.joint]).get(node.coordinate, float(node.kind is NodeKind.ROTATION))
         return q
 
-    def _unwrapped_heading(self, body: Body) -> float:
-        """Heading as drawn plus the turn along the tree, whole turns included."""
-        turn, at = 0.0, body.owner
-        while at not in self.tree.roots:
-            parent, joint, _ = next(e for e in self.tree.edges if e[2] is at)
-            turn += JointMotion(joint, self.t[0]).planar_turn(self.held_values(joint)) * (1 if joint.l is at else -1)
-            at = parent
-        return body.heading + turn
+    def _turns(self) -> dict[Body, float]:
+        """Turn of every body along the tree from its place as drawn, whole turns included, rad; in the plane."""
+        turns = dict.fromkeys(self.tree.roots, 0.0)
+        for parent, joint, child in self.tree.edges if self.model.planar else ():
+            held = self.held_values(joint)
+            turn = self._motion(joint).planar_turn(held) if held else 0.0
+            turns[child] = turns[parent] + turn * (1 if joint.l is child else -1)
+        return turns
+
+    def _motion(self, joint: Connection) -> JointMotion:
+        if joint not in self._motions:
+            self._motions[joint] = JointMotion(joint, self.t[0])
+        return self._motions[joint]
 
     def held_values(self, joint: Connection) -> dict[str, float]:
         """Start values of a joint's coordinates that the user fixed."""
@@ -103,7 +116,7 @@ class ConsistentPositions:
         before, g = q, self._closure(q)
         for _ in range(50):
             A = self._closure_jacobian(q)
-            B = A * self.mechanics.velocity_units
+            B = in_units(self.mechanics, A)
             size = largest_violation(g, B)
             if size <= CLOSED:
                 break
@@ -124,7 +137,7 @@ class ConsistentPositions:
 
     def closing_error(self, q: Array) -> float:
         """Largest distance by which loops are open, over the scene's length, or rad."""
-        return largest_violation(self._closure(q), self._closure_jacobian(q) * self.mechanics.velocity_units)
+        return largest_violation(self._closure(q), in_units(self.mechanics, self._closure_jacobian(q)))
 
     def close_or_bend(self, q: Array) -> Array:
         """Close loops by rigid motions of the beams, or, where these do not suffice, by bending them as little as possible."""
@@ -140,14 +153,15 @@ class ConsistentPositions:
                             f"them closes the loops")  # fmt: skip
         return found
 
-    def _cannot_close(self, worst: int, g: Array, A: Array) -> str:
+    def _cannot_close(self, worst: int, g: Array, A: Any) -> str:
         if worst >= self.mechanics.m:
             joint, c, value = self._held(self.held_values)[worst - self.mechanics.m]
             return (f"the held value {value:.6g} of '{joint.name}' cannot be reached: the loop stays off by "
                     f"{abs(g[worst]):.3g} {joint.unit(c)}; change it, or the lengths of the loop")  # fmt: skip
         name = self.mechanics.rows[worst].name
         joint_name = name.rsplit(".", 1)[0]
-        unit = "m" if np.any(A[worst][~self.mechanics.rotational]) else "rad"
+        row = A[[worst]].toarray()[0] if self.mechanics.large else A[worst]
+        unit = "m" if np.any(row[~self.mechanics.rotational]) else "rad"
         return (f"the loop through joint '{joint_name}' cannot close: row {name} stays off by {abs(g[worst]):.3g} "
                 f"{unit}; check the points of the bodies it connects")  # fmt: skip
 
@@ -156,10 +170,11 @@ class ConsistentPositions:
         return [(joint, c, value) for joint in self.scene.joints if self.holding
                 for c, value in values(joint).items() if c not in joint.prescribed]  # fmt: skip
 
-    def _coordinates(self, q: Array, u: Array, held: list[Held]) -> tuple[Array, Array, Array]:
+    def _coordinates(self, q: Array, u: Array, held: list[Held]) -> tuple[Array, Array, Any]:
         """Values (j,), rates (j,) and gradients (j, nu) of joint coordinates."""
         order = {(joint.name, c): i for i, (joint, c, _) in enumerate(held)}
-        value, speed, C = np.zeros(len(held)), np.zeros(len(held)), np.zeros((len(held), self.mechanics.nu))
+        value, speed, shape = np.zeros(len(held)), np.zeros(len(held)), (len(held), self.mechanics.nu)
+        C: Any = sp.lil_matrix(shape) if self.mechanics.large else np.zeros(shape)
         for g, p, values in self.mechanics.evaluate(coordinate_outputs, self.t, q[None], u[None]) if held else []:
             for i, instance in enumerate(self.model.groups[g].instances):
                 for o, (head, *place) in enumerate(p.targets):
@@ -180,16 +195,23 @@ class ConsistentPositions:
         off -= turns * np.round(off / (2 * np.pi))
         return np.concatenate([self.mechanics.position_residual(self.t, q[None])[0], off])
 
-    def _closure_jacobian(self, q: Array) -> Array:
+    def _closure_jacobian(self, q: Array) -> Any:
         _, _, C = self._coordinates(q, np.zeros(self.mechanics.nu), self._held(self.held_values))
-        return np.vstack([self.mechanics.constraint_jacobian(self.t, q[None])[0], C])
+        return self.with_rows(q, C)
 
-    def _least_change(self, A: Array, right: Array, q: Array, stated: Array | None = None, off: Array | None = None) -> Array:
+    def with_rows(self, q: Array, C: Any) -> Any:
+        """G (m, nu) with further rows C (j, nu) below it; sparse where the mechanics is large."""
+        G = self.mechanics.constraint_matrix(self.t, q)
+        return sp.vstack([G, C], format="csr") if self.mechanics.large else np.vstack([G, C])
+
+    def _least_change(self, A: Any, right: Array, q: Array, stated: Array | None = None, off: Array | None = None) -> Array:
         """x in the coordinates of rigid motions with A B x = right (least squares) of least mass-weighted size; where
         `stated` is given, of least change of those motions first."""
-        B, root = self._metric(q)
         if stated is None or off is None:
             stated, off = np.zeros((0, self.rigid.size)), np.zeros(0)
+        if self.mechanics.large and not self.model.lines:
+            return sparse_least_change(A, right, self.mechanics.weight, self.mechanics.velocity_units, stated, off)
+        B, root = self._metric(q)
         return least_change(A if B is None else A @ B, right, root, self.rigid.massless, stated, off)
 
     def _metric(self, q: Array) -> tuple[Array | None, Array]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.deferred import sp
 from mbdae.scene.components import Body
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
@@ -31,9 +32,9 @@ class RigidMotions:
         mask = np.repeat([n.body is None for n in self.single], counts)
         return np.r_[mask, np.zeros(self.size - len(mask), dtype=bool)].astype(bool)
 
-    def given(self, q: Array) -> list[tuple[Body, Array, Array]]:
-        """Bodies whose velocity the user states, with rows (2 or 3, size) and (0, 1 or 3, size): the velocity of the centre of
-        mass and the angular velocity per coordinate."""
+    def given(self, q: Array) -> list[tuple[Body, Any, Any]]:
+        """Bodies whose velocity the user states, with sparse rows (2 or 3, size) and (0, 1 or 3, size): the velocity of the
+        centre of mass and the angular velocity per coordinate."""
         moving: list[tuple[Node, Body | None, Array]] = [(n, n.body, np.zeros(3)) for n in self.single]
         for nodes in self.beams:
             own = nodes[0].body
@@ -41,14 +42,15 @@ class RigidMotions:
             beam = own.owner
             turn = rotation_of(nodes[0].kind, q[nodes[0].q : nodes[0].q + nodes[0].kind.sizes[0]]) @ own.drawn.rotation.T
             moving.append((nodes[0], beam, turn @ (beam.drawn.position - own.drawn.position)))
-        unit, column = np.eye(self.size), 0
-        found: list[tuple[Body, Array, Array]] = []
+        column = 0
+        found: list[tuple[Body, Any, Any]] = []
         for node, body, arm in moving:
             n, end = node.kind.translations, column + node.kind.sizes[1]
-            moves, turns = unit[column : column + n], unit[column + n : end]
             if body is not None and body.given_velocity:
-                spins = (np.eye(3)[[2]] if n == 2 else np.eye(3))[: len(turns)]
-                found.append((body, moves + np.cross(spins, arm)[:, :n].T @ turns, turns))
+                moves, turns = (sp.eye_array(last - first, self.size, k=first, format="csr")
+                                for first, last in ((column, column + n), (column + n, end)))  # fmt: skip
+                spins = (np.eye(3)[[2]] if n == 2 else np.eye(3))[: end - column - n]
+                found.append((body, moves + sp.csr_array(np.cross(spins, arm)[:, :n].T) @ turns, turns))
             column = end
         return found
 

@@ -7,9 +7,11 @@ at relative rest; loops close by the smallest mass-weighted change of what is no
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from mbdae.deferred import sp
 from mbdae.errors import StartError
 from mbdae.scene.components import Body, Connection
 from mbdae.symbolic.derive import Derived
@@ -18,10 +20,11 @@ from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
-from mbdae.system.model.joint_motion import JointMotion
 from mbdae.system.model.rotations import rotation_of
 from mbdae.system.start.bent_beams import Bending, can_bend
 from mbdae.system.start.positions import ConsistentPositions
+
+ROUNDING = 1e-11  #: of the largest speed: what velocities along a tree miss those of its joints by
 
 
 @dataclass
@@ -78,15 +81,18 @@ class Starter(ConsistentPositions):
                 u[node.u + 2] = w[2]
             elif node.kind is NodeKind.SPATIAL:
                 u[node.u + 3 : node.u + 6] = rotation_of(node.kind, q[node.q : node.q + 7]).T @ w
+        joints = {c.name: c for c in self.scene.joints}
         for node in self.model.joint_coordinates:
-            u[node.u] = self.held_rates(self.scene[node.joint]).get(node.coordinate, 0.0)
+            u[node.u] = self.held_rates(joints[node.joint]).get(node.coordinate, 0.0)
         return u
 
     def _twist_of(self, twist: tuple[Array, Array], parent: Body, joint: Connection, child: Body,
                place: dict[Body, tuple[Array, Array]]) -> tuple[Array, Array]:  # fmt: skip
         """Velocity of the centre of mass and angular velocity of a child that moves by its joint as held; its own where given."""
         (v, w), (r, R), (rc, _) = twist, place[parent], place[child]
-        motion, outwards = JointMotion(joint, self.t[0]), joint.l is child
+        if not (v.any() or w.any() or child.drawn.angular_velocity.any() or self.held_rates(joint)):
+            return child.drawn.velocity, child.drawn.angular_velocity
+        motion, outwards = self._motion(joint), joint.l is child
         way, slide, spin = motion.rates(self.held_values(joint), self.held_rates(joint))
         _, Rk = place[joint.k.owner]
         to_now = Rk @ joint.k.drawn.rotation.T  # the joint's motion is known in axes fixed to k, as drawn
@@ -96,6 +102,8 @@ class Starter(ConsistentPositions):
         turning = w + sign * to_now @ spin
         if np.any(child.drawn.angular_velocity):
             turning = child.drawn.angular_velocity
+        if not (w.any() or turning.any() or slide.any()):
+            return (child.drawn.velocity if np.any(child.drawn.velocity) else v), turning
         carried = v + np.cross(w, point - r) + sign * to_now @ slide + np.cross(turning, rc - point)
         return (child.drawn.velocity if np.any(child.drawn.velocity) else carried), turning
 
@@ -113,6 +121,8 @@ class Starter(ConsistentPositions):
     def project_velocities(self, q: Array, u: Array) -> Array:
         """The nearest velocities (mass-weighted) that satisfy the joints and the held rates. Velocities that the user states of a
         body stay where joints and held rates allow it; where they do not, they are changed like all others."""
+        if self.fits(q, u):
+            return u
         given = self.rigid.given(q) if self.holding else []
         projected, change = self._projected(q, u, given)
         fastest = max(float(np.max(np.abs(v) * self.mechanics.velocity_units, initial=0.0)) for v in (u, projected))
@@ -127,14 +137,22 @@ class Starter(ConsistentPositions):
                                 f"{w:.4g} rad/s")  # fmt: skip
         return projected
 
-    def _projected(self, q: Array, u: Array, given: list[tuple[Body, Array, Array]]) -> tuple[Array, Array]:
+    def fits(self, q: Array, u: Array) -> bool:
+        """Whether velocities fit the joints but for rounding, of mechanics whose joints take the bodies along."""
+        if not self.mechanics.carries_bodies:
+            return False
+        off = self.mechanics.velocity_residual(self.t, q[None], u[None])[0]
+        speed = float(np.max(np.abs(u) * self.mechanics.velocity_units, initial=0.0))
+        return bool(np.max(np.abs(off), initial=0.0) <= ROUNDING * max(speed, 1e-300) * max(1.0, self.model.length))
+
+    def _projected(self, q: Array, u: Array, given: list[tuple[Body, Any, Any]]) -> tuple[Array, Array]:
         """Velocities that satisfy the joints and the held rates, and their change in the coordinates of rigid motions: of given
         velocities first, then of all."""
         held = self._held(self.held_rates)
         _, _, C = self._coordinates(q, u, held)
-        A = np.vstack([self.mechanics.constraint_jacobian(self.t, q[None])[0], C])
+        A = self.with_rows(q, C)
         wanted = np.array([rate for _, _, rate in held], dtype=float)
-        stated = np.vstack([np.zeros((0, self.rigid.size)), *(rows for item in given for rows in _stated(item))])
+        stated = self._rows_of([rows for item in given for rows in _stated(item)])
 
         def off(u: Array) -> Array:
             return np.concatenate([self.mechanics.velocity_residual(self.t, q[None], u[None])[0], C @ u - wanted])
@@ -158,6 +176,12 @@ class Starter(ConsistentPositions):
         raise StartError([f"the start velocities contradict the joints: {name} stays off by {left[worst]:.3g}; "
                           f"release one of the prescribed or held rates"])  # fmt: skip
 
+    def _rows_of(self, parts: list[Any]) -> Any:
+        """Sparse rows one below the other; full where the mechanics is not large."""
+        if self.mechanics.large and not self.model.lines:
+            return sp.vstack([sp.csr_array((0, self.rigid.size)), *parts], format="csr")
+        return np.vstack([np.zeros((0, self.rigid.size)), *(rows.toarray() for rows in parts)])
+
     def _far(self, left: Array, u: Array) -> bool:
         """Whether velocities u violate the constraints by more than rounding."""
         speed = float(np.max(np.abs(u) * self.mechanics.velocity_units, initial=0.0)) + 1.0
@@ -168,7 +192,7 @@ class Starter(ConsistentPositions):
         return np.asarray(self.mechanics.of_states(state_start_outputs, self.t, q[None], u[None])[0])
 
 
-def _stated(given: tuple[Body, Array, Array]) -> tuple[Array, Array]:
+def _stated(given: tuple[Body, Any, Any]) -> tuple[Any, Any]:
     """The rows of the velocity and of the angular velocity of a body that the user states: those that are not zero."""
     body, moves, turns = given
     return moves[: None if np.any(body.drawn.velocity) else 0], turns[: None if np.any(body.drawn.angular_velocity) else 0]

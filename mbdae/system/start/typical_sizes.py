@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mbdae.system.base import Array
-from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.motion.constrained import largest_entries, row_lengths
+from mbdae.system.motion.mechanics import Mechanics, in_units
 from mbdae.system.start.rigid_beams import RigidMotions
 from mbdae.system.start.start import Start
 
@@ -42,12 +43,11 @@ def multiplier_scales(mechanics: Mechanics, start: Start, T: float) -> tuple[Arr
     relative to its start value would stop IDA there."""
     if not mechanics.m:
         return np.zeros(0), np.zeros(0)
-    G = mechanics.constraint_jacobian(np.array([start.t]), start.q[None])[0]
-    size = np.sqrt(np.sum((G * mechanics.velocity_units) ** 2, axis=1))
-    size[size == 0] = 1.0
+    G = mechanics.constraint_matrix(np.array([start.t]), start.q)
+    size = row_lengths(in_units(mechanics, G))[:, 0]
     mobility = mechanics.mobility(G)
     force = np.maximum(size / T**2 / np.maximum(mobility, 1e-300), np.abs(start.multipliers))
-    move, turn = (np.max(np.abs(G[:, mask]), axis=1, initial=0.0) for mask in (~mechanics.rotational, mechanics.rotational))
+    move, turn = (largest_entries(G[:, np.flatnonzero(mask)]) for mask in (~mechanics.rotational, mechanics.rotational))
     arm = np.where(move > 0, move / mechanics.model.length, np.where(turn > 0, turn, 1.0))
     return np.max(force * size) / size, SLACK / arm
 

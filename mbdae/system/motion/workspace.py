@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from mbdae.deferred import sp
 from mbdae.kernels.tree_plan import Piece
 from mbdae.native.program import Operations, Scene, core
 from mbdae.system.base import Array
@@ -30,7 +30,7 @@ class Workspace:
         self.at = self.operations.slots(2)
         self.clock = self.operations.part()
         if numbering.clock.expressions:
-            numbering.clock.emit(self.clock, np.array([[self.at, self.at + 1]]), numbering.first_input)
+            numbering.clock.emit(self.clock, self.at, numbering.first_input)
         self.motion = self.operations.part()
         for piece, gather, places in motion:
             self.motion.set(places, piece.kernel.emit(self.motion, gather))
@@ -109,14 +109,22 @@ class Values(Workspace):
         return out
 
 
-def narrow_order(graph: sp.csr_matrix) -> tuple[Index, Index]:
-    """An order of rows in which a symmetric pattern has a narrow band, and the place of each row in it."""
-    n = graph.shape[0]
+class Columns(NamedTuple):
+    """The entries of a sparse matrix column by column: where each column begins (n + 1,), and the rows of the entries."""
+
+    first: Index
+    rows: Index
+
+
+def narrow_order(n: int, i: Index, j: Index) -> tuple[Index, Index]:
+    """An order of n rows in which the symmetric pattern of the entries (i, j) has a narrow band, and the place of each
+    row in it."""
     order = np.arange(n)
     if n >= BANDED_FROM:
         from scipy.sparse.csgraph import reverse_cuthill_mckee  # not needed by small scenes
 
-        order = reverse_cuthill_mckee(graph.tocsr(), symmetric_mode=True).astype(np.intp)
+        graph = sp.csr_matrix((np.ones(len(i)), (i, j)), shape=(n, n))
+        order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.intp)
     place = np.empty(n, dtype=np.intp)
     place[order] = np.arange(n)
     return order, place

@@ -8,14 +8,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import symengine as se
 
 from mbdae.errors import MbdaeError, OptionError
-from mbdae.extremes.pulses import varying
 from mbdae.inputs import timed
-from mbdae.scene.record import item_name
+from mbdae.scene.record import item_name, read, stored
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
+from mbdae.sweep.pulses import varying
 
 SHORTHANDS = "mass, stiffness, speed, clearance; begin, width, strength of a pulse"
 Statements = list[Any]
@@ -98,7 +97,7 @@ def _set_stiffness(call: dict[str, Any], value: float, name: str) -> None:
     elif "section" in call:
         fields = _fields(call, "section", ("EA",), name)
         factor = value / fields["EA"]
-        for key in ("EA", "GA2", "GA3", "GJ", "EI2", "EI3"):
+        for key in ("EA", "GA2", "GA3", "GJ", "EI2", "EI3", *(["E"] if fields.get("E") else [])):
             fields[key] *= factor
     else:
         normal = _fields(call, "model", ("normal",), name)["normal"]
@@ -140,10 +139,10 @@ def _set_speed(call: dict[str, Any], method: str, value: float, name: str, coord
         if not isinstance(holder[key], dict):
             before, holder[key] = abs(holder[key]), value
             return 1 / abs(_ratio(value, before, name))
-        e = timed.expression(se.sympify(holder[key]["expression"]))
+        e = timed.expression(read(holder[key]))
         before = abs(float(timed.values(timed.derivatives(e)[1], np.zeros(1))[0]))
         factor = _ratio(value, before, name)
-        holder[key] = {"expression": str(e.subs({timed.TIME: factor * timed.TIME}))}
+        holder[key] = stored(e.subs({timed.TIME: factor * timed.TIME}))
         return 1 / abs(factor)
     for key in ("angular_velocity", "velocity"):
         if not coordinate and call.get(key) is not None and np.linalg.norm(call[key]) > 0:

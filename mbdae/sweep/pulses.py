@@ -15,8 +15,8 @@ import numpy as np
 import symengine as se
 
 from mbdae.errors import OptionError
-from mbdae.inputs import text, timed
-from mbdae.scene.record import encode
+from mbdae.inputs import timed
+from mbdae.scene.record import encode, read
 
 NUMBERS = ("begin", "width", "strength")  #: quantities of a pulse that can be varied
 SAMPLES = 20001  #: times of the run at which inputs are sampled to find pulses
@@ -128,7 +128,7 @@ def _places(holder: Any, path: Sequence[str]) -> Iterator[tuple[Any, Any]]:
 
 
 def _expression(stated: Any) -> Any:
-    return timed.expression(text.read(stated["expression"]))
+    return timed.expression(read(stated))
 
 
 def _exact(value: float) -> Any:

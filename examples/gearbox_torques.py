@@ -1,0 +1,47 @@
+"""A planetary gearbox under a table of torques: sun driven, ring held, the carrier turns a fan.
+
+    python examples/gearbox_torques.py
+"""
+
+import numpy as np
+
+import mbdae as mb
+
+SUN, RING = 24, 72  #: teeth; one turn of the carrier takes 1 + RING/SUN = 4 turns of the sun
+J_SUN, J_CARRIER, DRAG = 0.02, 0.3, 0.05  #: kg m^2, kg m^2, N m s/rad
+TIMES, TORQUES = [0.0, 1.0, 1.5, 4.0, 6.0], [0.0, 8.0, 3.0, 3.0, 0.0]  #: s, N m on the sun
+t_end, measure = 8.0, "C.rate"  # s; used by the commands of mbdae
+
+
+def scene() -> mb.Scene:
+    """Willis: (sun - carrier) = -RING/SUN (ring - carrier), with the ring at rest; the planets without mass."""
+    s = mb.Scene("planetary gearbox")
+    sun = s.rigid_body("sun", 2.0, (J_SUN, J_SUN, J_SUN), at=(0, 0, 0))
+    carrier = s.rigid_body("carrier", 5.0, (J_CARRIER, J_CARRIER, J_CARRIER), at=(0, 0, 0))
+    s.revolute("S", s.ground, sun, at=(0, 0, 0), axis=(0, 0, 1), torque=mb.table(TIMES, TORQUES))
+    s.revolute("C", s.ground, carrier, at=(0, 0, 0), axis=(0, 0, 1), damper=DRAG)
+    s.couple("mesh", {"S.angle": SUN, "C.angle": -(SUN + RING)})
+    return s
+
+
+def exact() -> float:
+    """Rate of the carrier at the end, rad/s: J w' = i T(t) - d w, integrated on each straight piece of the table."""
+    i = 1 + RING / SUN
+    J, w = J_CARRIER + i**2 * J_SUN, 0.0
+    for a, b, p, q in zip(TIMES, [*TIMES[1:], t_end], TORQUES, [*TORQUES[1:], TORQUES[-1]], strict=True):
+        slope, k = i * (q - p) / (b - a), DRAG / J
+        steady = lambda t, a=a, p=p, slope=slope: (i * p + slope * (t - a)) / DRAG - slope * J / DRAG**2  # noqa: E731
+        w = steady(b) + (w - steady(a)) * np.exp(-k * (b - a))
+    return w
+
+
+def main() -> None:
+    r = scene().simulate(t_end, accuracy=1e-7)
+    print(f"carrier at the end: {r['C'].rate[-1]:.6f} rad/s, exact {exact():.6f} rad/s; "
+          f"largest rate {r.peak('C.rate').value:.4f} rad/s; largest torque {r.peak('S.drive').value:g} N m")  # fmt: skip
+    assert abs(r["C"].rate[-1] - exact()) < 1e-5
+    assert abs(r["S"].rate[-1] / r["C"].rate[-1] - 4) < 1e-9
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+"""SciPy's modules and functions, imported when they are first used: small scenes need none of them, and importing them costs
+more than the run of a pendulum."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from mbdae.threads import limit_what_was_loaded
+
+__all__ = ["LinearOperator", "as_full", "bmat", "connected_components", "csc_matrix", "cython_lapack", "eigh", "eigsh", "eigvals",
+           "identity", "issparse", "qr", "sp", "splu"]  # fmt: skip
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
+    from scipy.linalg import cython_lapack, eigh, eigvals, qr
+    from scipy.sparse import bmat, csc_matrix, identity, issparse
+    from scipy.sparse.csgraph import connected_components
+    from scipy.sparse.linalg import LinearOperator, eigsh, splu
+else:
+
+    class _Deferred:
+        """A module, or what it has by a name."""
+
+        def __init__(self, module: str, name: str = "") -> None:
+            self._place = module, name
+
+        def _found(self) -> Any:
+            module, name = self._place
+            known = "scipy.linalg" in sys.modules
+            found = import_module(module)
+            if not known and "scipy.linalg" in sys.modules:
+                limit_what_was_loaded()
+            return getattr(found, name) if name else found
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._found(), name)
+
+        def __call__(self, *args: Any, **options: Any) -> Any:
+            return self._found()(*args, **options)
+
+    sp = _Deferred("scipy.sparse")
+    bmat, csc_matrix = _Deferred("scipy.sparse", "bmat"), _Deferred("scipy.sparse", "csc_matrix")
+    identity = _Deferred("scipy.sparse", "identity")
+    cython_lapack, qr = _Deferred("scipy.linalg.cython_lapack"), _Deferred("scipy.linalg", "qr")
+    eigh, eigvals = _Deferred("scipy.linalg", "eigh"), _Deferred("scipy.linalg", "eigvals")
+    connected_components = _Deferred("scipy.sparse.csgraph", "connected_components")
+    splu = _Deferred("scipy.sparse.linalg", "splu")
+    eigsh, LinearOperator = _Deferred("scipy.sparse.linalg", "eigsh"), _Deferred("scipy.sparse.linalg", "LinearOperator")
+
+    def issparse(matrix: Any) -> bool:
+        """Whether a matrix is sparse; none is before SciPy's module has been imported."""
+        return "scipy.sparse" in sys.modules and sp.issparse(matrix)
+
+
+def as_full(matrix: Any) -> Any:
+    """A matrix as a full array, whether it is sparse or not."""
+    return matrix.toarray() if issparse(matrix) else matrix

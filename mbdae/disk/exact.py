@@ -1,0 +1,97 @@
+"""A digest of what a law states: the same for the same expressions in every process, another one for any other.
+
+Numbers enter bit by bit, symbols by their names, functions by their kinds. What is not known to be covered
+completely by its digest (functions of SymPy's own, objects of a user's own) has none.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from typing import Any
+
+import symengine as se
+
+from mbdae.disk.entries import key_of
+from mbdae.disk.store import store
+
+PLAIN = ("Zero", "One", "NegativeOne", "Half", "Integer", "Rational", "Pi", "Exp1", "BooleanTrue", "BooleanFalse", "Infinity",
+         "NegativeInfinity", "NaN", "GoldenRatio", "EulerGamma", "Catalan", "ImaginaryUnit")  #: told by their text  # fmt: skip
+UNORDERED = ("Add", "Mul")
+REFUSED = ("PyFunction", "PySymbol", "Dummy", "RealMPFR", "ComplexMPC", "ComplexDouble", "Complex")
+
+
+class NoDigestError(Exception):
+    """Something whose digest would not tell it completely."""
+
+
+class Digests:
+    """Digests of values, each expression walked once."""
+
+    def __init__(self) -> None:
+        self._known: dict[Any, str] = {}
+        self._zeros = 0  #: floating zeros met: symengine takes 0.0 and -0.0 for equal, so what contains one is not looked up
+
+    def of(self, value: Any) -> str:
+        """The digest of plain values, expressions, vectors, and containers and data classes of them; raises NoDigestError."""
+        if value is None or isinstance(value, bool | int | str):
+            return f"{type(value).__name__} {value!r}"
+        if isinstance(value, float):
+            return f"float {value.hex()}"
+        if isinstance(value, se.Basic) or hasattr(value, "_sympy_") or type(value).__module__.startswith("sympy."):
+            return self._of_expression(se.sympify(value))
+        return _short(self._of_container(value))
+
+    def _of_container(self, value: Any) -> str:
+        kind = type(value).__name__
+        if isinstance(value, Enum):
+            return f"{kind}.{value.name}"
+        if isinstance(value, frozenset | set):
+            return f"{kind} {sorted(map(self.of, value))}"
+        if isinstance(value, Mapping):
+            return f"{kind} {[(self.of(k), self.of(v)) for k, v in value.items()]}"
+        if isinstance(value, tuple | list):
+            return f"sequence {[self.of(v) for v in value]}"
+        if is_dataclass(value) and not isinstance(value, type):
+            return f"{kind} {[(f.name, self.of(getattr(value, f.name))) for f in fields(value)]}"
+        if kind in ("Vec", "Motion") and type(value).__module__.startswith("mbdae.symbolic."):
+            return f"{kind} {[self.of(v) for v in (value.c if kind == 'Vec' else value.steps)]}"
+        raise NoDigestError(kind)
+
+    def _of_expression(self, e: Any) -> str:
+        found = self._known.get(e)
+        if found is None:
+            before = self._zeros
+            found = _short(self._text(e, type(e).__name__))
+            if self._zeros == before:
+                self._known[e] = found
+        return found
+
+    def _text(self, e: Any, kind: str) -> str:
+        if kind == "Symbol":
+            return f"Symbol {e.name}"
+        if kind == "RealDouble":
+            self._zeros += float(e) == 0
+            return f"RealDouble {float(e).hex()}"
+        if kind in PLAIN:
+            return f"{kind} {e}"
+        if kind in REFUSED or not e.args or not type(e).__module__.startswith("symengine."):
+            raise NoDigestError(kind)
+        inner = [self._of_expression(a) for a in e.args]
+        name = e.get_name() if kind == "FunctionSymbol" else ""
+        return f"{kind} {name} {sorted(inner) if kind in UNORDERED else inner}"
+
+
+def _short(text: str) -> str:
+    return hashlib.blake2b(text.encode(), digest_size=20).hexdigest()
+
+def code_key(symbols: Sequence[Any], expressions: Sequence[Any], level: int | None) -> str | None:
+    """The key of compiled expressions by the expressions themselves; None where nothing is kept."""
+    if not store().used:
+        return None
+    try:
+        return key_of("code", Digests().of([list(symbols), list(expressions), level]))
+    except Exception:  # of a part without a digest: it is compiled every time
+        return None

@@ -1,0 +1,55 @@
+"""Where kernels are kept: the user's own folder for caches, or the one that the environment names; and whether it is safe."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import stat
+import sys
+from pathlib import Path
+
+VARIABLE = "MBDAE_CACHE"  #: environment variable: a folder, or "off"
+OTHERS = 0o077  #: rights of the group and of all others: none of them may be set
+
+
+def chosen_folder() -> tuple[Path | None, str]:
+    """The folder; None with the reason where nothing is kept."""
+    said = os.environ.get(VARIABLE, "")
+    if said.lower() == "off":
+        return None, f"{VARIABLE}=off"
+    try:
+        return (Path(os.path.abspath(said)) if said else _usual_folder()), ""
+    except (OSError, RuntimeError, ValueError) as error:  # no home folder, a name that no folder can have
+        return None, f"there is no folder for caches ({error})"
+
+
+def _usual_folder() -> Path:
+    if sys.platform == "win32":
+        local = os.environ.get("LOCALAPPDATA", "")
+        return Path(local) / "mbdae" / "Cache" if local else Path.home() / "AppData" / "Local" / "mbdae" / "Cache"
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "mbdae"
+    given = os.environ.get("XDG_CACHE_HOME", "")
+    return (Path(given) if os.path.isabs(given) else Path.home() / ".cache") / "mbdae"
+
+
+def made(folder: Path) -> str:
+    """Make the folder for this user alone where it is missing; "" where it may be used, else the reason why not."""
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with contextlib.suppress(FileExistsError):
+            folder.mkdir(mode=0o700)
+        return unsafe(os.lstat(folder), is_folder=True)
+    except (OSError, ValueError) as error:
+        return f"it cannot be made ({getattr(error, 'strerror', None) or error})"
+
+
+def unsafe(found: os.stat_result, is_folder: bool = False) -> str:
+    """Why a file or folder may not be trusted; "" where this user alone can have written it, as far as the system tells."""
+    if not (stat.S_ISDIR if is_folder else stat.S_ISREG)(found.st_mode):
+        return f"it is no {'folder' if is_folder else 'file'}"
+    if not hasattr(os, "geteuid"):  # Windows: the rights of the profile protect it
+        return ""
+    if found.st_uid != os.geteuid():
+        return "it belongs to another user"
+    return "others than its owner have rights on it (chmod 700)" if found.st_mode & OTHERS else ""

@@ -1,0 +1,192 @@
+"""A folder of entries by their keys, which no fault of the disk can turn into a wrong answer or a failed run.
+
+An entry is one file: a hash, then its content. The hash covers the key, so that a file under another name is no entry. What is
+damaged is removed and made again; a folder or file to which others than the user have rights is not read. Files are written under
+another name and renamed, so that any number of processes may use one folder. Where the disk is full or may not be written to,
+nothing more is kept.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import hashlib
+import os
+import secrets
+import time
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+from mbdae.disk.place import chosen_folder, made, unsafe
+
+LIMIT = 500_000_000  #: bytes of all entries; the least recently used go first
+KEPT = 0.8  #: part of the limit that stays
+SUFFIX, PART, COUNTS = ".kept", ".part", "counts"
+HASH = 32  #: bytes of the hash
+DAY, HOUR = 86400.0, 3600.0
+_READ = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+_WRITE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+
+
+class Content(NamedTuple):
+    """What a store holds: entries, their bytes, and how often entries were found and not found."""
+
+    entries: int
+    size: int
+    hits: int
+    misses: int
+
+
+class Store:
+    """The entries of a folder. why: the reason where it is not used. limit: bytes of all entries."""
+
+    def __init__(self, folder: Path | None, why: str = "", limit: int = LIMIT) -> None:
+        self.folder, self.limit = folder, limit
+        self.why = why or ("there is no folder" if folder is None else made(folder))
+        self.hits = self.misses = 0
+        self._size: int | None = None  #: bytes of all entries as this process knows them
+        self._full = False
+        if self.used:
+            atexit.register(self._count)
+
+    @property
+    def used(self) -> bool:
+        """Whether entries are read and written."""
+        return not self.why
+
+    def _path(self, key: str) -> Path:
+        assert self.folder is not None
+        assert key.isalnum(), key
+        return self.folder / (key + SUFFIX)
+
+    def read(self, key: str) -> bytes | None:
+        """The content of an entry; None where there is none."""
+        found = self._checked(key) if self.used else None
+        if found is None:
+            self.misses += 1
+        else:
+            self.hits += 1
+        return found
+
+    def _checked(self, key: str) -> bytes | None:
+        path = self._path(key)
+        try:
+            with open(os.open(path, _READ), "rb") as file:
+                state = os.fstat(file.fileno())
+                whole = b"" if unsafe(state) else file.read()
+        except OSError:
+            return None
+        content = whole[HASH:]
+        if len(whole) < HASH or whole[:HASH] != _hash(key, content):
+            self.remove(key)
+            return None
+        if time.time() - state.st_mtime > DAY:  # the age by which entries go
+            with contextlib.suppress(OSError):
+                os.utime(path)
+        return content
+
+    def write(self, key: str, content: bytes) -> None:
+        """Keep an entry, if the disk allows it."""
+        if not self.used or self._full or len(content) > self.limit:
+            return
+        path = self._path(key)
+        part = path.with_name(f"{secrets.token_hex(8)}{PART}")
+        try:
+            with open(os.open(part, _WRITE, 0o600), "wb") as file:
+                file.write(_hash(key, content) + content)
+            os.replace(part, path)
+        except OSError:
+            self._full = True
+            with contextlib.suppress(OSError):
+                part.unlink()
+            return
+        self._bounded(len(content) + HASH)
+
+    def remove(self, key: str) -> None:
+        """Remove an entry that cannot be used."""
+        with contextlib.suppress(OSError):
+            self._path(key).unlink()
+
+    def _bounded(self, added: int) -> None:
+        """Remove the least recently used entries where all together exceed the limit."""
+        if self._size is None:
+            self._size = sum(size for _, size, _ in self._files())
+        else:
+            self._size += added
+        if self._size <= self.limit:
+            return
+        files = sorted(self._files())
+        left = sum(size for _, size, _ in files)
+        for _, size, path in files:
+            if left <= KEPT * self.limit:
+                break
+            with contextlib.suppress(OSError):
+                os.unlink(path)
+                left -= size
+        self._size = left
+
+    def _files(self) -> list[tuple[float, int, str]]:
+        """Time of the last use, size and path of every entry; removes what interrupted writing left."""
+        found = []
+        with contextlib.suppress(OSError), os.scandir(self.folder) as entries:
+            for entry in entries:
+                with contextlib.suppress(OSError):
+                    state = entry.stat(follow_symlinks=False)
+                    if entry.name.endswith(SUFFIX):
+                        found.append((state.st_mtime, state.st_size, entry.path))
+                    elif entry.name.endswith(PART) and time.time() - state.st_mtime > HOUR:
+                        os.unlink(entry.path)
+        return found
+
+    # -- what `mbdae cache` says
+
+    def _count(self) -> None:
+        """Add the hits and misses of this process to those of all."""
+        if self.folder is None or not self.hits + self.misses:
+            return
+        with contextlib.suppress(OSError):
+            flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
+            with open(os.open(self.folder / COUNTS, flags, 0o600), "ab") as file:
+                file.write(f"{self.hits} {self.misses}\n".encode())
+                long = file.tell() > 1 << 16
+            if long:
+                self._shorten()
+
+    def _shorten(self) -> None:
+        """One line in place of many; what another process adds meanwhile may be lost, which harms statistics alone."""
+        hits, misses = self._counts()
+        part = Path(f"{self.folder}/{secrets.token_hex(8)}{PART}")
+        part.write_text(f"{hits} {misses}\n")
+        os.replace(part, Path(f"{self.folder}/{COUNTS}"))
+
+    def _counts(self) -> tuple[int, int]:
+        try:
+            lines = [line.split() for line in Path(f"{self.folder}/{COUNTS}").read_text().splitlines()]
+            return sum(int(h) for h, _ in lines), sum(int(m) for _, m in lines)
+        except (OSError, ValueError):
+            return 0, 0
+
+    def content(self) -> Content:
+        """What it holds."""
+        files, (hits, misses) = self._files() if self.used else [], self._counts() if self.used else (0, 0)
+        return Content(len(files), sum(size for _, size, _ in files), hits, misses)
+
+    def clear(self) -> int:
+        """Remove all entries; how many there were."""
+        files = self._files() if self.used else []
+        for path in [path for *_, path in files] + [f"{self.folder}/{COUNTS}"] * self.used:
+            with contextlib.suppress(OSError):
+                os.unlink(path)
+        self._size = None
+        return len(files)
+
+
+def _hash(key: str, content: bytes) -> bytes:
+    return hashlib.sha256(key.encode() + b"\n" + content).digest()
+
+
+@lru_cache(maxsize=1)
+def store() -> Store:
+    """The store of this process."""
+    return Store(*chosen_folder())

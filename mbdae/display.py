@@ -1,0 +1,54 @@
+"""What notebooks show of objects: tables, pictures and whole pages as HTML."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+STYLE = "text-align:left;vertical-align:top;padding:2px 12px 2px 0"
+PLAYER_HEIGHT = 660  #: px, of a page inside of a notebook
+
+
+def titled(title: str, *parts: str) -> str:
+    """Parts of HTML under a title."""
+    return f"<div><b>{html.escape(title)}</b>{''.join(parts)}</div>"
+
+
+def rows(table: Iterable[Sequence[Any]], head: Sequence[str] = ()) -> str:
+    """A table; texts are escaped."""
+    top = f"<thead><tr>{_cells('th', head)}</tr></thead>" if head else ""
+    body = "".join(f"<tr>{_cells('td', row)}</tr>" for row in table)
+    return f"<table>{top}<tbody>{body}</tbody></table>"
+
+
+def _cells(tag: str, row: Sequence[Any]) -> str:
+    return "".join(f'<{tag} style="{STYLE}">{html.escape(str(cell))}</{tag}>' for cell in row)
+
+
+def lines(text: str) -> str:
+    """Text of lines "name: value" as a table of two columns; what has no name continues the line before."""
+    found: list[list[str]] = []
+    for line in text.splitlines():
+        name, colon, rest = line.strip().partition(": ")
+        if colon:
+            found.append([name, rest])
+        elif line.strip():
+            found.append(["", line.strip()])
+    return rows(found)
+
+
+def plain(text: str) -> str:
+    """Text in columns, as it is."""
+    return f'<pre style="white-space:pre;overflow-x:auto">{html.escape(text)}</pre>'
+
+
+def picture(file: bytes, kind: str = "png") -> str:
+    """A picture inside of the page."""
+    return f'<img style="max-width:100%" src="data:image/{kind};base64,{base64.b64encode(file).decode("ascii")}">'
+
+
+def framed(page: str, height: int = PLAYER_HEIGHT) -> str:
+    """A whole page with scripts and styles of its own, apart from those around it."""
+    return f'<iframe srcdoc="{html.escape(page)}" style="width:100%;height:{height}px;border:0"></iframe>'

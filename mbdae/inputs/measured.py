@@ -1,0 +1,145 @@
+"""Measured inputs: tables as expressions of `mb.t`, from arrays or from a file."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import OptionError
+from mbdae.inputs import tables
+from mbdae.inputs.tables import Table
+from mbdae.inputs.timed import after, time_symbol
+from mbdae.values import BadValueError, option, path, shown, text
+
+TIME_UNITS = ("s", "sec", "second", "seconds")
+_HEAD = re.compile(r"\s*(?P<name>.*?)\s*(?:[\[(](?P<unit>[^\])]*)[\])])?\s*")
+LONGEST_LIST = 12  #: columns that a message names
+
+
+def table(t: Any, values: Any, kind: str = "linear", outside: str = "hold") -> Any:
+    """A table as an expression of `mb.t`: in any drive, load or parameter, alone or inside of an expression.
+
+    t (n,): times in s, rising; values (n,): in SI units of what takes them. kind: "linear" between the points, "cubic" (the
+    monotone cubic PCHIP, whose slope is continuous: for prescribed motions), "step" (a value holds until the next point).
+    outside: "hold" the first and the last value, "periodic" (the last value is the first), or "error": a run that goes beyond the
+    table is refused before it begins. With `.subs(mb.t, 2*mb.t - 1)` it is read at another pace or from another instant.
+    OptionError where the points are not rising, not finite or fewer than two."""
+    try:
+        found = tables.known(Table(t, values, kind, outside))
+    except BadValueError as refused:
+        raise OptionError(f"mb.table: {refused}") from None
+    return _function(found.name, 0)(time_symbol())
+
+
+def read_table(file: Any, t: str, value: str, kind: str = "linear", outside: str = "hold", unit: str | None = None) -> Any:
+    """A table from two columns of a file of numbers, with the names of the columns in its first line: see `mb.table`.
+
+    Columns are divided by commas, semicolons, tabs or blanks; lines that begin with # are left out. t, value: names of columns,
+    which may state a unit behind them: "F [N]". Values are taken as they are, in SI units: the time column must be in s, where it
+    states a unit; unit: what the value column must state, such as "N", if given. OptionError where the file or a column is
+    missing, a unit differs, or an entry is no number."""
+    place = option("file", file, path, "give the path of a file of numbers with names of columns in its first line")
+    names = [option(name, x, text, "give the name of a column") for name, x in (("t", t), ("value", value))]
+    head, rows = _rows(place)
+    units = [_HEAD.fullmatch(h) for h in head]
+    columns = [_column(place, head, name) for name in names]
+    _check_unit(place, head[columns[0]], units[columns[0]], TIME_UNITS, "times are read in s: convert the column")
+    if unit is not None:
+        told = f"the input takes {unit}: convert the column, or name its unit by unit="
+        _check_unit(place, head[columns[1]], units[columns[1]], (unit,), told, required=True)
+    times, values = ([_number(place, line, head[c], row, c) for line, row in rows] for c in columns)
+    try:
+        found = tables.known(Table(times, values, kind, outside))
+    except BadValueError as refused:
+        raise OptionError(f"{place}, columns {shown(head[columns[0]])} and {shown(head[columns[1]])}: {refused}") from None
+    return _function(found.name, 0)(time_symbol())
+
+
+# ---- files -----------------------------------------------------------------------------------------------------------------
+
+
+def _rows(place: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Names of the columns, and lines with their numbers in the file."""
+    try:
+        lines = place.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        why = getattr(error, "strerror", None) or "it is no text"
+        raise OptionError(f"the table '{place}' cannot be read: {why}") from None
+    kept = [(i, line) for i, line in enumerate(lines, start=1) if line.strip() and not line.lstrip().startswith("#")]
+    if not kept:
+        raise OptionError(f"the table '{place}' is empty")
+    sign = next((s for s in (";", ",", "\t") if s in kept[0][1]), None)
+    split = [row if sign else " ".join(row).split() for row in csv.reader((line for _, line in kept), delimiter=sign or " ")]
+    if not sign:
+        split[0] = _with_units(split[0])
+    return [h.strip() for h in split[0]], [(i, row) for (i, _), row in zip(kept[1:], split[1:], strict=True)]
+
+
+def _with_units(words: list[str]) -> list[str]:
+    """Names divided by blanks, each with the unit in brackets behind it."""
+    found: list[str] = []
+    for word in words:
+        if found and word.startswith(("[", "(")):
+            found[-1] += f" {word}"
+        else:
+            found.append(word)
+    return found
+
+
+def _column(place: Path, head: Sequence[str], name: str) -> int:
+    """The number of the column with a name, with its unit or without."""
+    found = [i for i, h in enumerate(head) if name.strip() in (h, _HEAD.fullmatch(h)["name"])]  # type: ignore[index]
+    if len(found) == 1:
+        return found[0]
+    listed = ", ".join(repr(h) for h in head[:LONGEST_LIST]) + (", ..." if len(head) > LONGEST_LIST else "")
+    raise OptionError(f"'{place}' has {'several columns' if found else 'no column'} {name!r}; it has {listed}")
+
+
+def _check_unit(place: Path, head: str, found: Any, allowed: Sequence[str], told: str, required: bool = False) -> None:
+    unit = found["unit"]
+    if (unit is None and required) or (unit is not None and unit.strip() not in allowed):
+        states = "states no unit" if unit is None else f"is in {unit.strip()!r}"
+        raise OptionError(f"column {head!r} of '{place}' {states}; {told}")
+
+
+def _number(place: Path, line: int, head: str, row: Sequence[str], column: int) -> float:
+    try:
+        return float(row[column])
+    except (IndexError, ValueError):
+        what = f"{row[column]!r} is no number" if column < len(row) else "the entry is missing"
+        raise OptionError(f"'{place}', line {line}, column {head!r}: {what}") from None
+
+
+# ---- SymPy -----------------------------------------------------------------------------------------------------------------
+
+
+@cache
+def _function(name: str, order: int) -> Any:
+    """SymPy's function of a table, or of a derivative of it."""
+    from sympy.core.function import AppliedUndef, UndefinedFunction
+
+    class AppliedTable(AppliedUndef):  # type: ignore[misc]
+        """A table at a time: it has derivatives and, at a number, a value."""
+
+        def fdiff(self, argindex: int = 1) -> Any:
+            return _function(name, order + 1)(*self.args)
+
+        def _eval_derivative(self, s: Any) -> Any:
+            return self.fdiff() * self.args[0].diff(s)
+
+        def _eval_evalf(self, prec: int) -> Any:
+            import sympy
+
+            if not self.args[0].is_number:
+                return None
+            at = np.array([float(self.args[0])])
+            found = tables.named(self.func.__name__)
+            return None if found is None else sympy.Float(float(found.table.lookup(at, after(at), found.order)[0]))
+
+    return UndefinedFunction(name if order == 0 else f"{name}_d{order}", bases=(AppliedTable,))

@@ -1,0 +1,242 @@
+"""Tables of time: piecewise polynomials between points, one lookup however many points there are.
+
+In an expression a table is a function of its name, `table_<digest>(a*t + b)`; its derivatives have the name with `_d1`, `_d2`.
+Between two breaks the segment is that of the time; at a point between two segments, that on the side of the second argument
+(`timed.sided`). `values` here and LOOKUP in `native/evaluation.c` follow the same rule.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import symengine as se
+from numpy.typing import NDArray
+
+from mbdae.symbolic.vectors import Expr
+from mbdae.values import BadValueError, array, shown, word
+
+Array = NDArray[np.float64]
+
+KINDS, OUTSIDE = ("linear", "cubic", "step"), ("hold", "periodic", "error")
+MOST_POINTS = 5_000_000
+CLOSEST = 1e-11  #: distance of two points over the largest time below which no step tells them apart
+#: times this near to a point, relative to the largest of the table, count as that point: the side decides
+SIDED = 1e3 * float(np.finfo(float).eps)
+_NAME = re.compile(r"(table_[0-9a-f]{20})(?:_d(\d+))?", re.ASCII)
+
+
+class Table:
+    """Points t (n,) in s, rising, with values (n,); kind and outside as in `mb.table`. Equal tables have equal names.
+
+    Segment i (0..n) lies between points i - 1 and i and has the polynomial coefficients[:, i] in x - base[i], lowest power
+    first; segments 0 and n are outside."""
+
+    def __init__(self, t: Any, values: Any, kind: str = "linear", outside: str = "hold") -> None:
+        self.kind, self.outside = word(kind, KINDS), word(outside, OUTSIDE)
+        self.t, self.values = _checked(t, values, self.outside)
+        told = f"{kind} {outside} {len(self.t)} ".encode() + self.t.tobytes() + self.values.tobytes()
+        self.name = f"table_{hashlib.sha256(told).hexdigest()[:20]}"
+        self.first, self.last = (0, len(self.t)) if outside == "hold" else (1, len(self.t) - 1)
+        self.period = float(self.t[-1] - self.t[0]) if outside == "periodic" else 0.0
+        self.near = SIDED * float(max(abs(self.t[0]), abs(self.t[-1])))
+
+    @cached_property
+    def base(self) -> Array:
+        """(n+1,) s, where the polynomials of the segments begin."""
+        return np.concatenate([self.t[:1], self.t[:-1], self.t[-1 if self.outside == "hold" else -2 :][:1]])
+
+    @cached_property
+    def coefficients(self) -> Array:
+        """(4, n+1)."""
+        inside, (n,) = _KINDS[self.kind](self.t, self.values, self.outside == "periodic"), self.t.shape
+        found = np.zeros((4, n + 1))
+        found[:, 1:n] = inside
+        if self.outside == "hold":
+            found[0, [0, n]] = self.values[[0, -1]]
+        else:
+            found[:, [0, n]] = inside[:, [0, -1]]
+        return found
+
+    def segments(self, x: Array, side: Array) -> tuple[Array, NDArray[np.intp]]:
+        """Times x (k,) inside their segments, from its base, and the numbers of these; side (k,): times on the side that counts
+        where x is a point."""
+        near = np.maximum(self.near, SIDED * np.abs(x))
+        seen, turns = x + np.clip(side - x, -near, near), np.zeros(1)
+        if self.period:
+            turns = self.period * np.floor((seen - self.t[0]) / self.period)
+        i = np.clip(np.searchsorted(self.t, seen - turns, side="right"), self.first, self.last)
+        return x - turns - self.base[i], i
+
+    def lookup(self, x: Array, side: Array, order: int = 0) -> Array:
+        """Values, or derivatives of an order, (k,) at times x."""
+        s, i = self.segments(np.asarray(x, dtype=float), np.asarray(side, dtype=float))
+        c = self.of_order(order)
+        return np.asarray(c[0, i] + s * (c[1, i] + s * (c[2, i] + s * c[3, i])))
+
+    def of_order(self, order: int) -> Array:
+        """Coefficients (4, n+1) of a derivative."""
+        while order >= len(self._orders):
+            c = self._orders[-1]
+            self._orders.append(np.stack([c[1], 2 * c[2], 3 * c[3], np.zeros(c.shape[1])]))
+        return self._orders[order]
+
+    @cached_property
+    def _orders(self) -> list[Array]:
+        return [self.coefficients]
+
+    @cached_property
+    def packed(self) -> Array:
+        """What C reads: first and last segment, period, `near`, points, bases, coefficients of one segment after the other."""
+        head = [self.first, self.last, self.period, self.near]
+        found = np.concatenate([head, self.t, self.base, self.coefficients.T.ravel()])
+        found.flags.writeable = False
+        return found
+
+    @cached_property
+    def as_data(self) -> dict[str, Any]:
+        """The table as plain data that keeps every digit."""
+        t, values = (base64.b64encode(x.astype("<f8").tobytes()).decode("ascii") for x in (self.t, self.values))
+        return {"kind": self.kind, "outside": self.outside, "t": t, "values": values}
+
+    def points(self, x0: float, x1: float) -> Array:
+        """Points inside (x0, x1), repeated where the table is periodic."""
+        if not self.period:
+            return self.t[(self.t > x0) & (self.t < x1)]
+        turns = np.arange(np.floor((x0 - self.t[0]) / self.period), np.ceil((x1 - self.t[0]) / self.period))
+        if len(turns) * len(self.t) > MOST_POINTS:
+            raise BadValueError(f"is repeated {len(turns)} times between {x0:g} and {x1:g} s")
+        all_points = (self.t[:-1] + self.period * turns[:, None]).ravel()
+        return all_points[(all_points > x0) & (all_points < x1)]
+
+
+def _checked(t: Any, values: Any, outside: str) -> tuple[Array, Array]:
+    t, values = (_numbers(name, x) for name, x in (("t", t), ("values", values)))
+    if len(t) != len(values):
+        raise BadValueError(f"{len(t)} times and {len(values)} values: give one value for every time")
+    if len(t) < 2:
+        raise BadValueError(f"a table of {len(t)} point{'s' * (len(t) != 1)} says nothing between points: give two or more")
+    falling = np.flatnonzero(~(np.diff(t) > CLOSEST * max(abs(t[0]), abs(t[-1]))))
+    if len(falling):
+        i = int(falling[0])
+        why = "equal" if t[i] == t[i + 1] else "not in rising order" if t[i] > t[i + 1] else "too close for any step"
+        raise BadValueError(f"t[{i}] = {float(t[i])!r} and t[{i + 1}] = {float(t[i + 1])!r} are {why}: sort the points by time, "
+                            f"one for every time (a jump: kind=\"step\")")  # fmt: skip
+    if outside == "periodic" and values[0] != values[-1]:
+        raise BadValueError(f"a periodic table ends with the value with which it begins, not with {values[-1]:g} after "
+                            f"{values[0]:g}: append a point a period after the first")  # fmt: skip
+    return t, values
+
+
+def _numbers(name: str, x: Any) -> Array:
+    try:
+        found = array(x)
+    except BadValueError as refused:
+        wrong = _not_finite(x)
+        raise BadValueError(f"{name}[{wrong}] is not a finite number" if wrong is not None else f"{name} = {refused}") from None
+    if found.ndim != 1:
+        raise BadValueError(f"{name} = {shown(x)} has shape {found.shape}: give a list of numbers")
+    found.flags.writeable = False
+    return found
+
+
+def _not_finite(x: Any) -> int | None:
+    try:
+        wrong = np.flatnonzero(~np.isfinite(np.asarray(x, dtype=float)))
+    except (TypeError, ValueError):
+        return None
+    return int(wrong[0]) if len(wrong) else None
+
+
+# ---- polynomials between the points: (4, n-1) ------------------------------------------------------------------------------
+
+
+def _linear(t: Array, v: Array, periodic: bool) -> Array:
+    return np.stack([v[:-1], np.diff(v) / np.diff(t), *np.zeros((2, len(t) - 1))])
+
+
+def _step(t: Array, v: Array, periodic: bool) -> Array:
+    return np.stack([v[:-1], *np.zeros((3, len(t) - 1))])
+
+
+def _cubic(t: Array, v: Array, periodic: bool) -> Array:
+    """The cubic that rises and falls with its points (Fritsch and Butland's PCHIP)."""
+    h, d = np.diff(t), np.diff(v) / np.diff(t)
+    if periodic:
+        m = _slopes(np.r_[h[-1], h, h[0]], np.r_[d[-1], d, d[0]])
+    elif len(t) == 2:
+        m = np.r_[d, d]
+    else:
+        m = np.r_[_end(h[0], h[1], d[0], d[1]), _slopes(h, d), _end(h[-1], h[-2], d[-1], d[-2])]
+    return np.stack([v[:-1], m[:-1], (3 * d - 2 * m[:-1] - m[1:]) / h, (m[:-1] + m[1:] - 2 * d) / h**2])
+
+
+def _slopes(h: Array, d: Array) -> Array:
+    """At inner points: the weighted harmonic mean of the slopes beside, 0 where these differ in sign."""
+    a, b = 2 * h[1:] + h[:-1], h[1:] + 2 * h[:-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = (a + b) / (a / d[:-1] + b / d[1:])
+    return np.where(d[:-1] * d[1:] > 0, mean, 0.0)
+
+
+def _end(h0: float, h1: float, d0: float, d1: float) -> float:
+    """At an end: of the parabola through three points, limited so that the cubic stays monotone."""
+    m = ((2 * h0 + h1) * d0 - h0 * d1) / (h0 + h1)
+    if m * d0 <= 0:
+        return 0.0
+    return 3 * d0 if d0 * d1 <= 0 and abs(m) > 3 * abs(d0) else float(m)
+
+
+_KINDS = {"linear": _linear, "cubic": _cubic, "step": _step}
+
+# ---- tables by their names -------------------------------------------------------------------------------------------------
+
+_KNOWN: dict[str, Table] = {}
+
+
+class Lookup(NamedTuple):
+    """A table, or its derivative of an order, in an expression."""
+
+    table: Table
+    order: int
+
+
+def known(table: Table) -> Table:
+    """The table, which expressions may name from now on."""
+    return _KNOWN.setdefault(table.name, table)
+
+
+def from_data(name: str, data: Any) -> None:
+    """Make a stored table known; BadValueError where its data is none, or not that of its name."""
+    if name in _KNOWN and data == _KNOWN[name].as_data:
+        return
+    try:
+        t, values = (np.frombuffer(base64.b64decode(data[key], validate=True), dtype="<f8") for key in ("t", "values"))
+        table = Table(t, values, data["kind"], data["outside"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadValueError(f"the stored table {shown(name)} cannot be read: {error}") from None
+    if table.name != name:
+        raise BadValueError(f"the stored table {shown(name)} has other points than its name says")
+    known(table)
+
+
+def named(name: str) -> Lookup | None:
+    """The table that a function name stands for; None where there is none."""
+    found = _NAME.fullmatch(name)
+    if found is None or found[1] not in _KNOWN:
+        return None
+    return Lookup(_KNOWN[found[1]], int(found[2] or 0))
+
+
+def lookup_of(node: Expr) -> Lookup | None:
+    """The table of a node of an expression; None where it is none."""
+    return named(node.get_name()) if isinstance(node, se.FunctionSymbol) else None
+
+
+def function(table: Table, order: int) -> Any:
+    """The symengine function of a table or of a derivative of it."""
+    return se.Function(table.name if order == 0 else f"{table.name}_d{order}")

@@ -1,0 +1,207 @@
+"""One run as it is kept: its stretches, each one call of a method, their steps, and the state of the method inside the last one.
+
+A method that calls `StepLoop.keep` between its steps goes on from any of them with the same bits. Every other one (IDA and CVODE,
+whose history stays inside of SUNDIALS) begins anew after so many steps, in a run that is not interrupted too: so both have the
+same bits. Stretches that ended are repeated without their steps: breaks of inputs and changes of the rows in force are found
+again.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from typing import Any, Protocol
+
+from mbdae.errors import AccuracyWarning, OptionError, SolverError, WallClockError
+from mbdae.integrators.checkpoints.keeper import Keeper, Stopping
+from mbdae.integrators.checkpoints.snapshot import go_back, snapshot
+from mbdae.integrators.checkpoints.trees import Tree
+from mbdae.integrators.matrices.iteration import keep_order, kept_order
+from mbdae.integrators.solution import Stats
+from mbdae.system.base import System
+
+END, RENEWED, PLANNED = "end", "renewed", "planned"  #: what ended a stretch
+
+
+class StepLoop(Protocol):
+    """What a record needs of the loop of a run."""
+
+    t_end: float
+    system: System
+
+    @property
+    def t(self) -> float:
+        """Time of the last accepted step."""
+
+    @property
+    def count(self) -> int:
+        """Steps accepted."""
+
+    @property
+    def systems(self) -> list[System]:
+        """The equations from which the run began, and those it was renewed to."""
+
+    @property
+    def first_system(self) -> System:
+        """The equations from which the run began."""
+
+    def give_back(self, parts: Any, count: int) -> None:
+        """Append steps that were made before."""
+
+    def end_again(self, renewed: bool, planned: bool) -> None:
+        """End a stretch as it ended before."""
+
+    def go_on_counting(self, counts: dict[str, Any]) -> None:
+        """Count on from what was counted before."""
+
+    def counted(self) -> Stats:
+        """What was counted until now."""
+
+    def steps_between(self, first: int, last: int) -> dict[str, Any]:
+        """Some of the steps."""
+
+    def solution(self) -> Any:
+        """The steps accepted so far."""
+
+
+class Record:
+    """One run in the folder of a keeper; restarts: whether its method begins anew at checkpoints; what: names the run."""
+
+    def __init__(self, keeper: Keeper, restarts: bool, what: str) -> None:
+        self.keeper, self.restarts, self.what = keeper, restarts, what
+        self._files = keeper.next_run()
+        self._stored = stored = self._files.read()
+        if stored is not None and stored["what"] != what:
+            raise OptionError(f"checkpoint: the folder holds the run {stored['what']} where {what} begins: it was written by "
+                              f"another version, or damaged; delete it, or name another one")  # fmt: skip
+        self._pending = list(stored["ends"]) if stored is not None else []
+        self._ends: list[tuple[int, str]] = []
+        self._chunks: int = 0 if stored is None else stored["chunks"]
+        self._saved: int = 0 if stored is None else stored["count"]
+        self._failed_before = False
+        self._boundary: dict[str, Tree] | None = None
+        self._caught: list[warnings.WarningMessage] = []
+
+    @contextmanager
+    def guarding(self, loop: StepLoop) -> Iterator[None]:
+        """Context of the run: keep how it ends. Its warnings are kept too, and given at the end."""
+        self.keeper.inside += 1
+        try:
+            with warnings.catch_warnings(record=True) as self._caught:
+                warnings.simplefilter("always")
+                yield
+                self._finish(loop)
+        except WallClockError:
+            raise
+        except SolverError as error:
+            self._finish(loop, error)
+            raise
+        finally:
+            self.keeper.inside -= 1
+            for warning in self._caught:
+                warnings.warn(warning.message, warning.category, stacklevel=5)
+        if self.keeper.stop:
+            raise Stopping
+
+    # -- what was made before
+
+    def made_before(self, loop: StepLoop) -> bool:
+        """Whether the stretch that is about to begin was made before; of one that was under way its steps are given back."""
+        stored = self._stored
+        if stored is None:
+            return False
+        if self._pending:
+            count, kind = end = self._pending.pop(0)
+            loop.give_back(stored["steps"], count)
+            self._ends.append(end)
+            loop.end_again(kind == RENEWED, kind == PLANNED)
+            return True
+        loop.give_back(stored["steps"], stored["count"])
+        self._give_back_orders(loop)
+        if stored["method"] is None:
+            self._take_over(loop)
+        if stored["failure"] is not None:
+            self._failed_before = True
+            message, time, culprit, attached = stored["failure"]
+            raise SolverError(message, time, culprit, loop.solution() if attached else None)
+        return False
+
+    def goes_on(self, loop: StepLoop, method: Any) -> None:
+        """Bring a method that is about to make its first step to where it was."""
+        if self._stored is not None:
+            go_back(method, self._stored["method"])
+            self._take_over(loop)
+
+    def _take_over(self, loop: StepLoop) -> None:
+        """From here on the run is a new one."""
+        stored, self._stored = self._stored, None
+        assert stored is not None
+        loop.go_on_counting(stored["stats"])
+        self._give_back_orders(loop, stored)
+        for system, memory in zip((loop.first_system, loop.system), stored["memory"], strict=True):
+            system.remember(memory)
+        for text in stored["warned"]:
+            warnings.warn(text, AccuracyWarning, stacklevel=6)
+
+    def _give_back_orders(self, loop: StepLoop, stored: dict[str, Tree] | None = None) -> None:
+        stored = stored or self._stored
+        assert stored is not None
+        for system, order in zip(loop.systems, stored["orders"], strict=False):
+            keep_order(system, order)
+
+    # -- what is made now
+
+    @property
+    def room(self) -> int:
+        """Steps until the method begins anew."""
+        begin = self._ends[-1][0] if self._ends else 0
+        return begin + self.keeper.every
+
+    def planned(self, loop: StepLoop) -> bool:
+        """Whether the method begins anew after the step just accepted."""
+        if not self.restarts:
+            return False
+        if self.keeper.stop:
+            if self._boundary is not None:
+                self._write(loop, self._boundary)
+            raise Stopping
+        return loop.t < loop.t_end and loop.count >= self.room
+
+    def ended(self, loop: StepLoop, renewed: bool, planned: bool) -> None:
+        """A stretch ended."""
+        self._ends.append((loop.count, RENEWED if renewed else PLANNED if planned else END))
+        if planned:
+            self._boundary = self._captured(loop, None)
+            if self.keeper.due:
+                self._write(loop, self._boundary)
+
+    def keep(self, loop: StepLoop, method: Any) -> None:
+        """Keep the run between two steps of a method, where it is time to."""
+        if self.keeper.due and (self.keeper.stop or loop.count - self._saved >= self.keeper.every):
+            self._write(loop, self._captured(loop, snapshot(method)))
+        if self.keeper.stop:
+            raise Stopping
+
+    def _finish(self, loop: StepLoop, error: SolverError | None = None) -> None:
+        if self._stored is not None:  # it had ended before
+            self._take_over(loop)
+        elif not self._failed_before:
+            failure = None if error is None else (str(error), error.time, error.culprit, error.solution is not None)
+            state = self._captured(loop, None, failure)
+            self._files.write(state, self._chunks, loop.steps_between(self._saved, state["count"]))
+
+    def _captured(self, loop: StepLoop, method: Tree, failure: Tree = None) -> dict[str, Tree]:
+        warned = [str(w.message) for w in self._caught if issubclass(w.category, AccuracyWarning)]
+        return {"what": self.what, "ends": list(self._ends), "count": loop.count, "stats": asdict(loop.counted()),
+                "memory": [system.memory() for system in (loop.first_system, loop.system)],
+                "orders": [kept_order(system) for system in loop.systems], "warned": list(dict.fromkeys(warned)),
+                "method": method, "failure": failure}  # fmt: skip
+
+    def _write(self, loop: StepLoop, state: dict[str, Tree]) -> None:
+        """Keep a state and the steps until then."""
+        if state["count"] > self._saved:
+            self._files.write_chunk(self._chunks, loop.steps_between(self._saved, state["count"]))
+            self._chunks, self._saved = self._chunks + 1, state["count"]
+        self._files.write(state, self._chunks, None)

@@ -1,0 +1,76 @@
+"""Plain values with arrays among them, as one .npz file that is written as a whole."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csc_matrix
+
+from mbdae.errors import OptionError
+from mbdae.files import replacing
+
+TEXT = "tree"
+Tree = Any  #: None, flags, numbers, texts, arrays, sparse matrices by columns, and lists, tuples and dictionaries of these
+
+
+class NotPlainError(Exception):
+    """A value that a tree cannot hold."""
+
+
+def write_tree(path: Path, tree: Tree) -> None:
+    """Replace a file by a tree; afterwards it is on the disk."""
+    arrays: dict[str, Any] = {}
+    text = json.dumps(packed(tree, arrays))
+    with replacing(path) as part, part.open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays, **{TEXT: np.frombuffer(text.encode(), dtype=np.uint8)})
+
+
+def read_tree(path: Path) -> Tree:
+    """The tree in a file; OptionError where it is damaged."""
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            return unpacked(json.loads(stored[TEXT].tobytes().decode()), stored)
+    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error, EOFError) as error:
+        raise OptionError(f"checkpoint file '{path}' is damaged ({error}): delete its folder, or name another one") from error
+
+
+def packed(value: Tree, arrays: dict[str, Any]) -> Any:
+    """A tree as JSON, with the arrays in it apart; NotPlainError where it holds something else."""
+    if value is None or isinstance(value, bool | str):
+        return value
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, bool | int | float):
+        return value
+    if isinstance(value, np.ndarray) and value.dtype.kind in "bifc":
+        arrays[f"a{len(arrays)}"] = value
+        return {"array": f"a{len(arrays) - 1}"}
+    if isinstance(value, csc_matrix):
+        return {"csc": [packed(part, arrays) for part in (value.data, value.indices, value.indptr)], "shape": list(value.shape)}
+    if isinstance(value, list):
+        return [packed(part, arrays) for part in value]
+    if isinstance(value, tuple):
+        return {"tuple": [packed(part, arrays) for part in value]}
+    if isinstance(value, dict) and all(isinstance(key, str) for key in value):
+        return {"dict": {key: packed(part, arrays) for key, part in value.items()}}
+    raise NotPlainError(type(value).__name__)
+
+
+def unpacked(value: Any, arrays: Any) -> Tree:
+    """The tree again."""
+    if isinstance(value, list):
+        return [unpacked(part, arrays) for part in value]
+    if not isinstance(value, dict):
+        return value
+    if "array" in value:
+        return arrays[value["array"]]
+    if "csc" in value:
+        return csc_matrix(tuple(unpacked(part, arrays) for part in value["csc"]), shape=tuple(value["shape"]))
+    if "tuple" in value:
+        return tuple(unpacked(part, arrays) for part in value["tuple"])
+    return {key: unpacked(part, arrays) for key, part in value["dict"].items()}

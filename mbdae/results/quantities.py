@@ -1,0 +1,105 @@
+"""Quantities of a result over time: sensors by name, components of them, and expressions and functions of one's own."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import OptionError, SceneError
+from mbdae.scene.components import Signal
+from mbdae.scene.sensor_names import measured
+from mbdae.system.base import Array
+from mbdae.values import shown
+
+Quantity = str | Callable[[Any], Any]
+#: functions of expressions; norm and magnitude are lengths of vectors
+FUNCTIONS: dict[str, Callable[..., Any]] = {
+    **{name: getattr(np, name) for name in ("sin", "cos", "tan", "sqrt", "exp", "log", "abs", "sign", "minimum", "maximum")},
+    "norm": lambda v: np.linalg.norm(v, axis=-1),
+}  # fmt: skip
+_SIGNS: dict[type, Callable[[Any, Any], Any]] = {
+    ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.true_divide, ast.Pow: np.power,
+}  # fmt: skip
+REMEDY = ("name a sensor (\"J.angle\", \"b.position[1]\"), give an expression of sensors (\"J.torque[2]*J.rate\"), or a function "
+          "of the result (lambda r: r[\"J\"].angle)")  # fmt: skip
+
+
+def value(result: Any, quantity: Quantity) -> Array:
+    """A quantity at the result's times, (nt,) or (nt, n); OptionError or SceneError where it is none."""
+    if callable(quantity):
+        try:
+            found = np.asarray(quantity(result), dtype=float)
+        except (TypeError, ValueError) as error:
+            raise OptionError(f"{named(quantity)}: {error}; {REMEDY}") from error
+    elif isinstance(quantity, str):
+        found = _of_text(result, quantity)
+    else:
+        raise OptionError(f"{shown(quantity)} is no quantity: {REMEDY}")
+    if found.shape[:1] != result.t.shape or found.dtype.kind not in "fi":
+        raise OptionError(f"{named(quantity)} is not a quantity over time (shape {found.shape}, {len(result.t)} times): {REMEDY}")
+    return np.asarray(found, dtype=float)
+
+
+def named(quantity: Any) -> str:
+    """What a quantity is called."""
+    return quantity if isinstance(quantity, str) else str(getattr(quantity, "__name__", "a function"))
+
+
+def unit_of(result: Any, quantity: Any) -> str:
+    """Unit of a sensor; "" of expressions and functions."""
+    try:
+        return measured(result.prepared.model.scene, quantity)[1]
+    except (SceneError, AttributeError, TypeError):
+        return ""
+
+
+def _of_text(result: Any, text: str) -> Any:
+    """A sensor, or an expression of sensors."""
+    try:
+        return result.read(text)
+    except SceneError:
+        tree = _parsed(text)
+        if tree is None or isinstance(tree, ast.Name | ast.Constant) or _path(tree) is not None:
+            raise
+        return _evaluated(result, tree)
+
+
+def _parsed(text: str) -> Any:
+    """The expression that a text is; None where it is none."""
+    try:
+        return ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return None
+
+
+def _path(node: Any) -> str | None:
+    """The name of a sensor that a part of an expression is; None where it is none."""
+    inner = node.value if isinstance(node, ast.Subscript) else node
+    if not isinstance(inner, ast.Attribute):
+        return None
+    return ast.unparse(node)
+
+
+def _evaluated(result: Any, node: Any) -> Any:
+    """The value of an expression: signs and functions above, numbers, t, and sensors."""
+    path = _path(node)
+    if path is not None:
+        return result.read(path)
+    if isinstance(node, ast.Name) and isinstance(result.prepared.model.scene._by_name.get(node.id), Signal):
+        return result.read(node.id)
+    if isinstance(node, ast.Name) and node.id in ("t", "pi"):
+        return result.t if node.id == "t" else np.pi
+    if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
+        return float(node.value)
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
+        inner = _evaluated(result, node.operand)
+        return -inner if isinstance(node.op, ast.USub) else inner
+    if isinstance(node, ast.BinOp) and type(node.op) in _SIGNS:
+        return _SIGNS[type(node.op)](_evaluated(result, node.left), _evaluated(result, node.right))
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in FUNCTIONS and not node.keywords:
+        return FUNCTIONS[node.func.id](*(_evaluated(result, a) for a in node.args))
+    raise OptionError(f"{ast.unparse(node)!r} is no part of an expression of sensors: signs + - * / **, numbers, t, pi, "
+                      f"the functions {', '.join(FUNCTIONS)}, and sensors may appear")  # fmt: skip

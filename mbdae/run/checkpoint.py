@@ -1,0 +1,132 @@
+"""Calls of `Scene.simulate` that are kept in a folder while they run: whose call it is, and what ends it.
+
+The runs of a call are kept by `integrators.checkpoints`; here the folder gets a statement of scene and options, which the same
+call finds again, and SIGTERM ends the call at the next step.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import OptionError, StoppedError
+from mbdae.files import first_difference, path_of, write_file
+from mbdae.formulations import Form
+from mbdae.integrators.base import Solver
+from mbdae.integrators.checkpoints.keeper import Keeper, Stopping, keeping_runs
+from mbdae.results.result import Result
+from mbdae.results.storable import statements
+from mbdae.results.storage import own_laws
+from mbdae.run.environment import environment
+from mbdae.scene.scene import SceneData
+from mbdae.system.prepare import modelled
+from mbdae.values import option, optional, shown, whole
+
+EVERY = 1000  #: accepted steps between two checkpoints
+FORMAT = "mbdae run in progress 1"
+STATEMENT = "statement.json"
+FOLDER = "give the name of a folder, new or one that such a call made, or None"
+#: of the environment: what may change last digits
+HERE = ("mbdae", "python", "numpy", "scipy", "scikit-sundae", "symengine", "machine")
+
+
+def keeper_of(checkpoint: Any, every: Any) -> Keeper | None:
+    """The keeper of a call; the folder is made. OptionError where it cannot be."""
+    steps = optional("every", every, whole, "give a number of steps, 1 or more, or None", least=1)
+    if checkpoint is None:
+        if every is not None:
+            raise OptionError(f"every = {shown(every)} without a checkpoint: name its folder by checkpoint=")
+        return None
+    folder: Path = option("checkpoint", checkpoint, path_of, FOLDER)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        strange = not (folder / STATEMENT).exists() and any(not name.name.startswith(".") for name in folder.iterdir())
+    except OSError as error:
+        raise OptionError(f"checkpoint = '{folder}' is no folder that can be written to ({error.strerror}): {FOLDER}") from error
+    if strange:
+        raise OptionError(f"checkpoint = '{folder}' holds other files: {FOLDER}")
+    return Keeper(folder, steps or EVERY)
+
+
+@contextmanager
+def kept(keeper: Keeper | None, statement: Callable[[], dict[str, Any]]) -> Iterator[None]:
+    """Keep the runs made inside. statement: plain data of the call; a folder of another call is refused."""
+    if keeper is None:
+        yield
+        return
+    _check(keeper.folder, json.loads(json.dumps(statement())))
+    for left in keeper.folder.glob(".*.npz"):  # of a process that was killed while it wrote
+        left.unlink(missing_ok=True)
+    try:
+        with _ended_by_sigterm(keeper), keeping_runs(keeper):
+            yield
+    except Stopping:
+        raise StoppedError(f"stopped by SIGTERM: what was computed is kept in '{keeper.folder}'; the same call goes on from "
+                           f"there") from None  # fmt: skip
+
+
+def statement_of(scene: SceneData, every: int, solver: Solver | None, form: Form | None, start: Result | None,
+                 **options: Any) -> dict[str, Any]:  # fmt: skip
+    """Plain data of a call: scene, options and versions. OptionError where its runs cannot be kept."""
+    if scene.controllers:
+        raise OptionError(f"checkpoint: what the function of controller '{scene.controllers[0].name}' does and remembers is not "
+                          f"kept, so a run of it cannot go on: omit checkpoint=, or state the law as feedback, with s.sensor and "
+                          f"s.state")  # fmt: skip
+    try:
+        stated = statements(scene)
+    except OptionError as error:
+        raise OptionError(f"checkpoint: the scene cannot be stored, so a folder could not be told from that of another one: "
+                          f"{error}") from error  # fmt: skip
+    found = environment()
+    return {"scene": stated, "laws": own_laws(modelled(scene)[0]), "solver": repr(solver), "form": repr(form), "every": every,
+            "start": None if start is None else _digest(start.solution.t[-1:], start.solution.y[-1], start.solution.yp[-1]),
+            "versions": {name: found[name] for name in HERE},
+            **{name: _digest(value) if isinstance(value, np.ndarray) else value for name, value in options.items()}}  # fmt: skip
+
+
+def _digest(*arrays: Any) -> str:
+    content = b"".join(np.ascontiguousarray(array, dtype="<f8").tobytes() for array in arrays)
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+def _check(folder: Path, here: dict[str, Any]) -> None:
+    place = folder / STATEMENT
+    if not place.exists():
+        write_file(place, json.dumps({"format": FORMAT, "call": here}, indent=1) + "\n")
+        return
+    try:
+        there = json.loads(place.read_text(encoding="utf-8"))
+        call = there["call"] if there["format"] == FORMAT else None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise OptionError(f"checkpoint: '{place}' cannot be read ({error}): delete the folder, or name another one") from error
+    difference = "it has another format" if call is None else first_difference(call, here)
+    if difference:
+        raise OptionError(f"checkpoint = '{folder}' holds another run: {difference}; make the same call with the same versions, "
+                          f"or name another folder")  # fmt: skip
+
+
+@contextmanager
+def _ended_by_sigterm(keeper: Keeper) -> Iterator[None]:
+    """SIGTERM lets a run finish its step; between runs it ends the call at once."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, frame: Any) -> None:
+        keeper.stop = True
+        if not keeper.inside:
+            raise Stopping
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before if before is not None else signal.SIG_DFL)

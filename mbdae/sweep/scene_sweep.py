@@ -1,0 +1,242 @@
+"""The points of a sweep over numbers of a scene: in parts, which workers compute and which go to the disk as they come."""
+
+from __future__ import annotations
+
+import functools
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import ListsAttributes, OptionError, interrupted
+from mbdae.files import first_difference, path_of, write_file
+from mbdae.integrators.base import end_after, output_times
+from mbdae.integrators.checkpoints.trees import read_tree, write_tree
+from mbdae.run.control import plausible
+from mbdae.scene.scene import SceneData
+from mbdae.sweep.resume import interruption
+from mbdae.sweep.scenes import SceneJob, planned, solved
+from mbdae.sweep.workers import with_executor, with_processes
+from mbdae.system.base import Array
+from mbdae.values import array, option, shown, text
+
+FORMAT = "mbdae sweep of a scene 1"
+PART, ALONE, PIECES = 512, 8, 8  #: points of a part in batches, and of their own; pieces of a part that failed
+FOLDER = "give a folder, new or one that such a call made, or None"
+GRID = "give a mapping of names such as 'crank.mass' to lists of numbers, or a list of such points"
+_NAME = re.compile(r"part(\d+)-(\d+)\.npz")
+
+
+@dataclass(frozen=True)
+class Points:
+    """The points of a grid: the outer product of the values (of `axes`), or a list (points, names)."""
+
+    names: tuple[str, ...]
+    axes: tuple[Array, ...] | None
+    listed: Array | None
+
+    def __len__(self) -> int:
+        return int(np.prod([len(a) for a in self.axes])) if self.axes is not None else len(self.listed)  # type: ignore[arg-type]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Lengths of the axes, or the number of points."""
+        return tuple(map(len, self.axes)) if self.axes is not None else (len(self),)
+
+    def values(self, first: int, last: int) -> Array:
+        """Points from number `first` to before `last` (k, names)."""
+        if self.axes is None:
+            assert self.listed is not None
+            return self.listed[first:last]
+        where = np.unravel_index(np.arange(first, last), self.shape)
+        return np.stack([axis[i] for axis, i in zip(self.axes, where, strict=True)], axis=1)
+
+    def extent(self) -> Array:
+        """Values of every name (k, names), repeated where a name has fewer than another one."""
+        columns = self.axes if self.axes is not None else tuple(self.listed.T)  # type: ignore[union-attr]
+        longest = max(map(len, columns))
+        return np.stack([np.resize(column, longest) for column in columns], axis=1)
+
+    @classmethod
+    def of(cls, grid: Any) -> Points:
+        """Read what a user gave."""
+        if isinstance(grid, Mapping):
+            axes = tuple(option(f"grid: {shown(name)}", list(values), array, GRID) for name, values in grid.items())
+            if not axes or any(axis.ndim != 1 or not len(axis) for axis in axes):
+                raise OptionError(f"grid has {len(axes)} names: {GRID}")
+            return cls(tuple(grid), axes, None)
+        listed = list(grid) if isinstance(grid, Iterable) else []
+        if not listed or not all(isinstance(p, Mapping) and p.keys() == listed[0].keys() for p in listed):
+            raise OptionError(f"grid = {shown(grid)}: {GRID}")
+        names = tuple(listed[0])
+        return cls(names, None, option("grid", [[p[name] for name in names] for p in listed], array, GRID))
+
+
+class SceneSweep(ListsAttributes):
+    """A sweep over numbers of a scene.
+
+    grid: names and values; t (m,) outputs, s; names: unknowns; batched: whether native batches made it; why: why not.
+    What the runs returned is in parts, on the disk where a folder was given: `array` reads it."""
+
+    def __init__(self, points: Points, job: SceneJob, folder: Path | None) -> None:
+        self.grid, self.t, self.batched, self.why = points, job.outputs, job.lines is not None, job.why
+        self._folder, self._parts = folder, dict[tuple[int, int], Any]()
+        self.names: tuple[str, ...] = ()
+
+    def array(self, name: str) -> Array:
+        """An unknown at the outputs on the grid, (one length per axis, ..., m) or (points, m); nan where it is missing."""
+        column = self._column(name)
+        out = np.full((len(self.grid), len(self.t)), np.nan)
+        for (first, last), part in self._all():
+            if part["y"].shape[2]:
+                out[first:last] = part["y"][:, :, column]
+        return out.reshape(*self.grid.shape, len(self.t))
+
+    def _column(self, name: str) -> int:
+        name = option("name", name, text, "give the name of an unknown")
+        if name not in self.names:
+            raise OptionError(f"name = '{name}' is no unknown of these runs: there are {', '.join(self.names) or 'none'}")
+        return self.names.index(name)
+
+    @property
+    def estimate(self) -> Array:
+        """Estimated error of every point on the grid; nan where it is not known."""
+        out = np.full(len(self.grid), np.nan)
+        for (first, last), part in self._all():
+            out[first:last] = part["estimate"]
+        return out.reshape(self.grid.shape)
+
+    @property
+    def failures(self) -> dict[int, str]:
+        """Why points failed, by their number."""
+        return {first + i: error for (first, _), part in self._all() for i, error in enumerate(part["errors"]) if error}
+
+    @property
+    def warnings(self) -> dict[int, str]:
+        """What to know of points, by their number."""
+        return {first + int(i): said for (first, _), part in self._all() for i, said in part["warnings"].items()}
+
+    def point(self, i: int) -> dict[str, float]:
+        """The values of point number i."""
+        return dict(zip(self.grid.names, self.grid.values(i, i + 1)[0].tolist(), strict=True))
+
+    @property
+    def done(self) -> int:
+        """Points computed or failed."""
+        return sum(last - first for first, last in self._parts)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every point was done."""
+        return self.done == len(self.grid)
+
+    def missing(self) -> list[tuple[int, int]]:
+        """Ranges of numbers of points that are not done."""
+        ends = [0, *(number for part in sorted(self._parts) for number in part), len(self.grid)]
+        return [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if a < b]
+
+    def _all(self) -> Iterator[tuple[tuple[int, int], Any]]:
+        for place in sorted(self._parts):
+            yield place, self._read(place)
+
+    def _read(self, place: tuple[int, int]) -> Any:
+        kept = self._parts[place]
+        return read_tree(kept) if isinstance(kept, Path) else kept
+
+    def add(self, place: tuple[int, int], part: dict[str, Any]) -> None:
+        """Keep the points from a number to before another one."""
+        self.names = self.names or tuple(part["names"])
+        self._parts[place] = part
+        if self._folder is not None:
+            path = self._folder / f"part{place[0]:08d}-{place[1]:08d}.npz"
+            write_tree(path, part)
+            self._parts[place] = path
+
+    def read_folder(self, again: bool) -> None:
+        """Know the parts that a folder holds; again: without those in which a point failed."""
+        assert self._folder is not None
+        for path in sorted(self._folder.glob("part*.npz")):
+            named = _NAME.fullmatch(path.name)
+            if named is None:
+                continue
+            part = read_tree(path)
+            if not (again and any(part["errors"])):
+                self._parts[int(named[1]), int(named[2])] = path
+                self.names = self.names or tuple(part["names"])
+
+    def __repr__(self) -> str:
+        how = "in batches" if self.batched else f"one by one ({self.why})"
+        return f"<SceneSweep: {self.done} of {len(self.grid)} points done {how}, {len(self.failures)} failed>"
+
+
+def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers: int | None, resume: Any, again: bool, tell: Any,
+                t_end: Any, accuracy: Any, outputs: Any) -> SceneSweep:  # fmt: skip
+    """`sweep` of a scene: see there."""
+    points, end = Points.of(grid), end_after(0.0, t_end)
+    times = np.array([end]) if outputs is None else output_times(0.0, end, outputs)
+    job = SceneJob(scene, points.names, end, plausible(accuracy), times)
+    job.at(points.values(0, 1)[0])  # refuses unknown names before anything is computed
+    job = planned(job, points.extent())
+    made = SceneSweep(points, job, _folder(resume, job, points))
+    if resume is not None:
+        made.read_folder(again)
+    size = PART if job.lines is not None else ALONE
+    left = [(a, min(a + size, last)) for first, last in made.missing() for a in range(first, last, size)]
+    try:
+        _compute(made, functools.partial(solved, job), points, left, executor, workers, tell)
+    except (KeyboardInterrupt, SystemExit) as error:
+        told = interruption(resume, made.done, len(points), "points")
+        interrupted(error, f"{told}; this exception has them as its attribute `solution`", made)
+        raise
+    return made
+
+
+def _compute(made: SceneSweep, job: Any, points: Points, left: Sequence[tuple[int, int]], executor: Executor | None,
+             workers: int | None, tell: Any) -> None:  # fmt: skip
+    """Compute parts; one that fails is divided, until what is to blame is alone."""
+    while left:
+        sent = {first: {"values": points.values(first, last)} for first, last in left}
+        ends, left = dict(left), []
+        come = with_executor(executor, job, sent) if executor is not None else with_processes(job, sent, workers)
+        with closing(come) as coming:
+            for first, found in coming:
+                last = ends[first]
+                if found.values is None and last - first > 1:
+                    step = -(-(last - first) // PIECES)
+                    left += [(a, min(a + step, last)) for a in range(first, last, step)]
+                    continue
+                made.add((first, last), found.values or _failed(found.error, len(made.t)))
+                if tell is not None:
+                    tell(made.done, len(points))
+
+
+def _failed(error: str | None, outputs: int) -> dict[str, Any]:
+    """The part of one point that failed."""
+    return {"names": [], "y": np.full((1, outputs, 0), np.nan), "estimate": np.array([np.nan]), "errors": [error], "warnings": {}}
+
+
+def _folder(resume: Any, job: SceneJob, points: Points) -> Path | None:
+    """The folder of a sweep; one that holds another sweep is refused."""
+    if resume is None:
+        return None
+    folder: Path = option("resume", resume, path_of, FOLDER)
+    values = [axis.tolist() for axis in points.axes or (points.values(0, len(points)),)]
+    said = {"format": FORMAT, "job": job.key, "accuracy": job.accuracy, "t_end": job.t_end, "names": list(points.names),
+            "shape": list(points.shape), "values": values}  # fmt: skip
+    place = folder / "statement.json"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        there = json.loads(place.read_text(encoding="utf-8")) if place.exists() else None
+    except (OSError, ValueError) as error:
+        raise OptionError(f"resume = '{folder}' cannot be used ({error}): {FOLDER}") from error
+    if there is None:
+        write_file(place, json.dumps(said) + "\n")
+    elif difference := first_difference(there, json.loads(json.dumps(said))):
+        raise OptionError(f"resume = '{folder}' holds another sweep: {difference}; ask for the same one, or name another folder")
+    return folder

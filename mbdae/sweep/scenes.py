@@ -1,0 +1,194 @@
+"""A sweep over numbers of a scene: native batches where nothing but numbers of laws varies, else a run of its own per point.
+
+Names are those of `mb.extremes` ("crank.mass"): arguments of statements. What a law then reads is found by modelling the scene at
+some of the values: a mass brings the inertia with it. So a point means the same in a batch and as a scene of its own.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import AccuracyWarning, MbdaeError, OptionError
+from mbdae.run.batch import Batches
+from mbdae.scene.scene import SceneData
+from mbdae.scene.variants import with_open_tree
+from mbdae.sweep.statements import changed
+from mbdae.system.base import Array
+from mbdae.system.prepare import modelled
+
+SAMPLED = 7  #: values of a name at which the numbers of laws are looked at
+STRAIGHT = 1e-12  #: deviation of a number from a straight line over the value, over its size
+BESIDE = 1.0009  #: the scene of a batch has other numbers than 0 and 1, which would be compiled in
+SAME = 1e-9  #: difference of start and equations of a point in a batch from its own, above which batches are not taken
+Line = tuple[float, float]  #: a number of a law at value 0, and its slope over the value
+
+
+@dataclass(frozen=True)
+class SceneJob:
+    """A scene with the names that vary, the end (s), accuracy and outputs (m,) of its runs, and how its laws follow the names:
+    name -> number of a law -> straight line; None: every point is a scene of its own, `why`."""
+
+    scene: SceneData
+    names: tuple[str, ...]
+    t_end: float
+    accuracy: float
+    outputs: Array
+    middle: tuple[float, ...] = ()
+    lines: Mapping[str, Mapping[str, Line]] | None = None
+    why: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def key(self) -> str:
+        """The same for equal jobs, in every process."""
+        options = self.names, self.t_end, self.accuracy, self.outputs.tobytes(), self.middle, repr(self.lines)
+        return hashlib.sha256(pickle.dumps((self.scene.name, self.scene.statements, *options))).hexdigest()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "key"} | {"_key": self.key}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(key=state.pop("_key"), **state)
+
+    def at(self, values: Sequence[float]) -> SceneData:
+        """The scene of a point."""
+        scene = self.scene
+        for name, value in zip(self.names, values, strict=True):
+            scene, factor = changed(scene, name, float(value), self.t_end)
+            if factor != 1:
+                raise OptionError(f"grid: '{name}' changes the end of the run; vary it by a job of your own")
+        return scene
+
+    def numbers(self, values: Array) -> dict[str, Array]:
+        """Numbers of laws at points (k, names)."""
+        assert self.lines is not None
+        return {number: begin + slope * values[:, i] for i, name in enumerate(self.names)
+                for number, (begin, slope) in self.lines[name].items()}  # fmt: skip
+
+
+def planned(job: SceneJob, values: Array) -> SceneJob:
+    """The job by batches where they apply at points (k, names), else with the reason why not."""
+    try:
+        middle = tuple(float(np.median(values[:, i])) * BESIDE for i in range(len(job.names)))
+        base = job.at(middle)
+        lines = {name: _lines(base, name, values[:, i], job.t_end) for i, name in enumerate(job.names)}
+        named = [number for found in lines.values() for number in found]
+        if len(set(named)) < len(named):
+            raise OptionError("two of the names set the same number of a law")
+        made = replace(job, middle=middle, lines=lines)
+        _compare(made, values[[0, -1]])
+    except MbdaeError as error:
+        return replace(job, why=str(error))
+    return made
+
+
+def _lines(base: SceneData, name: str, values: Array, t_end: float) -> dict[str, Line]:
+    """How numbers of laws follow a name; OptionError where they do not do so on straight lines."""
+    known = np.unique(values)
+    at = known[np.unique(np.linspace(0, len(known) - 1, SAMPLED).astype(int))]
+    at = np.append(at, at[-1] * BESIDE**2) if len(at) == 1 else at
+    shapes, places, rows = zip(*(_law_numbers(changed(base, name, float(v), t_end)[0]) for v in at), strict=True)
+    if any(shape != shapes[0] for shape in shapes) or any(row.keys() != rows[0].keys() for row in rows):
+        raise OptionError(f"'{name}' changes which laws there are")
+    if not np.allclose(places, places[0], rtol=STRAIGHT, atol=STRAIGHT):
+        raise OptionError(f"'{name}' changes places")
+    table = np.array([list(row.values()) for row in rows])
+    lines = {}
+    for number, column in zip(rows[0], table.T, strict=True):
+        if np.ptp(column) > 0:
+            slope = (column[-1] - column[0]) / (at[-1] - at[0])
+            begin = column[0] - slope * at[0]
+            if np.max(np.abs(begin + slope * at - column)) > STRAIGHT * np.max(np.abs(column)):
+                raise OptionError(f"{number} does not follow '{name}' on a straight line")
+            lines[number] = float(begin), float(slope)
+    if not lines:
+        raise OptionError(f"'{name}' is no number of a law")
+    return lines
+
+
+def _law_numbers(scene: SceneData) -> tuple[list[Any], list[float], dict[str, float]]:
+    """Which laws there are, where they act, and their own numbers by name."""
+    model, _ = modelled(with_open_tree(scene) or scene)
+    shape, places, found = [], list[float](), dict[str, float]()
+    for g, _, instance in model.instances():
+        law = instance.law
+        shape.append((g, model.groups[g].key, instance.item, repr(instance.timed), tuple(instance.numbers)))
+        places += [v for n, v in instance.numbers.items() if n not in law.params]
+        for n, v in instance.numbers.items():
+            if n in law.params and found.setdefault(f"{instance.item}.{n}", v) != v:
+                raise OptionError(f"the laws of '{instance.item}' have several numbers {n}")
+    return shape, places, found
+
+
+def _compare(job: SceneJob, values: Array) -> None:
+    """Equations and start of some points (k, names) in a batch against those of scenes of their own: what a name does besides may
+    not be seen in the laws, and numbers that the equations do not read are left out."""
+    batch = _batches(job)
+    for point in values:
+        own = Batches(job.at(point), job.t_end, job.accuracy, job.outputs).system
+        same = own.names == batch.system.names and own.label == batch.system.label
+        if not same or not np.allclose(own.y0, batch.system.y0, rtol=SAME, atol=SAME * float(np.max(own.scale))):
+            raise OptionError(f"{_told(job, point)} has other unknowns, or starts elsewhere")
+        apart = batch.rates_apart(own, {n: float(v[0]) for n, v in job.numbers(point[None]).items()})
+        if not apart <= SAME:
+            raise OptionError(f"the equations of {_told(job, point)} differ by {apart:.1e} from those of a batch")
+
+
+def _told(job: SceneJob, point: Array) -> str:
+    return ", ".join(f"{name} = {value:g}" for name, value in zip(job.names, point, strict=True))
+
+
+_ready: dict[str, Batches] = {}  #: the scene that this process has made ready for batches
+
+
+def _batches(job: SceneJob) -> Batches:
+    """The scene of a job, ready for batches."""
+    if job.key not in _ready:
+        _ready.clear()
+        _ready[job.key] = Batches(job.at(job.middle), job.t_end, job.accuracy, job.outputs)
+    return _ready[job.key]
+
+
+def solved(job: SceneJob, values: Array) -> dict[str, Any]:
+    """Points (k, names): y (k, m, n) at the outputs, estimate (k,), error of every point (None: none), warnings by its number."""
+    if job.lines is None:
+        return _each(job, values)
+    batches = _batches(job)
+    runs = batches.run(numbers=batches.read(job.numbers(values)))
+    warned = {str(i): text for i, text in runs.warnings.items() if runs.batch.errors[i] is None}
+    return {"names": list(runs.names), "y": runs.batch.y, "estimate": runs.estimate, "errors": list(runs.batch.errors),
+            "warnings": warned}  # fmt: skip
+
+
+def _each(job: SceneJob, values: Array) -> dict[str, Any]:
+    """The same by a scene and a call of `simulate` per point."""
+    names: tuple[str, ...] = ()
+    found: list[Any] = []
+    for point in values:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", AccuracyWarning)
+                r = job.at(point).simulate(job.t_end, job.accuracy, outputs=job.outputs, **job.options)  # type: ignore[attr-defined]
+        except MbdaeError as error:
+            found.append(f"{type(error).__name__}: {error}")
+            continue
+        first = r.prepared.all_bodies.numbering.n
+        names = names or tuple(r.solution.names[:first])
+        same = tuple(r.solution.names[:first]) == names
+        found.append((r.solution(job.outputs)[:, :first], r.accuracy.estimated, "; ".join(r.warnings)) if same else
+                     "OptionError: this point has other unknowns than the first")  # fmt: skip
+    y, estimate = np.full((len(values), len(job.outputs), len(names)), np.nan), np.full(len(values), np.nan)
+    errors, warned = [one if isinstance(one, str) else None for one in found], dict[str, str]()
+    for i, one in enumerate(found):
+        if not isinstance(one, str):
+            y[i], estimate[i] = one[0], np.nan if one[1] is None else one[1]
+            warned |= {str(i): one[2]} if one[2] else {}
+    return {"names": list(names), "y": y, "estimate": estimate, "errors": errors, "warnings": warned}

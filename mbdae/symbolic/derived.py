@@ -1,0 +1,186 @@
+"""A law derived for given kinds of nodes: what it adds to the equations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import symengine as se
+
+from mbdae.disk.entries import keep, key_of, recall
+from mbdae.symbolic.frames import Axes, Frame, NodeKind
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import Element
+from mbdae.symbolic.statement import NO_FEEDS, Feeds
+from mbdae.symbolic.variation import Variation
+from mbdae.symbolic.vectors import ZERO, Expr, Vec
+
+Side = tuple[NodeKind, Axes]
+Pair = tuple[Vec, Vec]  #: (translational, rotational) part of a covector, inertial components
+_ZERO = se.Integer(0)
+
+
+class Terms(NamedTuple):
+    """The terms of a law in the equations. Expressions are in the symbols of its frames."""
+
+    g: tuple[Expr, ...]
+    G: tuple[dict[str, Pair], ...]  #: per row and side
+    force: dict[str, Pair]  #: left-hand side, without multipliers
+    energy: Expr
+    dissipated_power: Expr
+    work_power: Expr
+    coordinates: dict[str, Expr]  #: values of a joint's coordinates where they can be read, by name
+    state_rates: tuple[Expr, ...]
+    state_starts: tuple[Expr, ...]
+
+
+class Facts(NamedTuple):
+    """What a law has in the equations, without expressions."""
+
+    rows: tuple[str, ...]  #: constraint rows that do not vanish
+    vanished: tuple[str, ...]  #: rows that vanish identically, or are undefined
+    undefined: tuple[str, ...]  #: rows left out because they need axes that a point mass does not have
+    states: tuple[str, ...]
+    forced: bool  #: whether it states forces
+
+
+class Derived:
+    """A law for given kinds of nodes with its `Facts`, and its `Terms`, which are derived when they are first asked for.
+
+    key: that of the statement, under which entries on disk begin; None where it has none. feeds: what is fed into it."""
+
+    rows: tuple[str, ...]
+    vanished: tuple[str, ...]
+    undefined: tuple[str, ...]
+    states: tuple[str, ...]
+    forced: bool
+
+    def __init__(self, law: Any, frames: tuple[Frame, ...], key: str | None,
+                 run: Callable[[], tuple[Facts, Terms, Variation]], feeds: Feeds = NO_FEEDS) -> None:  # fmt: skip
+        self.law, self.frames, self.key, self._run, self.feeds = law, frames, key, run, feeds
+        found = recall(key)
+        if found is None:
+            keep(key, found := tuple(self._derivation[0]))
+        vars(self).update(Facts(*found)._asdict())
+
+    @cached_property
+    def _derivation(self) -> tuple[Facts, Terms, Variation]:
+        return self._run()
+
+    def noted(self, what: str, find: Callable[[], Any]) -> Any:
+        """A plain fact that follows from the terms, found or recalled from disk. what: name of the question with its module."""
+        key = None if self.key is None else key_of("note", self.key, what)
+        found = recall(key)
+        if found is None:
+            keep(key, found := (find(),))
+        return found[0]
+
+    @property
+    def variation(self) -> Variation:
+        """The motions of its frames, with the names of intermediate results."""
+        return self._derivation[2]
+
+    if TYPE_CHECKING:
+        g: tuple[Expr, ...]
+        G: tuple[dict[str, Pair], ...]
+        force: dict[str, Pair]
+        energy: Expr
+        dissipated_power: Expr
+        work_power: Expr
+        coordinates: dict[str, Expr]
+        state_rates: tuple[Expr, ...]
+        state_starts: tuple[Expr, ...]
+    else:
+
+        def __getattr__(self, name: str) -> Any:
+            if name in Terms._fields:
+                return getattr(self._derivation[1], name)
+            raise AttributeError(f"{type(self).__name__} has no attribute {name}")
+
+    @property
+    def multipliers(self) -> list[Expr]:
+        """Symbols of the multipliers lambda."""
+        return [se.Symbol(f"lambda_{row}") for row in self.rows]
+
+    @property
+    def sides(self) -> tuple[Frame, ...]:
+        """The frames a law is stated on, without joint coordinates."""
+        return self.frames[: len(self.law.frames)]
+
+    @cached_property
+    def read_frames(self) -> tuple[Frame, ...]:
+        """The frames on which anything of the law depends: a force on a coordinate that is an unknown needs that one alone."""
+        stated = [*self.g, self.energy, self.dissipated_power, self.work_power, *self.coordinates.values(), *self.state_rates,
+                  *self.state_starts, *self.variation.values.values()]  # fmt: skip
+        stated += [c for pair in self.force.values() for part in pair for c in part]
+        stated += [c for row in self.G for pair in row.values() for part in pair for c in part]
+        symbols = set().union(*(se.sympify(e).free_symbols for e in stated))
+        return tuple(f for f in self.frames if f.symbols & symbols or isinstance(self.law, Element))
+
+    @property
+    def row_forces(self) -> list[Expr]:
+        """Factors of the rows' gradients: lambda, or scaling lambda + 2 penalty c (paper Eq. 2)."""
+        forces = [self.scaled(s) for s in self.multipliers]
+        penalty = getattr(self.law, "penalty", None)
+        return forces if penalty is None else [f + 2 * penalty * c for f, c in zip(forces, self.g, strict=True)]
+
+    @property
+    def reaction_forces(self) -> list[Expr]:
+        """The forces of the rows where the rows vanish: scaling lambda."""
+        return [self.scaled(s) for s in self.multipliers]
+
+    def scaled(self, e: Expr) -> Expr:
+        """A row or multiplier times the scaling of the joint."""
+        return scaled(self.law, e)
+
+    @property
+    def reactions(self) -> dict[str, Expr]:
+        """Force of every row by its name, on which `resistance` depends: scaling lambda, 0 where the row vanishes."""
+        return reactions(self.law, self.rows, self.vanished)
+
+    @property
+    def reactive(self) -> bool:
+        """Whether a joint states forces that depend on its own reactions."""
+        return isinstance(self.law, Joint) and self.forced
+
+    @property
+    def pressing(self) -> Vec | None:
+        """The part of a joint's reaction force that presses surfaces together where friction acts; None where the law states its
+        resistance by itself."""
+        if not isinstance(self.law, Joint) or self.law.friction is None:
+            return None
+        return self.law.pressing(self.sides[0], self.sides[1], reaction_on_l(self.law, self.frames, self.rows, self.G))
+
+    @property
+    def rubbing(self) -> tuple[Expr, Expr] | None:
+        """The coordinate against which a joint's own friction acts, and the friction; None where there is none."""
+        if not isinstance(self.law, Joint):
+            return None
+        return self.law.rubbing(reaction_on_l(self.law, self.frames, self.rows, self.G), *self.sides)
+
+    @property
+    def stabilisers(self) -> list[Expr]:
+        """Symbols of the stabilising multipliers mu."""
+        return [se.Symbol(f"mu_{row}") for row in self.rows]
+
+
+def scaled(law: Any, e: Expr) -> Expr:
+    """A row or multiplier times the scaling of its law."""
+    scaling = getattr(law, "scaling", None)
+    return e if scaling is None else scaling * e
+
+
+def reactions(law: Any, rows: Iterable[str], vanished: Iterable[str]) -> dict[str, Expr]:
+    """Force of every row by its name: scaling lambda, 0 where the row vanishes."""
+    return {row: scaled(law, se.Symbol(f"lambda_{row}")) for row in rows} | dict.fromkeys(vanished, _ZERO)
+
+
+def reaction_on_l(law: Any, frames: Sequence[Frame], rows: Sequence[str], G: Sequence[dict[str, Pair]]) -> Vec:
+    """Reaction force of a joint on l, N, inertial components: where l does not move, the opposite of that on k."""
+    l = next((f for f in frames if f.side == "l"), None)
+    if l is None:
+        return ZERO
+    side, sign = ("l", -1) if l.kind.moves else ("k", 1)
+    forces = (scaled(law, se.Symbol(f"lambda_{row}")) * sign for row in rows)
+    return sum((pairs[side][0] * force for force, pairs in zip(forces, G, strict=False)), ZERO)

@@ -1,0 +1,271 @@
+"""The equations of a scene whose trees are evaluated joint by joint: y' = f(t, y), or F = 0 beside constraints."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from mbdae.kernels.links import quaternion_rate
+from mbdae.native.equations import Equations, Table
+from mbdae.native.program import Operations, Part, address_of, core
+from mbdae.native.tangent import Tangent
+from mbdae.system.assembled.assembly import Assembly
+from mbdae.system.assembled.evaluation import Scatter
+from mbdae.system.assembled.jacobian_entries import Pattern
+from mbdae.system.base import Array
+from mbdae.system.model.moved_bodies import MovedBodies
+from mbdae.system.model.numbering import Numbering
+from mbdae.system.motion.ordered_motion import solve_alone
+from mbdae.system.motion.ordered_tree import OrderedTree
+from mbdae.system.motion.workspace import Workspace
+
+Inertia = dict[tuple[int, int], float]
+
+
+class OrderedEquations(Workspace):
+    """Such a scene in an array: the motion of the bodies on which other laws act, those laws, and the passes.
+
+    terms: of F by other laws; offset: constants of the rows of F, of a spare one and of rows of loaded nodes; inertia: what
+    other laws give the unknowns, by row and column. `part` leaves what is wanted in n slots from `result` on."""
+
+    result: int
+
+    def __init__(self, numbering: Numbering, moved: MovedBodies, terms: Scatter, offset: Array, inertia: Inertia) -> None:
+        super().__init__(numbering)
+        self.part = part = self.operations.part()
+        loaded = [[j for j in tree.structure.loaded if j] for tree in moved.trees]
+        self._trees = [(OrderedTree(moved, numbering, tree, bool(at), inertia), at)
+                       for tree, at in zip(moved.trees, loaded, strict=True)]  # fmt: skip
+        for tree, _ in self._trees:
+            tree.outwards(part)
+        self._terms, self._inertia, self._rest = terms, inertia, list[int]()
+        self.F = self.operations.slots(len(offset))
+        self._equations(part, offset)
+        self.change = Tangent(part)
+
+    def _equations(self, part: Operations, offset: Array) -> None:
+        raise NotImplementedError
+
+    def _write_motion(self, part: Operations, heads: tuple[str, ...]) -> None:
+        for tree, at in self._trees:
+            place = tree.tree.node
+            tree.write_motion(part, at, lambda j, head, i, of=place: self.numbering.node_place(head, of(j), i), heads)  # type: ignore[misc]
+
+    def _row(self, tree: OrderedTree, role: str, j: int, i: int) -> int:
+        """Slot of a row of a loaded node."""
+        return self.F + self.numbering.node_place(role, tree.tree.node(j), i) - self.n + 1
+
+    def _laws(self, part: Operations, offset: Array, kept: Any) -> None:
+        """Rows of F by other laws; kept: which of the linear terms (rows, columns) count."""
+        part.load(self.F, offset)
+        self._terms.emit(part, self.F)
+        rows, columns, weights = self._terms.linear_terms
+        some = kept(rows, columns)
+        part.add(self.F + rows[some], columns[some], weights[some])
+
+    def _passes(self, part: Operations, force: int, rates: int) -> None:
+        """Rates of the velocities of trees (slots `rates`) by the forces on them (slots `force`)."""
+        pivots: list[tuple[int, int]] = []
+        for tree, at in self._trees:
+            tree.loads(part, at, lambda j, i, of=tree: self._row(of, "wu", j, i))  # type: ignore[misc]
+            pivots += tree.inwards(part, lambda k: force + k)
+        part.positive([slot for slot, _ in pivots])
+        self.order = np.array([k for _, k in pivots], dtype=np.intp)
+        for tree, _ in self._trees:
+            tree.accelerations(part, lambda k: rates + k)
+
+    def ready(self, **parts: Any) -> None:
+        """Make the workspace; nothing is added afterwards."""
+        self.finish(**parts)
+        self._c = core()
+
+    @cached_property
+    def _changes(self) -> Part:
+        """The operations of the derivative, compiled when a method asks for them."""
+        part = self.change.part
+        if part.widest >= len(self._x):
+            self._x = np.zeros(part.widest + 1)
+            self.scene.x = self._x.ctypes.data
+        table, kept = part.table(len(self.W))
+        self._kept.append(kept)
+        return table
+
+    def derivatives(self, t: float, first: int, directions: Array) -> Array:
+        """(k, n) changes of the result for changes of the slots from `first` on in directions (k, m), where `part` has run."""
+        changes, by = ctypes.byref(self._changes), self.change.distance
+        seeds, found = self.W[by + first : by + first + directions.shape[1]], self.W[by + self.result : by + self.result + self.n]
+        out, yp = np.empty((len(directions), self.n)), self.view(self.n, self.n)[1]
+        for i, direction in enumerate(directions):
+            seeds[:] = direction
+            self._c.scene_part(self.address, changes, t, self._at_y, yp)
+            out[i] = found
+        seeds[:] = 0.0
+        return out
+
+
+class OrderedRates(OrderedEquations):
+    """y' of a scene without constraints."""
+
+    def _equations(self, part: Operations, offset: Array) -> None:
+        nb, n = self.numbering, self.n
+        self._write_motion(part, ("q", "u"))
+        self._laws(part, offset, lambda _, columns: columns < n)
+        self.result = self.rates = part.slots(n)
+        part.load(self.rates, np.zeros(n))
+        part.add(self.rates + np.arange(n), self.F + np.arange(n), -1.0)
+        force, first = part.slots(nb.nu), self.rates + nb.nq
+        part.set(force + np.arange(nb.nu), first + np.arange(nb.nu))
+        self._passes(part, force, first)
+        solve_alone(part, self._inertia, lambda k: first + k, sorted(set(range(nb.nu)) - set(self.order.tolist())))
+
+    def compile(self) -> None:
+        """Make the workspace and the table of C."""
+        self.ready(rates=self.part, rates_at=self.rates)
+        table = Table(self.address, self.n, 0, None, None, address_of("scene_rates"), None)
+        self.equations = Equations(table, self, make=self.make)
+
+    def products(self, t: float, y: Array, directions: Array) -> Array:
+        """(k, n) changes of y' for changes of y in directions (k, n)."""
+        self.solved(t, y, np.empty(self.n))
+        return self.derivatives(t, 0, directions)
+
+    def right_hand_side(self, t: float, y: Array, out: Array) -> int:
+        """out[:] = y'; the number of a velocity without inertia, or -1."""
+        bad = self.solved(t, y, out)
+        return int(self.order[bad]) if 0 <= bad < len(self.order) else -1
+
+
+class OrderedResidual(OrderedEquations):
+    """F(t, y, y') beside constraints: rows of velocities of trees are u' less its value by the passes, all others as ever."""
+
+    equations = None  #: C calls these by Python: their Jacobian is full
+
+    def _equations(self, part: Operations, offset: Array) -> None:
+        nb, n = self.numbering, self.n
+        dotted = n + nb.nq
+        own = np.concatenate([np.zeros(0, dtype=np.intp), *(tree.unknowns for tree, _ in self._trees)])
+        for tree, _ in self._trees:
+            tree.accelerations(part, lambda k: dotted + k, given=True)
+        self._write_motion(part, ("q", "u", "up"))
+        self._laws(part, offset, lambda rows, _: rows >= 0)
+        force, rates = part.zeros(nb.nu), part.slots(nb.nu)
+        part.add(force + np.arange(nb.nu), self.F + nb.nq + np.arange(nb.nu), -1.0)
+        alone = set(own.tolist())
+        for (a, b), m in self._inertia.items():  # is part of the passes
+            if a in alone:
+                part.add([force + a], [dotted + b], m)
+        self._correct(part)
+        self._passes(part, force, rates)
+        part.set(self.F + nb.nq + own, dotted + own)
+        part.add(self.F + nb.nq + own, rates + own, -1.0)
+        self.result = self.F
+
+    def _correct(self, part: Operations) -> None:
+        """Corrections of the rates of positions on loaded bodies, along the freedoms of their trees."""
+        nb = self.numbering
+        by_velocity = part.zeros(nb.nu)
+        for tree, at in self._trees:
+            tree.corrections(part, at, lambda j, i, of=tree: self._row(of, "wq", j, i),  # type: ignore[misc]
+                             lambda j, place, of=tree: by_velocity + of.unknown(j, place))  # type: ignore[misc]
+            nodes = [n for n in (tree.tree.nodes[0], *tree.tree.coordinates) if n is not None and n in nb.free]
+            for node in nodes:
+                q, u = nb.node_place("q", node, 0), by_velocity + nb.node_place("u", node, 0) - nb.nq
+                n = node.kind.translations if node.kind.by_quaternion else node.kind.sizes[1]
+                part.add(self.F + q + np.arange(n), u + np.arange(n))
+                if node.kind.by_quaternion:
+                    gather = np.r_[q + n + np.arange(4), u + n + np.arange(3)]
+                    part.add(self.F + q + n + np.arange(4), quaternion_rate().emit(part, gather[None])[0])
+
+    def compile(self) -> None:
+        """Make the workspace and the table of C."""
+        self.ready(residual=self.part, rows=self.F)
+        self._rows, self._at_rows = self.view(self.F, self.n)
+
+    def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
+        """out[:] = F(t, y, yp)."""
+        self.make("residual")
+        self._y[:], self._yp[:] = y, yp
+        self._c.scene_residual(self.address, t, self._at_y, self._at_yp, self._at_rows)
+        out[:] = self._rows
+
+    def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        """dF/dy and dF/dy' (n, n)."""
+        one = np.eye(self.n)
+        self.residual(t, y, yp, np.empty(self.n))
+        return self.derivatives(t, 0, one).T, self.derivatives(t, self.n, one).T
+
+
+class OrderedAssembly(Assembly):
+    """F = y' - f(t, y), or F(t, y, y') beside constraints, with its Jacobian, which is full."""
+
+    has_pattern = False
+
+    def _finish(self, pattern: Pattern, sparse: bool) -> None:
+        nb, n = self.numbering, self.n
+        self.pattern = self.sparsity = None
+        rows, columns = pattern.fixed_cells % n - nb.nq, pattern.fixed_cells // n - nb.nq
+        inside = pattern.fixed_dotted & (pattern.fixed_cells < n * n)
+        inside &= (rows >= 0) & (rows < nb.nu) & (columns >= 0) & (columns < nb.nu)
+        self._inertia: Inertia = {}
+        for a, b, m in zip(rows[inside].tolist(), columns[inside].tolist(), pattern.fixed[inside].tolist(), strict=True):
+            self._inertia[a, b] = self._inertia.get((a, b), 0.0) + m
+
+    @cached_property
+    def constant_mass(self) -> Array:
+        """As `Assembly.constant_mass`."""
+        M = np.zeros((self.numbering.nu,) * 2)
+        for place, m in self._inertia.items():
+            M[place] = m
+        return M
+
+    @property
+    def explicit(self) -> bool:
+        """Whether nothing constrains the scene."""
+        return not self.numbering.m
+
+    def operations(self) -> Any:
+        """As `Assembly.operations`."""
+        kind = OrderedRates if self.explicit else OrderedResidual
+        return kind(self.numbering, self.moved, self._residual, self._offset, self._inertia)
+
+    def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
+        if not self.explicit:
+            self.evaluation.residual(t, y, yp, out)
+            return
+        self.evaluation.right_hand_side(t, y, out)
+        np.subtract(yp, out, out=out)
+
+    def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
+        for i in range(len(t)):
+            self.residual(t[i], y[i], yp[i], out[i])
+
+    def rate_jacobian(self, t: float, y: Array) -> Array:
+        """dy'/dy (n, n)."""
+        return self.products(t, y, np.eye(self.n)).T
+
+    def products(self, t: float, y: Array, directions: Array) -> Array:
+        """(k, n) changes of y' for changes of y in directions (k, n)."""
+        found: Any = self.evaluation
+        return np.asarray(found.products(t, y, directions))
+
+    def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        if self.explicit:
+            return -self.rate_jacobian(t, y), np.eye(self.n)
+        found: Any = self.evaluation
+        fy, fyp = found.jacobian_parts(t, y, yp)
+        return fy, fyp
+
+    def dense_jacobian(self, t: float, y: Array, yp: Array) -> Array:
+        return np.stack(self.jacobian_parts(t, y, yp))
+
+    def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
+        fy, fyp = self.jacobian_parts(t, y, yp)
+        out[...] = fy + cj * fyp
+
+
+def assembly_of(moved: MovedBodies) -> type[Assembly]:
+    """The kind of assembly for the trees of a scene."""
+    return OrderedAssembly if moved.ordered else Assembly

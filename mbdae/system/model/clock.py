@@ -1,0 +1,44 @@
+"""The clock of a scene: values prescribed in time, by lookups in tables and one kernel of all expressions."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from mbdae.inputs import timed
+from mbdae.kernels import Kernel
+from mbdae.native.program import Operations
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.base import Array
+
+
+class Clock:
+    """`expressions` of the time and of the time at which conditions are read (`timed.sided`)."""
+
+    def __init__(self, expressions: tuple[Expr, ...]) -> None:
+        self.expressions = expressions
+        self._split = timed.split(expressions)
+        self._kernel = Kernel([timed.TIME, timed.SIDE, *self._split.symbols], self._split.expressions)
+
+    def values(self, inputs: Array) -> Array:
+        """(k, expressions) at times and times of conditions (k, 2)."""
+        return self._kernel.values(self._split.with_lookups(inputs))
+
+    def emit(self, part: Operations, at: int, first: int) -> None:
+        """Append the clock to a native program: values from slot `first` on, at the time in slot `at` and the time of conditions
+        in the next one."""
+        read: dict[tuple[str, float, float, int], int] = {}
+        slots = [at, at + 1]
+        for (table, order), a, b, column in self._split.readings:
+            key = table.name, a, b, column
+            if key not in read:
+                read[key] = part.lookup(table.packed, at + column, at + 1, a, b)
+            slots.append(read[key] + order)
+        self._kernel.emit(part, np.array([slots]), first)
+
+
+@lru_cache(maxsize=64)
+def clock(expressions: tuple[Expr, ...]) -> Clock:
+    """One for all numberings of a scene, which are several in a run."""
+    return Clock(expressions)

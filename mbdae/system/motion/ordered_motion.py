@@ -1,0 +1,268 @@
+"""Trees of any size at given states: the motion of all bodies, and the accelerations that given forces cause, body by body."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from mbdae.deferred import sp
+from mbdae.native.program import Operations, core
+from mbdae.symbolic.law import Element
+from mbdae.symbolic.outputs import jacobian_G
+from mbdae.system.base import Array
+from mbdae.system.model.model import Model
+from mbdae.system.model.moved_bodies import MovedBodies
+from mbdae.system.model.nodes import Node
+from mbdae.system.model.numbering import Numbering, Row
+from mbdae.system.model.trees import Tree
+from mbdae.system.motion.all_bodies import AllBodies, TreeMechanics
+from mbdae.system.motion.ordered_tree import OrderedTree
+from mbdae.system.motion.reaction_friction import Solve
+from mbdae.system.motion.states import blocks
+from mbdae.system.motion.workspace import Workspace
+
+NOTHING = 1e-13  #: pivot of the mass matrix over the inertia of the body with all it carries, below which a motion has none
+
+
+class _AtStates(Workspace):
+    """Operations on the numbers of one state after the other, values prescribed in time among them."""
+
+    def __init__(self, numbering: Numbering) -> None:
+        super().__init__(numbering)
+        self.clock = self.operations.part()  # the states bring their own values of time
+        self.part = self.operations.part()
+
+    def ready(self, result: int, count: int) -> None:
+        """Compile; the numbers of `count` slots from `result` on are the values."""
+        self.finish(self.part)
+        self.make("residual")
+        self._found, _ = self.view(result, count)
+        self._at_yp = self.view(self.n, self.n)[1]
+
+    def values(self, W: Array, more: tuple[int, Array] | None = None) -> Array:
+        """(states, count) at rows of numbers W (states, width); more: a slot and rows that stand from there on."""
+        out = np.empty((len(W), len(self._found)))
+        for i, row in enumerate(W):
+            self.W[: row.size] = row
+            if more is not None:
+                self.W[more[0] : more[0] + more[1].shape[1]] = more[1][i]
+            self.code = core().scene_part(self.address, ctypes.byref(self.scene.residual), np.nan, self._at_y, self._at_yp)
+            out[i] = self._found
+        return out
+
+
+class OrderedMotion(_AtStates):
+    """q, u and u' of all nodes that joints move, one behind the other, at rows of numbers of a numbering."""
+
+    def __init__(self, model: Model, moved: MovedBodies, numbering: Numbering) -> None:
+        super().__init__(numbering)
+        self.sizes, part = (model.nq, model.nu, model.nu), self.part
+        starts = dict(zip(("q", "u", "up"), (0, model.nq, model.nq + model.nu), strict=True))
+        result = self.operations.slots(sum(self.sizes))
+        part.load(result, np.zeros(sum(self.sizes)))
+
+        def place(node: Node, head: str, i: int) -> int:
+            return result + starts[head] + (node.q if head == "q" else node.u) + i
+
+        for head, unknown in (("q", 0), ("u", numbering.nq), ("up", numbering.n + numbering.nq)):
+            own = numbering.of_positions if head == "q" else numbering.of_velocities
+            part.set(result + starts[head] + own, unknown + np.arange(len(own)))
+        for tree in moved.trees:
+            ordered = OrderedTree(moved, numbering, tree, quaternion=True)
+            ordered.outwards(part)
+            ordered.accelerations(part, lambda k: numbering.n + numbering.nq + k, given=True)
+            ordered.write_motion(part, [j for j in ordered.bodies if j], _to(tree, place), tuple(starts))
+            driven = [(place(tree.node(-c), head, 0), moved.slot(numbering, tree, ("clock", c, order)))
+                      for _, c, _ in tree.driven for order, head in enumerate(starts)]  # fmt: skip
+            part.set([to for to, _ in driven], [slot for _, slot in driven])
+        self.ready(result, sum(self.sizes))
+
+    def of_all(self, W: Array) -> tuple[Array, Array, Array]:
+        """q (states, nq), u and u' (states, nu) of all nodes."""
+        found = self.values(W)
+        nq, nu, _ = self.sizes
+        return found[:, :nq], found[:, nq : nq + nu], found[:, nq + nu :]
+
+
+def _to(tree: Tree, place: Callable[[Node, str, int], int]) -> Callable[[int, str, int], int]:
+    return lambda j, head, i: place(tree.node(j), head, i)
+
+
+class OrderedBodies(AllBodies):
+    """The motion of all bodies where trees are evaluated joint by joint."""
+
+    @cached_property
+    def _by_order(self) -> OrderedMotion:
+        return OrderedMotion(self.model, self.moved, self.numbering)
+
+    def states(self, t: Array, y: Array) -> tuple[Array, Array]:
+        parts = blocks(len(t), self.numbering.width)
+        found = [AllBodies.states(self, t[part], y[part]) for part in parts]
+        return np.concatenate([q for q, _ in found]), np.concatenate([u for _, u in found])
+
+    def accelerations(self, t: Array, q: Array, u: Array, up: Array) -> Array:
+        parts = blocks(len(t), self.numbering.width)
+        return np.concatenate([AllBodies.accelerations(self, t[part], q[part], u[part], up[part]) for part in parts])
+
+    def _motion(self, W: Array, up: Array | None) -> tuple[Array, Array, Array]:
+        return self._by_order.of_all(W)
+
+    def velocity_map(self, W: Array) -> Array:
+        """T (nt, nu of all nodes, nu of the unknowns), column by column: velocities are linear in those of the unknowns."""
+        first, columns = self.nq, np.zeros((len(W), self.model.nu, self.nu))
+        still = W.copy()
+        still[:, first : first + self.nu] = 0.0
+        rest = self._motion(still, None)[1]
+        for k in range(self.nu):
+            still[:, first + k] = 1.0
+            columns[:, :, k] = self._motion(still, None)[1] - rest
+            still[:, first + k] = 0.0
+        return columns
+
+
+class _Accelerations(_AtStates):
+    """u' of all nodes from forces on them, which stand in slots behind the numbers of a state."""
+
+    def __init__(self, model: Model, moved: MovedBodies, numbering: Numbering, mass: dict[tuple[int, int], float]) -> None:
+        super().__init__(numbering)
+        nb, part = numbering, self.part
+        self.force = self.operations.slots(model.nu)
+        rates, own, every = part.slots(nb.nu), nb.of_velocities, part.zeros(model.nu)
+        left = part.zeros(model.nu)
+        part.add(left + np.arange(model.nu), self.force + np.arange(model.nu), -1.0)
+        part.set(rates + np.arange(nb.nu), self.force + own)
+        self.pivots: list[tuple[int, int]] = []
+        for tree in moved.trees:
+            ordered = OrderedTree(moved, nb, _bare(model, tree), inertia=mass)
+            self.pivots += self._solve(part, ordered, tree, left, rates)
+            ordered.write_motion(part, [j for j in ordered.bodies if j], _to(tree, lambda n, _, i: every + n.u + i), ("up",))
+            driven = [(every + tree.node(-c).u, moved.slot(nb, tree, ("clock", c, 2))) for _, c, _ in tree.driven]
+            part.set([to for to, _ in driven], [slot for _, slot in driven])
+        self._alone(part, mass, rates, {k for _, k in self.pivots})
+        part.set(every + own, rates + np.arange(nb.nu))
+        self.ready(every, model.nu)
+
+    def _solve(self, part: Operations, ordered: OrderedTree, tree: Tree, left: int, rates: int) -> list[tuple[int, int]]:
+        ordered.outwards(part)
+        nodes = [j for j in ordered.bodies if j]
+        forces = [ordered.at(j, place) for j in nodes for place in ordered.bodies[j].kernels.outward.column if place[0] == "p"]
+        part.set(forces, np.full(len(forces), part.zeros(1)))  # forces of bodies at rest are among those given
+        ordered.loads(part, nodes, lambda j, i: left + tree.node(j).u + i)
+        pivots = ordered.inwards(part, lambda k: rates + k)
+        ordered.accelerations(part, lambda k: rates + k)
+        return pivots
+
+    def _alone(self, part: Operations, mass: dict[tuple[int, int], float], rates: int, solved: set[int]) -> None:
+        solve_alone(part, mass, lambda k: rates + k, sorted(set(range(self.numbering.nu)) - solved))
+
+
+def solve_alone(part: Operations, mass: dict[tuple[int, int], float], rate: Callable[[int], int], rest: Sequence[int]) -> None:
+    """Accelerations of unknowns (rest) that no tree has, by their constant inertia; forces on them stand at their rates."""
+    if not rest:
+        return
+    place, n = {k: i for i, k in enumerate(rest)}, len(rest)
+    found = [(place[a], place[b], m) for (a, b), m in mass.items() if a in place and b in place]
+    width = max((abs(i - j) for i, j, _ in found), default=0) + 1
+    band = np.zeros((n, width))
+    for i, j, m in found:
+        if i >= j:
+            band[i, j - i + width - 1] = m
+    matrix, right = part.slots(n * width), part.slots(n)
+    part.load(matrix, band)
+    slots = [rate(k) for k in rest]
+    part.set(right + np.arange(n), slots)
+    part.cholesky(n, width, matrix, right)
+    part.set(slots, right + np.arange(n))
+
+
+def _bare(model: Model, tree: Tree) -> Tree:
+    """A tree with the bodies' inertia alone among its laws."""
+    kept = [k for k, (g, i) in enumerate(tree.members) if isinstance(model.groups[g].instances[i].law, Element)]
+    structure = replace(tree.structure, members=tuple(tree.structure.members[k] for k in kept), loaded=())
+    return replace(tree, structure=structure, members=tuple(tree.members[k] for k in kept))
+
+
+class OrderedMechanics(TreeMechanics):
+    """Mechanics of a model whose trees are evaluated joint by joint: every row belongs to a joint of a tree."""
+
+    carries_bodies = True
+
+    @cached_property
+    def mass(self) -> Any:
+        """(nu, nu), sparse."""
+        places, values = np.array(list(self.inertia), dtype=np.intp).reshape(-1, 2), list(self.inertia.values())
+        return sp.csc_matrix((values, (places[:, 0], places[:, 1])), shape=(self.nu, self.nu))
+
+    def _constrained(self, t: Array, q: Array, u: Array) -> Solve:
+        e = self.all_bodies
+        qr, ur = e.reduced(q, u)
+
+        def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
+            acceleration = np.concatenate([
+                self._by_order.values(e.workspace(t[part], qr[part], ur[part]), (self._by_order.force, f[part]))
+                for part in blocks(len(t), e.numbering.width)])  # fmt: skip
+            multipliers = np.zeros((len(t), self.m))
+            self._joint_by_joint(t, q, f - acceleration @ self.mass, multipliers)
+            return acceleration, multipliers
+
+        return solve
+
+    @cached_property
+    def _by_order(self) -> _Accelerations:
+        e = self.all_bodies
+        number = {int(k): i for i, k in enumerate(e.numbering.of_velocities)}
+        mass = {(number[a], number[b]): m for (a, b), m in self.inertia.items() if a in number and b in number}
+        return _Accelerations(self.model, e.moved, e.numbering, mass)
+
+    def without_inertia(self, t: Array, q: Array) -> list[int]:
+        """Numbers of the unknowns' velocities that have no inertia at positions q (nq,)."""
+        e, solver = self.all_bodies, self._by_order
+        W = e.workspace(t, *e.reduced(q[None], np.zeros((1, self.nu))))
+        solver.values(W, (solver.force, np.zeros((1, self.nu))))
+        pivots = np.array([solver.W[slot] for slot, _ in solver.pivots])
+        lost = np.flatnonzero(~(pivots > NOTHING * float(np.max(pivots, initial=0.0))))
+        return [solver.pivots[i][1] for i in lost]
+
+    def _joint_by_joint(self, t: Array, q: Array, left: Array, multipliers: Array) -> None:
+        """G^T lambda = left from the leaves inwards, as `TreeMechanics._leaf_to_root`, with the entries of G of one joint at a
+        time."""
+        entries = {g: (p.targets, values) for g, p, values in self.evaluate(jacobian_G, t, q, np.zeros((len(t), self.nu)))}
+        numbers = {(r.group, r.instance, r.row): n for n, r in enumerate(self.rows)}
+        for tree in self.all_bodies.moved.trees:
+            drives = {(at, name): c for at, c, name in tree.driven}
+            for j in range(len(tree.joints), 0, -1):
+                g, i = tree.joints[j - 1]
+                names = self.model.groups[g].derived.rows
+                if not names:
+                    continue
+                targets, values = entries[g]
+                columns = [self.numbering.velocity(("u", *target[2:]), g, i) for target in targets]
+                G = {(target[1], columns[o]): values[:, i, o] for o, target in enumerate(targets)}
+                rows, driven = {r: numbers[g, i, r] for r in range(len(names))}, {r: (j, name) for r, name in enumerate(names)}
+                self._one(tree, j, rows, G, {r: drives[key] for r, key in driven.items() if key in drives}, left, multipliers)
+
+    def _one(self, tree: Tree, j: int, rows: dict[int, int], G: dict[tuple[int, int], Array], drives: dict[int, int],
+             left: Array, multipliers: Array) -> None:  # fmt: skip
+        """rows: their numbers; G: entries by row and column; drives: prescribed coordinates by row."""
+        node, own = tree.node(j), [r for r in rows if r not in drives]
+        at, zero = range(node.u, node.u + node.kind.sizes[1]), np.zeros(len(left))
+        on_body = np.array([[G.get((r, k), zero) for r in own] for k in at]).transpose(2, 0, 1)
+        found = np.linalg.solve(on_body, left[:, at.start : at.stop, None])[..., 0] if own else np.zeros((len(left), 0))
+        multipliers[:, [rows[r] for r in own]] = found
+        force = dict(zip(own, found.T, strict=True))
+        for (r, k), value in G.items():
+            if r in force:
+                left[:, k] -= value * force[r]
+        for r, c in drives.items():  # a drive balances the force that is left on its coordinate
+            u = tree.node(-c).u
+            multipliers[:, rows[r]] = left[:, u] / G[r, u]
+
+
+def ordered_mechanics(model: Model, rows: list[Row], all_bodies: AllBodies) -> OrderedMechanics:
+    """The mechanics of a model whose rows all belong to its trees."""
+    return OrderedMechanics(model, rows, all_bodies)

@@ -1,0 +1,287 @@
+"""A tree of joints in the order of its bodies: tables by which kernels of single joints run from the root outwards and back.
+
+Bodies of one kind that follow each other are one operation, whose instances read what those before them have left. The tables
+are all that grows with the tree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.kernels import links
+from mbdae.kernels.links import BodyKernels, ProgramKernel
+from mbdae.native.program import Operations
+from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.links.state import directions
+from mbdae.symbolic.tree_motion import Member
+from mbdae.system.model.moved_bodies import MovedBodies, slot_of
+from mbdae.system.model.numbering import Numbering
+from mbdae.system.model.trees import Tree
+
+Index = NDArray[np.intp]
+Place = tuple[Any, ...]
+MOST_KINDS = 12  #: kinds of joints with numbers 0, 1 or -1 of their own, above which such numbers are given at run time
+
+
+class Own(NamedTuple):
+    """A body of a tree: its kernels, the body that carries it (-1: none), and the numbers of the laws on it alone."""
+
+    kernels: BodyKernels
+    parent: int
+    members: tuple[int, ...]
+
+
+def ordered_size(moved: MovedBodies, numbering: Numbering, tree: Tree) -> tuple[int, int]:
+    """Number of kernels that serve the joints of a tree, and of the operations that all joints together take."""
+    every = [own.kernels for own in OrderedTree(moved, numbering, tree).bodies.values()]
+    kernels = {id(kernel): kernel for own in every for kernel in (own.outward, *own.passes[:2])}
+    sizes = {key: kernel.operations for key, kernel in kernels.items()}
+    return len(kernels), sum(sizes[id(kernel)] for own in every for kernel in (own.outward, *own.passes[:2]))
+
+
+class OrderedTree:
+    """A tree in an array of a native program. quaternion: whether the rotations of its bodies are wanted as quaternions;
+    inertia: (row, column) among velocities -> what other laws give the unknowns of the tree."""
+
+    def __init__(self, moved: MovedBodies, numbering: Numbering, tree: Tree, quaternion: bool = False,
+                 inertia: dict[tuple[int, int], float] | None = None) -> None:  # fmt: skip
+        self.moved, self.numbering, self.tree, self.quaternion = moved, numbering, tree, quaternion
+        self._inertia = inertia or {}
+        self._base: dict[int, int] = {}
+        self._kept: dict[int, tuple[int, ProgramKernel]] = {}
+        self._accelerations: dict[int, tuple[int, ProgramKernel]] = {}
+        self._general = False
+        self.bodies = self._bodies()
+        if len({id(own.kernels) for own in self.bodies.values()}) > MOST_KINDS:
+            self._general = True
+            self.bodies = self._bodies()
+        self._runs = self._ordered()
+
+    # -- bodies
+
+    def _bodies(self) -> dict[int, Own]:
+        structure = self.tree.structure
+        alone: dict[int, list[int]] = {}
+        self._between: list[tuple[int, tuple[int, ...]]] = []
+        for m, member in enumerate(structure.members):
+            nodes = tuple(dict.fromkeys(n for n in member.nodes if n is not None))
+            if len(nodes) == 1 and nodes[0] > 0:
+                alone.setdefault(nodes[0], []).append(m)
+            else:
+                self._between.append((m, nodes))
+        found: dict[int, Own] = {}
+        if structure.root.moves:
+            found[0] = Own(links.root_kernels(structure.root, self.quaternion), -1, ())
+        kinds = [structure.root, *(link.kind for link in structure.links)]
+        for j, link in enumerate(structure.links, start=1):
+            members = tuple(alone.get(j, ()))
+            stated = tuple(links.between(structure.members[m], {j: 1}, self._general) for m in members)
+            heavy = any((a, a) in self._inertia for a in self._velocities(j))
+            kernels = links.link_kernels(kinds[link.parent], links.alone(link, self._general), stated, self.quaternion, heavy)
+            found[j] = Own(kernels, link.parent if link.parent in found else -1, members)
+        return found
+
+    def _velocities(self, j: int) -> list[int]:
+        link, nb = self.tree.structure.links[j - 1], self.numbering
+        nodes = [self.tree.node(-(link.first + n)) for n, driven in enumerate(link.prescribed) if not driven]
+        return [nb.node_place("u", node, i) - nb.nq for node in nodes for i in range(node.kind.sizes[1])]
+
+    def _ordered(self) -> list[list[int]]:
+        """Bodies of one kind behind each other, those that carry before those that are carried."""
+        depth: dict[int, int] = {}
+        for j, own in self.bodies.items():  # links come in such an order
+            depth[j] = depth[own.parent] + 1 if own.parent >= 0 else 0
+        number = {k: i for i, k in enumerate(dict.fromkeys(id(own.kernels) for own in self.bodies.values()))}
+        runs: list[list[int]] = []
+        for j in sorted(self.bodies, key=lambda j: (depth[j], number[id(self.bodies[j].kernels)], j)):
+            if runs and self.bodies[runs[-1][-1]].kernels is self.bodies[j].kernels:
+                runs[-1].append(j)
+            else:
+                runs.append([j])
+        return runs
+
+    def at(self, j: int, place: Place) -> int:
+        """Slot of a number of a body that the outward pass leaves: ("x", name), ("M", i, j), ("p", i), entries of X, S and c."""
+        return self._base[j] + self.bodies[j].kernels.outward.column[place]
+
+    def unknown(self, j: int, place: Place) -> int:
+        """Number among the velocities of a freedom ("up", node, i) of a body as its kernels see it."""
+        _, node, i = place
+        node = node - self.tree.structure.links[j - 1].first + 1 if j else 0
+        return slot_of(self.numbering, self.tree, ("u", node, i)) - self.numbering.nq
+
+    @property
+    def unknowns(self) -> Index:
+        """Numbers of its velocities, body by body."""
+        return np.array([self.unknown(j, place) for run in self._runs for j in run
+                         for place in self.bodies[j].kernels.freedoms], dtype=np.intp)  # fmt: skip
+
+    # -- from the root outwards
+
+    def outwards(self, part: Operations) -> None:
+        """Motion of the bodies, inertia and forces of their laws."""
+        for run in self._runs:
+            kernel = self.bodies[run[0]].kernels.outward
+            first = part.slots(len(run) * kernel.width)
+            self._base |= {j: first + r * kernel.width for r, j in enumerate(run)}
+            kernel.emit(part, self._table(run, kernel, self._read), first)
+        kinds: dict[int, list[tuple[int, tuple[int, ...]]]] = {}
+        kernels: dict[int, ProgramKernel] = {}
+        for m, nodes in self._between:
+            kernel = self._kernel_between(m, nodes)
+            kinds.setdefault(id(kernel), []).append((m, nodes))
+            kernels[id(kernel)] = kernel
+        for key, places in kinds.items():
+            self._laws(part, kernels[key], places)
+
+    def _kernel_between(self, m: int, nodes: tuple[int, ...]) -> ProgramKernel:
+        kinds = tuple(self._kind(j) for j in nodes)
+        member: Member = links.between(self.tree.structure.members[m], {n: i for i, n in enumerate(nodes)}, self._general)
+        return links.member_kernel(kinds, member)
+
+    def _kind(self, j: int) -> NodeKind:
+        return self.bodies[j].kernels.kind
+
+    def _laws(self, part: Operations, kernel: ProgramKernel, places: list[tuple[int, tuple[int, ...]]]) -> None:
+        """Laws between bodies: their forces are added to those of every body."""
+        gather = [[self._read_between(m, nodes, place) for place in kernel.inputs] for m, nodes in places]
+        values = kernel.emit(part, np.array(gather, dtype=np.intp).reshape(len(places), len(kernel.inputs)))
+        to = [[self.at(nodes[j], ("p", i)) for _, j, i in kernel.targets] for _, nodes in places]
+        part.add(np.array(to, dtype=np.intp), values)
+
+    def _read_between(self, m: int, nodes: tuple[int, ...], place: Place) -> int:
+        head, owner, name = place
+        if head == "x":
+            return self.at(nodes[owner], ("x", name))
+        return self.moved.slot(self.numbering, self.tree, (head, f"member{m}", name))
+
+    def _read(self, j: int, place: Place) -> int:
+        """Slot of an input of a body's outward kernel."""
+        (head, owner, name), own = place, self.bodies[j]
+        if head == "x":
+            return self.at(own.parent, ("x", name))
+        if head in ("number", "timed"):
+            owner = f"link{j}" if owner == "link1" else f"member{own.members[int(owner[6:])]}"
+        elif j:
+            first = self.tree.structure.links[j - 1].first
+            owner = first + owner - 1 if head == "clock" else owner - first + 1
+        return self.moved.slot(self.numbering, self.tree, (head, owner, name))
+
+    def _table(self, run: Sequence[int], kernel: ProgramKernel, read: Callable[[int, Place], int]) -> Index:
+        table = [[read(j, place) for place in kernel.inputs] for j in run]
+        return np.array(table, dtype=np.intp).reshape(len(run), len(kernel.inputs))
+
+    def write_motion(self, part: Operations, nodes: Sequence[int], to: Callable[[int, str, int], int],
+                     heads: tuple[str, ...] = ("q", "u")) -> None:  # fmt: skip
+        """Those of q, u and u' ("up") of some bodies that are asked for, to the slots to(body, head, i)."""
+        for kind in dict.fromkeys(map(self._kind, nodes)):
+            alike, kernel = [j for j in nodes if self._kind(j) is kind], links.node_motion(kind, heads)
+            values = kernel.emit(part, self._table(alike, kernel, self._moved_at))
+            part.set([[to(j, head, i) for head, i in kernel.targets] for j in alike], values)
+
+    def _moved_at(self, j: int, place: Place) -> int:
+        head, _, name = place
+        if head == "x":
+            return self.at(j, ("x", name))
+        first, kernel = self._accelerations[j]
+        return first + kernel.column["a", directions(self._kind(j)).index(name)]
+
+    def loads(self, part: Operations, nodes: Sequence[int], row: Callable[[int, int], int], role: str = "wu",
+              to: Callable[[int, int], int] | None = None) -> None:  # fmt: skip
+        """Adds forces of laws outside of the tree, whose rows (of a role) stand at the slots row(body, i), to slots to(body, i),
+        by default the forces of the bodies."""
+        for kind in dict.fromkeys(map(self._kind, nodes)):
+            alike, kernel = [j for j in nodes if self._kind(j) is kind], links.node_load(kind, role)
+
+            def read(j: int, place: Place) -> int:
+                return row(j, place[2]) if place[0] == role else self.at(j, ("x", place[2]))
+
+            values = kernel.emit(part, self._table(alike, kernel, read))
+            part.add([[self.at(j, t) if to is None else to(j, t[1]) for t in kernel.targets] for j in alike], values)
+
+    def corrections(self, part: Operations, nodes: Sequence[int], row: Callable[[int, int], int],
+                    F: Callable[[int, Place], int]) -> None:  # fmt: skip
+        """Corrections of the rates of positions: rows of loaded bodies, row(body, i), along the freedoms ("up", node, i) of all
+        that carry them, added at slots F(body, freedom)."""
+        first: dict[int, int] = {j: part.zeros(own.kernels.shape.body) for j, own in self.bodies.items()}
+        self.loads(part, nodes, row, "wq", lambda j, i: first[j] + i)
+        for run in reversed(self._runs):
+            own, back = self.bodies[run[0]].kernels, run[::-1]
+            kernel = links.projection(own.shape)
+
+            def read(j: int, place: Place) -> int:
+                return first[j] + place[1] if place[0] == "w" else self.at(j, place)
+
+            if kernel.targets:
+                to = [[first[self.bodies[j].parent] + i for i in range(own.shape.parent)] for j in back]
+                sums = np.array(to, dtype=np.intp).reshape(len(back), -1)
+                found = part.hand_on(kernel, self._table(back, kernel, read), sums)[:, own.shape.parent :]
+                part.add([[F(j, place) for place in own.freedoms] for j in back], found)
+
+    # -- inwards, and the accelerations outwards again
+
+    def inwards(self, part: Operations, force: Callable[[int], int]) -> list[tuple[int, int]]:
+        """Inertia and forces of all that every body carries; force: slot of the force on a velocity. Slots of the pivots of the
+        mass matrix with the velocities they belong to."""
+        pivots: list[tuple[int, int]] = []
+        for run in reversed(self._runs):
+            own, back = self.bodies[run[0]].kernels, run[::-1]
+            kernel = own.passes[0]
+            if not kernel.targets:
+                continue
+            first = part.slots(len(run) * kernel.width)
+            self._kept |= {j: (first + r * kernel.width, kernel) for r, j in enumerate(back)}
+            read = self._inner(part, force)
+            sums = [t for t in kernel.targets if t[0] in ("M0", "p0")]
+            to = [[self.at(self.bodies[j].parent, (t[0][0], *t[1:])) for t in sums] for j in back]
+            sums_of = np.array(to, dtype=np.intp).reshape(len(back), len(sums))
+            part.hand_on(kernel, self._table(back, kernel, read), sums_of, first)
+            pivots += [(self._kept[j][0] + kernel.column["pivot", k], self.unknown(j, place)) for j in back
+                       for k, place in enumerate(own.freedoms)]  # fmt: skip
+        return pivots
+
+    def _inner(self, part: Operations, force: Callable[[int], int]) -> Callable[[int, Place], int]:
+        def read(j: int, place: Place) -> int:
+            freedoms = self.bodies[j].kernels.freedoms
+            if place[0] == "tau":
+                return force(self.unknown(j, freedoms[place[1]]))
+            if place[0] == "C":
+                a, b = (self.unknown(j, freedoms[k]) for k in place[1:])
+                return part.constant([self._inertia.get((a, b), 0.0)])
+            return self.at(j, place)
+
+        return read
+
+    def accelerations(self, part: Operations, rate: Callable[[int], int], given: bool = False) -> None:
+        """Accelerations of the bodies; rate: slot of the rate of a velocity, which is read where it is given, else written."""
+        to: list[int] = []
+        found: list[int] = []
+        for run in self._runs:
+            own = self.bodies[run[0]].kernels
+            kernel = own.passes[2 if given else 1]
+            first = part.slots(len(run) * kernel.width)
+            self._accelerations |= {j: (first + r * kernel.width, kernel) for r, j in enumerate(run)}
+            kernel.emit(part, self._table(run, kernel, self._outer(rate)), first)
+            for k, place in enumerate(() if given else own.freedoms):
+                to += [rate(self.unknown(j, place)) for j in run]
+                found += [self._accelerations[j][0] + kernel.column["up", k] for j in run]
+        part.set(to, found)
+
+    def _outer(self, rate: Callable[[int], int]) -> Callable[[int, Place], int]:
+        def read(j: int, place: Place) -> int:
+            own = self.bodies[j]
+            if place[0] == "a0":
+                first, kernel = self._accelerations[own.parent]
+                return first + kernel.column["a", place[1]]
+            if place[0] in ("K", "K0"):
+                first, kernel = self._kept[j]
+                return first + kernel.column[place]
+            if place[0] == "up":
+                return rate(self.unknown(j, own.kernels.freedoms[place[1]]))
+            return self.at(j, place)
+
+        return read

@@ -1,0 +1,186 @@
+"""Rank of many constraint rows by sparse elimination: which rows follow from others, and what motions all rows leave.
+
+Rows B of unit length are eliminated in an order of little fill: the pivots of B B^T are squared distances of rows from the span
+of those before. Rows that are not clearly new are left aside, and what is new of them beside the others is computed by repeated
+projection, which loses no digits; among these few the newest are taken first, as in a small scene. Where the projections do not
+converge the rows are too nearly dependent for this, and dense matrices decide (`DENSE` rows at most).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.deferred import qr, sp, splu
+from mbdae.errors import SceneError
+from mbdae.native.sparse import Entries, Factors, Order, Orders
+from mbdae.system.base import Array
+from mbdae.system.rank.rows import DEPENDENT
+
+Whole = NDArray[np.intp]
+PASSES, ROUND_OFF = 3, 1e-9  #: projections one after the other, and what the last one may still change of a unit vector
+AT_ONCE = 64  #: vectors that are projected together
+LIMITS = (1e-3, 1e-4, 1e-5)  #: independent part of a row of unit length below which it is left aside at first; the next one is
+FEW = 500  #: taken where more than so many of those left aside are independent
+DENSE = 3000  #: rows up to which dense matrices decide where sparse ones cannot
+TAKES_PART = 1e-6  #: coefficient of a row in a dependency from which it takes part in it
+
+
+def order_of(pattern: Any, first: Sequence[int], label: Any) -> Whole:
+    """An order of rows whose products have this pattern, of little fill: those in `first` before all others, and rows with one
+    label, those of a joint, one behind the other as stated."""
+    count = int(np.max(label, initial=-1)) + 1
+    member = sp.csr_matrix((np.ones(len(label)), (label, np.arange(len(label)))), shape=(count, len(label)))
+    joined = member @ abs(pattern) @ member.T
+    joined.data[:] = 1.0
+    place = splu((joined + sp.identity(count) * (2.0 * count)).tocsc(), permc_spec="MMD_AT_PLUS_A",
+                 options={"SymmetricMode": True}).perm_c  # fmt: skip
+    later = np.ones(len(label), dtype=bool)
+    later[list(first)] = False
+    return np.lexsort((np.arange(len(label)), place[label], later))
+
+
+class SparseRows:
+    """Constraint rows B (m, n) of unit length, sparse, with a choice of rows that span all.
+
+    always: numbers of rows that are chosen first; label (m,): numbers of their joints. kept: numbers of the rows chosen, rising;
+    left: those of the others; parts (m,): lengths of what is new in the rows chosen last, and of what the others add to the
+    choice; 1 for rows that are clearly new."""
+
+    def __init__(self, B: Any, always: Sequence[int] = (), label: Any = None) -> None:
+        self.B, self.m = sp.csr_matrix(B), B.shape[0]
+        label = np.arange(self.m) if label is None else np.asarray(label)
+        self._gram = sp.csc_matrix(self.B @ self.B.T)
+        self.order = order_of(self._gram, always, label)
+        self.parts = np.ones(self.m)
+        self._take(self._chosen())
+
+    def _take(self, kept: Whole) -> None:
+        self.kept, self.left = kept, np.setdiff1d(np.arange(self.m), kept)
+        self._solve = self._factors(kept)
+
+    def spanning(self, kept: Whole) -> SparseRows:
+        """The same rows with a choice made elsewhere."""
+        other = copy(self)
+        other.__dict__.pop("dependencies", None)
+        other._take(kept)
+        return other
+
+    @property
+    def rank(self) -> int:
+        """Number of independent rows."""
+        return len(self.kept)
+
+    def _chosen(self) -> Whole:
+        for limit in LIMITS:
+            aside = self._eliminated(limit)
+            self._take(np.setdiff1d(np.arange(self.m), aside))
+            sizes, near = np.zeros(len(aside)), list[Array]()
+            for some in _pieces(len(aside)):
+                remaining = self.remainders(aside[some])
+                sizes[some] = np.linalg.norm(remaining, axis=1)
+                near += list(remaining[sizes[some] > DEPENDENT])
+                if len(near) > FEW:
+                    break
+            else:
+                break
+        else:
+            raise NotResolvedError
+        self.parts[aside] = sizes
+        new = aside[np.flatnonzero(sizes > DEPENDENT)[_newest(np.array(near))]] if near else aside[:0]
+        return np.sort(np.r_[self.kept, new])
+
+    def _eliminated(self, limit: float) -> Whole:
+        """Numbers of the rows whose distance from the span of those before them is at most the limit."""
+        matrix = self._gram
+        entries = Entries(self.m, matrix.indptr, matrix.indices)
+        factors = Factors(Orders(entries, ()), float)
+        factors.values[:] = matrix.data
+        return np.flatnonzero(factors.left_out(Order(entries, self.order, self.order), limit**2))
+
+    def _factors(self, rows: Whole) -> Callable[[Array], Array]:
+        """b (k, ...) -> x with B B^T x = b, of some rows (k,)."""
+        if not len(rows):
+            return lambda b: b
+        place = np.empty(self.m, dtype=int)
+        place[self.order] = np.arange(self.m)
+        order = np.argsort(place[rows])
+        some = rows[order]
+        factors = splu(self._gram[some][:, some].tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0,
+                       options={"SymmetricMode": True})  # fmt: skip
+
+        def solve(b: Array) -> Array:
+            x = np.empty_like(b)
+            x[order] = factors.solve(np.ascontiguousarray(b[order]))
+            return x
+
+        return solve
+
+    def project(self, X: Array) -> Array:
+        """Vectors X (n, k) without what the chosen rows span."""
+        K, size = self.B[self.kept], np.linalg.norm(X, axis=0)
+        for _ in range(PASSES if len(self.kept) else 0):
+            change = K.T @ self._solve(K @ X)
+            X = X - change
+        if len(self.kept) and np.any(np.linalg.norm(change, axis=0) > ROUND_OFF * np.maximum(size, 1e-300)):
+            raise NotResolvedError
+        return X
+
+    def remainders(self, rows: Whole) -> Array:
+        """(k, n) what some rows add to the span of the chosen ones."""
+        return self.project(self.B[rows].toarray().T).T
+
+    def sizes_of(self, rows: Whole) -> Array:
+        """(k,) lengths of what some rows add to the span of the chosen ones."""
+        return np.concatenate([np.zeros(0), *(np.linalg.norm(self.remainders(rows[p]), axis=1) for p in _pieces(len(rows)))])
+
+    @cached_property
+    def dependencies(self) -> sp.csr_matrix:
+        """W (rows left, m): combinations of rows that vanish, of unit length, one for every row that was left."""
+        K, parts = self.B[self.kept], []
+        for piece in _pieces(len(self.left)):
+            some = self.left[piece]
+            right, Y = self.B[some].toarray().T, np.zeros((len(self.kept), len(some)))
+            for _ in range(PASSES):
+                Y += self._solve(K @ (right - K.T @ Y))
+            W = np.zeros((len(some), self.m))
+            W[:, self.kept] = -Y.T
+            W[np.arange(len(some)), some] = 1.0
+            W /= np.linalg.norm(W, axis=1, keepdims=True)
+            W[np.abs(W) < 1e-14] = 0.0
+            parts.append(sp.csr_matrix(W))
+        return sp.vstack(parts).tocsr() if parts else sp.csr_matrix((0, self.m))
+
+    @property
+    def dependent(self) -> Whole:
+        """Numbers of the rows that take part in a dependency."""
+        W = self.dependencies.tocoo()
+        return np.unique(W.col[np.abs(W.data) > TAKES_PART])
+
+
+def _pieces(count: int) -> list[slice]:
+    """Parts of so many vectors."""
+    return [slice(first, first + AT_ONCE) for first in range(0, count, AT_ONCE)]
+
+
+def _newest(rows: Array) -> Whole:
+    """Numbers of rows (k, n) that span all of them, the newest first."""
+    R, order = qr(rows.T, mode="r", pivoting=True)
+    found: Whole = order[: int(np.sum(np.abs(np.diag(R)) > DEPENDENT))]
+    return found
+
+
+class NotResolvedError(Exception):
+    """Rows are too nearly dependent for projections to converge."""
+
+
+def too_many(m: int) -> SceneError:
+    """The refusal where neither sparse nor dense matrices decide."""
+    return SceneError([f"the {m} constraint rows of the scene depend on each other too nearly to tell their rank, and more than "
+                       f"{DENSE} are too many for dense matrices: align the joints of its loops exactly, or leave out joints "
+                       f"that other joints make superfluous"])  # fmt: skip

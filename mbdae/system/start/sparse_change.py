@@ -1,0 +1,43 @@
+"""Changes of a motion that satisfy linear conditions at least cost, by sparse matrices: of many bodies, and of bent beams."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mbdae.deferred import sp, splu
+from mbdae.system.base import Array
+from mbdae.system.motion.constrained import largest_entries
+
+CORRECTIONS = 5
+GIVEN = 1e-10  #: compliance of the conditions over that of the stiffest unknown, against singular matrices; then corrected
+STATED = 1e-5  #: the same, of stated velocities: they give way to the conditions
+
+
+def cheapest(W: Any, units: Array, A: Any, right: Array, pull: Array, give: Array | None = None) -> Array:
+    """x (nu,) with A x = right that makes x^T W x / 2 - pull^T x least, rows of A (m, nu) in any number.
+
+    W (nu, nu) is positive definite.
+
+    units (nu,): unit displacements; give (m,): compliances of the conditions, all `GIVEN` by default: where conditions contradict
+    each other those with the larger one are violated."""
+    A, W, pull = sp.csr_matrix(A) @ sp.diags(units), sp.diags(units) @ W @ sp.diags(units), pull * units
+    size = largest_entries(A)
+    size[size == 0] = 1.0
+    stiff = float(np.max(W.diagonal()))
+    A, right = sp.diags(stiff / size) @ A, stiff * right / size  # rows like those of W
+    corner = -stiff * (np.full(A.shape[0], GIVEN) if give is None else give)
+    factors = splu(sp.bmat([[W, A.T], [A, sp.diags(corner)]], format="csc"))
+    x, forces = np.zeros(len(units)), np.zeros(A.shape[0])
+    for _ in range(CORRECTIONS):
+        step = factors.solve(np.r_[pull - W @ x - A.T @ forces, right - A @ x])
+        x, forces = x + step[: len(x)], forces + step[len(x) :]
+    return np.asarray(x * units)
+
+
+def sparse_least_change(A: Any, right: Array, weight: Any, units: Array, stated: Any, off: Array) -> Array:
+    """As `least_change.least_change`, for many bodies: x (n,) with A x = right, of these nearest to stated x = off, of these the
+    smallest one by the weight (n, n)."""
+    give = np.r_[np.full(A.shape[0], GIVEN), np.full(stated.shape[0], STATED)]
+    return cheapest(weight, units, sp.vstack([A, stated]), np.r_[right, off], np.zeros(len(units)), give)

@@ -1,0 +1,115 @@
+"""A second process takes from disk what the first one derived and compiled, and finds the same numbers to the last bit."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+RUN = """
+import hashlib, sys
+import mbdae as mb
+import symengine as se
+from mbdae.symbolic import derive
+count = {"derived": 0, "compiled": 0}
+run, compile = derive._Derivation.run, se.Lambdify
+def counted(self):
+    count["derived"] += 1
+    return run(self)
+def counting(*args, backend="lambda", **options):
+    count["compiled"] += backend == "llvm"
+    return compile(*args, backend=backend, **options)
+derive._Derivation.run, se.Lambdify = counted, counting
+"""
+END = """
+times = [0.1 * n for n in range(1, 5)]
+states = b"".join(r(t).q.tobytes() + r(t).u.tobytes() for t in times) if hasattr(r(0.1), "q") else b""
+numbers = b"".join(r[name].force.tobytes() for name in names) + r.energy.balance.tobytes()
+print(count["derived"], count["compiled"], hashlib.sha256(states + numbers).hexdigest(), float(r[names[0]].force[-1][0]))
+"""
+PENDULUM = """
+s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+s.revolute("hinge", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0), damper=0.1, spring=2.0, torque=0.3 * mb.t)
+r, names = s.simulate(0.5), ["hinge"]
+"""
+LOOP = """
+s = mb.Scene("loop", gravity=(0, -9.81, 0))
+A, B, C, D = (0, 0), (0, 0.3), (0.5, 0.6), (0.6, 0)
+crank, coupler, rocker = s.link("crank", A, B, mass=0.3), s.link("coupler", B, C, mass=0.6), s.link("rocker", C, D, mass=0.5)
+s.revolute("A", s.ground, crank, at=A, friction=mb.Coulomb(0.2, 0.01), radius=0.01)
+s.revolute("B", crank, coupler, at=B)
+s.revolute("C", coupler, rocker, at=C)
+s.revolute("D", s.ground, rocker, at=D)
+r, names = s.simulate(0.5, accuracy=1e-3), ["A", "C"]
+"""
+BEAM = """
+s = mb.Scene("beam", gravity=(0, -9.81, 0))
+beam = s.beam("beam", (0, 0), (1, 0), section=mb.Section.rectangular(0.02, 0.01, E=2e9, nu=0.3, rho=1e3), elements=2)
+s.revolute("hinge", s.ground, beam, at=(0, 0))
+r, names = s.simulate(0.5, accuracy=1e-2), ["hinge"]
+"""
+OWN = """
+class Spring(mb.Force):
+    params = mb.params(c="N/m")
+
+    def energy(self, k, l):
+        d = l.r - k.r
+        return {factor} * self.c * (d @ d) / 2
+
+s = mb.Scene("own", gravity=(0, -9.81, 0))
+rod = s.link("rod", (0, 0), (1, 0), mass=1.0)
+s.revolute("hinge", s.ground, rod, at=(0, 0))
+s.add(Spring("spring", s.ground, rod, at=(0.5, 1, 0), at_l=(0.5, 0, 0), c=30.0))
+r, names = s.simulate(0.5), ["hinge", "spring"]
+"""
+
+
+def run(tmp_path, statement, cache=None):
+    """Derivations, compilations, hash of the result and a number of it, of a process."""
+    environment = os.environ | {"MBDAE_CACHE": str(cache or tmp_path / "kept"), "PYTHONPATH": str(Path(__file__).parents[2])}
+    made = subprocess.run([sys.executable, "-W", "ignore", "-c", RUN + statement + END], capture_output=True, text=True,
+                          check=False, env=environment)  # fmt: skip
+    assert made.returncode == 0, made.stderr
+    derived, compiled, found, number = made.stdout.split()
+    return int(derived), int(compiled), found, float(number)
+
+
+@pytest.mark.parametrize("statement", [PENDULUM, LOOP, BEAM, OWN.format(factor=1)], ids=["pendulum", "loop", "beam", "own law"])
+def test_the_second_process_derives_and_compiles_nothing(tmp_path, statement):
+    first, second, without = run(tmp_path, statement), run(tmp_path, statement), run(tmp_path, statement, "off")
+    assert first[0] > 0
+    assert first[1] > 0
+    assert second[:2] == (0, 0)
+    assert first[2] == second[2] == without[2]
+
+
+def test_a_law_that_was_edited_is_derived_again(tmp_path):
+    before, after = (run(tmp_path, OWN.format(factor=factor)) for factor in (1, 2))
+    assert after[0] > 0
+    assert after[3] != before[3]
+    assert after[2] == run(tmp_path, OWN.format(factor=2), "off")[2]
+    assert run(tmp_path, OWN.format(factor=1))[::2] == (0, before[2])
+
+
+@pytest.mark.parametrize("damage", [lambda whole: whole[: len(whole) // 2], lambda whole: whole[:-3] + b"abc", lambda whole: b""])
+def test_damaged_files_are_made_again(tmp_path, damage):
+    first = run(tmp_path, PENDULUM)
+    files = list((tmp_path / "kept").glob("*.kept"))
+    for file in files:
+        file.write_bytes(damage(file.read_bytes()))
+    assert run(tmp_path, PENDULUM)[2] == first[2]
+    assert run(tmp_path, PENDULUM)[:2] == (0, 0)
+
+
+def test_two_processes_at_once_find_the_same(tmp_path):
+    environment = os.environ | {"MBDAE_CACHE": str(tmp_path / "kept"), "PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, "-W", "ignore", "-c", RUN + PENDULUM + END]
+    both = [subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    found = {one.communicate()[0].split()[2] for one in both}
+    assert found == {run(tmp_path, PENDULUM)[2]}
+
+
+def test_a_folder_that_cannot_be_used_changes_nothing(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    assert run(tmp_path, PENDULUM, tmp_path / "file")[2] == run(tmp_path, PENDULUM, "off")[2]

@@ -1,0 +1,34 @@
+"""Scenes with tables leave as C, with their points; other formats say that a table is no formula."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+
+
+def scene() -> mb.Scene:
+    s = mb.Scene("tables")
+    body = s.rigid_body("m", 1.0, (1, 1, 1), at=(0, 0, 0))
+    force = mb.table([0, 1, 2, 4], [0, 3, -1, 0], kind="cubic", outside="periodic") + 2 * mb.table([0, 1, 2], [0, 1, 3]).subs(
+        mb.t, 2 * mb.t)  # fmt: skip
+    s.prismatic("p", s.ground, body, at=(0, 0, 0), axis=(1, 0, 0), spring=25.0, damper=0.5, force=force)
+    return s
+
+
+def test_c_looks_up_as_the_native_core_does(compiled):
+    system = scene().system()
+    export = mb.export(scene(), format="c")
+    call = compiled(export)
+    out = np.empty(system.n)
+    for t in (0.0, 0.3, 0.5, 1.7, 9.25):
+        y = system.y0 + 0.1
+        system.residual(t, y, system.yp0, out)
+        p = [e.value for e in export.inputs["p"]]
+        np.testing.assert_allclose(call("residual", t=t, y=y, yp=system.yp0, p=p), out, rtol=1e-13, atol=1e-13)
+
+
+def test_sympy_says_that_a_table_is_no_formula():
+    with pytest.raises(mb.OptionError, match=r"a scene with a table .*export C"):
+        mb.export(scene(), format="sympy")["residual"]

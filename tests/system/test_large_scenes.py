@@ -1,0 +1,162 @@
+"""Scenes of many bodies: sparse rank, start and accelerations against closed relations and against dense matrices."""
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+from mbdae.integrators import kept_rows
+from mbdae.system.motion import mechanics
+from mbdae.system.prepare import prepare
+from mbdae.system.rank.large import SparseRows
+from mbdae.system.rank.rows import smallest
+
+KEPT = mb.Kinematic()
+
+
+def chain(n, step=(0.0, -1.0)):
+    s = mb.Scene("chain", gravity=(0, -9.81, 0))
+    before = s.ground
+    for i in range(n):
+        at, end = np.array(step) * i, np.array(step) * (i + 1)
+        body = s.link(f"b{i}", tuple(at), tuple(end), mass=2.0)
+        s.revolute(f"j{i}", before, body, at=tuple(at), model=KEPT)
+        before = body
+    return s
+
+
+def ladder(n, space="spatial"):
+    """A row of n parallelograms on the ground that share their sides; in space every loop has three rows too many."""
+    s = mb.Scene("ladder", gravity=(0, -9.81, 0), space=space)
+    sides = [s.link(f"side{i}", (i, 0, 0), (i, 1, 0), mass=1.0) for i in range(n + 1)]
+    for i, side in enumerate(sides):
+        s.revolute(f"foot{i}", s.ground, side, at=(i, 0, 0), model=KEPT)
+    for i in range(n):
+        bar = s.link(f"bar{i}", (i, 1, 0), (i + 1, 1, 0), mass=1.0)
+        s.revolute(f"left{i}", sides[i], bar, at=(i, 1, 0), model=KEPT)
+        s.revolute(f"right{i}", bar, sides[i + 1], at=(i + 1, 1, 0), model=KEPT)
+    return s
+
+
+@pytest.fixture
+def sparse(monkeypatch):
+    """Small scenes are taken as large ones."""
+    monkeypatch.setattr(mechanics, "LARGE", 0)
+
+
+def test_hanging_chain_carries_its_weight():
+    """Joint k of a chain at rest carries the rods below it."""
+    n = 300
+    p = prepare(chain(n))
+    assert p.mechanics.large
+    names = [row.name for row in p.mechanics.rows]
+    force = np.array([p.start.multipliers[names.index(f"j{k}.y")] for k in range(n)])
+    assert np.allclose(np.abs(force), 2.0 * 9.81 * (n - np.arange(n)), rtol=1e-9)
+    assert p.rank.degrees_of_freedom == n
+    assert not p.rank.dropped
+
+
+def test_smallest_singular_value_of_a_chain():
+    """Of sparse rows as of dense ones."""
+    p = prepare(chain(150, (1.0, 0.0)))
+    here = SparseRows(p.mechanics.sparse_constraint_jacobian(np.zeros(1), p.start.q[None])[0])
+    assert smallest(here.B, here.m) == pytest.approx(np.linalg.svd(here.B.toarray(), compute_uv=False)[-1], rel=1e-3)
+
+
+@pytest.mark.parametrize("n", [3, 30])
+def test_loops_in_space_have_three_rows_too_many(n, monkeypatch):
+    """n parallelograms: one freedom each row of sides, whichever matrices count."""
+    dense = prepare(ladder(n)) if n < 10 else None
+    monkeypatch.setattr(mechanics, "LARGE", 0)
+    found = [prepare(ladder(n)) for _ in range(2)]
+    for p in found:
+        assert p.rank.degrees_of_freedom == 1
+        assert len(p.rank.dropped) == len(p.mechanics.rows) + len(p.rank.dropped) - (p.model.nu - 1)
+        assert not p.rank.singular_here
+        assert not p.rank.doubtful
+    assert [r.name for r in found[0].rank.dropped] == [r.name for r in found[1].rank.dropped]
+    if dense is not None:
+        assert len(dense.rank.dropped) == len(found[0].rank.dropped)
+        assert {r.name for r in dense.rank.not_unique} == {r.name for r in found[0].rank.not_unique}
+
+
+def test_reactions_of_redundant_rows_are_those_of_least_norm(monkeypatch):
+    """The same as by dense matrices."""
+    first = prepare(ladder(2))
+    state = np.zeros(1), first.start.q[None], first.start.u[None]
+    dense = first.with_all_rows.accelerations(*state)
+    monkeypatch.setattr(mechanics, "LARGE", 0)
+    found = prepare(ladder(2)).with_all_rows.accelerations(*state)
+    assert np.max(np.abs(dense[1])) > 1.0
+    assert np.allclose(dense[0], found[0], atol=1e-7)
+    assert np.allclose(dense[1], found[1], atol=1e-5 * np.max(np.abs(dense[1])))
+
+
+def test_nearly_redundant_rows_are_said(sparse):
+    """A parallelogram whose axes are not quite parallel, as in a small scene."""
+    s = mb.Scene("skew", gravity=(0, -9.81, 0), space="spatial")
+    a, b = s.link("a", (0, 0, 0), (0, 1, 0), mass=1.0), s.link("b", (1, 0, 0), (1, 1, 0), mass=1.0)
+    c = s.link("c", (0, 1, 0), (1, 1, 0), mass=1.0)
+    s.revolute("A", s.ground, a, at=(0, 0, 0), model=KEPT)
+    s.revolute("B", a, c, at=(0, 1, 0), model=KEPT)
+    s.revolute("C", c, b, at=(1, 1, 0), model=KEPT)
+    s.revolute("D", s.ground, b, at=(1, 0, 0), axis=(1e-5, 0, 1), model=KEPT)
+    assert prepare(s).rank.doubtful
+
+
+def test_stretched_chain_between_fixed_points_is_singular(sparse):
+    """Its rows depend on each other in this position alone."""
+    s = mb.Scene("stretched")
+    before = s.ground
+    for i in range(4):
+        body = s.link(f"b{i}", (i, 0), (i + 1, 0), mass=1.0)
+        s.revolute(f"j{i}", before, body, at=(i, 0), model=KEPT)
+        before = body
+    s.revolute("end", before, s.ground, at=(4, 0), model=KEPT)
+    p = prepare(s)
+    assert p.rank.singular_here
+    assert p.rank.degrees_of_freedom == 2
+    assert not p.rank.dropped
+
+
+def test_motion_without_inertia_is_named(sparse):
+    s = chain(3)
+    s.rigid_body("ghost", 0.0, 0.0, at=(5, 0))
+    with pytest.raises(mb.SceneError, match="ghost"):
+        prepare(s)
+
+
+def test_stated_velocities_stay(sparse):
+    """To the last digits, where the joints allow them."""
+    s = mb.Scene("thrown")
+    s.rigid_body("b", 1.0, 0.1, at=(0, 0), velocity=(10, 0, 0))
+    s.rigid_body("c", 1.0, 0.1, at=(1, 0), velocity=(10, 0, 0))
+    s.revolute("j", s["b"], s["c"], at=(0.5, 0), model=KEPT)
+    p = prepare(s)
+    assert p.start.u[p.model.node(s["b"]).u] == pytest.approx(10, rel=1e-12)
+
+
+def test_steps_on_disk_are_those_in_memory(monkeypatch):
+    s = chain(2, (1.0, 0.0))
+    solver = mb.RadauIIA(2, rtol=1e-6)
+    before = s.simulate(2.0, solver=solver)
+    monkeypatch.setattr(kept_rows, "IN_MEMORY", 2000)
+    after = s.simulate(2.0, solver=solver)
+    assert np.array_equal(before.q, after.q)
+    assert np.array_equal(before.solution.yp, after.solution.yp)
+
+
+@pytest.mark.parametrize("damage", ["cut", "gone", "other"])
+def test_a_damaged_file_of_steps_is_named(damage, monkeypatch):
+    monkeypatch.setattr(kept_rows, "IN_MEMORY", 100)
+    rows = kept_rows.Rows("y", np.zeros(10))
+    for first in range(3):
+        rows.extend(np.full((20, 10), float(first)))
+    path, _ = rows._chunks[1]
+    if damage == "cut":
+        path.write_bytes(path.read_bytes()[:200])
+    elif damage == "gone":
+        path.unlink()
+    else:
+        np.save(path, np.zeros(3))
+    with pytest.raises(mb.SolverError, match=r"000002\.npy"):
+        rows.array(61)
