@@ -17,9 +17,9 @@ from mbdae.results.storage import load as load
 from mbdae.run.checkpoint import keeper_of, kept, statement_of
 from mbdae.run.checks import Check, check_scene
 from mbdae.run.choice import choose, prepared_from, with_recursive_joints
-from mbdae.run.conditions import conditions
 from mbdae.run.control import Controlled, plausible
-from mbdae.run.events import Watched
+from mbdae.run.events.conditions import conditions
+from mbdae.run.events.watched import Watched
 from mbdae.run.job import Job
 from mbdae.run.progress import progress_of
 from mbdae.scene.scene import SceneData

@@ -15,10 +15,10 @@ from mbdae.integrators.base import Solver, output_times
 from mbdae.integrators.dense import cut
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Event, Result
-from mbdae.run.conditions import Condition
 from mbdae.run.control import Controlled
+from mbdae.run.events.conditions import Condition
+from mbdae.run.events.roots import SAME, Root, roots
 from mbdae.run.job import Job
-from mbdae.run.roots import SAME, Root, roots
 from mbdae.scene.components import Connection
 from mbdae.scene.sensed import found as sensed
 from mbdae.scene.variants import keeping
