@@ -8,6 +8,7 @@ from typing import Any
 import symengine as se
 
 from mbdae.symbolic.vectors import Expr
+from mbdae.values import BadValueError, shown
 
 _HEAD = "sensor("
 
@@ -36,3 +37,15 @@ def path_of(name: Any) -> str:
 def paths(value: Any) -> list[str]:
     """The sensors on which a number or expression depends, in the order of their paths."""
     return sorted({path for s in getattr(value, "free_symbols", ()) if (path := path_of(s))})
+
+
+def refuse_symbols(value: Any, symbols: set[Expr], sensors: bool) -> None:
+    """BadValueError where an expression contains symbols that are none of sensors, or those where sensors may not appear."""
+    others = sorted(str(s) for s in symbols if not (sensors and path_of(s)))
+    if not others:
+        return
+    if path_of(others[0]):
+        raise BadValueError(f"{shown(value)} depends on the sensor '{path_of(others[0])}': it may depend on the time mb.t "
+                            f"alone; loads, states and signals may depend on sensors")  # fmt: skip
+    what = "only mb.t and sensors, s.sensor(path), may appear" if sensors else "only mb.t may appear"
+    raise BadValueError(f"{shown(value)} contains the symbol {others[0]}; {what}")

@@ -20,7 +20,7 @@ from mbdae.disk.entries import keep, recall
 from mbdae.disk.exact import code_key
 from mbdae.inputs import tables
 from mbdae.inputs.numpy_functions import teach
-from mbdae.inputs.sensed import path_of
+from mbdae.inputs.sensed import refuse_symbols
 from mbdae.inputs.text import FUNCTIONS, canonical
 from mbdae.inputs.text import TIME as TIME
 from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_sided, rebuilt, without_overflow
@@ -61,13 +61,7 @@ def expression(value: Any, sensors: bool = False) -> Expr:
         raise BadValueError(f"{shown(value)} is neither a number nor an expression of mb.t") from error
     if not isinstance(e, se.Basic) or isinstance(e, se.DenseMatrix) or is_condition(e):
         raise BadValueError(f"{shown(value)} is neither a number nor an expression of mb.t")
-    others = sorted(str(s) for s in e.free_symbols if s != TIME and not (sensors and path_of(s)))
-    if others:
-        if path_of(others[0]):
-            raise BadValueError(f"{shown(value)} depends on the sensor '{path_of(others[0])}': it may depend on the time mb.t "
-                                f"alone; loads, states and signals may depend on sensors")  # fmt: skip
-        what = "only mb.t and sensors, s.sensor(path), may appear" if sensors else "only mb.t may appear"
-        raise BadValueError(f"{shown(value)} contains the symbol {others[0]}; {what}")
+    refuse_symbols(value, e.free_symbols - {TIME}, sensors)
     if not e.free_symbols:
         return _plain_number(e)
     plain = _without_constant_tables(_with_plain_numbers(e))

@@ -188,7 +188,9 @@ class Result(RunStates, ListsAttributes):
             told = f"'{name}' has {known}" if known else f"give item.quantity of an item, such as {items}"
             raise SceneError([f"there is no sensor '{path}'; {told}"])
         values = np.asarray(getattr(sensor, quantity))
-        if entry and (len(entry) >= values.ndim or any(n >= size for n, size in zip(entry, values.shape[1:], strict=False))):
+        if not entry:
+            return values
+        if len(entry) >= values.ndim or any(n >= size for n, size in zip(entry, values.shape[1:], strict=False)):
             shape = " x ".join(map(str, values.shape[1:]))
             raise SceneError([f"there is no sensor {shown(path)}: '{name}.{quantity}' has {shape or 'no'} components, "
                               f"counted from 0"])  # fmt: skip

@@ -9,6 +9,7 @@ from math import inf
 
 import numpy as np
 
+from mbdae.deferred import as_full
 from mbdae.errors import SceneError, StartError
 from mbdae.inputs.timed import after
 from mbdae.scene import prescribed, sensed
@@ -26,6 +27,7 @@ from mbdae.system.rank.rows import smallest, unit_rows
 from mbdae.system.rank.undetermined import massless_coordinates, massless_motions, massless_unknowns, undecided
 from mbdae.system.start.contacts import ExpectedContact, expected_contacts
 from mbdae.system.start.ideal_joints import ideal_start
+from mbdae.system.start.sparse_change import cheapest
 from mbdae.system.start.start import Start, Starter
 from mbdae.system.start.typical_sizes import characteristic_time
 from mbdae.threads import single_threaded
@@ -92,7 +94,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     begin_time = start.t if start is not None else t0
     end = t_end if t_end is not None and t_end > begin_time else begin_time + FORESIGHT
     problems = scene.problems + sensed.problems(scene)
-    problems += prescribed.problems(scene.connections, scene.line_loads, begin_time, end, start is not None)
+    problems += prescribed.problems(scene, begin_time, end, start is not None)
     if problems:
         raise SceneError(problems)
     if not scene.bodies:
@@ -264,11 +266,14 @@ def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[st
                           f"the joints of this scene do not fit there; draw or prescribe them as they are then"])  # fmt: skip
     if np.max(np.abs(rate), initial=0.0) <= FITS * speed / max(1.0, mechanics.model.length):
         return start.u, []
-    G, M = mechanics.constraint_jacobian(t, q)[0], mechanics.mass
-    M = M.toarray() if mechanics.model.lines else M
-    K = np.block([[M, G.T], [G, np.zeros((len(G), len(G)))]])
-    change = np.linalg.lstsq(K, np.concatenate([np.zeros(len(M)), -rate]), rcond=1e-13)[0][: len(M)]
+    G, M = mechanics.constraint_matrix(t, start.q), mechanics.mass
+    if mechanics.large and not isinstance(mechanics, OrderedMechanics):
+        change = cheapest(M, mechanics.velocity_units, G, -rate, np.zeros(mechanics.nu))
+    else:
+        G, M = as_full(G), as_full(M)
+        K = np.block([[M, G.T], [G, np.zeros((len(G), len(G)))]])
+        change = np.linalg.lstsq(K, np.concatenate([np.zeros(len(M)), -rate]), rcond=1e-13)[0][: len(M)]
     worst = mechanics.rows[int(np.argmax(np.abs(rate)))].name
-    lost = float(-(change @ M @ (start.u + change / 2)))
+    lost = float(-(change @ (M @ (start.u + change / 2))))
     return start.u + change, [f"joints that the run before did not have stop motions suddenly (most: {worst}): an impact without "
                               f"rebound that takes {lost:.4g} J"]  # fmt: skip

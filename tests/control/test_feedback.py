@@ -224,3 +224,34 @@ def test_foreign_symbols_are_no_loads():
     s.force("F", rod, (sp.Symbol("x"), 0, 0))
     with pytest.raises(SceneError, match="contains the symbol x"):
         s.check()
+
+
+def test_tables_in_feedback_are_followed_and_come_back_from_files(tmp_path):
+    s, rod = pendulum_alone()
+    table = mb.table([0, 0.5, 1, 2], [0, 3, -1, 0])
+    s.signal("w", table + s.sensor("J.angle"))
+    s.revolute("J", s.ground, rod, at=(0, 0), torque=s.sensor("w") * table - s.sensor("J.rate"))
+    r = s.simulate(1.5, accuracy=1e-8)
+    assert {0.5, 1.0} <= set(r.solution.t.tolist())
+    w = np.interp(r.t, [0, 0.5, 1, 2], [0, 3, -1, 0]) + r["J"].angle
+    np.testing.assert_allclose(r["w"], w, atol=1e-9)
+    r.save(tmp_path / "run.npz")
+    again = mb.load(tmp_path / "run.npz")
+    assert again["w"].tobytes() == r["w"].tobytes()
+    np.testing.assert_array_equal(r.value("2*w - J.angle"), 2 * r["w"] - r["J"].angle)
+    assert r.to_dataframe("w", "J.angle").columns.tolist() == ["w", "J.angle"]
+    assert "w" in r.to_dataframe().columns
+
+
+def test_what_depends_on_time_in_feedback_is_checked():
+    s, rod = pendulum_alone()
+    table = mb.table([0, 1], [0, 1], outside="error")
+    s.signal("w", sp.Min(table, s.sensor("J.angle")))
+    s.revolute("J", s.ground, rod, at=(0, 0), torque=s.sensor("w") / (mb.t - 0.7))
+    with pytest.raises(mb.SceneError, match=r"not finite near t = 0.7 s(.|\n)*signal 'w': .*the table goes from 0 to 1 s"):
+        s.simulate(1.5)
+
+
+def pendulum_alone():
+    s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+    return s, s.link("rod", (0, 0), (1, 0), mass=1.0)

@@ -234,7 +234,9 @@ def everything() -> mb.Scene:
     beam.load((0, mb.t, 1), frame="section", name="load")
     s.state("e1", rate=1 / 3 - s.sensor("r1.angle") * s.sensor("e2"), start=0.1, size=2)
     s.signal("e2", sp.Max(s.sensor("a.position[1]"), mb.t / 7))
-    s.controller("pid", held, every=1 / 3, reads=["r1.angle"], sets="u", memory=[1 / 3])
+    s.contact("touch", "a", "p", mb.Plane(at=(0, 0, -1 / 3)), mb.Sphere(radius=1 / 7), mb.Hertz(1e8, 0.1))
+    s.force("F2", b.at(0.6), (s.sensor("r1.angle") + mb.table([0, 1 / 3, 1], [0, 1 / 7, 0], "step", "periodic"), 0, mb.t))
+    s.controller("pid", held, every=1 / 3, reads=["r1.angle"], sets="held", memory=[1 / 3])
     return s
 
 
