@@ -60,7 +60,7 @@ class ConnectionStatements(CouplingStatements):
         for law in (*item.laws, *item.as_kinematic):
             law.k, law.l = item.k, item.l
             if item.loose and item.l.is_point:  # the pin may be drawn anywhere in its play
-                law.at_l = item.l.position
+                law.at_l = item.l.drawn.position
         if item.loose and item.k.is_point:
             self.problems.append(f"{item.kind} '{item.name}': the point mass '{item.k.name}' cannot carry the race: it has no "
                                  f"orientation; name it second, or use s.rigid_body")  # fmt: skip
@@ -70,6 +70,7 @@ class ConnectionStatements(CouplingStatements):
         check_attachments(self, item)
         self._claim(item.name)
         self.connections.append(item)
+        self._keep_read_coordinates(item)
         return item
 
     def _check_point_masses(self, item: Connection) -> None:
@@ -84,16 +85,16 @@ class ConnectionStatements(CouplingStatements):
                     self.problems.append(f"{item.kind} '{item.name}': friction needs the axes of both bodies, the point mass "
                                          f"'{body.name}' has none; use s.rigid_body")  # fmt: skip
                 at = law.point_on(side)
-                if np.linalg.norm(at - body.position) > 1e-9 * (1 + np.linalg.norm(body.position)):
+                if np.linalg.norm(at - body.drawn.position) > 1e-9 * (1 + np.linalg.norm(body.drawn.position)):
                     self.problems.append(f"{item.kind} '{item.name}': the point mass '{body.name}' is at "
-                                         f"{body.position.tolist()} m, not at {np.asarray(at).tolist()} m; "
+                                         f"{body.drawn.position.tolist()} m, not at {np.asarray(at).tolist()} m; "
                                          f"attach to it where it is")  # fmt: skip
                     break
 
 
 def point_of(body: Body | Place) -> Array:
     """The point of a joint or force for which none is stated: the place, or the body's centre of mass."""
-    return np.array(body.point if isinstance(body, Place) else body.position, dtype=float)
+    return np.array(body.point if isinstance(body, Place) else body.drawn.position, dtype=float)
 
 
 def across(arg: Argument, axis: Array, axis_x: Any) -> Array | None:

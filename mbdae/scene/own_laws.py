@@ -37,7 +37,8 @@ def own_copy(arg: Argument, law: Any) -> Joint | Force | Coupling:
         _read_places(head, law, found)
     for key, parameter in law.params.items():
         value = getattr(law, key)
-        read = reading.quantity(parameter.unit) if law.timeless else reading.driven(parameter.unit)
+        sensors = isinstance(law, Force)
+        read = reading.quantity(parameter.unit) if law.timeless else reading.driven(parameter.unit, sensors)
         setattr(found, key, None if value is None else read(head.part(key), value))
     for key in law.options:
         _refuse_unhashable(head.part(key), getattr(law, key))
