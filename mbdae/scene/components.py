@@ -23,8 +23,6 @@ from mbdae.values import BadValueError, array, number, shown
 
 Array = NDArray[np.float64]
 FINE = 2048  #: number of chords by which the length along a curve is measured
-
-
 MOVING = ("position", "rotation", "velocity", "angular_velocity")  #: what a run changes
 
 
