@@ -172,7 +172,7 @@ def links(scene: mb.Scene) -> list[tuple[int, list[float], list[float], list[flo
         number[joint.l], at[joint.l] = len(number), place
         J = np.diag(joint.l.inertia)
         found.append((number[joint.k], (axis / np.linalg.norm(axis)).tolist(), (place - at[joint.k]).tolist(),
-                      (joint.l.position - place).tolist(), float(joint.l.mass), J.tolist()))  # fmt: skip
+                      (joint.l.drawn.position - place).tolist(), float(joint.l.mass), J.tolist()))  # fmt: skip
     return found
 
 

@@ -17,7 +17,9 @@ from mbdae.results.storage import load as load
 from mbdae.run.checkpoint import keeper_of, kept, statement_of
 from mbdae.run.checks import Check, check_scene
 from mbdae.run.choice import choose, prepared_from, with_recursive_joints
-from mbdae.run.control import plausible
+from mbdae.run.control import Controlled, plausible
+from mbdae.run.events.conditions import conditions
+from mbdae.run.events.watched import Watched
 from mbdae.run.job import Job
 from mbdae.run.progress import progress_of
 from mbdae.scene.scene import SceneData
@@ -95,9 +97,9 @@ class Scene(SceneData):
     def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Solver | type[Solver] | str | None = None,
                  form: Form | type[Form] | str | None = None, outputs: int | Sequence[float] | Array | None = None,
                  start: Result | None = None, verify: bool = False, max_wall: float | None = None,
-                 progress: Callable[..., None] | bool | None = None, checkpoint: Any = None,
-                 every: int | None = None) -> Result:  # fmt: skip
-        """Run to t_end (s).
+                 progress: Callable[..., None] | bool | None = None, checkpoint: Any = None, every: int | None = None,
+                 until: Any = None, record: Any = None) -> Result:  # fmt: skip
+        """Run to t_end (s), or to the event `until`.
 
         accuracy: bound asked for the error over the run (positions relative to the scene's length, angles in rad,
         velocities relative to length / characteristic time; with beams only positions and angles, because their velocities
@@ -110,7 +112,9 @@ class Scene(SceneData):
         time. progress: True shows a bar; a function is called as progress(t, t_end, stats), ten times per second at most.
         checkpoint: a folder in which the call keeps its runs: after it was killed, at whatever time, the same call with the same
         folder goes on and returns the same bits; SIGTERM ends it after the step under way with StoppedError. every: accepted
-        steps between two checkpoints (default 1000). IDA and CVODE begin anew at each.
+        steps between two checkpoints (default 1000). IDA and CVODE begin anew at each. Sampled controllers are refused.
+        until: a condition on sensors that ends the run where it begins to hold, "J.angle > 1.0"; record: conditions whose
+        instants are kept, "J.angle == 0" or a list; both as text or symbols (`sensor`), results in `events`.
         An option that cannot be used raises OptionError before anything is solved.
 
         Ctrl-C comes out as KeyboardInterrupt; its attribute `solution` is the Result until then, as that of a SolverError is.
@@ -124,23 +128,35 @@ class Scene(SceneData):
         verify = option("verify", verify, flag, "give True to have the error measured by a second method, or False")
         wall = optional("max_wall", max_wall, number, "give a positive number of seconds, or None", above=0)
         asked = Asked(end, max_wall=wall, progress=progress_of(progress))
+        watched = Watched(conditions(self, "until", until), conditions(self, "record", record))
         keeper = keeper_of(checkpoint, every)
         said = partial(statement_of, self, keeper.every if keeper else 0, method, own, start, t_end=end, accuracy=accuracy,
-                       outputs=times, verify=verify)  # fmt: skip
+                       outputs=times, verify=verify, until=[c.name for c in watched.until],
+                       record=[c.name for c in watched.record])  # fmt: skip
         with kept(keeper, said):
-            return self._simulated(end, accuracy, method, own, times, start, verify, asked)
+            return self._simulated(end, accuracy, method, own, times, start, verify, asked, watched,
+                                   DEFAULT_OUTPUTS if outputs is None else outputs)  # fmt: skip
 
     def _simulated(self, end: float, accuracy: float, method: Solver | None, own: Form | None, times: Array,
-                   start: Result | None, verify: bool, asked: Asked) -> Result:  # fmt: skip
+                   start: Result | None, verify: bool, asked: Asked, watched: Watched, outputs: Any) -> Result:  # fmt: skip
         """`simulate` with options that are read."""
         prepared = with_recursive_joints(self, start, end) if method is None and own is None else None
         prepared = prepared if prepared is not None else prepared_from(self, start, end)
+        prepared = watched.with_turns(prepared, lambda scene: prepared_from(scene, start, end))
         if method is not None:
             own = own if own is not None else default_form(prepared, method.highest_index)
-            job = Job(prepared, own, accuracy, asked, times, continued=start is not None)
-            run = job.run(method)
+            job, taken = Job(prepared, own, accuracy, asked, times, continued=start is not None), method
+
+            def made(job: Job) -> tuple[Controlled, Job]:
+                return job.run(method), job
         else:
             choice = choose(prepared, self, accuracy, own)
-            job = Job(prepared, choice.form, accuracy, asked, times, continued=start is not None)
-            run, job = job.run_default(choice, own)
-        return job.result(run, verify)
+            job, taken = Job(prepared, choice.form, accuracy, asked, times, continued=start is not None), choice.solver
+
+            def made(job: Job) -> tuple[Controlled, Job]:
+                return job.run_default(choice, own)
+
+        if not watched:
+            run, job = made(job)
+            return job.result(run, verify)
+        return watched.result(job, taken, made, outputs, verify)

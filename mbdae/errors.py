@@ -91,6 +91,14 @@ class SolverError(MbdaeError):
         self.time, self.culprit, self.solution = time, culprit, solution
 
 
+class ControllerError(MbdaeError):
+    """A sampled controller failed. time: the instant (s); inputs: values of its sensors by path."""
+
+    def __init__(self, message: str, time: float, inputs: dict[str, float]) -> None:
+        super().__init__(message)
+        self.time, self.inputs = time, inputs
+
+
 class WallClockError(SolverError):
     """The wall-clock time allowed for a run was used up."""
 

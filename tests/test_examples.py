@@ -54,6 +54,33 @@ def test_exported_equations_give_the_same_motion(mass):
     assert example.by_scipy(mass) == pytest.approx(own, abs=1e-7)
 
 
+def test_arm_under_computed_torque_forgets_its_error():
+    import arm_control as example
+
+    r = example.scene().simulate(example.t_end, accuracy=1e-7)
+    wanted = np.array([[float(path.subs(mb.t, t)) for t in r.t] for path in example.PATH])
+    error = wanted - np.array([r[f"q{i}"].angle for i in range(1, 7)])
+    np.testing.assert_allclose(error, example.error(r.t), atol=1e-7)
+
+
+def test_arm_under_a_sampled_pid_comes_to_rest():
+    import arm_control as example
+
+    r = example.scene(example.sampled_pid).simulate(4.0)
+    np.testing.assert_allclose([r[f"q{i}"].angle[-1] for i in range(1, 7)], example.START, atol=1e-4)
+
+
+def test_crane_swings_as_far_as_its_energy_takes_it():
+    import crane
+
+    first, second = crane.runs()
+    assert first["rail"].displacement[-1] == pytest.approx(crane.STOP, abs=1e-9)
+    expected = crane.swing(second["pivot"].angle[0], second["pivot"].rate[0])
+    turns = [event.time for event in second.events if event.name == "pivot.rate == 0"]
+    assert len(turns) > 5
+    np.testing.assert_allclose(np.abs(second(turns)["pivot"].angle), expected, atol=1e-8)
+
+
 def test_four_bar_rocker_follows_the_two_circles():
     import four_bar
 

@@ -44,12 +44,13 @@ def test_the_method_of_ones_own_in_docs_accuracy_runs(tmp_path, monkeypatch):
         exec(compile(text, "accuracy.md", "exec"), {"__name__": "accuracy"})
 
 
-def test_docs_export_runs(tmp_path, monkeypatch):
+@pytest.mark.parametrize("page", ["export", "control"])
+def test_docs_run(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    space = {"__name__": "export"}
-    for language, text, _ in blocks((ROOT / "docs" / "export.md").read_text(encoding="utf-8")):
+    space = {"__name__": page}
+    for language, text, _ in blocks((ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")):
         assert language == "python"
-        exec(compile(text, "export.md", "exec"), space)
+        exec(compile(text, f"{page}.md", "exec"), space)
 
 
 def test_docs_inputs_runs(tmp_path, monkeypatch):

@@ -22,6 +22,7 @@ from mbdae.results.result import Result, RunInfo
 from mbdae.results.states import Instant
 from mbdae.scene.components import Connection
 from mbdae.scene.scene import SceneData
+from mbdae.scene.sensed import refuse_sampled
 from mbdae.system.base import Array
 from mbdae.system.motion.constrained import least_norm
 from mbdae.system.prepare import prepare
@@ -108,6 +109,7 @@ def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None =
     state is searched under the full loads.
     progress(load_factor, iterations) is called after every step. Raises EquilibriumError where there is no such state.
     """
+    refuse_sampled(scene, "equilibrium")
     body = body_of(scene, frame if frame is not None else scene.ground)
     told = optional("progress", progress, function, "give a function progress(load_factor, iterations), or None",
                     takes="load_factor, iterations")  # fmt: skip

@@ -19,6 +19,7 @@ from mbdae.errors import OptionError, SteadyError
 from mbdae.formulations.index3 import Index3
 from mbdae.results.result import Result
 from mbdae.scene.scene import SceneData
+from mbdae.scene.sensed import refuse_sampled
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.right_hand_side import state_rates
 from mbdae.system.base import Array
@@ -160,6 +161,7 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     modes only (default: all; with beams the lowest 20). Raises SteadyError, with the equations of that instant as `.frozen`,
     where they depend on time in that frame.
     """
+    refuse_sampled(scene, "linearize")
     count = optional("count", count, whole, "give the number of lowest modes, 1 or more, or None for all", least=1)
     body = body_of(scene, frame if frame is not None else scene.ground)
     prepared = prepare(scene, start_at(scene, at))

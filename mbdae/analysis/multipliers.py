@@ -25,6 +25,7 @@ from mbdae.analysis.shapes import Mode, Modes, motion, participants, scaled, sha
 from mbdae.errors import AccuracyWarning, SolverError
 from mbdae.formulations import system_for
 from mbdae.scene.scene import SceneData
+from mbdae.scene.sensed import refuse_sampled
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
@@ -146,6 +147,7 @@ def floquet(scene: SceneData, period: float, at: Any = None, count: int | None =
     count = optional("count", count, whole, "give the number of largest multipliers, 1 or more, or None for all", least=1)
     accuracy = option("accuracy", accuracy, number, "give the error of exponent x period, a number from 1e-11 to 0.01",
                       least=1e-11, most=1e-2)  # fmt: skip
+    refuse_sampled(scene, "floquet")
     begin = start_at(scene, at)
     prepared = prepare(scene, begin, t_end=(begin.t if begin is not None else 0.0) + period)
     system = system_for(prepared, highest_index=3)

@@ -108,7 +108,7 @@ class Mode(ListsAttributes):
             at, whole = table(line.mesh.order, np.array([xi])).values[0], self[body]
             move, turn = (at @ a[line.mesh.elements[e]] for a in (whole.displacement, whole.rotation))
             bodies = [n.body for n in line.nodes if n.body]
-            apart = [np.linalg.norm(body.position - place.point) for body in bodies]
+            apart = [np.linalg.norm(body.drawn.position - place.point) for body in bodies]
             body = bodies[nearest(apart, line.mesh.length)]
             node, origin = model.node(body), at @ line.mesh.curve[e]
         else:
@@ -116,7 +116,7 @@ class Mode(ListsAttributes):
             move, turn = shape.displacement, shape.rotation
         if node is None or not node.kind.turns:
             return Shape(move, turn)
-        arm = attitude(node, start.q) @ body.rotation.T @ (place.point - origin)
+        arm = attitude(node, start.q) @ body.drawn.rotation.T @ (place.point - origin)
         return Shape(move + np.cross(turn, self.owner.axes.T @ arm), turn)
 
     @property

@@ -227,7 +227,7 @@ class Rest:
                 continue
             driven = {c: rate for c, rate in self.starter.held_rates(joint).items() if c in joint.prescribed}
             _, _, turning = JointMotion(joint, float(self.t[0])).rates(self.starter.held_values(joint), driven)
-            turning = poses[joint.k.owner][1] @ joint.k.rotation.T @ turning
+            turning = poses[joint.k.owner][1] @ joint.k.drawn.rotation.T @ turning
             spin[child] = spin[parent] + (turning if joint.l is child else -turning)
             for node in nodes[child]:
                 self._turn(node, q, u, spin[child])

@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu, spsolve
 
 from mbdae.analysis.pencil import Pencil, free_basis
+from mbdae.errors import EquilibriumError
 from mbdae.system.base import Array
 
 SOFT = 1e-11  #: relative to the largest stiffness: less counts as none
@@ -60,7 +61,12 @@ class Tangent:
         diagonal = own.diagonal()
         if own.nnz == np.count_nonzero(diagonal) == len(diagonal):
             return (K - beside @ sp.diags(1 / diagonal) @ below).tocsc()
-        return (K - beside @ sp.csc_matrix(spsolve(own, below)).reshape(below.shape)).tocsc()
+        try:
+            return (K - beside @ sp.csc_matrix(spsolve(own, below)).reshape(below.shape)).tocsc()
+        except RuntimeError:  # SciPy's for a singular matrix
+            raise EquilibriumError("the internal states have no stiffness of their own: an integrator, whose rate does not "
+                                   "depend on its own value, stays where a run has brought it; simulate until the scene rests, "
+                                   "and linearize there, s.linearize(at=r)") from None  # fmt: skip
 
 
 class DenseStiffness:

@@ -1,7 +1,8 @@
 """The language of inputs: expressions of time as text that keeps every digit, and the strict reader of that text.
 
 The text is the notation of Python and SymPy: numbers, + - * / **, comparisons, the functions of `timed`, Piecewise, And, Or, Not,
-Xor, pi, E, and the time t. It may come from a file of unknown origin, so Python and SymPy evaluate nothing of it: the reader
+Xor, pi, E, the time t, and sensors by their paths, sensor("J.angle"). It
+may come from a file of unknown origin, so Python and SymPy evaluate nothing of it: the reader
 knows these words only, and refuses expressions that would take long to calculate or produce huge numbers.
 """
 
@@ -27,7 +28,8 @@ FUNCTIONS = (
 LONGEST, DEEPEST = 100_000, 120  #: characters, brackets inside each other
 MOST_BITS = 100_000  #: size of the integers that may arise while a text is read; fractions of doubles have up to 1100
 
-_TOKEN = re.compile(r"\s*(?:(?P<float>\d+\.\d*(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)|(?P<integer>\d+)|(?P<name>[A-Za-z]\w*)"
+_TOKEN = re.compile(r"\s*(?:(?P<float>\d+\.\d*(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)|(?P<integer>\d+)"
+                    r"|(?P<sensor>sensor\(\"(?:[^\"\\]|\\.)*\"\))|(?P<name>[A-Za-z]\w*)"
                     r"|(?P<sign>\*\*|<=|>=|==|!=|[-+*/(),<>]))", re.ASCII)  # fmt: skip
 _CONSTANTS: dict[str, Any] = {
     "t": TIME, "pi": se.pi, "E": se.E, "GoldenRatio": se.GoldenRatio, "EulerGamma": se.EulerGamma, "Catalan": se.Catalan,
@@ -96,20 +98,26 @@ class _Read(NamedTuple):
 
 def read(text: Any) -> Expr:
     """The expression of time a text stands for; raises ValueError with the reason where it is none."""
+    e = whole(text)
+    if is_condition(e):
+        raise ValueError("it is a condition, not a number")
+    return e
+
+
+def whole(text: Any) -> Expr:
+    """The expression or condition a text stands for; raises ValueError with the reason where it is none."""
     if not isinstance(text, str) or len(text) > LONGEST:
         raise ValueError(f"an expression of t is a text of up to {LONGEST} characters")
     try:
         e = _Reader(text).whole()
     except (RuntimeError, OverflowError, ZeroDivisionError, TypeError, RecursionError, NotImplementedError) as error:
         raise ValueError(f"it has no value: {error}") from error
-    for part in () if is_condition(e) else nodes(e):
+    for part in nodes(e):
         name = type(part).__name__
         if name == "RealDouble":
             _finite(float(part))
         if not (name in _PARTS or is_condition(part) or tables.lookup_of(part)):
             raise ValueError(f"{name} is no real number or function of t")
-    if is_condition(e):
-        raise ValueError("it is a condition, not a number")
     return e
 
 
@@ -167,6 +175,8 @@ class _Reader:
             if len(text) > MOST_BITS // 4:
                 raise ValueError("it holds a number of too many digits")
             return _Read(se.Integer(int(text) if len(text) < 4000 else _long(text)), 4 * len(text))
+        if kind == "sensor":
+            return _Read(se.Symbol(text), 1)
         if kind == "name":
             return self._named(text)
         if text != "(":

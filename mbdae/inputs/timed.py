@@ -20,6 +20,7 @@ from mbdae.disk.entries import keep, recall
 from mbdae.disk.exact import code_key
 from mbdae.inputs import tables
 from mbdae.inputs.numpy_functions import teach
+from mbdae.inputs.sensed import refuse_symbols
 from mbdae.inputs.text import FUNCTIONS, canonical
 from mbdae.inputs.text import TIME as TIME
 from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_sided, rebuilt, without_overflow
@@ -41,8 +42,9 @@ def time_symbol() -> Any:
     return sympy.Symbol("t")
 
 
-def expression(value: Any) -> Expr:
-    """A number or expression of time as symengine sees it, its numbers plain; raises BadValueError with the reason."""
+def expression(value: Any, sensors: bool = False) -> Expr:
+    """A number or expression of time as symengine sees it, its numbers plain; raises BadValueError with the reason. sensors:
+    whether it may depend on sensors too."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if callable(value) and not isinstance(value, type) and not hasattr(value, "free_symbols"):
@@ -59,9 +61,7 @@ def expression(value: Any) -> Expr:
         raise BadValueError(f"{shown(value)} is neither a number nor an expression of mb.t") from error
     if not isinstance(e, se.Basic) or isinstance(e, se.DenseMatrix) or is_condition(e):
         raise BadValueError(f"{shown(value)} is neither a number nor an expression of mb.t")
-    others = sorted(str(s) for s in e.free_symbols if s != TIME)
-    if others:
-        raise BadValueError(f"{shown(value)} contains the symbol {others[0]}; only mb.t may appear")
+    refuse_symbols(value, e.free_symbols - {TIME}, sensors)
     if not e.free_symbols:
         return _plain_number(e)
     plain = _without_constant_tables(_with_plain_numbers(e))

@@ -18,6 +18,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from mbdae.errors import OptionError
+from mbdae.inputs.resolution import LongestStep
 from mbdae.integrators.checkpoints.keeper import active
 from mbdae.integrators.checkpoints.record import Record
 from mbdae.integrators.loop import StepLoop
@@ -167,7 +168,8 @@ class Solver(ABC):
         keeper = active()
         record = None if keeper is None else Record(keeper, solver.restarts, f"{solver!r} of {system.label} to {asked.t_end!r} s")
         with StepLoop(system, solver, asked.t_end, asked.times, asked.max_wall, asked.progress, asked.max_residuals,
-                      asked.begin, record) as loop, nullcontext() if record is None else record.guarding(loop):  # fmt: skip
+                      asked.begin, asked.stop, record) as loop, (
+                          nullcontext() if record is None else record.guarding(loop)):  # fmt: skip
             solver._between_breaks(loop, asked.h0, asked.share)
         return loop.solution()
 
@@ -177,20 +179,37 @@ class Solver(ABC):
         line = None
         if system.timeline is not None:
             line = system.timeline(system.t0, loop.run_end, self.aimed(system.label))
-        if line is None:
+        sampler = system.sampled(system.t0) if system.sampled is not None else None
+        if line is None and sampler is None:
             self._part(loop, h0)
             return
-        longest = line.longest_step(SHARE if share is None and self.fixed else share or 1.0)
+        longest = None if line is None else line.longest_step(SHARE if share is None and self.fixed else share or 1.0)
+        if sampler is not None and share is not None and share < 1:  # steps that instants alone bound have to differ too
+            inputs = np.zeros(0) if longest is None else longest.edges
+            longest = LongestStep(np.unique(np.concatenate([inputs, sampler.instants(loop.run_end)])), share)
+        edges = [system.t0, loop.run_end] if line is None else line.edges.tolist()
         try:
-            for a, b in pairwise(line.edges.tolist()):
-                loop.t_end = b
-                loop.system.read_at((a + b) / 2)
-                values = loop.state if a == system.t0 else loop.system.restarted(a, loop.state[0])
-                loop.system = loop.system.starting(a, *values, longest)
-                loop.restart(*values)
-                self._part(loop, h0 if a == system.t0 else None)
+            for a, b in pairwise(edges):
+                if line is not None:
+                    loop.system.read_at((a + b) / 2)
+                for begin, end in [(a, b)] if sampler is None else sampler.parts(a, b):
+                    if loop.stopped:
+                        return
+                    self._begin(loop, end, longest, sampler, begin == a != system.t0)
+                    self._part(loop, h0 if begin == system.t0 else None if begin == a else loop.longest)
         finally:
             system.read_at(None)
+
+    def _begin(self, loop: StepLoop, end: float, longest: Any, sampler: Any, anew: bool) -> None:
+        """Begin a part of the run, up to `end`: with consistent values after a break (anew) and after outputs of controllers
+        changed."""
+        t, (y, yp) = loop.t, loop.state
+        held = y if sampler is None else sampler.at(t, y)
+        if anew or held is not y:
+            y, yp = loop.system.restarted(t, held)
+        loop.t_end = end
+        loop.system = loop.system.starting(t, y, yp, longest)
+        loop.restart(y, yp)
 
     def _part(self, loop: StepLoop, h0: float | None) -> None:
         """Integrate to the end of a part, from one choice of equations to the next where the system renews itself."""
@@ -208,7 +227,8 @@ class Solver(ABC):
 
 @dataclass(frozen=True)
 class Asked:
-    """What `Solver.solve` was asked for, as plain values; see there."""
+    """What `Solver.solve` was asked for, as plain values; see there. stop: whether a run that came so far may end, which is asked
+    now and then."""
 
     t_end: float
     times: Array | None = None
@@ -218,6 +238,7 @@ class Asked:
     max_residuals: float = inf
     begin: float | None = None
     share: float | None = None
+    stop: Callable[[Solution], bool] | None = None
 
     @classmethod
     def of(cls, system: System, t_end: Any, outputs: Any = None, *, max_wall: Any = None, progress: Any = None, h0: Any = None,

@@ -138,6 +138,24 @@ class Hermite:
         return on_value / width, L * L + 2 * d * L * slope
 
 
+def cut(interpolant: Any, t: float) -> Any:
+    """An interpolant up to a time inside it: the same polynomials, the last of them shortened."""
+    if isinstance(interpolant, Joined):
+        parts = [part for part in interpolant.parts if part.t[0] < t]
+        return Joined([*parts[:-1], cut(parts[-1], t)])
+    times, last = np.array([t]), int(np.clip(np.searchsorted(interpolant.t, t, side="left") - 1, 0, None))
+    steps, y = np.concatenate([interpolant.t[: last + 1], times]), interpolant.y[: last + 1]
+    ends = getattr(interpolant, "ends", interpolant.y[1:])[last : last + 1]
+    end = interpolant.value(times) if t < interpolant.t[last + 1] else ends
+    if isinstance(interpolant, Collocation):
+        table, width = interpolant.table, t - steps[-2]
+        inner = interpolant.value(steps[-2] + width * table.c[:-1]) - y[-1]
+        return Collocation(table, steps, np.concatenate([y, end]), np.concatenate([interpolant.inner[:last], inner[None]]),
+                           np.concatenate([interpolant.ends[:last], end]))  # fmt: skip
+    rates = np.concatenate([interpolant.yp[: last + 1], interpolant.derivative(times)])
+    return Hermite(steps, np.concatenate([y, end]), rates, 2)
+
+
 def sampled(polynomials: Hermite, steps: NDArray[np.intp], stages: int) -> Array:
     """Increments (k, stages - 1, n) at the inner nodes of some steps (k,)."""
     t, y, c = polynomials.t, polynomials.y, radau_table(stages).c[:-1]

@@ -21,6 +21,7 @@ from mbdae.system.base import Array, System
 from mbdae.threads import one_thread
 
 PROGRESS_PERIOD = 0.1
+FIRST_LOOK = 16  #: steps after which it is asked for the first time whether a run may stop
 
 
 class StepLoop:
@@ -39,6 +40,7 @@ class StepLoop:
         progress: Callable[[float, float, Stats], None] | None,
         max_residuals: float = inf,
         begin: float | None = None,
+        stop: Callable[[Solution], bool] | None = None,
         record: Record | None = None,
     ) -> None:
         self.record = record
@@ -49,6 +51,7 @@ class StepLoop:
         self._max_wall = np.inf if max_wall is None else max_wall
         self._max_residuals = max_residuals
         self._begin = begin
+        self._stop, self.stopped, self._next_look = stop, False, FIRST_LOOK
         self._progress = progress
         self._next_progress = 0.0
         self._t = array("d", [float(system.t0)])
@@ -57,6 +60,7 @@ class StepLoop:
         self._pieces = Rows("inner")
         self._renewed: System | None = None  # the system to continue with
         self._systems: list[tuple[float, System]] = [(float(system.t0), system)]
+        self._restarted = 0  # number of the step at which the run was restarted last
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the run was restarted there
 
     @property
@@ -68,6 +72,12 @@ class StepLoop:
     def last_step(self) -> float:
         """Length of the last accepted step, s; 0 before the first."""
         return self._t[-1] - self._t[-2] if len(self._t) > 1 else 0.0
+
+    @property
+    def longest(self) -> float | None:
+        """Longest step since the last restart, s; None where there was none."""
+        steps = np.diff(self._t[self._restarted :])
+        return float(steps.max()) if len(steps) else None
 
     @property
     def state(self) -> tuple[Array, Array]:
@@ -114,7 +124,7 @@ class StepLoop:
         self.system.accept(t, y)
         self._renewed = self.system.renewed(t, y)
         self.guard()
-        return t < self.t_end and self._renewed is None and not self._begins_anew()
+        return t < self.t_end and self._renewed is None and not self._may_stop() and not self._begins_anew()
 
     def accept_many(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> bool:
         """Keep steps t (m,), y and yp (m, n) of a system that does not look at them one by one (`System.looks_at_steps`); arrays
@@ -130,7 +140,14 @@ class StepLoop:
         self._yp.extend(yp)
         self._pieces.extend(pieces)
         self.guard()
-        return self.t < self.t_end and not self._begins_anew()
+        return self.t < self.t_end and not self._may_stop() and not self._begins_anew()
+
+    def _may_stop(self) -> bool:
+        """Whether the run may end before its end; asked each time when it has grown by a third."""
+        if self._stop is not None and not self.stopped and len(self._t) >= self._next_look:
+            self._next_look = len(self._t) * 4 // 3
+            self.stopped = self._stop(self.solution())
+        return self.stopped
 
     @property
     def evaluations_left(self) -> float:
@@ -154,6 +171,7 @@ class StepLoop:
 
     def restart(self, y: Array, yp: Array) -> None:
         """Continue from the last step with other values: accelerations and multipliers jump at a break of the inputs."""
+        self._restarted = len(self._t) - 1
         if len(self._t) > 1:
             self._breaks[len(self._t) - 1] = self.state
         self._y.tail[-1], self._yp.tail[-1] = y, yp

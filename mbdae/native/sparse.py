@@ -202,7 +202,7 @@ class Factors:
             if order is not None and self._begun(order, search is orders.searches[-1]) < 0:
                 orders.present = order
                 return
-        bad = self._begun(None, True) if n <= SMALL else n
+        bad = self._begun(None, True) if n <= SMALL or not orders.searches else n
         if bad >= 0:
             self.table.lu = None
             raise SingularMatrixError(bad if bad < n else -1)

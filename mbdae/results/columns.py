@@ -11,7 +11,7 @@ import numpy as np
 from mbdae.errors import OptionError
 from mbdae.files import write_file
 from mbdae.results.quantities import Quantity, named, unit_of, value
-from mbdae.scene.components import BeamLoad
+from mbdae.scene.components import BeamLoad, Controller, Signal
 from mbdae.system.base import Array
 from mbdae.values import file_to_write, option
 
@@ -47,7 +47,10 @@ def every(result: Any) -> list[str]:
     """Names of all sensors that have numbers at the result's times, in the order of the items."""
     found = []
     for item in result.prepared.model.scene._items:
-        if isinstance(item, BeamLoad):
+        if isinstance(item, BeamLoad | Controller):
+            continue
+        if isinstance(item, Signal):
+            found.append(item.name)
             continue
         sensor = result[item.name]
         names = [n for n in dir(sensor) if not n.startswith("_") and n not in NOT_ASKED]

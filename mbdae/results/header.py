@@ -184,6 +184,6 @@ HEADER = _record({
                      "doubtful": _many(_row(_text, _real(0.0))), "degrees_of_freedom": _whole(-MOST),
                      "smallest": _real(0.0, finite=False)}),
     "start": _record({"t": _real(), "changes": _TEXTS}, {"coordinates": _coordinates}), "time": _real(0.0),
-    "info": _record(_INFO, {"choice": _text, "reliable": _flag}),
+    "info": _record(_INFO, {"choice": _text, "reliable": _flag, "events": _many(_row(_real(), _text, _whole(-1, 1)))}),
     "run": _record({"names": _TEXTS, "complete": _flag, "dense": _dense}),
 }, {"laws": _each(_text)})  # fmt: skip

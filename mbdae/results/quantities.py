@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError, SceneError
+from mbdae.scene.components import Signal
 from mbdae.scene.sensor_names import measured
 from mbdae.system.base import Array
 from mbdae.values import shown
@@ -87,6 +88,8 @@ def _evaluated(result: Any, node: Any) -> Any:
     path = _path(node)
     if path is not None:
         return result.read(path)
+    if isinstance(node, ast.Name) and isinstance(result.prepared.model.scene._by_name.get(node.id), Signal):
+        return result.read(node.id)
     if isinstance(node, ast.Name) and node.id in ("t", "pi"):
         return result.t if node.id == "t" else np.pi
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mbdae.display import rows, titled
 from mbdae.errors import ListsAttributes, OptionError, SceneError
+from mbdae.inputs.sensed import symbol
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.laws.contact.base import Contact
 from mbdae.results.accuracy import Accuracy
@@ -22,7 +23,7 @@ from mbdae.results.peaks import Peak, peak
 from mbdae.results.quantities import Quantity, value
 from mbdae.results.sensors import BodySensor, ConnectionSensor
 from mbdae.results.states import RunStates
-from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Place
+from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Controller, Place, Signal
 from mbdae.scene.scene import SceneData
 from mbdae.scene.sensor_names import parsed, placed
 from mbdae.system.base import Array
@@ -44,6 +45,15 @@ class Drift:
     velocity: Array
 
 
+class Event(NamedTuple):
+    """A condition that was met: the time (s), the condition as it was given, and 1 where it began to hold (of an equation: where
+    its left side rose through the right one), -1 where it ceased to (fell), 0 where it was only touched."""
+
+    time: float
+    name: str
+    direction: int
+
+
 @dataclass(frozen=True)
 class RunInfo:
     """How a result was made."""
@@ -57,6 +67,7 @@ class RunInfo:
     warnings: tuple[str, ...] = ()
     choice: str = ""  #: why this solver, where mbdae chose it
     reliable: bool = True  #: see `Result.reliable`
+    events: tuple[Event, ...] = ()
 
 
 class Result(RunStates, ListsAttributes):
@@ -90,6 +101,11 @@ class Result(RunStates, ListsAttributes):
         """False where the energy balance is off by more than a tenth of what contact and friction dissipate (with constant steps:
         of the energy exchanged), or where the steps damped a contact that friction makes unstable."""
         return self.info.reliable
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """The conditions of `record=` that were met, and the one of `until=` that ended the run, in the order of time."""
+        return self.info.events
 
     @property
     def contacts(self) -> dict[str, dict[str, float]]:
@@ -147,13 +163,21 @@ class Result(RunStates, ListsAttributes):
             item, where = placed(self.prepared.model.scene, key)
             if isinstance(item, BeamLoad):
                 raise OptionError(f"'{key}' is a distributed load: it has no sensors; read its beam '{item.beam.name}'")
+            if isinstance(item, Signal):
+                return self.observed(symbol(key))[:, 0]
+            if isinstance(item, Controller):
+                raise OptionError(f"'{key}' is a controller: it has no sensors; read its outputs: {', '.join(item.sets)}")
             sensor = _sensor(self, item)
             self._sensors[key] = sensor if where is None else sensor.at(where)
         return self._sensors[key]
 
     def read(self, path: str) -> Array:
-        """A sensor by its path, e.g. "C.angle", "crank.position", "crank.position[1]" or "beam.at(0.5).position" (nt, ...)."""
-        name, quantity, component = parsed(option("sensor", path, text, "name a sensor such as 'C.angle' or 'crank.position'"))
+        """A sensor by its path, e.g. "C.angle", "crank.position" or "beam.at(0.5).position" (nt, ...), one component of it,
+        "crank.position[1]" (nt,), or a state, signal or output of a controller by its name (nt,)."""
+        path = option("sensor", path, text, "name a sensor such as 'C.angle' or 'crank.position'")
+        if isinstance(self.prepared.model.scene._by_name.get(path), Signal):
+            return np.asarray(self[path])
+        name, quantity, entry = parsed(path)
         try:
             sensor = self[name] if name and quantity else None
         except SceneError as error:
@@ -164,13 +188,14 @@ class Result(RunStates, ListsAttributes):
             told = f"'{name}' has {known}" if known else f"give item.quantity of an item, such as {items}"
             raise SceneError([f"there is no sensor '{path}'; {told}"])
         values = np.asarray(getattr(sensor, quantity))
-        if component is None:
+        if not entry:
             return values
-        if values.ndim != 2 or component >= values.shape[1]:
-            count = values.shape[1] if values.ndim == 2 else 0
-            raise SceneError([f"there is no sensor {shown(path)}: '{name}.{quantity}' has {count or 'no'} components, "
+        if len(entry) >= values.ndim or any(n >= size for n, size in zip(entry, values.shape[1:], strict=False)):
+            shape = " x ".join(map(str, values.shape[1:]))
+            raise SceneError([f"there is no sensor {shown(path)}: '{name}.{quantity}' has {shape or 'no'} components, "
                               f"counted from 0"])  # fmt: skip
-        return np.asarray(values[:, component])
+        where: Any = (slice(None), *entry)
+        return np.asarray(values[where])
 
     def value(self, quantity: Quantity) -> Array:
         """A quantity at the result's times, (nt,) or (nt, n): a sensor, an expression of sensors such as "J.torque[2]*J.rate" or

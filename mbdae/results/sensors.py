@@ -56,8 +56,8 @@ class BodySensor(ListsAttributes):
 
     def __init__(self, result: RunStates, body: Body, point: Array | None = None) -> None:
         self._result, self._body = result, body
-        drawn = body.position if point is None else point
-        self._offset = body.rotation.T @ (drawn - body.position)
+        drawn = body.drawn.position if point is None else point
+        self._offset = body.drawn.rotation.T @ (drawn - body.drawn.position)
 
     @property
     def _called(self) -> str:
@@ -96,7 +96,7 @@ class BodySensor(ListsAttributes):
     @cached_property
     def position(self) -> Array:
         """(nt, 3), m."""
-        center = self._body.position + np.zeros((len(self._result.t), 3))
+        center = self._body.drawn.position + np.zeros((len(self._result.t), 3))
         if self._node is not None:
             center = self._translation(self._result.q, self._node.q)
         return center + self.rotation @ self._offset

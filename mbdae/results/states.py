@@ -13,6 +13,7 @@ from mbdae.integrators.solution import Solution
 from mbdae.kernels.plan import Outputs
 from mbdae.scene.components import Connection
 from mbdae.symbolic.outputs import coordinate
+from mbdae.system.assembled.observed import Observer
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
@@ -27,6 +28,11 @@ class States:
     u: Array
     s: Array
     z: Array | None
+
+    def until(self, end: float) -> States:
+        """Those up to a time (s)."""
+        kept = self.t <= end
+        return States(self.t[kept], self.q[kept], self.u[kept], self.s[kept], None if self.z is None else self.z[kept])
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +118,11 @@ class RunStates:
     def multiplier_names(self) -> tuple[str, ...]:
         """"joint.row" of every multiplier."""
         return tuple(row.name for row in self.prepared.with_all_rows.rows)
+
+    def observed(self, *expressions: Any) -> Array:
+        """(nt, count) values of expressions of sensors and time (of symengine)."""
+        moved = self.prepared.all_bodies.moved
+        return Observer(self.prepared.model, moved, expressions)(self.t, self.solution(self.t))
 
     def sum_over_laws(self, outputs: Outputs, item: Connection, width: int) -> Array:
         """(nt, width) outputs of the laws of one item, summed; those with multipliers included."""

@@ -25,7 +25,7 @@ from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.results import archive, storable
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.header import FORMAT, VERSION, OtherFormatError, parsed
-from mbdae.results.result import ATTACHED, Result, RunInfo
+from mbdae.results.result import ATTACHED, Event, Result, RunInfo
 from mbdae.scene.record import encode, stored_name, without_module
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
@@ -34,6 +34,7 @@ from mbdae.system.base import Array
 from mbdae.system.model.model import Model
 from mbdae.system.model.numbering import constraint_rows
 from mbdae.system.motion.all_bodies import AllBodies
+from mbdae.system.motion.ordered_motion import bodies_of
 from mbdae.system.prepare import Prepared, mechanics_of, modelled
 from mbdae.system.rank.redundancy import RankReport
 from mbdae.system.start.contacts import expected_contacts
@@ -123,7 +124,8 @@ def _result(header: dict[str, Any], arrays: dict[str, Array], known: Known) -> R
                         _interpolant(run["dense"], arrays))  # fmt: skip
     accuracy, warnings = _accuracy(info["accuracy"], prepared), tuple(info["warnings"])
     made = RunInfo(solver, _form(info["form"], known), accuracy, stats, info["runs"], info["cpu_s"], warnings,
-                   info.get("choice", ""), info.get("reliable", True))  # fmt: skip
+                   info.get("choice", ""), info.get("reliable", True),
+                   tuple(Event(float(t), str(name), int(sense)) for t, name, sense in info.get("events", [])))  # fmt: skip
     return Result(prepared, solution, made, arrays["t"])
 
 
@@ -203,7 +205,7 @@ def _prepared(header: dict[str, Any], scene: SceneData, start: Start) -> Prepare
     lists = {what: [rows[name] for name in stored[what]] for what in _RANK}
     doubtful = [(rows[name], size) for name, size in stored["doubtful"]]
     rank = RankReport(**lists, doubtful=doubtful, degrees_of_freedom=stored["degrees_of_freedom"], smallest=stored["smallest"])
-    all_bodies = AllBodies(model, moved)
+    all_bodies = bodies_of(model, moved)
     mechanics = mechanics_of(model, rank.kept, all_bodies)
     prepared = Prepared(model, mechanics, rank, start, header["time"], all_bodies)
     _check_unknowns(prepared, unknowns)
@@ -242,7 +244,7 @@ def _check_unknowns(prepared: Prepared, names: list[str]) -> None:
 def _info(info: RunInfo) -> dict[str, Any]:
     parts = {"accuracy": info.accuracy.as_data(), "stats": asdict(info.stats), "warnings": list(info.warnings)}
     return {"solver": _info_of(info.solver), "form": info.form, "runs": info.runs, "cpu_s": info.cpu_s, "choice": info.choice,
-            "reliable": info.reliable, **parts}  # fmt: skip
+            "reliable": info.reliable, "events": [list(event) for event in info.events], **parts}  # fmt: skip
 
 
 def _info_of(solver: Any) -> dict[str, Any]:

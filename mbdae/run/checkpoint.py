@@ -76,7 +76,11 @@ def kept(keeper: Keeper | None, statement: Callable[[], dict[str, Any]]) -> Iter
 
 def statement_of(scene: SceneData, every: int, solver: Solver | None, form: Form | None, start: Result | None,
                  **options: Any) -> dict[str, Any]:  # fmt: skip
-    """Plain data of a call: scene, options and versions."""
+    """Plain data of a call: scene, options and versions. OptionError where its runs cannot be kept."""
+    if scene.controllers:
+        raise OptionError(f"checkpoint: what the function of controller '{scene.controllers[0].name}' does and remembers is not "
+                          f"kept, so a run of it cannot go on: omit checkpoint=, or state the law as feedback, with s.sensor and "
+                          f"s.state")  # fmt: skip
     try:
         stated = statements(scene)
     except OptionError as error:

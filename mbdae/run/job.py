@@ -22,10 +22,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
+from typing import Any
 
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError, keeping
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Asked, Solver
+from mbdae.integrators.checkpoints.keeper import keeping_runs
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result, RunInfo
@@ -46,7 +48,12 @@ from mbdae.system.without_multipliers import WithoutMultipliers
 
 UNRESOLVED = ("of it, part are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with solver=mb.RadauIIA(3) "
               "follows them")  # fmt: skip
+LOOSER, MOST = 10.0, 1e-3  #: accuracy of a run that looks for the end of another, over that of the other; at most
 NEARLY = 10.0  #: largest estimate over the accuracy for which a tighter run is tried before one that resolves all vibrations
+
+
+def _same(value: Any) -> Any:
+    return value
 
 
 @dataclass
@@ -109,6 +116,30 @@ class Job:
         if self.prepared.contacts:  # every impact excites such vibrations anew: resolving all costs 10 to 40 times the steps
             return replace(run, notes=(*run.notes, UNRESOLVED))
         return _better(run, lambda: replace(self._controlled(resolving, solver), waves=True))
+
+    def until(self, solver: Solver, ends: Callable[[Prepared, Solution], Any]) -> float | None:
+        """The time of the event that ends a run, found by one at a larger tolerance that stops behind it; None: it has none."""
+        looser = min(LOOSER * self.accuracy, MOST)
+        if not solver.fixed and solver.rtol is None:
+            solver = solver.at_accuracy(looser, self._system(solver).label)
+        asked = replace(self.asked, stop=lambda solution: ends(self.prepared, solution) is not None, begin=self.begin)
+        found: float | None = kept_value(lambda: self._found(solver, asked, ends), _same, _same)
+        return found
+
+    def _found(self, solver: Solver, asked: Asked, ends: Callable[[Prepared, Solution], Any]) -> float | None:
+        """The time of the event on one run, of which a checkpoint keeps nothing: it is short beside the run that follows."""
+        try:
+            with python_warnings.catch_warnings(), keeping_runs(None):
+                python_warnings.simplefilter("ignore", AccuracyWarning)
+                found = solver.run(self._system(solver), asked)
+        except WallClockError:
+            raise
+        except SolverError as error:  # behind the event the motion may end
+            if not isinstance(error.solution, Solution):
+                return None
+            found = error.solution
+        event = ends(self.prepared, found)
+        return None if event is None else float(event.time)
 
     def run_default(self, choice: Choice, form: Form | None) -> tuple[Controlled, Job]:
         """The run of what was chosen; of Radau IIA where that misses the accuracy or stops; of IDA where Radau IIA stops too;

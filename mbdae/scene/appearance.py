@@ -81,6 +81,6 @@ def placed(one: Any, point: Array) -> Any:
 
 def looking(body: Body, shape: tuple[Shape, ...] | None, color: str | None) -> Body:
     """The body with its shapes and colour."""
-    body.shapes = None if shape is None else tuple(placed(one, body.position) for one in shape)
+    body.shapes = None if shape is None else tuple(placed(one, body.drawn.position) for one in shape)
     body.color = color
     return body

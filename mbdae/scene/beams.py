@@ -75,7 +75,7 @@ class BeamStatements(SceneItems):
         if body.curve is not None:
             mesh = mesh_of(body)
             body.mass = section.mass_per_length * mesh.length
-            body.position = np.einsum("ma,mai->i", mesh.lumped, mesh.curve) / mesh.length
+            body.drawn.position = np.einsum("ma,mai->i", mesh.lumped, mesh.curve) / mesh.length
         self._add_body(body)
         return body
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import InitVar, dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
+from mbdae.inputs.sensed import paths
 from mbdae.laws.contact import Normal
 from mbdae.laws.forces.line_load import LineLoad
 from mbdae.laws.friction import Friction
@@ -22,19 +23,32 @@ from mbdae.values import BadValueError, array, number, shown
 
 Array = NDArray[np.float64]
 FINE = 2048  #: number of chords by which the length along a curve is measured
+MOVING = ("position", "rotation", "velocity", "angular_velocity")  #: what a run changes
+
+
+@dataclass(eq=False)
+class Drawn:
+    """Where a body is drawn, and how it starts: position (3,) of the centre of mass, m; rotation (3, 3), body to inertial;
+    velocity (3,) of the centre of mass, m/s; angular_velocity (3,), rad/s, inertial frame."""
+
+    position: Array
+    rotation: Array
+    velocity: Array
+    angular_velocity: Array
 
 
 @dataclass(eq=False)
 class Body:
-    """A body as drawn. `inertia` (3, 3) about the centre of mass in body axes, None for a point mass or the ground."""
+    """A body as drawn. `inertia` (3, 3) about the centre of mass in body axes, None for a point mass or the ground; `drawn`: see
+    `Drawn`. What moves in a run is no attribute of it: a number that stays as drawn would slip into a load."""
 
     name: str
     mass: float
     inertia: Array | None
-    position: Array  #: centre of mass as drawn, m
-    rotation: Array  #: (3, 3) body to inertial as drawn
-    velocity: Array  #: m/s, of the centre of mass
-    angular_velocity: Array  #: rad/s, inertial frame
+    position: InitVar[Array]
+    rotation: InitVar[Array]
+    velocity: InitVar[Array]
+    angular_velocity: InitVar[Array]
     given_velocity: bool = False  #: whether the user stated a velocity
     outline: Array = field(default_factory=lambda: np.zeros((0, 3)))  #: points for drawing, inertial as drawn
     is_point: bool = False
@@ -43,6 +57,19 @@ class Body:
     scene: Any = field(default=None, repr=False)  #: the scene it was stated in
     shapes: tuple[Shape, ...] | None = None  #: drawn in place of what follows from mass and attachments; None: not stated
     color: str | None = None  #: "#rrggbb"
+    drawn: Drawn = field(init=False)
+
+    def __post_init__(self, position: Array, rotation: Array, velocity: Array, angular_velocity: Array) -> None:
+        self.drawn = Drawn(position, rotation, velocity, angular_velocity)
+
+    if not TYPE_CHECKING:  # or every attribute would be one
+
+        def __getattr__(self, name: str) -> Any:
+            if name not in MOVING:
+                raise AttributeError(f"a body has no '{name}'")
+            path = f"{self.name}.{name}[{'0, 0' if name == 'rotation' else 0}]"
+            raise AttributeError(f"'{self.name}' has no {name} before it moves: as drawn it is .drawn.{name}, in a load "
+                                 f"s.sensor('{path}'), in a result r['{self.name}'].{name}")  # fmt: skip
 
     @property
     def owner(self) -> Body:
@@ -52,7 +79,7 @@ class Body:
     @property
     def heading(self) -> float:
         """Angle of the body's x axis in the plane as drawn, rad."""
-        return math.atan2(self.rotation[1, 0], self.rotation[0, 0])
+        return math.atan2(self.drawn.rotation[1, 0], self.drawn.rotation[0, 0])
 
     def at(self, point: Any) -> Place:
         """A place fixed to the body, given as drawn (inertial coordinates, m); `at(s)` with 0..1 along a link."""
@@ -134,6 +161,41 @@ class Place:
 
     body: Body
     point: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """What loads may depend on beside the motion: a "state" with its law, a named expression ("signal") with its value, an
+    "output" of a controller with the law that holds it."""
+
+    name: str
+    kind: str
+    law: TwoBodyLaw | None = None
+    value: Any = None
+
+    def reads(self) -> list[str]:
+        """Paths of the sensors on which it depends."""
+        return paths(getattr(self.law, "rate", None) if self.law is not None else self.value)
+
+
+@dataclass(frozen=True, eq=False)
+class AsGiven:
+    """An object of the user's own that a scene keeps as it is: the function of a controller, or what it remembers."""
+
+    value: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Controller:
+    """A function that is called every so many seconds: paths of the sensors it reads, names of the outputs it sets, and what it
+    remembers at the start; None: it takes no memory."""
+
+    name: str
+    function: Callable[..., Any]
+    memory: AsGiven | None
+    every: float
+    reads: tuple[str, ...]
+    sets: tuple[str, ...]
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ READERS: dict[str, tuple[Reader, Reader]] = {
     "start_rate": (reading.quantity("rad/s"), reading.quantity("m/s")),
     "spring": (reading.quantity("N m/rad"), reading.quantity("N/m")),
     "damper": (reading.quantity("N m s/rad", "not negative", FEEDS), reading.quantity("N s/m", "not negative", FEEDS)),
-    "load": (reading.driven("N m"), reading.driven("N")),
+    "load": (reading.driven("N m", True, named=True), reading.driven("N", True, named=True)),
     "limits": (limits.limits("rad"), limits.limits("m")),
     "stop": (limits.stop("N m/rad", "N m s/rad"), limits.stop("N/m", "N s/m")),
     "friction": (friction_law, friction_law),

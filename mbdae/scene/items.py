@@ -9,9 +9,10 @@ import numpy as np
 
 from mbdae.errors import SceneError
 from mbdae.scene import reading
-from mbdae.scene.components import Beam, BeamLoad, Body, Connection
+from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Controller, Signal
 from mbdae.scene.reading import Argument
 from mbdae.scene.record import Own, Statement
+from mbdae.scene.sensed import keep_read_coordinates, keep_wanted, read_by
 
 
 class SceneItems:
@@ -32,13 +33,16 @@ class SceneItems:
         self.bodies: list[Body] = []
         self.connections: list[Connection] = []
         self.line_loads: list[BeamLoad] = []
+        self.signals: list[Signal] = []  #: states, named expressions, outputs of controllers
+        self.controllers: list[Controller] = []
         self._known: dict[str, Any] = {"ground": self.ground}  #: items by name, as far as `_by_name` has read the lists
-        self._read = [0, 0, 0]
+        self._read = [0] * 5
+        self._wanted: dict[str, set[str]] = {}  #: by names of joints what is read of them, see `keep_read_coordinates`
         self.attachments: dict[Beam, tuple[float, ...]] = {}  #: places on beams where something is attached, see `nearest_place`
 
     @property
     def _items(self) -> list[Any]:
-        return [*self.bodies, *self.connections, *self.line_loads]
+        return [*self.bodies, *self.connections, *self.line_loads, *self.signals, *self.controllers]
 
     @property
     def joints(self) -> list[Connection]:
@@ -48,7 +52,7 @@ class SceneItems:
     @property
     def _by_name(self) -> dict[str, Any]:
         """Items by name; of equal names the one stated first."""
-        lists: tuple[list[Any], ...] = self.bodies, self.connections, self.line_loads
+        lists: tuple[list[Any], ...] = self.bodies, self.connections, self.line_loads, self.signals, self.controllers
         for n, items in enumerate(lists):
             for item in items[self._read[n] :]:
                 self._known.setdefault(item.name, item)
@@ -64,6 +68,11 @@ class SceneItems:
     def _names(self) -> str:
         names = [item.name for item in self._items]
         return ", ".join(repr(n) for n in names[:12]) + (", ..." if len(names) > 12 else "")
+
+    def _keep_read_coordinates(self, item: Any) -> None:
+        """What a new item reads, and what others read of it."""
+        keep_read_coordinates(self, read_by(item))
+        keep_wanted(self, item)
 
     def _claim(self, name: str) -> None:
         """Report a name that another item has already."""

@@ -65,8 +65,8 @@ class JointStatements(ConnectionStatements):
 
     @reads(**PLACED, model=joint_model, angle=reading.driven("rad"), angle0=reading.quantity("rad"),
            rate0=reading.quantity("rad/s"), spring=reading.quantity("N m/rad"),
-           damper=reading.quantity("N m s/rad", "not negative", FEEDS), torque=reading.driven("N m"), friction=friction_law,
-           radius=reading.quantity("m", "positive"), limits=reading.as_given, stop=reading.as_given,
+           damper=reading.quantity("N m s/rad", "not negative", FEEDS), torque=reading.driven("N m", True, named=True),
+           friction=friction_law, radius=reading.quantity("m", "positive"), limits=reading.as_given, stop=reading.as_given,
            normal_force=reading.quantity("N", "not negative"))  # fmt: skip
     @statement
     def revolute(self, name: str, k: Any, l: Any, at: Any, axis: Any = (0, 0, 1), model: Any = None, angle: Any = None,
@@ -86,9 +86,9 @@ class JointStatements(ConnectionStatements):
         return self._joint("revolute", Revolute, name, k, l, at, axis, None, model, options, {}, words)
 
     @reads(**PLACED, position=reading.driven("m"), position0=reading.quantity("m"), rate0=reading.quantity("m/s"),
-           spring=reading.quantity("N/m"), damper=reading.quantity("N s/m", "not negative", FEEDS), force=reading.driven("N"),
-           model=joint_model, friction=friction_law, normal_force=reading.quantity("N", "not negative"), limits=reading.as_given,
-           stop=reading.as_given)  # fmt: skip
+           spring=reading.quantity("N/m"), damper=reading.quantity("N s/m", "not negative", FEEDS),
+           force=reading.driven("N", True, named=True), model=joint_model, friction=friction_law,
+           normal_force=reading.quantity("N", "not negative"), limits=reading.as_given, stop=reading.as_given)  # fmt: skip
     @statement
     def prismatic(self, name: str, k: Any, l: Any, at: Any, axis: Any, position: Any = None, position0: float | None = None,
                   rate0: float | None = None, spring: float | None = None, damper: float | None = None,

@@ -11,10 +11,12 @@ import symengine as se
 from mbdae.inputs import timed
 from mbdae.inputs.breaks import TooManyError, jumps, unresolved
 from mbdae.inputs.resolution import Stretches, resolved
-from mbdae.inputs.tables import Table
-from mbdae.scene.components import BeamLoad, Connection
+from mbdae.inputs.sensed import paths
+from mbdae.inputs.tables import Table, lookup_of
+from mbdae.scene.components import BeamLoad, Connection, Signal
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import Expr
 
 _RAMP = "; join the pieces by a smooth ramp such as h*(3*x**2 - 2*x**3), x = (mb.t - t1)/T from 0 to 1"
@@ -38,15 +40,34 @@ def inputs(connections: list[Connection], loads: list[BeamLoad]) -> Iterator[Inp
     for kind, name, law in stated + [("load", load.name, load.law) for load in loads]:
         for key, parameter in law.params.items():
             value = getattr(law, key)
-            if value is not None and getattr(se.sympify(value), "free_symbols", None):
+            if value is not None and getattr(se.sympify(value), "free_symbols", None) and not paths(value):
                 drives = law.drives() if isinstance(law, Joint) else {}
                 what = f"{kind} '{name}': {drives.get(key, key)} = {value}"
                 yield Input(what, se.sympify(value), parameter.unit, isinstance(law, Joint | Coupling))
 
 
-def problems(connections: list[Connection], loads: list[BeamLoad], t0: float, t_end: float, continued: bool = False) -> list[str]:
+def _fed(connections: list[Connection], signals: list[Signal]) -> Iterator[Input]:
+    """What depends on time alone in expressions of sensors."""
+    stated = [(c.kind, c.name, getattr(law, key)) for c in connections for law in c.laws for key in law.params]
+    stated += [(one.kind, one.name, one.value if one.law is None else getattr(one.law, "rate", None)) for one in signals]
+    for kind, name, value in stated:
+        if paths(value) or (kind in ("signal", "state") and getattr(value, "free_symbols", None)):
+            yield from (Input(f"{kind} '{name}': {e}", e, "1", False) for e in dict.fromkeys(_of_time(se.sympify(value))))
+
+
+def _of_time(e: Expr) -> Iterator[Expr]:
+    """The largest parts of an expression that depend on time alone; of cases, which may not hold, those with tables."""
+    if e.free_symbols == {timed.TIME} and not is_condition(e):
+        yield e
+        return
+    for part in e.args:
+        yield from (one for one in _of_time(part) if not isinstance(e, se.Piecewise) or any(map(lookup_of, nodes(one))))
+
+
+def problems(scene: Any, t0: float, t_end: float, continued: bool = False) -> list[str]:
     """Mistakes in the inputs of a scene in [t0, t_end], one sentence each; continued: an earlier run ended at t0."""
-    return [text for one in inputs(connections, loads) for text in _of_one(one, t0, t_end, continued)]
+    found = [*inputs(scene.connections, scene.line_loads), *_fed(scene.connections, scene.signals)]
+    return [text for one in found for text in _of_one(one, t0, t_end, continued)]
 
 
 def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:

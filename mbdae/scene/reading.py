@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mbdae.inputs import timed
+from mbdae.inputs.sensed import symbol
 from mbdae.scene.components import Array, Body, Place
 from mbdae.symbolic.joint import Joint
 from mbdae.values import BadValueError, array, entries, number, shown, text, whole, word
@@ -195,18 +196,19 @@ def values(remedy: str, *counts: int) -> Reader:
     return lambda arg, value: _read(arg, value, lambda v: array(v, *((n,) for n in counts)), remedy, np.zeros(counts[0]))
 
 
-def driven(unit: str) -> Reader:
-    """A float, or an expression of time."""
+def driven(unit: str, sensors: bool = False, named: bool = False) -> Reader:
+    """A float, or an expression of time; sensors: of sensors too; named: a text is the path of one."""
 
     def read(value: Any) -> Any:
-        found = timed.expression(value)
+        path = named and isinstance(value, str) and value[:1].isalpha()
+        found = timed.expression(symbol(value) if path else value, sensors)
         return found if found.free_symbols else float(found)
 
     return lambda arg, value: _read(arg, value, read, f"its unit is {unit}", 0.0)
 
 
-def components(unit: str) -> Reader:
-    """Three numbers or expressions of time; two mean that the third is 0."""
+def components(unit: str, sensors: bool = False) -> Reader:
+    """Three numbers or expressions of time (sensors: of sensors too); two mean that the third is 0."""
 
     def read(arg: Argument, value: Any) -> list[Any]:
         try:
@@ -216,7 +218,7 @@ def components(unit: str) -> Reader:
         except BadValueError as refused:
             arg.wrong(refused, f"give 2 or 3 components, numbers or expressions of mb.t, {unit}")
             return [0.0, 0.0, 0.0]
-        read_one = driven(unit)
+        read_one = driven(unit, sensors)
         return [read_one(arg.part(f"{arg.option}[{i}]"), v) for i, v in enumerate(found)] + [0.0] * (3 - len(found))
 
     return read

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from functools import wraps
 from inspect import signature
+from itertools import count
 from types import FunctionType
 from typing import Any, TypeVar
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from mbdae.inputs import text, timed
 from mbdae.inputs.tables import from_data, lookup_of
-from mbdae.scene.components import Body, Place
+from mbdae.scene.components import AsGiven, Body, Place
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.law import Law
 from mbdae.symbolic.part import Part
@@ -69,6 +70,8 @@ def encode(value: Any, own: Own | None = None) -> Any:
         return _encode_law(value, own)
     if isinstance(value, type | FunctionType):
         return {"class": stored_name(value, own)}
+    if isinstance(value, AsGiven):
+        return _encode_as_given(value, own)
     if isinstance(value, Mapping):
         return {"by": {str(key): encode(v, own) for key, v in value.items()}}
     if isinstance(value, list | tuple):
@@ -84,6 +87,12 @@ def encode(value: Any, own: Own | None = None) -> Any:
     else:
         return _encode_expression(value)
     return {"object": stored_name(type(value), own), "fields": {key: encode(v, own) for key, v in given.items()}}
+
+
+def _encode_as_given(value: AsGiven, own: Own | None) -> dict[str, Any]:
+    """An object as it is in `own`, and as plain data for files."""
+    number = 0 if own is None else next(n for n in count() if own.setdefault(f"kept {n}", value) is value)
+    return {"kept": f"kept {number}", "plain": encode(value.value)}
 
 
 def stored(e: Any) -> dict[str, Any]:
@@ -112,7 +121,7 @@ def _encode_expression(value: Any) -> Any:
     try:
         if not getattr(value, "free_symbols", None):
             return number(value)
-        return stored(timed.expression(value))
+        return stored(timed.expression(value, sensors=True))
     except Exception:  # the statement itself reports it
         return {"unreadable": shown(value)}
 

@@ -19,7 +19,7 @@ import numpy as np
 from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.laws.contact import Normal
 from mbdae.laws.friction import Friction
-from mbdae.scene.components import Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
+from mbdae.scene.components import AsGiven, Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
 from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, read, stored_name, without_module
 from mbdae.scene.section import Section
 from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Shape, Sphere
@@ -35,7 +35,7 @@ _KINDS: dict[str, tuple[type, ...]] = {
     "beam": (str, Body), "law": (Joint, Force, Coupling), "joint": (type,), "model": (JointModel,),
     "friction": (Friction, dict), "stop": (Stop, dict), "section": (Section,), "shape_k": (Shape,), "shape_l": (Shape,),
     "shape": (Shape, list), "color": (str, list), "normal": (Normal,),
-    "curve": (str, FunctionType),
+    "curve": (str, FunctionType), "f": (AsGiven,), "memory": (AsGiven,), "reads": (list, str), "sets": (list, str),
     **dict.fromkeys(("driving", "driven", "pinion", "rack", "first", "second", "carrier"), (str,)), "of": (dict,),
 }  # fmt: skip
 
@@ -79,7 +79,8 @@ class Known:
         short = name.rpartition(":")[2].rpartition(".")[2]
         found = [self.own[name]] if name in self.own else []
         if not found and self.loose:
-            found = list({id(one): one for one in self.own.values() if one.__name__ == short and not _is_built_in(one)}.values())
+            alike = [one for one in self.own.values() if getattr(one, "__name__", "") == short and not _is_built_in(one)]
+            found = list({id(one): one for one in alike}.values())
         if len(found) != 1 or (self.loose and f"{name} (2)" in self.own):
             what = f"several of `laws` are called {shown(short)}" if found else f"{shown(name)} is neither mbdae's nor in `laws`"
             remedy = "pass laws=[...] with the right one alone" if found else f"pass laws=[...] with {_word(short)} in it"
@@ -132,6 +133,12 @@ def _expression(value: Any, scene: Any, known: Known) -> Any:
         return read(value)
     except (ValueError, AttributeError) as error:
         raise SceneError([f"{shown(value['expression'])} is no expression of t: {error}"]) from None
+
+
+def _as_given(value: Any, scene: Any, known: Known) -> AsGiven:
+    """An object of the scene this one is made from, or made from plain data."""
+    own = known.own.get(value["kept"]) if isinstance(value["kept"], str) else None
+    return own if isinstance(own, AsGiven) else AsGiven(_decode(value["plain"], scene, known))
 
 
 def _place(value: Any, scene: Any, known: Known) -> Place:
@@ -225,7 +232,7 @@ def _takes(cls: type, arguments: dict[str, Any]) -> bool:
 
 _READERS: dict[frozenset[str], Callable[[Any, Any, Known], Any]] = {
     frozenset({"body"}): lambda value, scene, known: _body(value["body"], scene),
-    frozenset({"place", "point"}): _place, 
+    frozenset({"kept", "plain"}): _as_given, frozenset({"place", "point"}): _place,
     frozenset({"expression"}): _expression, frozenset({"expression", "tables"}): _expression,
     frozenset({"class"}): lambda value, scene, known: known.find(value["class"], Law, Part, FunctionType),
     frozenset({"object", "fields"}): _object,

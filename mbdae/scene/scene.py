@@ -18,6 +18,7 @@ from mbdae.scene.beams import BeamStatements
 from mbdae.scene.components import Body, Connection, JointModel
 from mbdae.scene.connections import point_of
 from mbdae.scene.contacts import ContactStatements
+from mbdae.scene.control import ControlStatements
 from mbdae.scene.joints import JointStatements
 from mbdae.scene.reading import FEEDS, reads
 from mbdae.scene.record import statement, tables_in
@@ -28,7 +29,7 @@ MASS, SPEED, TURNING = reading.quantity("kg", "not negative"), reading.vector("m
 FRAME = reading.one_of("inertial", "body")
 
 
-class SceneData(BeamStatements, JointStatements, ContactStatements):
+class SceneData(BeamStatements, JointStatements, ContactStatements, ControlStatements):
     """Bodies, joints and forces by name. Lengths in m, angles in rad, SI throughout; inertial frame, right-handed."""
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -122,16 +123,16 @@ class SceneData(BeamStatements, JointStatements, ContactStatements):
         laws: list[TwoBodyLaw] = [law(name, k, l, at, **numbers) for law, numbers in own.items() if numbers]
         return self._connect(Connection(name, "bushing", k, l, laws or [Bushing(name, k, l, at)]))
 
-    @reads(name=reading.name, body=reading.body, value=reading.components("N"), at=reading.point, frame=FRAME)
+    @reads(name=reading.name, body=reading.body, value=reading.components("N", sensors=True), at=reading.point, frame=FRAME)
     @statement
     def force(self, name: str, body: Any, value: Any, at: Any = None, frame: str = "inertial") -> Connection:
-        """Applied force, N, three numbers or expressions of mb.t, in the inertial frame or along the body's axes."""
+        """Applied force, N, three numbers or expressions of mb.t and sensors, in the inertial frame or along the body's axes."""
         return self._load("force", AppliedForce, ("fx", "fy", "fz"), name, body, value, at, frame)
 
-    @reads(name=reading.name, body=reading.body, value=reading.components("N m"), frame=FRAME)
+    @reads(name=reading.name, body=reading.body, value=reading.components("N m", sensors=True), frame=FRAME)
     @statement
     def torque(self, name: str, body: Any, value: Any, frame: str = "inertial") -> Connection:
-        """Applied torque, N m, three numbers or expressions of mb.t."""
+        """Applied torque, N m, three numbers or expressions of mb.t and sensors."""
         return self._load("torque", AppliedTorque, ("mx", "my", "mz"), name, body, value, None, frame)
 
     def _load(self, kind: str, law: type[Force], names: tuple[str, ...], name: str, body: Any, value: Any, at: Any,

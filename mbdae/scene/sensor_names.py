@@ -1,7 +1,8 @@
 """Names of sensors: what a text such as "b.position[1]" means in a scene, with its unit.
 
-"item.quantity" reads a whole quantity, "item.quantity[i]" component i of it (0, 1, 2: x, y, z of vectors). The item may be a
-place: "beam.at(0.5).position", "hub.at(0.1, 0).velocity[0]"."""
+"item.quantity" reads a whole quantity, "item.quantity[i]" component i of it (0, 1, 2: x, y, z of vectors), "b.rotation[i, j]" an
+entry of a matrix. The item may be a place: "beam.at(0.5).position", "hub.at(0.1, 0).velocity[0]". A state, signal or output of a
+controller is its name alone."""
 
 from __future__ import annotations
 
@@ -12,27 +13,28 @@ from mbdae.errors import SceneError
 from mbdae.laws.contact.base import Contact
 from mbdae.laws.forces.on_coordinate import OnCoordinate
 from mbdae.notation import QUANTITIES
-from mbdae.scene.components import Body, Connection
+from mbdae.scene.components import Body, Connection, Signal
 from mbdae.symbolic.law import Force
 
 _PLACE = re.compile(r"(?P<item>.+)\.at\((?P<where>[^()]*)\)")
-_COMPONENT = re.compile(r"(?P<path>.+)\[(?P<number>\d+)\]")
+_ENTRY = re.compile(r"(?P<path>.+?)(?P<entry>(\[\s*\d+\s*(,\s*\d+\s*)?\])*)", re.DOTALL)
 
 
 class SensorName(NamedTuple):
-    """item: key of the item or place; quantity: its name ("" where the text ends in a place); component: its number, None for the
-    whole quantity."""
+    """item: key of the item or place ("" where the text is one name); quantity: its name ("" where the text ends in a place);
+    entry: numbers of the component, () for the whole quantity."""
 
     item: str
     quantity: str
-    component: int | None
+    entry: tuple[int, ...] = ()
 
 
 def parsed(text: str) -> SensorName:
     """The parts of the name of a sensor; nothing is looked up."""
-    found = _COMPONENT.fullmatch(text.strip())
-    path = text.strip() if found is None else found["path"]
-    return SensorName(*split(path), None if found is None else int(found["number"]))
+    found = _ENTRY.fullmatch(text.strip())
+    if found is None:
+        return SensorName("", "")
+    return SensorName(*split(found["path"]), tuple(int(n) for n in re.findall(r"\d+", found["entry"])))
 
 
 def split(path: str) -> tuple[str, str]:
@@ -45,7 +47,7 @@ def split(path: str) -> tuple[str, str]:
 
 def placed(scene: Any, key: str) -> tuple[Any, Any]:
     """The item of a scene, and where on it: "item", "item.at(s)" with s from 0 to 1, "item.at(x, y)" or "item.at(x, y, z)"."""
-    found = None if any(item.name == key for item in scene._items) else _PLACE.fullmatch(key)
+    found = None if key in scene._by_name else _PLACE.fullmatch(key)
     if found is None:
         return scene[key], None
     item = scene[found["item"]]
@@ -84,6 +86,8 @@ def has_length(item: Connection) -> bool:
 
 def measured(scene: Any, sensor: str) -> tuple[str, str]:
     """What a sensor measures in words, and its SI unit ("" where it has none)."""
+    if isinstance(scene._by_name.get(sensor), Signal):
+        return sensor, ""
     name, quantity, _ = parsed(sensor)
     item = placed(scene, name)[0]
     if isinstance(item, Connection):

@@ -12,6 +12,7 @@ from mbdae.scene.items import SceneItems
 from mbdae.scene.models import MODELS, refusal
 from mbdae.scene.record import STATEMENTS, Statement, encode, item_name
 from mbdae.scene.replay import Known, refuse_losses, replay
+from mbdae.scene.sensed import keep_read_coordinates
 from mbdae.scene.topology import spanning_tree
 from mbdae.values import shown
 
@@ -57,6 +58,15 @@ def replaced(scene: SceneItems, names: tuple[str, ...], model: JointModel) -> An
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
     found = replay(data, type(scene), Known(own))
     refuse_losses(scene, found)
+    return found
+
+
+def keeping(scene: SceneItems, read: list[str]) -> Any:
+    """The scene again, with the angles of joints that are read by these paths as unknowns of their own."""
+    data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": scene.statements}
+    found = replay(data, type(scene), Known(dict(scene.own)))
+    refuse_losses(scene, found)
+    keep_read_coordinates(found, read)
     return found
 
 

@@ -28,8 +28,8 @@ class BodyShapes(Collected):
         drawn = [self._solid(body.name, one, body, colour) for one in self.looks.get(body.name, ())]
         if body.shapes is not None:
             if not drawn:
-                self._add(body.name, "centre", body.position[None], body)
-            return self._name(body.name, body, body.position, True)
+                self._add(body.name, "centre", body.drawn.position[None], body)
+            return self._name(body.name, body, body.drawn.position, True)
         if body in self.lines:
             points = self.lines[body]
             self._add(body.name, "bar", points, colour=colour)
@@ -39,8 +39,8 @@ class BodyShapes(Collected):
             return self._name(body.name, body, body.at(0.5).point, True)
         if body.is_point:
             if not drawn:
-                self._add(body.name, "mass", body.position[None], body, colour)
-            return self._name(body.name, body, body.position, True)
+                self._add(body.name, "mass", body.drawn.position[None], body, colour)
+            return self._name(body.name, body, body.drawn.position, True)
         return self._by_mass(body, colour, bool(drawn))
 
     def _by_mass(self, body: Body, colour: str, shaped: bool) -> None:
@@ -122,7 +122,7 @@ class BodyShapes(Collected):
         if body.is_ground:
             return reach
         pose = self.poses[body.name]
-        return [body.position + np.einsum("tij,tnj->tni", body.rotation @ pose.rotation.transpose(0, 2, 1),
+        return [body.drawn.position + np.einsum("tij,tnj->tni", body.drawn.rotation @ pose.rotation.transpose(0, 2, 1),
                                           e - pose.position[:, None]) for e in reach]  # fmt: skip
 
 

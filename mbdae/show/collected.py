@@ -80,7 +80,7 @@ class Collected:
     @staticmethod
     def _local(body: Body, points: Sequence[Array] | Array) -> Array:
         """Points (n, 3) given as drawn, in the body's axes from its centre of mass."""
-        return np.asarray((np.asarray(points).reshape(-1, 3) - body.position) @ body.rotation)
+        return np.asarray((np.asarray(points).reshape(-1, 3) - body.drawn.position) @ body.drawn.rotation)
 
     def _over_time(self, body: Body, point: Array) -> Array:
         """(nt, 3) of a point given as drawn."""

@@ -133,7 +133,7 @@ class JointShapes(Collected):
         """Two crossed pins, the first in a fork of k, the second in a fork of l."""
         at, at_l = ends(item)
         normal = symbols.unit(np.cross(turns[0], turns[1]))
-        away = at - item.k.position if item.l.is_ground else item.l.position - at_l
+        away = at - item.k.drawn.position if item.l.is_ground else item.l.drawn.position - at_l
         back = (1.0 if normal @ away < 0 else -1.0) * 1.6 * self.mark * normal
         self._add(item.name, "line", symbols.yoke(at, 1.6 * self.mark * turns[0], back), item.k)
         self._add(item.name, "line", symbols.yoke(at_l, 1.6 * self.mark * turns[1], -back), item.l)

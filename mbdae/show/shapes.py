@@ -105,7 +105,7 @@ class _Builder(JointShapes, BodyShapes):
         for i, stiffness in enumerate("xyz"):
             if not getattr(law, f"k{stiffness}", None):
                 continue
-            axis = item.k.rotation[:, i]
+            axis = item.k.drawn.rotation[:, i]
             axis = -axis if axis @ self.down < -0.5 else axis * (1 if axis @ self.down > 0.5 else -1)
             anchor = law.at + 6 * self.mark * axis
             self._spring_between(item, anchor, law.at)

@@ -24,7 +24,7 @@ from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Law, Structure
 from mbdae.symbolic.motion import Rotation, refuse_amounts, value_of
 from mbdae.symbolic.rebuild import one_sided, without_overflow
-from mbdae.symbolic.statement import Statement
+from mbdae.symbolic.statement import Feeds, Statement
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
@@ -35,18 +35,19 @@ _ZERO = se.Integer(0)
 def derive(cls: type[Law], structure: Structure, sides: tuple[Side, ...]) -> Derived:
     """Derive a law class for the kinds of its nodes (one side for an element, else k and l)."""
     law = cls.symbolic(structure)
-    frames = tuple(make_frame(s, *side) for s, side in zip(side_names(law), sides, strict=True))
+    names = (*side_names(law), *structure.feeds.sides)
+    frames = tuple(make_frame(s, *side) for s, side in zip(names, sides, strict=True))
     if structure.timed and cls.timeless:
         raise LawError(f"{cls.__name__}: {min(structure.timed)} may not depend on time; give a number")
-    for name, frame in zip(law.own_coordinates, frames[len(law.frames) :], strict=True):
+    for name, frame in zip(law.own_coordinates, frames[len(law.frames) :], strict=False):
         setattr(law, name, frame.q[0] if frame.kind is NodeKind.COORDINATE else Rotation(tuple(frame.q), frame.body, frame.spin))
     clock = _clock(structure.timed)
 
     def run() -> tuple[Facts, Terms, Variation]:
-        made = _Derivation(law, Variation(frames, clock))
+        made = _Derivation(law, Variation(frames, clock), structure.feeds)
         return (*made.run(), made.variation)
 
-    return Derived(law, frames, _Derivation(law, Variation(frames, clock)).key(), run)
+    return Derived(law, frames, _Derivation(law, Variation(frames, clock), structure.feeds).key(), run, structure.feeds)
 
 
 def side_names(law: Law) -> tuple[str, ...]:
@@ -86,14 +87,22 @@ class _Stated(NamedTuple):
 class _Derivation(Statement):
     """The steps from a statement to its terms."""
 
+    def __init__(self, law: Any, variation: Variation, feeds: Feeds) -> None:
+        super().__init__(law, variation)
+        self.feeds = feeds
+
     def key(self) -> str | None:
         """A digest of all that the law states, forces by its own reactions included; None where that has none."""
         if not store().used:
             return None
         try:
-            return key_of("law", Digests().of([self.answers(), self._by_reactions()]))
+            return key_of("law", Digests().of([self.answers(), self._by_reactions(), self._fed()]))
         except Exception:  # a mistake in a law, which its derivation finds, or nothing that can be told apart from others
             return None
+
+    def _fed(self) -> list[Any]:
+        """What is fed into the law: every name with its statement on the frames that are read, and states of other laws."""
+        return [[list(pair) for pair in self.feeds.stated(self.read_frames)], self.feeds.foreign]
 
     def _by_reactions(self) -> list[Any] | None:
         law, cls = self.law, type(self.law)
@@ -109,6 +118,7 @@ class _Derivation(Statement):
     def run(self) -> tuple[Facts, Terms]:
         self.refuse_clashes()
         self.refuse_undefined()
+        self._define_feeds()
         if isinstance(self.law, Joint):
             refuse_amounts(self.law)
         rows, vanished, undefined, g, G = self._constraints()
@@ -117,8 +127,23 @@ class _Derivation(Statement):
         resolve = self.variation.resolve
         energy, dissipated, work = map(resolve, powers)
         states, rates, starts = self._states([*g, energy, dissipated, work, *self.variation.values.values()])
+        self.variation.release()
         facts = Facts(tuple(rows), tuple(vanished), tuple(undefined), states, bool(force))
         return facts, Terms(tuple(g), tuple(G), force, energy, dissipated, work, self._coordinates(), rates, starts)
+
+    @property
+    def read_frames(self) -> tuple[Frame, ...]:
+        """The frames that are added for what is read."""
+        return self.frames[len(self.frames) - len(self.feeds.sides) :]
+
+    def _define_feeds(self) -> None:
+        """Name what is fed into the law."""
+        for name, statement in self.feeds.stated(self.read_frames):
+            e = without_overflow(one_sided(statement))
+            for frame, quantity in self.undefined(e):
+                raise LawError(f"{type(self.law).__name__} is fed by a sensor that a {frame.kind.value} node does not have: its "
+                               f"{quantity}; use s.rigid_body")  # fmt: skip
+            self.variation.define(se.Symbol(name), e)
 
     def _coordinates(self) -> dict[str, Expr]:
         stated = {name: e for name, e in self.law.read(*self.sides).items() if not self.undefined(e)}
@@ -217,6 +242,8 @@ class _Derivation(Statement):
             loads -= _power(load, f)
             total = (sum(p, ZERO) for p in zip(v.gradient(f, energy), drag, load, strict=True))
             force[f.side] = self._in_plane((next(total), next(total)), f, "its force")
+        if self.feeds and energy != 0:  # what feeds it does work on it, so that it stores nothing of its own
+            return force, (_ZERO, dissipated, dissipated - sum((_power(force[f.side], f) for f in self.frames), _ZERO))
         resisting = law.dissipative or isinstance(law, Joint)
         return force, (energy, dissipated - loads, clocked) if resisting else (energy, dissipated, clocked + loads)
 
@@ -233,7 +260,7 @@ class _Derivation(Statement):
     def _states(self, used_in: list[Expr]) -> tuple[tuple[str, ...], tuple[Expr, ...], tuple[Expr, ...]]:
         """Internal states on which the law depends for these frames, their rates and start values."""
         used = set().union(*(e.free_symbols for e in used_in))
-        names = tuple(n for n in self.law.states if se.Symbol(f"state_{n}") in used)
+        names = tuple(n for n in self.law.states if self.law.keeps_states or se.Symbol(f"state_{n}") in used)
         rates, starts = (self.law.rates(*self.sides), self.law.initial(*self.sides)) if names else ({}, {})
         for what, table in (("the rate", rates), ("the start", starts)):
             for n in names:

@@ -12,6 +12,7 @@ from mbdae.disk.entries import keep, key_of, recall
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element
+from mbdae.symbolic.statement import NO_FEEDS, Feeds
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
@@ -47,7 +48,7 @@ class Facts(NamedTuple):
 class Derived:
     """A law for given kinds of nodes with its `Facts`, and its `Terms`, which are derived when they are first asked for.
 
-    key: that of the statement, under which entries on disk begin; None where it has none."""
+    key: that of the statement, under which entries on disk begin; None where it has none. feeds: what is fed into it."""
 
     rows: tuple[str, ...]
     vanished: tuple[str, ...]
@@ -56,8 +57,8 @@ class Derived:
     forced: bool
 
     def __init__(self, law: Any, frames: tuple[Frame, ...], key: str | None,
-                 run: Callable[[], tuple[Facts, Terms, Variation]]) -> None:  # fmt: skip
-        self.law, self.frames, self.key, self._run = law, frames, key, run
+                 run: Callable[[], tuple[Facts, Terms, Variation]], feeds: Feeds = NO_FEEDS) -> None:  # fmt: skip
+        self.law, self.frames, self.key, self._run, self.feeds = law, frames, key, run, feeds
         found = recall(key)
         if found is None:
             keep(key, found := tuple(self._derivation[0]))

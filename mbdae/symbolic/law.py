@@ -33,6 +33,7 @@ from mbdae.errors import LawError
 from mbdae.symbolic.class_checks import check_class
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.part import Parameter, Part, PartStructure, params
+from mbdae.symbolic.statement import NO_FEEDS, Feeds
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.values import shown
 
@@ -44,11 +45,12 @@ AUGMENTED = params(scaling=("1", "factor of the rows and their multipliers"), pe
 
 @dataclass(frozen=True)
 class Structure:
-    """What distinguishes two statements of one law class apart from numbers: options, absent and timed parameters."""
+    """What distinguishes two statements of one law class apart from numbers: options, absent and timed parameters, feedback."""
 
     absent: frozenset[str] = frozenset()
     timed: frozenset[str] = frozenset()
     options: tuple[tuple[str, Any], ...] = ()
+    feeds: Feeds = NO_FEEDS
 
 
 class Law:
@@ -66,6 +68,7 @@ class Law:
     #: whether bodies may stick by it, as by friction: equations are stiff there. None: they may where the law has states
     sticks: ClassVar[bool | None] = None
     follows: ClassVar[str] = ""  #: name of the state that counts the whole turns of the joint's coordinate, if any
+    keeps_states: ClassVar[bool] = False  #: whether its states are unknowns although nothing that it states depends on them
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

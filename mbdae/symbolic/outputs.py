@@ -202,6 +202,7 @@ def input_symbols(d: Derived) -> list[tuple[Target, Expr]]:
     out += [(("mu", i), s) for i, s in enumerate(d.stabilisers)]
     out += [(("s", j), se.Symbol(f"state_{n}")) for j, n in enumerate(d.states)]
     out += [(("sp", j), se.Symbol(f"statep_{n}")) for j, n in enumerate(d.states)]
+    out += [(("foreign", j), s) for j, s in enumerate(d.feeds.foreign)]
     return out
 
 

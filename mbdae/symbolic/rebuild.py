@@ -42,11 +42,11 @@ def rebuilt(e: Expr, rule: Callable[[Expr, list[Expr]], Expr | None]) -> Expr:
     for node in nodes(e):
         args = [made[part] for part in node.args]
         found = rule(node, args)
-        made[node] = found if found is not None else node if list(node.args) == args else _joined(node, args)
+        made[node] = found if found is not None else node if list(node.args) == args else joined(node, args)
     return made[e]
 
 
-def _joined(node: Expr, args: list[Expr]) -> Expr:
+def joined(node: Expr, args: list[Expr]) -> Expr:
     """A function or a condition of other arguments."""
     if isinstance(node, se.Piecewise):
         return se.Piecewise(*((args[i], args[i + 1]) for i in range(0, len(args), 2)))

@@ -1,8 +1,14 @@
-"""What a law states, and checks that it can be derived: only symbols that it declares and quantities that its nodes have."""
+"""What a law states, and checks that it can be derived: only symbols that it declares and quantities that its nodes have.
+
+Feedback: a parameter that follows from sensors is a name for an expression of what is read (`Variation.define`). Forces follow by
+virtual work as if it were a number; afterwards it depends on the motion like every other name, so that derivatives of the
+equations are exact. What is read of bodies and joints is stated on frames of the law that are added for it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -12,13 +18,85 @@ from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame, NodeKind, make_frame
 from mbdae.symbolic.motion import symbolic_steps
 from mbdae.symbolic.rebuild import nodes
-from mbdae.symbolic.variation import Variation
+from mbdae.symbolic.variation import Variation, rate
 from mbdae.symbolic.vectors import Expr, Vec
 
 _TIME = se.Symbol("t")
 #: what may be asked of a law on its frames; with `resistance`, `rubbing` and `pressing` of joints all that derivations read
 QUESTIONS = ("rows", "read", "positives", "energy", "dissipation", "wrench", "thrust", "gaps", "approach", "observed", "losses",
              "rates", "initial", "kinetic_energy")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What is read on one place of a feedback. symbol: its name in expressions; frames: how many it is stated on; quantity:
+    "state" (no frame), "coordinate" (of a joint that keeps it as an unknown), "joint" (the coordinate that the frames k, l of a
+    joint show), or the motion of a body: "position", "velocity", "angular_velocity", "rotation" with its entry; rated: its time
+    derivative; joint: class and structure of a joint, and the name of its coordinate."""
+
+    symbol: str
+    quantity: str
+    frames: int = 1
+    entry: tuple[int, ...] = ()
+    rated: bool = False
+    joint: tuple[Any, Any, str] | None = None
+
+    def stated(self, *frames: Frame) -> Expr:
+        """The quantity on its frames."""
+        found = self._quantity(*frames)
+        return rate(found) if self.rated else found
+
+    def _quantity(self, *frames: Frame) -> Expr:
+        if self.quantity == "state":
+            return se.Symbol(foreign(self.symbol))
+        if self.quantity == "coordinate":
+            return frames[0].r[0]
+        if self.joint is not None:
+            cls, structure, name = self.joint
+            return cls.symbolic(structure).read(*frames)[name]
+        (b,) = frames
+        if self.quantity == "rotation":
+            row, column = self.entry
+            return (b.x, b.y, b.z)[column][row]
+        return {"position": b.r, "velocity": b.v, "angular_velocity": b.w}[self.quantity][self.entry[0]]
+
+
+def foreign(symbol: str) -> str:
+    """Symbol of an internal state of another law."""
+    return f"foreign_{symbol}"
+
+
+@dataclass(frozen=True)
+class Feeds:
+    """What is fed into a law: readings, and names with their expressions in the symbols of readings, of names before, of numbers
+    and of values prescribed in time. Those that are parameters of the law are its fed parameters."""
+
+    readings: tuple[Reading, ...] = ()
+    names: tuple[tuple[str, Expr], ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.names)
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """Names of the frames that are added for the readings."""
+        return tuple(f"m{n + 1}" for n in range(sum(r.frames for r in self.readings)))
+
+    def stated(self, frames: Sequence[Frame]) -> list[tuple[str, Expr]]:
+        """Every name with its statement; frames: those added for the readings."""
+        found, first = [], 0
+        for reading in self.readings:
+            found.append((reading.symbol, reading.stated(*frames[first : first + reading.frames])))
+            first += reading.frames
+        return [*found, *self.names]
+
+    @property
+    def foreign(self) -> list[Expr]:
+        """Symbols of internal states of other laws, in the order of their readings."""
+        return [se.Symbol(foreign(r.symbol)) for r in self.readings if r.quantity == "state"]
+
+
+NO_FEEDS = Feeds()
 
 
 class Statement:

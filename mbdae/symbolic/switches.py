@@ -43,7 +43,8 @@ def switches_of(d: Derived) -> list[Switch]:
         return []
     resolve, name = d.variation.resolve, d.variation.name
     arguments = insert(d, [resolve(name(s.argument)) for s in found])
-    of_motion = {symbol for target, symbol in input_symbols(d) if target[0] in ("q", "u", "s")} | set(d.variation.clock)
+    of_motion = {symbol for target, symbol in input_symbols(d) if target[0] in ("q", "u", "s", "foreign")}
+    of_motion |= set(d.variation.clock)
     reactions = {*d.multipliers, *d.stabilisers}  # not known where they are eliminated
     out: dict[tuple[str, Expr], Switch] = {}
     for switch, e in zip(found, arguments, strict=True):
@@ -73,10 +74,10 @@ def switch_kinds(d: Derived) -> list[tuple[str, Expr]]:
 
 def _statements(d: Derived) -> Iterator[tuple[Any, bool]]:
     """The expressions of a law as stated, and whether they are a Rayleigh function."""
-    law = d.law
+    law, sides = d.law, d.sides
+    yield from ((e, False) for _, e in d.feeds.stated(d.frames[len(d.frames) - len(d.feeds.sides) :]))
     if not isinstance(law, Force | Joint):
         return
-    sides = d.sides
     if isinstance(law, Force):
         if law.gaps(*sides):
             return  # a contact: its gaps are watched

@@ -43,6 +43,7 @@ class Variation:
         self.frames, self.clock = frames, clock
         self.values: dict[Expr, Expr] = {}  #: name -> value, inner names first
         self.constant: set[Expr] = set()  #: names that are not differentiated
+        self._defined: list[Expr] = []
         self._names: dict[Expr, Expr] = {}
         self._rates: dict[Expr, Expr] = {}
         self._named: dict[Expr, Expr] = {}
@@ -55,6 +56,21 @@ class Variation:
     def resolve(self, e: Any) -> Expr:
         """The expression with the zeros and ones of the frames inserted."""
         return se.sympify(e).subs(self._structure) if self._structure else se.sympify(e)
+
+    # -- parameters that follow from sensors
+
+    def define(self, symbol: Expr, statement: Any) -> None:
+        """Make a symbol the name of a statement; it counts as a number until `release`."""
+        value = self.resolve(self.name(statement))
+        self.values[symbol] = value
+        self.constant.add(symbol)
+        self._defined.append(symbol)
+
+    def release(self) -> None:
+        """Differentiate what was defined like all other names from now on."""
+        self.constant -= set(self._defined)
+        for table in (self._gradients, self._partials, self._rates) if self._defined else ():
+            table.clear()
 
     # -- naming
 

@@ -9,9 +9,10 @@ from math import inf
 
 import numpy as np
 
+from mbdae.deferred import as_full
 from mbdae.errors import SceneError, StartError
 from mbdae.inputs.timed import after
-from mbdae.scene import prescribed
+from mbdae.scene import prescribed, sensed
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model, build
@@ -20,12 +21,13 @@ from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
 from mbdae.system.motion.all_bodies import AllBodies, TreeMechanics
 from mbdae.system.motion.mechanics import Mechanics
-from mbdae.system.motion.ordered_motion import OrderedBodies, OrderedMechanics
+from mbdae.system.motion.ordered_motion import OrderedMechanics, bodies_of
 from mbdae.system.rank.redundancy import RankReport, analyse
 from mbdae.system.rank.rows import smallest, unit_rows
 from mbdae.system.rank.undetermined import massless_coordinates, massless_motions, massless_unknowns, undecided
 from mbdae.system.start.contacts import ExpectedContact, expected_contacts
 from mbdae.system.start.ideal_joints import ideal_start
+from mbdae.system.start.sparse_change import cheapest
 from mbdae.system.start.start import Start, Starter
 from mbdae.system.start.typical_sizes import characteristic_time
 from mbdae.threads import single_threaded
@@ -34,6 +36,7 @@ SOUND = 1e-3  #: smallest singular value of rows above which they determine a po
 FOLLOWED, NEAR = 24, 0.2  #: steps in which prescribed motions are followed, of at most so many rad or scene's lengths each
 PLACED = 1e-11  #: of the scene's length, or rad: rounding of positions along a tree
 FORESIGHT = 10.0  #: s, how far `check` looks at prescribed values
+FITS = 1e-4  #: part of the scene's length, or of its speed, by which a continued run may be off the joints: the error of a run
 
 
 @dataclass
@@ -90,7 +93,8 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     Prescribed values are followed to t_end, or for `FORESIGHT` seconds where no end is known."""
     begin_time = start.t if start is not None else t0
     end = t_end if t_end is not None and t_end > begin_time else begin_time + FORESIGHT
-    problems = scene.problems + prescribed.problems(scene.connections, scene.line_loads, begin_time, end, start is not None)
+    problems = scene.problems + sensed.problems(scene)
+    problems += prescribed.problems(scene, begin_time, end, start is not None)
     if problems:
         raise SceneError(problems)
     if not scene.bodies:
@@ -101,7 +105,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
                           f"and {model.nu}; continue it with the same bodies and joint models"])  # fmt: skip
     model.conditions.time = after(begin_time)  # the start of a run belongs to what comes after it
     model.conditions.end = t_end if t_end is not None else inf
-    all_bodies = (OrderedBodies if moved.ordered else AllBodies)(model, moved)
+    all_bodies = bodies_of(model, moved)
     if not all_bodies.numbering.free:
         raise SceneError([f"scene '{scene.name}': every joint is recursive and prescribed, so there is nothing to solve for; use "
                           f"model=mb.Kinematic() for one of them"])  # fmt: skip
@@ -245,5 +249,31 @@ def _continued(mechanics: Mechanics, start: Start) -> Start:
         known = {wanted[n]: start.coordinates[key] for key, n in mechanics.followed.items() if key in start.coordinates}
         known |= dict(zip(start.names, start.s, strict=True))
         s = np.array([known.get(name, value) for name, value in zip(wanted, s, strict=True)])
-    a, multipliers = mechanics.accelerations(t, start.q[None], start.u[None], s[None])
-    return Start(start.t, start.q, start.u, s, a[0], multipliers[0], coordinates=start.coordinates)
+    u, changes = _joined_suddenly(mechanics, start)
+    a, multipliers = mechanics.accelerations(t, start.q[None], u[None], s[None])
+    return Start(start.t, start.q, u, s, a[0], multipliers[0], changes, coordinates=start.coordinates)
+
+
+def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[str]]:
+    """Velocities (nu,) of a continued run, and what was changed for them. Where joints of this scene that the run before did not
+    have stop a motion, they do so by impulses: M (u+ - u-) + G^T P = 0, G u+ + g_t = 0, an impact without rebound."""
+    t, q, u = np.array([start.t]), start.q[None], start.u[None]
+    g, rate = mechanics.position_residual(t, q)[0], mechanics.velocity_residual(t, q, u)[0]
+    speed = float(np.max(np.abs(start.u) * mechanics.velocity_units, initial=0.0))
+    if np.max(np.abs(g), initial=0.0) > FITS * max(1.0, mechanics.model.length):
+        off = int(np.argmax(np.abs(g)))
+        raise StartError([f"start: row {mechanics.rows[off].name} is off by {g[off]:.3g} (m or rad) where that run ended: "
+                          f"the joints of this scene do not fit there; draw or prescribe them as they are then"])  # fmt: skip
+    if np.max(np.abs(rate), initial=0.0) <= FITS * speed / max(1.0, mechanics.model.length):
+        return start.u, []
+    G, M = mechanics.constraint_matrix(t, start.q), mechanics.mass
+    if mechanics.large and not isinstance(mechanics, OrderedMechanics):
+        change = cheapest(M, mechanics.velocity_units, G, -rate, np.zeros(mechanics.nu))
+    else:
+        G, M = as_full(G), as_full(M)
+        K = np.block([[M, G.T], [G, np.zeros((len(G), len(G)))]])
+        change = np.linalg.lstsq(K, np.concatenate([np.zeros(len(M)), -rate]), rcond=1e-13)[0][: len(M)]
+    worst = mechanics.rows[int(np.argmax(np.abs(rate)))].name
+    lost = float(-(change @ (M @ (start.u + change / 2))))
+    return start.u + change, [f"joints that the run before did not have stop motions suddenly (most: {worst}): an impact without "
+                              f"rebound that takes {lost:.4g} J"]  # fmt: skip

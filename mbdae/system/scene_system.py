@@ -24,6 +24,7 @@ from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import Rows
 from mbdae.system.rank.rows_in_force import RowsInForce
+from mbdae.system.sampling import Sampling
 from mbdae.system.start.start import Start
 from mbdae.system.start.typical_sizes import multiplier_scales, state_scale, stress_scale
 from mbdae.threads import single_threaded
@@ -67,6 +68,8 @@ class SceneSystem(System):
         if prepared.contacts:
             self.guards = guards = ContactGuards(made, prepared.contacts, mechanics, prepared.states)
             self.guard_names, self.guard_units, self.guard_jumps = guards.names, guards.units, guards.jumps
+        if prepared.model.scene.controllers:
+            self.sampled = Sampling(prepared, made.numbering)
         if WATCH_INPUTS_AND_SWITCHES:
             self.switches = switches_of_model(prepared.model, all_bodies.moved)
             self.timeline = partial(timeline, prepared.model)
@@ -120,6 +123,10 @@ class SceneSystem(System):
 
     def restarted(self, t: float, y: Array) -> tuple[Array, Array]:
         """y and y' (n,) to go on with from y: accelerations, rates and multipliers anew; multipliers read from y' stay."""
+        if self.rhs is not None and np.all(self.index < 2):  # no multipliers among the unknowns
+            rates = np.empty(self.n)
+            self.rhs(t, y, rates)
+            return y.copy(), rates
         fresh, rates = _values(self._prepared, self.assembly, self._state(self._prepared.mechanics, t, y), self._stresses(y))
         kept = self.n if self.spec.derivatives else self.numbering.start["lambda"]
         return np.concatenate([y[:kept], fresh[kept:]]), rates

@@ -49,6 +49,16 @@ beam = s.beam("beam", (0, 0), (1, 0), section=mb.Section.rectangular(0.02, 0.01,
 s.revolute("hinge", s.ground, beam, at=(0, 0))
 r, names = s.simulate(0.5, accuracy=1e-2), ["hinge"]
 """
+FED = """
+s = mb.Scene("fed", gravity=(0, -9.81, 0))
+rod = s.link("rod", (0, 0), (1, 0), mass=1.0)
+e = s.state("e", rate={rate}, start=0.1)
+s.revolute("hinge", s.ground, rod, at=(0, 0), torque={torque})
+s.controller("c", lambda t, angle: -angle, every=0.05, reads=["hinge.angle"], sets=["u"])
+s.force("push", rod.at(1.0), (s.sensor("rod.velocity[0]"), 0, 0))
+r, names = s.simulate(0.5), ["hinge"]
+"""
+RATE, TORQUE = "-s.sensor('hinge.angle')", "s.sensor('u') + 5 * e - 0.5 * s.sensor('hinge.rate')"
 OWN = """
 class Spring(mb.Force):
     params = mb.params(c="N/m")
@@ -75,7 +85,8 @@ def run(tmp_path, statement, cache=None):
     return int(derived), int(compiled), found, float(number)
 
 
-@pytest.mark.parametrize("statement", [PENDULUM, LOOP, BEAM, OWN.format(factor=1)], ids=["pendulum", "loop", "beam", "own law"])
+@pytest.mark.parametrize("statement", [PENDULUM, LOOP, BEAM, FED.format(rate=RATE, torque=TORQUE), OWN.format(factor=1)],
+                         ids=["pendulum", "loop", "beam", "feedback", "own law"])  # fmt: skip
 def test_the_second_process_derives_and_compiles_nothing(tmp_path, statement):
     first, second, without = run(tmp_path, statement), run(tmp_path, statement), run(tmp_path, statement, "off")
     assert first[0] > 0
@@ -90,6 +101,20 @@ def test_a_law_that_was_edited_is_derived_again(tmp_path):
     assert after[3] != before[3]
     assert after[2] == run(tmp_path, OWN.format(factor=2), "off")[2]
     assert run(tmp_path, OWN.format(factor=1))[::2] == (0, before[2])
+
+
+@pytest.mark.parametrize(("rate", "torque"), [
+    (RATE, TORQUE.replace("+ 5 * e", "+ 5 * e**2")), (RATE, TORQUE.replace("0.5 *", "0.5 * s.sensor('hinge.angle') *")),
+    (RATE, TORQUE.replace("'hinge.rate'", "'rod.velocity[1]'")), (RATE, TORQUE.replace("'hinge.rate'", "'rod.velocity[0]'")),
+    (RATE, TORQUE.replace("'u'", "'e'")), ("-s.sensor('hinge.rate')", TORQUE), ("-s.sensor('hinge.angle')**3", TORQUE),
+])  # fmt: skip
+def test_feedback_that_was_edited_is_derived_again(tmp_path, rate, torque):
+    """Everything else is as before: the law, its parameters, the kinds of nodes."""
+    before = run(tmp_path, FED.format(rate=RATE, torque=TORQUE))
+    after = run(tmp_path, FED.format(rate=rate, torque=torque))
+    assert after[2] == run(tmp_path, FED.format(rate=rate, torque=torque), "off")[2]
+    assert after[2] != before[2]
+    assert run(tmp_path, FED.format(rate=RATE, torque=TORQUE))[::2] == (0, before[2])
 
 
 @pytest.mark.parametrize("damage", [lambda whole: whole[: len(whole) // 2], lambda whole: whole[:-3] + b"abc", lambda whole: b""])

@@ -79,7 +79,7 @@ def test_a_faster_drive_turns_as_often():
     s, factor = changed(machine(), "B.speed", 8.0)
     assert (s["B"].hold_rate, factor) == ({"angle": 8.0}, 0.25)
     s, factor = changed(machine(), "disc.speed", 1.0)
-    assert (s["disc"].angular_velocity[2], factor) == (1.0, 4.0)
+    assert (s["disc"].drawn.angular_velocity[2], factor) == (1.0, 4.0)
 
 
 def test_arguments_of_the_scene_and_options_of_the_run():

@@ -51,7 +51,8 @@ ELSEWHERE = {
     "System.starting": "interface", "System.renewed": "interface", "System.restarted": "interface", "System.numbers": "interface",
     "_Alpha.doubts": "interface", "OneStep.advance": "interface", "Stepped.with_step": "between modules",
     "RunStates.coordinate": "between modules", "RunStates.coordinates": "between modules",
-    "RunStates.coordinate_at": "between modules",
+    "RunStates.coordinate_at": "between modules", "RunStates.observed": "between modules",
+    "ControlStatements.sensor": "statements of a scene",
     "RunStates.sum_over_laws": "between modules", "Run.name": "between modules", "Run.own_accuracy": "between modules",
     "Solution.times": "as Solution.__call__",
 }  # fmt: skip
@@ -237,7 +238,7 @@ CALLS: dict[str, Call] = {
                           "mbdae.analysis.multipliers.prepare"),
     "Scene.simulate": Call(lambda: scene().simulate, lambda: {
         "t_end": 0.1, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "outputs": 3, "start": None, "verify": False,
-        "max_wall": 60.0, "progress": None, "checkpoint": None, "every": None}, "mbdae.api.Job"),
+        "max_wall": 60.0, "progress": None, "checkpoint": None, "every": None, "until": None, "record": None}, "mbdae.api.Job"),
     "SceneData.replace": Call(lambda: scene().replace, lambda: {"names": "hinge", "model": mb.Recursive()}),
     "audit": Call(lambda: mb.audit, lambda: {
         "source": "claims:\nA: 3 = rows\n", "laws": None, "counts": None, "quantities": None}),

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 import mbdae as mb
+from mbdae.inputs.sensed import paths
 from mbdae.scene.components import JointModel
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.law import Law
@@ -81,8 +82,11 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "force": ({"name": "x", "body": "rod", "value": (1.0, 0, 0)}, {"at": (0, 0), "frame": "body"}),
     "torque": ({"name": "x", "body": "rod", "value": (0, 0, 1.0)}, {"frame": "body"}),
     "add": ({"law": Own("x", "ground", "rod", stiffness=1.0)}, {"model": None}),
+    "state": ({"name": "x", "rate": 1.0}, {"start": 1.0, "size": 1.0}), "signal": ({"name": "x", "value": 1.0}, {}),
+    "controller": ({"name": "x", "f": lambda t, *values: 1.0, "every": 1.0, "sets": ["u"]},
+                   {"reads": ["A.angle"], "memory": 1.0}),
 }  # fmt: skip
-NO_STATEMENTS = {"replace", "recursive", "joints"}  #: public, but they state nothing
+NO_STATEMENTS = {"replace", "recursive", "joints", "sensor"}  #: public, but they state nothing
 LAW = {"name": "x", "k": "ground", "l": "rod"}
 LAW_PLACES: dict[str, Any] = {"at": (0, 1, 0), "axis": (0, 0, 1), "at_l": (0, 1), "axis_x": (1, 0)}
 AUGMENTED = {"scaling": 1.0, "penalty": 1.0}
@@ -137,6 +141,10 @@ LEGITIMATE: dict[tuple[str, str], str] = (
     | {("inertia", "a range"): "three principal moments", ("elements", "one entry"): "the elements of one segment"}
     | {("friction", "none"): "no friction", ("radius", "text"): "a unit", ("radius", "digits as text"): "a unit"}
     | {("radius", "a tuple of text"): "a unit and a meaning", ("point", "a list"): "a place", ("point", "a range"): "a place"}
+    | {(argument, "text"): "the name of a sensor" for argument in ("torque", "load", "force")}
+    | {(argument, kind): "names" for argument in ("reads", "sets") for kind in (*TEXTS, "a tuple of text")}
+    | {("memory", kind): "anything can be remembered" for kind in HOSTILE}
+    | {("f", kind): "a function" for kind in ("a function", "a lambda")}
 )  # fmt: skip
 
 
@@ -154,7 +162,7 @@ def scene(with_beam: bool = False, with_joints: bool = False) -> mb.Scene:
 def stated(s: mb.Scene) -> tuple[list[str], Any]:
     """Problems, and what was stated, as JSON has it (1 is 1.0)."""
     assert not s.problems or _refuses(s)
-    assert s.problems or all(type(v) in PLAIN for v in _values(s))
+    assert s.problems or all(type(v) in PLAIN or paths(v) for v in _values(s))
     return s.problems, None if s.problems else json.loads(json.dumps([s.name, s.space, s.gravity.tolist(), s.statements]))
 
 

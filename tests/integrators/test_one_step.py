@@ -241,8 +241,8 @@ def test_a_coarse_run_that_diverges_is_no_end():
     s = mb.Scene("late")
     a, b = s.point_mass("a", 1.0, at=(0, 0)), s.point_mass("b", 0.01, at=(1.2, 0))
     for body in (a, b):
-        s.prismatic(f"slide {body.name}", s.ground, body, at=body.position, axis=(1, 0, 0))
-    s.spring("spring", a, b, at_k=a.position, at_l=b.position, stiffness=1e5, length=1.2)
+        s.prismatic(f"slide {body.name}", s.ground, body, at=body.drawn.position, axis=(1, 0, 0))
+    s.spring("spring", a, b, at_k=a.drawn.position, at_l=b.drawn.position, stiffness=1e5, length=1.2)
     s.force("push", a, (sp.Piecewise((0, mb.t < 0.7), (10, True)), 0, 0))
     r = s.simulate(1.0, accuracy=1e-2, solver=RK4())
     assert r["a"].position[-1, 0] == pytest.approx(10 / 1.01 * 0.3**2 / 2, rel=3e-2)

@@ -261,5 +261,5 @@ def rotation_rate(prepared, state, a, node):
         return (np.eye(3), np.zeros(3), np.zeros(3)) if i is None else (state.R[i], state.w[i], a[i, 3:])
 
     (_, wk, ak), (R, wl, al) = turning(joint.k), turning(joint.l)
-    axes = R @ joint.l.rotation.T @ joint_axes(joint.joint, joint.k)
+    axes = R @ joint.l.drawn.rotation.T @ joint_axes(joint.joint, joint.k)
     return axes.T @ (al - ak + np.cross(wl, wk))

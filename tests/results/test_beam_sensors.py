@@ -125,8 +125,8 @@ def test_places_along_a_curve_go_by_length() -> None:
         np.testing.assert_allclose(r["b"].at(x).position[0], b.at(x).point, atol=1e-15)
         np.testing.assert_allclose(r["b"].at(x).rotation[0, :, 0], (-np.sin(a), np.cos(a), 0), atol=2e-3)  # interpolated
     assert np.max(np.abs(r["b"].at(0.4).strain[0])) < 1e-12
-    np.testing.assert_allclose(r["b"].position[0], b.position, atol=1e-14)
-    np.testing.assert_allclose(b.position, (2 / np.pi, 2 / np.pi, 0), atol=1e-3)
+    np.testing.assert_allclose(r["b"].position[0], b.drawn.position, atol=1e-14)
+    np.testing.assert_allclose(b.drawn.position, (2 / np.pi, 2 / np.pi, 0), atol=1e-3)
     assert b.mass == pytest.approx(SECTION.mass_per_length * np.pi / 2, rel=1e-4)
 
 

@@ -24,9 +24,9 @@ def r() -> Any:
 
 
 def test_names_of_sensors(r: Any) -> None:
-    assert parsed("b.position[1]") == SensorName("b", "position", 1)
-    assert parsed("beam.at(0.5).velocity") == SensorName("beam.at(0.5)", "velocity", None)
-    assert parsed("beam.at(0.5)") == SensorName("beam.at(0.5)", "", None)
+    assert parsed("b.position[1]") == SensorName("b", "position", (1,))
+    assert parsed("beam.at(0.5).velocity") == SensorName("beam.at(0.5)", "velocity")
+    assert parsed("beam.at(0.5)") == SensorName("beam.at(0.5)", "")
     scene = r.prepared.model.scene
     for name, unit in (("A.drive", "N m"), ("a spring.length", "m"), ("a spring.rate", "m/s"), ("a.acceleration[0]", "m/s^2"),
                        ("A.angle", "rad"), ("a.angular_acceleration", "rad/s^2")):  # fmt: skip

@@ -94,7 +94,7 @@ def test_replay_makes_an_equal_scene() -> None:
         (c.name, c.kind, c.k.name, c.l.name, [type(w) for w in c.laws]) for c in s.connections
     ]
     for old, new in zip(s.bodies, again.bodies, strict=True):
-        assert np.array_equal(old.position, new.position)
+        assert np.array_equal(old.drawn.position, new.drawn.position)
         assert old.mass == new.mass
     drive = [float(c.laws[0].drive.subs({"t": 0.7})) for c in (s["A"], again["A"])]
     assert drive[0] == pytest.approx(drive[1], rel=2e-15, abs=0)  # text of 15 digits would give 3e-14

@@ -72,7 +72,7 @@ def moments(prepared: Prepared, q: Array, u: Array, up: Array) -> tuple[Array, A
     M, b = np.zeros((len(joints), 3)), np.zeros((len(joints), 3))
     for i, c in enumerate(joints):
         l, law = c.l.name, c.joint
-        point = x[l] + R[l] @ (law.at - c.l.position)
+        point = x[l] + R[l] @ (law.at - c.l.drawn.position)
         b[i] = R[l] @ law.axis / np.linalg.norm(law.axis)
         for behind in (joint.l.name for joint in joints[i:]):
             force, torque = np.split(w[nodes[behind].u : nodes[behind].u + 6], 2)

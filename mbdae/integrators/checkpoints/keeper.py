@@ -107,8 +107,8 @@ def active() -> Keeper | None:
 
 
 @contextmanager
-def keeping_runs(keeper: Keeper) -> Iterator[None]:
-    """Keep every run made inside."""
+def keeping_runs(keeper: Keeper | None) -> Iterator[None]:
+    """Keep every run made inside; None: none of them."""
     token = _active.set(keeper)
     try:
         yield

@@ -66,7 +66,7 @@ def solve_batch(system: System, t_end: float, solver: Any = None, *, starts: Any
     A point that fails keeps its message in `errors` and costs only itself. Ctrl-C, and the end of max_wall, come out as
     exceptions whose attribute `solution` is the Batch so far. OptionError where the system has no right-hand side, or a number
     cannot be varied. Starts have to satisfy the constraints of the system, if it has some.
-    Systems with contacts, switching laws or breaks of inputs run point by point, as by `solver.solve`.
+    Systems with contacts, switching laws, sampled controllers or breaks of inputs run point by point, as by `solver.solve`.
     """
     method = option("solver", DOP853() if solver is None else solver, of_class, "give mb.DOP853(...)", base=DOP853)
     tell = optional("progress", progress, function, "give a function progress(done, all), or None", takes="done, all")
@@ -171,10 +171,10 @@ class _Run:
         """Whether nothing is watched between the steps of a run."""
         s = self.system
         line = s.timeline(s.t0, self.asked.t_end) if s.timeline is not None else None
-        watched = line is not None or s.guards is not None or s.switches is not None or s.longest_step is not None
+        watched = any(part is not None for part in (line, s.guards, s.switches, s.longest_step, s.sampled))
         if watched and self.points.at is not None:
-            raise OptionError("numbers: contacts, switching laws and breaks of inputs are watched with numbers of their own; "
-                              "build a scene for every value, and solve them one by one")  # fmt: skip
+            raise OptionError("numbers: contacts, switching laws, sampled controllers and breaks of inputs are watched with "
+                              "numbers of their own; build a scene for every value, and solve them one by one")  # fmt: skip
         return not (watched or s.looks_at_steps)
 
     def _native(self) -> None:

@@ -89,7 +89,7 @@ class Sheet:
             what = f"beam, {len(line.mesh.elements)} elements" if line else "point mass" if b.is_point else "rigid"
             node = self.prepared.model.node(b)
             kind = node.kind.value if node is not None else ("nodes of the beam" if line else "")
-            centre = ", ".join(f"{round(x, 12) + 0.0:.4g}" for x in b.position)
+            centre = ", ".join(f"{round(x, 12) + 0.0:.4g}" for x in b.drawn.position)
             rows.append([escaped(b.name), what, f"{b.mass:.6g}", centre, _inertia(b), kind])
         head = ["body", "is", "mass [kg]", "centre as drawn [m]", "principal inertia [kg m$^2$]", "node"]
         return Section("Bodies", [Table(head, rows)])

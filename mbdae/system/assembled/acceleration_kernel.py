@@ -46,8 +46,8 @@ def stabilised(d: Derived) -> list[tuple[Target, Expr]]:
 
 def equations_of_motion(d: Derived) -> list[tuple[Target, Expr]]:
     """Outputs of a law from which u' and lambda follow: its rows of F where they and all rates are 0, and its entries of G."""
-    still = {se.Symbol(f"{d.frames[0].side}_qp{i + 1}"): 0 for i in range(d.frames[0].kind.sizes[0])}
     if isinstance(d.law, Element):
+        still = {se.Symbol(f"{d.frames[0].side}_qp{i + 1}"): 0 for i in range(d.frames[0].kind.sizes[0])}
         return [*((t, e.subs(still)) for t, e in outputs.kinematics(d)), *outputs.loads(d)]
     penalty = getattr(d.law, "penalty", None)
     forces = [se.Integer(0) if penalty is None else 2 * penalty * c for c in d.g]

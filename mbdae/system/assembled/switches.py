@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +15,7 @@ from mbdae.system.base import Array, Switches
 from mbdae.system.model.model import Instance, Model
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.numbering import Numbering
+from mbdae.system.motion.ordered_motion import OrderedBodies
 from mbdae.system.motion.workspace import Loaded, Values
 
 
@@ -44,24 +47,44 @@ class _Arguments:
         self.model, self.moved, self.watched = model, moved, watched
 
     @cached_property
-    def _values(self) -> Values:
+    def _values(self) -> Callable[[Array, Array], Array]:
         """Compiled when they are first asked for."""
-        model, moved, watched = self.model, self.moved, self.watched
-        needed = {node for g, active in watched for i in active for node in model.groups[g].instances[i].nodes if node}
-        loaded = moved.nodes if needed & set(moved.nodes) else ()
-        nb = Numbering(model, [], (), False, moved.nodes, loaded, moved.replaced, moved.constants, moved.sharing)
-        plans = [plan(model.groups[g].derived, switch_outputs) for g, _ in watched]
-        gathers = [nb.gather(g, p.all_inputs, active) for p, (g, active) in zip(plans, watched, strict=True)]
-        return Values(nb, self._motion(nb) if loaded else (), gathers, [p.kernel for p in plans])
+        return values_at_states(self.model, self.moved, self.watched, switch_outputs)
 
     def __call__(self, t: Array, y: Array) -> Array:
-        return self._values.at_states(t, y)
+        return self._values(t, y)
 
-    def _motion(self, nb: Numbering) -> Loaded:
-        """The motion of every node moved by joint coordinates, written where the laws read it."""
-        pieces = []
-        for p, trees in self.moved.plans():
-            piece = p.motion_of_all
-            places = [[nb.node_place(head, tree.node(j), i) for head, j, i in piece.targets] for tree in trees]
-            pieces.append((piece, self.moved.gather(nb, piece, trees), np.array(places, dtype=np.intp)))
-        return pieces
+
+def values_at_states(model: Model, moved: MovedBodies, watched: list[tuple[int, list[int]]],
+                     outputs: Any) -> Callable[[Array, Array], Array]:  # fmt: skip
+    """(t (k,), y (k, n) of any form) -> outputs (k, no) of laws: groups with the numbers of their instances. Where they read
+    bodies that joints move, the motion of these is found first: by kernels of whole trees, or joint by joint."""
+    needed = {node for g, active in watched for i in active for node in model.groups[g].instances[i].nodes if node}
+    carried = bool(needed & set(moved.nodes))
+    bodies = OrderedBodies(model, moved) if carried and moved.ordered else None
+    if bodies is not None:
+        nb = Numbering(model, [], (), False, replaced=moved.replaced)
+    else:
+        nb = Numbering(model, [], (), False, moved.nodes, moved.nodes if carried else (), moved.replaced, moved.constants,
+                       moved.sharing)  # fmt: skip
+    plans = [plan(model.groups[g].derived, outputs) for g, _ in watched]
+    gathers = [nb.gather(g, p.all_inputs, active) for p, (g, active) in zip(plans, watched, strict=True)]
+    values = Values(nb, motion_of_all(moved, nb) if carried else (), gathers, [p.kernel for p in plans])
+    if bodies is None:
+        return values.at_states
+    first, count = bodies.nq + bodies.nu, len(nb.states)
+
+    def of_all_nodes(t: Array, y: Array) -> Array:
+        return values.at_states(t, np.concatenate([*bodies.states(t, y), y[:, first : first + count]], axis=1))
+
+    return of_all_nodes
+
+
+def motion_of_all(moved: MovedBodies, nb: Numbering) -> Loaded:
+    """The motion of every node moved by joint coordinates, written where the laws read it."""
+    pieces = []
+    for p, trees in moved.plans():
+        piece = p.motion_of_all
+        places = [[nb.node_place(head, tree.node(j), i) for head, j, i in piece.targets] for tree in trees]
+        pieces.append((piece, moved.gather(nb, piece, trees), np.array(places, dtype=np.intp)))
+    return pieces

@@ -78,7 +78,7 @@ def _stations(beam: Beam, mesh: LineMesh, planar: bool) -> list[Station]:
     half, none = mesh.headings / 2, np.zeros(len(mesh.headings))
     P = np.column_stack([np.cos(half), none, none, np.sin(half)]) if planar else mesh.quaternions
     zero, R = np.zeros((3, 3)), rotation_matrices(P)
-    rest = beam.velocity, beam.angular_velocity
+    rest = beam.drawn.velocity, beam.drawn.angular_velocity
     return [Station(f"{beam.name}[{i}]", 0.0, zero, r, R[i], *rest, beam=beam, turned=float(mesh.headings[i]),
                     quaternion=P[i])
             for i, r in enumerate(mesh.positions)]  # fmt: skip
@@ -89,7 +89,7 @@ def drawn_quaternion(body: Body | None) -> Array:
     what is interpolated along an element must not change its sign."""
     if isinstance(body, Station):
         return body.quaternion
-    return quaternion(body.rotation) if body is not None else np.eye(4)[0]
+    return quaternion(body.drawn.rotation) if body is not None else np.eye(4)[0]
 
 
 class Line:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import nan
 from typing import Any
@@ -23,6 +23,7 @@ from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Structure
 from mbdae.system.model.beams import Line, meshed
 from mbdae.system.model.condition_time import ConditionTime
+from mbdae.system.model.feedback import Scenery, fed_into
 from mbdae.system.model.joint_motion import JointMotion
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import rotation_matrices
@@ -41,6 +42,7 @@ class Instance:
     numbers: dict[str, float]
     timed: dict[str, Any]  #: parameter -> expression of time
     item: str
+    states: tuple[str, ...] = ()  #: names of the states of other laws that it reads
 
 
 @dataclass
@@ -93,6 +95,7 @@ class Model:
     lines: list[Line] = field(default_factory=list)  #: flexible beams
     attached: dict[tuple[str, str], Body] = field(default_factory=dict)  #: (item, side) on a beam -> the node it is attached to
     undefined: list[str] = field(default_factory=list)  #: of the rows vanished those that need axes of a point mass
+    scenery: Any = None  #: by which sensors are found, see `Scenery`
     conditions: ConditionTime = field(default_factory=ConditionTime)
 
     @cached_property
@@ -188,7 +191,7 @@ def _rotations(scene: SceneData) -> dict[str, str]:
 
 def scene_length(scene: SceneData) -> float:
     """Largest distance between any two points of the scene along an axis, m (1 m for a single point)."""
-    points = [p for b in scene.bodies for p in (b.position, *b.outline)]
+    points = [p for b in scene.bodies for p in (b.drawn.position, *b.outline)]
     points += [law.point_on(side) for c in scene.connections for law in c.laws for side in "kl"]
     races = [(c.joint, c.model.outer) for c in scene.joints if isinstance(c.model, Clearance)]
     points += [joint.at + side for joint, radius in races for side in (-radius * np.ones(3), radius * np.ones(3))]
@@ -202,12 +205,12 @@ def out_of_plane(scene: SceneData) -> str | None:
     if abs(scene.gravity[2]) > 0:
         return f"gravity has the z component {scene.gravity[2]:g} m/s^2"
     for b in scene.bodies:
-        points = np.array([b.position, *b.outline])
+        points = np.array([b.drawn.position, *b.outline])
         if np.max(np.abs(points[:, 2])) > tolerance:
             return f"body '{b.name}' has a point at z = {points[np.argmax(np.abs(points[:, 2])), 2]:g} m"
-        if np.max(np.abs(b.rotation[2] - [0, 0, 1])) > 1e-12:
+        if np.max(np.abs(b.drawn.rotation[2] - [0, 0, 1])) > 1e-12:
             return f"body '{b.name}' is rotated out of the plane"
-        if abs(b.velocity[2]) > 0 or np.max(np.abs(b.angular_velocity[:2])) > 0:
+        if abs(b.drawn.velocity[2]) > 0 or np.max(np.abs(b.drawn.angular_velocity[:2])) > 0:
             return f"body '{b.name}' starts with a velocity out of the plane"
         if isinstance(b, Beam) and mesh_of(b).normal_axis is None:
             return f"beam '{b.name}' has no section axis normal to the plane"
@@ -254,6 +257,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
             nodes.append(Node(called, None, kind, q, u, unit, c.name, name))
             q, u = q + kind.sizes[0], u + kind.sizes[1]
     by_coordinate = {(n.joint, n.coordinate): n for n in nodes if n.body is None}
+    scenery = Scenery(scene, planar, by_body, by_coordinate, meshes, attached, lambda c: laws_of(c, kept)[0])
     joints = {c.name: c for c in scene.joints}
     groups: dict[Any, Group] = {}
     vanished: list[str] = []
@@ -261,13 +265,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
     refused: list[str] = []
     for law, bodies, item in _laws(scene, kept, attached, [b for b in by_body if b is not None]):
         ends = tuple(by_body.get(b) for b in bodies)
-        sides, numbers = sides_of(law, bodies, ends, planar)
-        own = tuple(by_coordinate[key] for key in law.coordinates_in(item))
-        ends, sides = (*ends, *own), (*sides, *((n.kind, Axes.GENERAL) for n in own))
-        values = {p: getattr(law, p) for p in law.params if getattr(law, p) is not None}
-        timed = {p: v for p, v in values.items() if not isinstance(v, float)}
-        numbers |= {p: v for p, v in values.items() if p not in timed}
-        key: tuple[Any, Structure, tuple[Side, ...]] = (type(law), law.structure(frozenset(timed)), sides)
+        key, instance = entry_of(scenery, law, bodies, ends, item)
         try:
             derived = derive(*key)
             vanished += [f"{item}.{row}" for row in derived.vanished]
@@ -281,7 +279,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
             if planar:
                 raise LawError(f"{item}: {error}") from error
             refused.append(f"'{item}': {error}")
-        groups.setdefault(key, Group(key)).instances.append(Instance(law, ends, numbers, timed, item))
+        groups.setdefault(key, Group(key)).instances.append(instance)
     length = scene_length(scene)
     refused += [f"{c.kind} '{c.name}': {off}" for c in scene.joints if (off := JointMotion(c).not_as_drawn(length))]
     if refused:
@@ -290,7 +288,22 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
         for n in by_coordinate.values():
             key = (JointCoordinate, Structure(), ((n.kind, Axes.GENERAL),))
             groups.setdefault(key, Group(key)).instances.append(Instance(JointCoordinate(n.name), (n,), {}, {}, n.name))
-    return Model(scene, planar, why, nodes, list(groups.values()), length, vanished, kept, lines, attached, undefined)
+    return Model(scene, planar, why, nodes, list(groups.values()), length, vanished, kept, lines, attached, undefined, scenery)
+
+
+def entry_of(scenery: Scenery, law: Any, bodies: tuple[Body, ...], ends: tuple[Node | None, ...],
+             item: str) -> tuple[tuple[Any, Structure, tuple[Side, ...]], Instance]:  # fmt: skip
+    """The key of the group of a law between bodies with these nodes, and its instance there."""
+    sides, numbers = sides_of(law, bodies, ends, scenery.planar)
+    own = tuple(scenery.by_coordinate[key] for key in law.coordinates_in(item))
+    values = {p: getattr(law, p) for p in law.params if getattr(law, p) is not None}
+    fed = fed_into(scenery, values)
+    values = {p: v for p, v in values.items() if p not in dict(fed.names)} | fed.numbers | fed.timed
+    timed = {p: v for p, v in values.items() if not isinstance(v, float)}
+    numbers |= fed.frames | {p: v for p, v in values.items() if p not in timed}
+    structure = replace(law.structure(frozenset(timed)), feeds=fed.feeds)
+    nodes, sides = (*ends, *own, *fed.nodes), (*sides, *((n.kind, Axes.GENERAL) for n in own), *fed.sides)
+    return (type(law), structure, sides), Instance(law, nodes, numbers, timed, item, tuple(fed.states))
 
 
 def without_rows(item: str, d: Derived) -> list[str]:
@@ -316,11 +329,12 @@ def _laws(scene: SceneData, kept: Mapping[str, str], attached: Mapping[tuple[str
         out.append((element_of(b), (b,), b.name))
         if np.any(scene.gravity) and b.mass:
             field_ = {n: float(g) for n, g in zip(("gx", "gy", "gz"), scene.gravity, strict=True) if g}
-            gravity = Gravity(b.name, scene.ground, b, b.position, mass=float(b.mass), **field_)
+            gravity = Gravity(b.name, scene.ground, b, b.drawn.position, mass=float(b.mass), **field_)
             out.append((gravity, (scene.ground, b), b.name))
     for c in scene.connections:
         sides = {side: attached.get((c.name, side), body) for side, body in (("k", c.k), ("l", c.l), *c.others.items())}
         out += [(law, tuple(sides[side] for side in law.frames), c.name) for law in laws_of(c, kept)]
+    out += [(signal.law, (), signal.name) for signal in scene.signals if signal.law is not None]
     return out
 
 

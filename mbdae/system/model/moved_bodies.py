@@ -43,7 +43,8 @@ class MovedBodies:
         moved = set(self.nodes)
         inside = {place for tree in trees for place in (*tree.joints, *tree.members)}
         outside = [(g, i, acting_on(inst)) for g, i, inst in model.instances() if (g, i) not in inside]
-        idle = {(g, i) for g, i, nodes in outside if nodes and all(n in moved and n.body is None for n in nodes)}
+        idle = {(g, i) for g, i, nodes in outside if nodes and all(n in moved and n.body is None for n in nodes)
+                and not model.groups[g].key[1].feeds}  # fmt: skip
         loaded = {n for g, i, nodes in outside if (g, i) not in idle for n in nodes if n in moved}
         loaded |= {n for line in model.lines for n in line.nodes if n in moved}
         self.replaced = frozenset(inside | idle)

@@ -95,6 +95,8 @@ class Numbering:
                        for i, instance in enumerate(group.instances) if (g, i) not in replaced
                        for j, name in enumerate(states)}  # fmt: skip
         self._state = {key: n for n, key in enumerate(self.states)}
+        self._kept_state = {model.groups[g].instances[i].item: n for (g, i, _), n in self._state.items()
+                            if model.groups[g].instances[i].law.keeps_states}  # fmt: skip
         self._row = {(r.group, r.instance, r.row): n for n, r in enumerate(rows)}
         self.stresses = [name for line in model.lines for name in line.stresses] if "z" in blocks else []
         sizes = {"q": self.nq, "u": self.nu, "s": len(self.states), "z": len(self.stresses)}
@@ -221,8 +223,14 @@ class Numbering:
             return self.node_place(head, self.node_of(target, g, i), target[2])
         if head in ("s", "sp"):
             return self.start["s"] + self._state[g, i, target[1]] + (self.n if head == "sp" else 0)
+        if head == "foreign":
+            return self.place_of_state(self.model.groups[g].instances[i].states[target[1]])
         row = self._row.get((g, i, target[1]))
         return -1 if row is None else self.start[head] + row + (self.n if self.derivatives else 0)
+
+    def place_of_state(self, item: str) -> int:
+        """Place among the unknowns of the state of an item that has one for others to read."""
+        return self.start["s"] + self._kept_state[item]
 
     def places(self, target: Target, g: int, active: Sequence[int] | None = None) -> NDArray[np.intp]:
         """The same (instances,) of many instances of a group, by default all."""

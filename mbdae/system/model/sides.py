@@ -26,8 +26,8 @@ def sides_of(law: Any, bodies: tuple[Body, ...], nodes: tuple[Node | None, ...],
     numbers: dict[str, float] = {}
     for side, body, node in zip(law.frames, bodies, nodes, strict=True):
         kind = node.kind if node is not None else (NodeKind.PLANAR_GROUND if planar else NodeKind.GROUND)
-        Q = body.rotation.T @ J
-        offset = body.rotation.T @ (law.point_on(side) - body.position)
+        Q = body.drawn.rotation.T @ J
+        offset = body.drawn.rotation.T @ (law.point_on(side) - body.drawn.position)
         sides.append((kind, pattern(Q) if planar else Axes.GENERAL))
         numbers |= zip(_names(side), (*offset.tolist(), *Q.T.ravel().tolist(), body.heading), strict=True)
     if law.at_nodes:
@@ -45,9 +45,9 @@ def _names(side: str) -> tuple[str, ...]:
 def joint_axes(law: Any, k: Body) -> Array:
     """Joint axes as drawn (columns, inertial): z along the axis; laws along the axes of a body take that body's."""
     if law.axes_of == "k":
-        return k.rotation
+        return k.drawn.rotation
     if law.axes_of == "l":
-        return law.l.rotation  # type: ignore[no-any-return]
+        return law.l.drawn.rotation  # type: ignore[no-any-return]
     return _axes(tuple(map(float, law.axis)), None if law.axis_x is None else tuple(map(float, law.axis_x)))
 
 

@@ -14,7 +14,7 @@ from mbdae.scene.components import Body, Connection
 from mbdae.scene.topology import leader
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.joint import Joint
-from mbdae.symbolic.law import Element, Force
+from mbdae.symbolic.law import Element, Force, Structure
 from mbdae.symbolic.tree_motion import Link, Member, Numbers, TreeStructure
 from mbdae.system.model.beams import drawn_quaternion
 from mbdae.system.model.model import Instance, Model
@@ -173,7 +173,7 @@ def _tree(model: Model, root: Body, edges: list[tuple[Body, Connection, Body]], 
     links = tuple(made)
     kind = nodes[0].kind if nodes[0] is not None else NodeKind.PLANAR_GROUND if model.planar else NodeKind.GROUND
     numbered = {n: j for j, n in enumerate(nodes) if n is not None}
-    members = tuple((g, i) for g, i, instance in model.instances() if _is_member(instance, numbered))
+    members = tuple((g, i) for g, i, instance in model.instances() if _is_member(instance, model.groups[g].key[1], numbered))
     stated = tuple(_member(model, g, i, numbered) for g, i in members)
     names = tuple(c.name for _, c, _ in edges)
     return Tree(TreeStructure(kind, links, stated), nodes, tuple(coordinates), joints, names, members, numbers)
@@ -220,13 +220,13 @@ def _rounded(numbers: dict[str, float], length: float) -> Numbers:
     return tuple(out)
 
 
-def _is_member(instance: Instance, numbered: dict[Node, int]) -> bool:
+def _is_member(instance: Instance, structure: Structure, numbered: dict[Node, int]) -> bool:
     """Elements and forces between nodes of one tree (and the ground) that act on one that its joints move. Contacts stay outside:
     what watches their gaps between steps reads the motion of the bodies."""
     moving = [n for n in instance.nodes if n is not None]
     law = instance.law
     touches = isinstance(law, Force) and law.has_gaps
-    return (isinstance(law, Element | Force) and not touches and not law.states and not law.own_coordinates
+    return (isinstance(law, Element | Force) and not (touches or law.states or law.own_coordinates or structure.feeds)
             and all(n in numbered for n in moving) and any(numbered[n] > 0 for n in moving))  # fmt: skip
 
 

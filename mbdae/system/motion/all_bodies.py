@@ -53,6 +53,8 @@ class AllBodies:
         return q[:, self.numbering.of_positions], u[:, self.numbering.of_velocities]
 
     def _motion(self, W: Array, up: Array | None) -> tuple[Array, Array, Array]:
+        if self.moved.ordered:
+            raise TypeError("trees that are evaluated joint by joint have no kernels of their own: see `bodies_of`")
         nb, model = self.numbering, self.model
         q, u, a = (np.zeros((len(W), n)) for n in (model.nq, model.nu, model.nu))
         q[:, nb.of_positions], u[:, nb.of_velocities] = W[:, : self.nq], W[:, self.nq : self.nq + self.nu]

@@ -125,6 +125,11 @@ class OrderedBodies(AllBodies):
         return columns
 
 
+def bodies_of(model: Model, moved: MovedBodies) -> AllBodies:
+    """The motion of all bodies of a model, in the way its trees are evaluated."""
+    return (OrderedBodies if moved.ordered else AllBodies)(model, moved)
+
+
 class _Accelerations(_AtStates):
     """u' of all nodes from forces on them, which stand in slots behind the numbers of a state."""
 

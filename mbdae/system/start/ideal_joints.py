@@ -48,7 +48,7 @@ def _mechanics(scene: SceneData, kept: dict[str, str]) -> Mechanics:
 
 def _off_centre(c: Connection, scene: SceneData) -> bool:
     """Whether the pin is a mass point that is drawn elsewhere than the race."""
-    return c.l.is_point and float(np.linalg.norm(c.l.position - c.joint.at)) > FLAT * scene_length(scene)
+    return c.l.is_point and float(np.linalg.norm(c.l.drawn.position - c.joint.at)) > FLAT * scene_length(scene)
 
 
 def _has_velocity(c: Connection) -> bool:

@@ -78,7 +78,7 @@ class ConsistentPositions:
         for node, body in self.model.bodies:
             P, r = motion[body.owner]
             n = node.kind.translations
-            q[node.q : node.q + n] = (rotation_matrices(P) @ body.position + r)[:n]
+            q[node.q : node.q + n] = (rotation_matrices(P) @ body.drawn.position + r)[:n]
             if node.kind is NodeKind.PLANAR:
                 q[node.q + 2] = body.heading + turns[body.owner]  # whole turns along the tree included
             elif node.kind is NodeKind.SPATIAL:

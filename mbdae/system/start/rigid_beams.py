@@ -40,8 +40,8 @@ class RigidMotions:
             own = nodes[0].body
             assert own is not None
             beam = own.owner
-            turn = rotation_of(nodes[0].kind, q[nodes[0].q : nodes[0].q + nodes[0].kind.sizes[0]]) @ own.rotation.T
-            moving.append((nodes[0], beam, turn @ (beam.position - own.position)))
+            turn = rotation_of(nodes[0].kind, q[nodes[0].q : nodes[0].q + nodes[0].kind.sizes[0]]) @ own.drawn.rotation.T
+            moving.append((nodes[0], beam, turn @ (beam.drawn.position - own.drawn.position)))
         column = 0
         found: list[tuple[Body, Any, Any]] = []
         for node, body, arm in moving:

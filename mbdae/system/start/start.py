@@ -65,10 +65,10 @@ class Starter(ConsistentPositions):
         twist: dict[Body, tuple[Array, Array]] = {}  # velocity of the centre of mass, angular velocity
         place = self._poses(q)
         for root in self.tree.roots:
-            twist[root] = (root.velocity, root.angular_velocity)
+            twist[root] = (root.drawn.velocity, root.drawn.angular_velocity)
         for parent, joint, child in self.tree.edges:
             by_itself = joint.loose and child.given_velocity
-            twist[child] = (child.velocity, child.angular_velocity) if by_itself else (
+            twist[child] = (child.drawn.velocity, child.drawn.angular_velocity) if by_itself else (
                 self._twist_of(twist[parent], parent, joint, child, place))  # fmt: skip
         u = np.zeros(self.mechanics.nu)
         for node, body in self.model.bodies:
@@ -90,22 +90,22 @@ class Starter(ConsistentPositions):
                place: dict[Body, tuple[Array, Array]]) -> tuple[Array, Array]:  # fmt: skip
         """Velocity of the centre of mass and angular velocity of a child that moves by its joint as held; its own where given."""
         (v, w), (r, R), (rc, _) = twist, place[parent], place[child]
-        if not (v.any() or w.any() or child.angular_velocity.any() or self.held_rates(joint)):
-            return child.velocity, child.angular_velocity
+        if not (v.any() or w.any() or child.drawn.angular_velocity.any() or self.held_rates(joint)):
+            return child.drawn.velocity, child.drawn.angular_velocity
         motion, outwards = self._motion(joint), joint.l is child
         way, slide, spin = motion.rates(self.held_values(joint), self.held_rates(joint))
         _, Rk = place[joint.k.owner]
-        to_now = Rk @ joint.k.rotation.T  # the joint's motion is known in axes fixed to k, as drawn
-        point = r if parent.is_point else r + R @ parent.rotation.T @ (motion.at - parent.position)
+        to_now = Rk @ joint.k.drawn.rotation.T  # the joint's motion is known in axes fixed to k, as drawn
+        point = r if parent.is_point else r + R @ parent.drawn.rotation.T @ (motion.at - parent.drawn.position)
         point = point + to_now @ way if outwards else point
         sign = 1.0 if outwards else -1.0
         turning = w + sign * to_now @ spin
-        if np.any(child.angular_velocity):
-            turning = child.angular_velocity
+        if np.any(child.drawn.angular_velocity):
+            turning = child.drawn.angular_velocity
         if not (w.any() or turning.any() or slide.any()):
-            return (child.velocity if np.any(child.velocity) else v), turning
+            return (child.drawn.velocity if np.any(child.drawn.velocity) else v), turning
         carried = v + np.cross(w, point - r) + sign * to_now @ slide + np.cross(turning, rc - point)
-        return (child.velocity if np.any(child.velocity) else carried), turning
+        return (child.drawn.velocity if np.any(child.drawn.velocity) else carried), turning
 
     def _poses(self, q: Array) -> dict[Body, tuple[Array, Array]]:
         poses = {self.scene.ground: (np.zeros(3), np.eye(3))}
@@ -114,8 +114,8 @@ class Starter(ConsistentPositions):
             R = rotation_of(node.kind, q[node.q : node.q + node.kind.sizes[0]])
             poses[body] = (r, R)
             if body is not body.owner and body.owner not in poses:  # a rigid beam moves with its first node
-                R = R @ body.rotation.T
-                poses[body.owner] = (r + R @ (body.owner.position - body.position), R)
+                R = R @ body.drawn.rotation.T
+                poses[body.owner] = (r + R @ (body.owner.drawn.position - body.drawn.position), R)
         return poses
 
     def project_velocities(self, q: Array, u: Array) -> Array:
@@ -195,4 +195,4 @@ class Starter(ConsistentPositions):
 def _stated(given: tuple[Body, Any, Any]) -> tuple[Any, Any]:
     """The rows of the velocity and of the angular velocity of a body that the user states: those that are not zero."""
     body, moves, turns = given
-    return moves[: None if np.any(body.velocity) else 0], turns[: None if np.any(body.angular_velocity) else 0]
+    return moves[: None if np.any(body.drawn.velocity) else 0], turns[: None if np.any(body.drawn.angular_velocity) else 0]

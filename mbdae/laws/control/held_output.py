@@ -1,0 +1,17 @@
+"""An output of a sampled controller, held from one instant to the next."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import symengine as se
+
+from mbdae.laws.control.internal_state import InternalState
+from mbdae.symbolic.vectors import Expr
+
+
+class HeldOutput(InternalState):
+    """A state that is constant; the controller sets it at its instants."""
+
+    def rates(self, *frames: Any, **_: Any) -> dict[str, Expr]:
+        return {"value": se.Integer(0)}

@@ -1,0 +1,143 @@
+"""Conditions on sensors, "J.angle > 1.0", as text or symbols: the functions that change their sign, and how they are joined."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import symengine as se
+from numpy.typing import NDArray
+
+from mbdae.errors import OptionError
+from mbdae.inputs import text, timed
+from mbdae.inputs.sensed import paths, symbol_name
+from mbdae.scene import sensed
+from mbdae.symbolic.rebuild import CONDITIONS, is_condition
+from mbdae.symbolic.vectors import Expr
+from mbdae.values import BadValueError, shown
+
+EXAMPLE = "write one such as 'J.angle > 0.5', 'b.position[1] == 0', or sympy.And(...) of such"
+_NAME = re.compile(r'sensor\("(?:[^"\\]|\\.)*"\)|(?<![\w.])[A-Za-z_]\w*(?:\.at\([^()]*\)|\.[A-Za-z_]\w*)*(?:\[[\d\s,]*\])*')
+Truth = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A condition by its text: functions g (k,) that change their sign, whether each is an equation g = 0 (else it holds where
+    g > 0), and the tree that joins them: a number of a function, or "and", "or", "not" with parts."""
+
+    name: str
+    functions: tuple[Expr, ...]
+    equations: tuple[bool, ...]
+    tree: Any
+
+    def holds(self, atoms: Truth) -> bool:
+        """Whether it holds where its parts (k,) do or do not."""
+        return _joined(self.tree, atoms)
+
+
+def _joined(tree: Any, atoms: Truth) -> bool:
+    if isinstance(tree, int):
+        return bool(atoms[tree])
+    kind, parts = tree
+    found = [_joined(part, atoms) for part in parts]
+    return all(found) if kind == "and" else any(found) if kind == "or" else not found[0]
+
+
+def conditions(scene: Any, option: str, given: Any) -> list[Condition]:
+    """Those given for an option: one, or a list; OptionError where one is no condition or reads a sensor that does not exist."""
+    if given is None:
+        return []
+    if not isinstance(given, list | tuple):
+        return [_read(scene, f"{option} = {shown(given)}", given)]
+    head = f"{option} = {shown(given)}: {option}"
+    return [_read(scene, f"{head}[{i}] = {shown(one)}", one) for i, one in enumerate(given)]
+
+
+def _read(scene: Any, stated: str, given: Any) -> Condition:
+    """A condition; stated: option and value, for a message."""
+    try:
+        e = _condition_of(scene, given)
+        name = given if isinstance(given, str) else str(given)
+        made = _Atoms()
+        sides = _sides(scene, given)
+        tree = made.tree(e) if sides is None else made.equation(*sides)
+        for path in sorted({path for g in made.functions for path in paths(g)}):
+            sensed.found(scene, path)
+    except (BadValueError, ValueError) as refused:
+        raise OptionError(f"{stated}: {refused}") from None
+    return Condition(name, tuple(made.functions), tuple(made.equations), tree)
+
+
+def _condition_of(scene: Any, given: Any) -> Expr:
+    """A condition as symengine sees it."""
+    if isinstance(given, bool | np.bool_):
+        raise BadValueError(f"a comparison with == of symbols is Python's own, which is {given} at once; write it as text, "
+                            f"'J.angle == 0', or as sympy.Eq(...)")  # fmt: skip
+    if isinstance(given, str):
+        e = text.whole(_with_symbols(scene, given))
+    else:
+        try:
+            e = se.sympify(given)
+        except Exception:  # SymPy and symengine may raise anything
+            raise BadValueError(f"it is no condition; {EXAMPLE}") from None
+    if not is_condition(e):
+        raise BadValueError(f"it is no condition; {EXAMPLE}")
+    if e in (se.true, se.false):
+        raise BadValueError("it does not depend on the motion or on time")
+    return e
+
+
+def _sides(scene: Any, given: Any) -> tuple[Any, Any] | None:
+    """Left and right side of an equation as they are stated: symengine orders them anew; None where it is no single equation."""
+    if isinstance(given, str):
+        parts = given.split("==")
+        alone = len(parts) == 2 and not any(sign in given for sign in ("<", ">", "!=", "And", "Or", "Not"))
+        return (text.read(_with_symbols(scene, parts[0])), text.read(_with_symbols(scene, parts[1]))) if alone else None
+    return (given.lhs, given.rhs) if type(given).__name__ == "Equality" and hasattr(given, "lhs") else None
+
+
+def _with_symbols(scene: Any, given: str) -> str:
+    """The text with symbols in place of paths."""
+    signals = {one.name for one in scene.signals}
+
+    def name(match: re.Match[str]) -> str:
+        found = match[0]
+        called = given[match.end() :].lstrip().startswith("(")
+        is_path = "." in found or found in signals
+        return symbol_name(found) if is_path and not called and not found.startswith("sensor(") else found
+
+    return _NAME.sub(name, given)
+
+
+class _Atoms:
+    """The comparisons of one condition, each once."""
+
+    def __init__(self) -> None:
+        self.functions: list[Expr] = []
+        self.equations: list[bool] = []
+
+    def tree(self, e: Expr) -> Any:
+        """Numbers of comparisons, joined."""
+        kind = type(e).__name__
+        if kind in ("And", "Or", "Not"):
+            return kind.lower(), [self.tree(part) for part in e.args]
+        if kind not in CONDITIONS or kind == "Xor" or len(e.args) != 2:
+            raise BadValueError(f"it contains {e}, which is no comparison; {EXAMPLE}")
+        less, more = e.args
+        if kind == "Unequality":
+            return "not", [self._atom(more - less, True)]
+        return self._atom(more - less, kind == "Equality")  # a > b is kept as b < a
+
+    def equation(self, left: Any, right: Any) -> int:
+        """The number of an equation by its sides: its function rises where the left one does."""
+        return self._atom(left - right, True)
+
+    def _atom(self, g: Expr, equation: bool) -> int:
+        self.functions.append(se.sympify(timed.expression(g, sensors=True)))
+        self.equations.append(equation)
+        if not self.functions[-1].free_symbols:
+            raise BadValueError("it does not depend on the motion or on time")
+        return len(self.functions) - 1

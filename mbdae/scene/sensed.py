@@ -1,0 +1,161 @@
+"""Sensors that loads, states, controllers and events read: found in a scene by their paths, checked before anything is solved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any
+
+from mbdae.errors import OptionError, SceneError
+from mbdae.inputs.sensed import paths
+from mbdae.scene.components import Array, Body, Connection, Controller, Signal
+from mbdae.scene.sensor_names import parsed, placed, rates_of
+from mbdae.symbolic.joint import Joint
+from mbdae.values import BadValueError
+
+MOTION = {"position": (3,), "velocity": (3,), "angular_velocity": (3,), "rotation": (3, 3)}  #: of bodies, with their shapes
+#: what follows from accelerations: known when the loads are, so that no load can depend on it
+LOOPS = ("force", "torque", "power", "acceleration", "angular_acceleration", "drive", "gap", "normal_force")
+
+
+@dataclass(frozen=True, eq=False)
+class Sensed:
+    """What a path names: its item, the quantity with its entry, whether it is the rate of a coordinate, and of a body the place
+    (3,), m as drawn."""
+
+    item: Any
+    quantity: str = ""
+    entry: tuple[int, ...] = ()
+    rated: bool = False
+    point: Array | None = None
+
+
+def found(scene: Any, path: str) -> Sensed:
+    """What a path names in a scene; BadValueError with a sentence where there is nothing that can be read."""
+    signal = scene._by_name.get(path)
+    if isinstance(signal, Signal):
+        return Sensed(signal)
+    name, quantity, entry = parsed(path)
+    try:
+        item, where = placed(scene, name)
+    except SceneError:
+        raise BadValueError(_unknown(scene, path)) from None
+    if isinstance(item, Connection):
+        return _of_connection(scene, path, item, quantity)
+    if isinstance(item, Body):
+        return _of_body(scene, path, Sensed(item, quantity, entry, point=None if where is None else item.at(where).point))
+    raise BadValueError(_unknown(scene, path))
+
+
+def _of_connection(scene: Any, path: str, item: Connection, quantity: str) -> Sensed:
+    rates = rates_of(item) if isinstance(item.joint, Joint) else {}
+    if quantity in item.scalars or quantity in rates:
+        return Sensed(item, rates.get(quantity, quantity), rated=quantity in rates)
+    _refuse_loop(path, quantity)
+    raise BadValueError(_unknown(scene, path))
+
+
+def _of_body(scene: Any, path: str, sensed: Sensed) -> Sensed:
+    shape = MOTION.get(sensed.quantity)
+    if shape is None:
+        _refuse_loop(path, sensed.quantity)
+        raise BadValueError(_unknown(scene, path))
+    if len(sensed.entry) != len(shape) or max(sensed.entry) > 2:
+        one = f"{sensed.item.name}.{sensed.quantity}[{', '.join('1' for _ in shape)}]"
+        raise BadValueError(f"'{path}' is no single number; say which component, such as '{one}' (from 0 to 2)")
+    return sensed
+
+
+def _refuse_loop(path: str, quantity: str) -> None:
+    if quantity.partition("[")[0] in LOOPS:
+        raise BadValueError(f"'{path}' follows from accelerations and reactions, which depend on the loads themselves (an "
+                            f"algebraic loop); read positions, velocities or states, such as a filtered one: "
+                            f"s.state(name, rate=...)")  # fmt: skip
+
+
+def _unknown(scene: Any, path: str) -> str:
+    known = known_paths(scene)
+    close = get_close_matches(path, known, 1)
+    meant = f"did you mean '{close[0]}'? " if close else ""
+    few = ", ".join(repr(one) for one in known[:12]) + (", ..." if len(known) > 12 else "")
+    return f"there is no sensor '{path}': {meant}There are {few or 'none'}"
+
+
+def known_paths(scene: Any) -> list[str]:
+    """The sensors that may be read, by path."""
+    joints = [f"{c.name}.{q}" for c in scene.joints for q in (*c.scalars, *rates_of(c))]
+    bodies = [f"{b.name}.{q}[{', '.join('0' for _ in shape)}]" for b in scene.bodies for q, shape in MOTION.items()]
+    return [*(one.name for one in scene.signals), *joints, *bodies]
+
+
+def refuse_sampled(scene: Any, what: str) -> None:
+    """Raise OptionError where a scene has a sampled controller, of which `what` would know nothing."""
+    for one in scene.controllers:
+        raise OptionError(f"{what}: controller '{one.name}' is a function called every {one.every:g} s, which only runs know; "
+                          f"state its law as feedback, with s.sensor and s.state, or use s.simulate")  # fmt: skip
+
+
+def read_by(item: Any) -> list[str]:
+    """Paths of the sensors on which a joint, force, signal or controller depends."""
+    if isinstance(item, Connection):
+        return [path for law in item.laws for key in law.params for path in paths(getattr(law, key))]
+    return item.reads() if isinstance(item, Signal) else list(item.reads)
+
+
+def fed(scene: Any) -> list[tuple[str, list[str]]]:
+    """What depends on sensors: the item in words, and the paths."""
+    out = [(f"controller '{one.name}'" if isinstance(one, Controller) else f"{one.kind} '{one.name}'", read_by(one))
+           for one in (*scene.connections, *scene.signals, *scene.controllers)]  # fmt: skip
+    return [(item, read) for item, read in out if read]
+
+
+def problems(scene: Any) -> list[str]:
+    """Sensors that cannot be read, one sentence each with the item that reads them; signals that depend on themselves."""
+    out = []
+    for item, read in fed(scene):
+        for path in read:
+            try:
+                found(scene, path)
+            except BadValueError as refused:
+                out.append(f"{item}: {refused}")
+    return out or _circles(scene)
+
+
+def _circles(scene: Any) -> list[str]:
+    """Signals that depend on themselves."""
+    needs = {one.name: [p for p in one.reads() if p != one.name or one.kind == "signal"]
+             for one in scene.signals if one.kind == "signal"}  # fmt: skip
+
+    def walk(name: str, above: tuple[str, ...]) -> str:
+        if name in above:
+            way = " -> ".join((*above[above.index(name) :], name))
+            return f"signal '{name}' depends on itself ({way}), an algebraic loop: put a state between, s.state(name, rate=...)"
+        return next((text for path in needs.get(name, ()) if (text := walk(path, (*above, name)))), "")
+
+    return [text for name in needs if (text := walk(name, ()))][:1]
+
+
+def keep_read_coordinates(scene: Any, read: Iterable[str]) -> None:
+    """Angles that are read by these paths, and coordinates that bodies do not show, become unknowns of their own: whole turns
+    count. Joints may be stated later: `_wanted` of the scene has what is read of every name, and each joint asks for its own."""
+    names = dict[str, None]()
+    for path in read:
+        name, quantity, _ = parsed(path)
+        scene._wanted.setdefault(name, set()).add(quantity)
+        names[name] = None
+    for name in names:
+        keep_wanted(scene, scene._by_name.get(name))
+
+
+def keep_wanted(scene: Any, c: Any) -> None:
+    """The same of one item, where it is a joint of which something is read."""
+    wanted = scene._wanted.get(c.name) if isinstance(c, Connection) and c.is_joint else None
+    if not wanted or c.loose:
+        return
+    coordinates = [q for one in wanted for q in [rates_of(c).get(one, one)] if q in c.scalars]
+    shown = type(c.joint).coordinate is not Joint.coordinate
+    if any(c.unit(q) == "rad" or not shown for q in coordinates):
+        for part in (*c.laws, *c.as_kinematic):
+            if hasattr(part, "kept"):
+                part.kept = True

@@ -1,0 +1,182 @@
+"""Feedback in a model: what the sensors in the parameters of a law read, as frames, nodes, numbers and values in time.
+
+An expression of sensors is brought into a form that laws with other numbers share: readings, signals, numbers and whatever
+depends on time alone become symbols of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import symengine as se
+
+from mbdae.errors import SceneError
+from mbdae.inputs.sensed import path_of, paths
+from mbdae.inputs.text import TIME
+from mbdae.scene.components import Beam, Body, Connection, Signal
+from mbdae.scene.sensed import Sensed, found
+from mbdae.symbolic.derive import Side
+from mbdae.symbolic.frames import Axes
+from mbdae.symbolic.law import Structure
+from mbdae.symbolic.rebuild import is_condition, joined
+from mbdae.symbolic.statement import Feeds, Reading
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.model.beams import Meshed
+from mbdae.system.model.nodes import Node
+from mbdae.system.model.sides import sides_of
+from mbdae.values import BadValueError
+
+AT = 1e-9  #: relative to the length of a beam: how far from a node a sensor may be
+HALF = se.Rational(1, 2)
+
+
+@dataclass(frozen=True)
+class Scenery:
+    """What is known of a model's nodes when its laws are gathered: nodes of bodies and of joint coordinates, meshes of beams,
+    the body an item is attached to, and the law of a joint."""
+
+    scene: Any
+    planar: bool
+    by_body: Mapping[Any, Node]
+    by_coordinate: Mapping[tuple[str, str], Node]
+    meshes: Mapping[Beam, Meshed]
+    attached: Mapping[tuple[str, str], Body]
+    law_of: Callable[[Connection], Any]
+
+
+@dataclass
+class Fed:
+    """What is fed into one law: names with their expressions, readings with kinds and nodes of their frames, numbers, those of
+    the frames, values in time, and names of the states of other laws."""
+
+    names: list[tuple[str, Expr]] = field(default_factory=list)
+    readings: list[Reading] = field(default_factory=list)
+    sides: list[Side] = field(default_factory=list)
+    nodes: list[Node | None] = field(default_factory=list)
+    numbers: dict[str, float] = field(default_factory=dict)
+    frames: dict[str, float] = field(default_factory=dict)
+    timed: dict[str, Expr] = field(default_factory=dict)
+    states: list[str] = field(default_factory=list)
+
+    @property
+    def feeds(self) -> Feeds:
+        """As a part of the structure of the law."""
+        return Feeds(tuple(self.readings), tuple(self.names))
+
+
+def fed_into(scenery: Scenery, values: Mapping[str, Any]) -> Fed:
+    """What is fed into a law by the expressions of sensors among its values."""
+    made = _Feeding(scenery)
+    for name, value in values.items():
+        if paths(value):
+            made.fed.names.append((name, made.shared(value, name)))
+    return made.fed
+
+
+class _Feeding:
+    """The expressions of one law, one after the other."""
+
+    def __init__(self, scenery: Scenery) -> None:
+        self.scenery, self.fed = scenery, Fed()
+        self._known: dict[str, Expr] = {}  # path -> symbol
+        self._given: dict[tuple[str, Expr], Expr] = {}  # numbers and values in time with their symbols
+
+    def shared(self, e: Any, name: str) -> Expr:
+        """An expression in symbols; name: of what it is the value."""
+        e = se.sympify(e)
+        free = e.free_symbols
+        if is_condition(e) and free and free <= {TIME}:
+            return se.Gt(self._parameter(name, "t", se.Piecewise((se.Integer(1), e), (se.Integer(0), se.true))), HALF)
+        if isinstance(e, se.Symbol) and path_of(e):
+            return self._of(path_of(e))
+        if free and free <= {TIME}:
+            return self._parameter(name, "t", e)
+        if isinstance(e, se.RealDouble):
+            return self._parameter(name, "n", e)
+        if not e.args:
+            return e
+        parts = e.args
+        if isinstance(e, se.Pow) and parts[1].is_Number:
+            return self.shared(parts[0], name) ** parts[1]
+        return joined(e, [self.shared(part, name) for part in parts])
+
+    def _parameter(self, name: str, kind: str, e: Expr) -> Expr:
+        """A symbol for a number ("n") or for a value in time ("t")."""
+        if (kind, e) not in self._given:
+            symbol = f"{name}_{kind}{len(self._given) + 1}"
+            if kind == "n":
+                self.fed.numbers[symbol] = float(e)
+            else:
+                self.fed.timed[symbol] = e
+            self._given[kind, e] = se.Symbol(symbol)
+        return self._given[kind, e]
+
+    def _of(self, path: str) -> Expr:
+        """The symbol of a sensor or signal, which is entered where it is new."""
+        if path not in self._known:
+            try:
+                sensed = found(self.scenery.scene, path)
+            except BadValueError as refused:
+                raise SceneError([str(refused)]) from None
+            if isinstance(sensed.item, Signal) and sensed.item.kind == "signal":
+                value = self.shared(sensed.item.value, "signal")
+                name = f"signal{len(self.fed.names) + 1}"
+                self.fed.names.append((name, value))
+            else:
+                name = f"reading{len(self.fed.readings) + 1}"
+                self.fed.readings.append(self._reading(name, sensed))
+            self._known[path] = se.Symbol(name)
+        return self._known[path]
+
+    def _reading(self, symbol: str, sensed: Sensed) -> Reading:
+        item = sensed.item
+        if isinstance(item, Signal):
+            self.fed.states.append(item.name)
+            return Reading(symbol, "state", 0)
+        return self._of_joint(symbol, sensed) if isinstance(item, Connection) else self._of_body(symbol, sensed)
+
+    def _of_joint(self, symbol: str, sensed: Sensed) -> Reading:
+        c, near = sensed.item, self.scenery
+        node = near.by_coordinate.get((c.name, sensed.quantity))
+        if node is not None:
+            self.fed.sides.append((node.kind, Axes.GENERAL))
+            self.fed.nodes.append(node)
+            return Reading(symbol, "coordinate", 1, rated=sensed.rated)
+        law = near.law_of(c)
+        bodies = tuple(near.attached.get((c.name, side), body) for side, body in (("k", c.k), ("l", c.l)))
+        self._frames(law, ("k", "l"), bodies)
+        plain = Structure(options=tuple((option, None) for option in law.options))
+        return Reading(symbol, "joint", 2, rated=sensed.rated, joint=(type(law), plain, sensed.quantity))
+
+    def _of_body(self, symbol: str, sensed: Sensed) -> Reading:
+        body = sensed.item
+        point = body.drawn.position if sensed.point is None else sensed.point
+        if isinstance(body, Beam):
+            body = self._station(body, point)
+        place = SimpleNamespace(frames=("b",), axes_of="k", at_nodes=True, point_on=lambda side: point)
+        self._frames(place, ("b",), (body,))
+        return Reading(symbol, sensed.quantity, 1, sensed.entry)
+
+    def _station(self, beam: Beam, point: Any) -> Body:
+        stations = self.scenery.meshes[beam].stations
+        nearest = min(stations, key=lambda s: float(np.linalg.norm(s.drawn.position - point)))
+        length = float(np.linalg.norm(np.ptp(beam.outline, axis=0)))
+        if np.linalg.norm(nearest.drawn.position - point) > AT * length:
+            at = np.round(nearest.drawn.position, 9).tolist()
+            raise SceneError([f"a sensor at {np.round(point, 9).tolist()} m of beam '{beam.name}' has no node there; read "
+                              f"the node at {at} m, or attach something at the place"])  # fmt: skip
+        return nearest
+
+    def _frames(self, law: Any, names: tuple[str, ...], bodies: tuple[Body, ...]) -> None:
+        """Add frames on bodies, with the numbers by which a law of these names sees them."""
+        nodes = tuple(self.scenery.by_body.get(b) for b in bodies)
+        sides, numbers = sides_of(law, bodies, nodes, self.scenery.planar)
+        for name in names:
+            own = f"m{len(self.fed.sides) + names.index(name) + 1}"
+            self.fed.frames |= {own + key[len(name) :]: v for key, v in numbers.items() if key.startswith(f"{name}_")}
+        self.fed.sides += sides
+        self.fed.nodes += nodes

@@ -1,0 +1,152 @@
+"""Sampled controllers in a run: called at their instants with values of sensors, their outputs held in between.
+
+The outputs are internal states without a rate, so that they are part of every solution. A run ends a step at every instant and
+goes on from the state with the new outputs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import ControllerError
+from mbdae.inputs.sensed import symbol
+from mbdae.scene.components import Controller
+from mbdae.system.assembled.observed import Observer
+from mbdae.system.base import Array
+from mbdae.system.model.numbering import Numbering
+from mbdae.system.prepare import Prepared
+from mbdae.values import shown
+
+SAME = 1e-9  #: part of a period within which two instants are one
+FIRST, THEN = 4, 64  #: calls that are repeated to see whether a controller is pure: the first, and one in so many of the others
+
+
+@dataclass
+class _Called:
+    """A controller in one run: where its inputs and outputs stand, what it remembers, how often it was called."""
+
+    controller: Controller
+    inputs: slice
+    outputs: list[int]
+    begin: float
+    memory: Any
+    count: int = 0
+
+    @property
+    def next(self) -> float:
+        """Its next instant, s."""
+        return self.begin + self.count * self.controller.every
+
+    def call(self, t: float, values: Sequence[float]) -> list[float]:
+        """Its outputs at an instant; ControllerError with time and inputs where it fails or is not pure."""
+        self.count += 1
+        again = self.count <= FIRST or self.count % THEN == 0
+        before = deepcopy(self.memory) if again else None
+        found, self.memory = self._outputs(t, values, self.memory)
+        if again:
+            twice, memory = self._outputs(t, values, before)
+            if not (_same(twice, found) and _same(memory, self.memory)):
+                raise self._error(t, values, f"is not pure: called twice with the same values it returned {found} and then "
+                                             f"{twice}; a run is repeated to measure its error, so what it remembers has to be "
+                                             f"in `memory`")  # fmt: skip
+        return found
+
+    def _outputs(self, t: float, values: Sequence[float], memory: Any) -> tuple[list[float], Any]:
+        names, function, remembers = self.controller.sets, self.controller.function, self.controller.memory is not None
+        try:
+            found = function(t, *values, memory) if remembers else function(t, *values)
+        except Exception as error:
+            raise self._error(t, values, f"raised {type(error).__name__}: {error}") from error
+        if remembers:
+            if not (isinstance(found, tuple) and len(found) == 2):
+                raise self._error(t, values, f"returned {shown(found)}: with memory= it has to return (outputs, memory)")
+            found, memory = found
+        given = [found] if len(names) == 1 and np.ndim(found) == 0 else found
+        try:
+            outputs = [float(value) for value in given]
+        except (TypeError, ValueError):
+            raise self._error(t, values, f"returned {shown(found)}, which is not {self._wanted()}") from None
+        if len(outputs) != len(names):
+            raise self._error(t, values, f"returned {len(outputs)} outputs, {shown(found)}, but it sets {self._wanted()}")
+        wrong = [f"{name} = {value}" for name, value in zip(names, outputs, strict=True) if not math.isfinite(value)]
+        if wrong:
+            raise self._error(t, values, f"returned {', '.join(wrong)}, which is not finite")
+        return outputs, memory
+
+    def _wanted(self) -> str:
+        names = self.controller.sets
+        return f"a number, {names[0]}" if len(names) == 1 else f"{len(names)} numbers, {', '.join(names)}"
+
+    def _error(self, t: float, values: Sequence[float], what: str) -> ControllerError:
+        inputs = dict(zip(self.controller.reads, values, strict=True))
+        seen = ", ".join(f"{name} = {value:.9g}" for name, value in inputs.items()) or "none"
+        return ControllerError(f"controller '{self.controller.name}' {what} (at t = {t:.9g} s; its inputs: {seen})", t, inputs)
+
+
+def _same(a: Any, b: Any) -> bool:
+    """Whether two outputs or memories are equal to the last bit; what cannot be compared counts as equal."""
+    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+        return np.array_equal(a, b, equal_nan=True)
+    if isinstance(a, list | tuple) and isinstance(b, list | tuple):
+        return len(a) == len(b) and all(map(_same, a, b))
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(_same(a[key], b[key]) for key in a)
+    plain = (int, float, str, bool, type(None), complex)
+    return not isinstance(a, plain) or bool(a == b) or (a != a and b != b)
+
+
+@dataclass
+class Sampler:
+    """The controllers of one run, with what they remember; `last`: the memories at its end by name of the controller."""
+
+    observer: Observer
+    called: list[_Called]
+    due: list[_Called] = field(default_factory=list)
+
+    def instants(self, end: float) -> Array:
+        """Begin, instants and end (s) of the run."""
+        times = [np.arange(c.begin, end, c.controller.every) for c in self.called]
+        return np.concatenate([*times, [end]])
+
+    def parts(self, begin: float, end: float) -> Iterator[tuple[float, float]]:
+        """Begin and end (s) of the parts of an interval between instants; `due` holds the controllers of each begin."""
+        while begin < end:
+            self.due = [c for c in self.called if c.next - begin <= SAME * c.controller.every]
+            coming = [c.next + (c.controller.every if c in self.due else 0.0) for c in self.called]
+            later = min((t for t, c in zip(coming, self.called, strict=True) if end - t > SAME * c.controller.every), default=end)
+            yield begin, later
+            begin = later
+
+    def at(self, t: float, y: Array) -> Array:
+        """y (n,) with the outputs that act from t on; y itself where they stay as they are."""
+        if not self.due:
+            return y
+        values = self.observer(np.array([t]), y[None])[0].tolist()
+        new = y.copy()
+        for c in self.due:
+            new[c.outputs] = c.call(t, values[c.inputs])
+        return y if np.array_equal(new, y) else new
+
+
+class Sampling:
+    """The controllers of a scene for equations with a numbering of unknowns; a call makes the sampler of one run."""
+
+    def __init__(self, prepared: Prepared, numbering: Numbering) -> None:
+        self._controllers: list[Controller] = prepared.model.scene.controllers
+        read = [symbol(path) for c in self._controllers for path in c.reads]
+        self._observer = Observer(prepared.model, prepared.all_bodies.moved, read)
+        self._slots = {name: numbering.place_of_state(name) for c in self._controllers for name in c.sets}
+
+    def __call__(self, begin: float) -> Sampler:
+        called, first = [], 0
+        for c in self._controllers:
+            inputs = slice(first, first := first + len(c.reads))
+            memory = None if c.memory is None else deepcopy(c.memory.value)
+            called.append(_Called(c, inputs, [self._slots[name] for name in c.sets], begin, memory))
+        return Sampler(self._observer, called)
