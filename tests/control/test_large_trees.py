@@ -24,7 +24,7 @@ def chain(model=R, spatial=True, sampled=False):
         s.revolute(f"J{n}", before, rod, at=(0.3 * n, 0, 0), axis=axis, model=model, torque=torque)
         before = rod
     s.state("e", rate=s.sensor(f"b{N - 1}.position[0]") - s.sensor("e"))
-    s.force("push", s["b5"].at((1.8, 0, 0)), (0, -2 * s.sensor("b9.velocity[1]"), 0))
+    s.force("push", s["b5"].at((1.8, 0, 0)), (0, -2 * sp.Max(s.sensor("b9.velocity[1]"), -0.5), 0))
     if sampled:
         s.controller("c", lambda t, x, e: 0.1 * e - 0.2 * x, every=0.05, reads=["b9.velocity[1]", "e"], sets=["u"])
     return s
