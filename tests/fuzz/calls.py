@@ -229,7 +229,7 @@ CALLS: dict[str, Call] = {
     "Switches": Call(lambda: mb.Switches, lambda: {"arguments": tell, "kinds": ("kink",), "weights": [1.0], "names": ("a",)}),
     "Scene.check": Call(lambda: scene().check, lambda: {"accuracy": 1e-6}, "mbdae.api.check_scene"),
     "Scene.system": Call(lambda: scene().system, lambda: {"form": None, "start": None}, "mbdae.api.system_for"),
-    "Scene.draw": Call(lambda: scene().draw, lambda: FILE, "mbdae.show.drawing.draw"),
+    "Scene.draw": Call(lambda: scene().draw, lambda: FILE | {"hide": ()}, "mbdae.show.drawing.draw"),
     "Scene.equilibrium": Call(lambda: scene().equilibrium, lambda: {"frame": None, "progress": tell},
                               "mbdae.analysis.equilibrium.Statics"),
     "Scene.linearize": Call(lambda: scene().linearize, lambda: {"at": hanging(), "frame": None, "count": None},
@@ -268,7 +268,7 @@ CALLS: dict[str, Call] = {
     "Result.phase": Call(lambda: result().phase, lambda: {"x": "hinge.angle", "y": "hinge.rate", **PICTURE}),
     "Result.orbit": Call(lambda: result().orbit, lambda: {"place": "rod", "axes": "xy", **PICTURE}),
     "Result.animate": Call(lambda: result().animate, lambda: {
-        "path": folder() / "a.html", "sensors": (), "fps": 30.0, "speed": None, "trail": None}, "mbdae.show.animation.filmed"),
+        "path": folder() / "a.html", "sensors": (), "fps": 30.0, "speed": None, "trail": None, "hide": ()}, "mbdae.show.animation.filmed"),
     "Result.save": Call(lambda: result().save, lambda: {"path": folder() / "a.npz"}, "mbdae.results.archive.write"),
     "Equilibrium.__call__": Call(lambda: hanging().__call__, lambda: {"t": 0.1}),
     "Equilibrium.states": Call(lambda: hanging().states, lambda: {"t": [0.1]}),
@@ -317,6 +317,8 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     **{(c, "path"): (TEXT, "a file may have any ending") for c in (
         "Result.save", "ComparisonData.to_json", "Comparison.to_html", "ExtremesData.to_json", "Extremes.to_html",
         "Sweep.to_json", "Audit.to_json")},
+    **{(c, "hide"): ({*TEXT, "a tuple of text"}, "names, looked for where the picture is made") for c in (
+        "Scene.draw", "Result.animate")},
     ("Scene.simulate", "checkpoint"): (TEXT, "a folder may have any name"),
     **{(c, "resume"): (TEXT, "a file may have any ending") for c in ("compare", "extremes", "sweep")},
     ("Equilibrium.__call__", "t"): (LISTS, "rest goes on for ever"), ("Equilibrium.states", "t"): (LISTS, "the same"),

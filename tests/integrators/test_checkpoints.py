@@ -127,7 +127,7 @@ def test_another_scene_or_version_is_refused(tmp_path):
 def test_bad_folders(tmp_path):
     file = tmp_path / "file"
     file.write_text("x", encoding="utf-8")
-    for given, told in ((file, "is no folder"), (tmp_path, "holds other files"), (3, "= 3 is not the name of a file")):
+    for given, told in ((file, "is no folder"), (tmp_path, "holds other files"), (3, "checkpoint = 3 is not a path")):
         with pytest.raises(mb.OptionError, match=told):
             scenes.chain().simulate(0.2, checkpoint=given)
     with pytest.raises(mb.OptionError, match="every = 5 without a checkpoint"):

@@ -72,10 +72,10 @@ class Sheet:
 
     def drawing(self) -> tuple[bytes, bool]:
         """PNG of the scene, and whether the font lacks letters of its names."""
-        figure, out = draw(self.prepared), BytesIO()
+        out = BytesIO()
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            figure.savefig(out, format="png", dpi=110)
+            draw(self.prepared).savefig(out, format="png", dpi=110)  # drawing measures the names
         for warning in caught:
             if "missing from font" not in str(warning.message):
                 warnings.warn(warning.message, warning.category, stacklevel=2)
