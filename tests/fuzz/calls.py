@@ -268,7 +268,8 @@ CALLS: dict[str, Call] = {
     "Result.phase": Call(lambda: result().phase, lambda: {"x": "hinge.angle", "y": "hinge.rate", **PICTURE}),
     "Result.orbit": Call(lambda: result().orbit, lambda: {"place": "rod", "axes": "xy", **PICTURE}),
     "Result.animate": Call(lambda: result().animate, lambda: {
-        "path": folder() / "a.html", "sensors": (), "fps": 30.0, "speed": None, "trail": None, "hide": ()}, "mbdae.show.animation.filmed"),
+        "path": folder() / "a.html", "sensors": (), "fps": 30.0, "speed": None, "trail": None, "hide": ()},
+        "mbdae.show.animation.filmed"),
     "Result.save": Call(lambda: result().save, lambda: {"path": folder() / "a.npz"}, "mbdae.results.archive.write"),
     "Equilibrium.__call__": Call(lambda: hanging().__call__, lambda: {"t": 0.1}),
     "Equilibrium.states": Call(lambda: hanging().states, lambda: {"t": [0.1]}),
