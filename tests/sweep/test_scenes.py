@@ -189,7 +189,7 @@ def test_a_folder_keeps_parts_and_goes_on(tmp_path, monkeypatch):
 
     with pytest.raises(KeyboardInterrupt, match="4 of 6 points are done and kept in") as stopped:
         here(arm(), GRID, resume=tmp_path / "kept", progress=stop)
-    assert stopped.value.solution.missing() == [(4, 6)]
+    assert stopped.value.solution.missing() in ([(0, 2)], [(2, 4)], [(4, 6)])  # parts end in any order
     seen = []
     again = here(arm(), GRID, resume=tmp_path / "kept", progress=lambda done, total: seen.append(done))
     assert seen == [6]
