@@ -2,6 +2,8 @@
 
     python3 .ci/versions.py                   the quick part of the tests (marker `quick`), a minute or two per environment
     python3 .ci/versions.py --whole           all tests that a plain `pytest` runs
+    python3 .ci/versions.py --smoke           no tests: comparison, report, run, save and load with the wheel alone, outside of a
+                                              checkout, on the Pythons of SMOKED that are found; half a minute each
     python3 .ci/versions.py 3.13 lowest       these environments alone
     python3 .ci/versions.py --keep FOLDER     environments and logs stay there; else they are removed at the end
 
@@ -33,6 +35,7 @@ ROOT = Path(__file__).resolve().parent.parent
 NEWEST = ("3.11", "3.12", "3.13", "3.14")
 LOWEST, TOOLS = "lowest", "tools"
 KNOWN = (*NEWEST, LOWEST, TOOLS)
+SMOKED = ("3.11", "3.13")
 REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)(\[(?P<extras>[\w, -]+)\])?\s*(>=\s*(?P<lowest>[\w.]+))?\s*$")
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv*", "*.egg-info", "__pycache__", ".*_cache", "build", "dist", "out",
                                   "mbdae.core.*")  # fmt: skip
@@ -43,6 +46,27 @@ import importlib.metadata as m, json, pathlib, sys
 import mbdae
 inside = pathlib.Path(sys.prefix).resolve() in pathlib.Path(mbdae.__file__).resolve().parents
 print(json.dumps({"inside": inside, "versions": {name: m.version(name) for name in sys.argv[1:]}}))
+"""
+
+
+#: what a user does first, in a folder with nothing but a copy of one example
+SMOKE = """
+import pathlib, subprocess, sys
+import mbdae as mb
+said = subprocess.run([sys.executable, "-m", "mbdae", "--version"], capture_output=True, text=True, check=True).stdout
+assert said.split() == ["mbdae", mb.__version__]
+subprocess.run([sys.executable, "-m", "mbdae", "compare", "ground_resonance.py", "--t-end", "0.5", "--accuracies", "1e-3,1e-5",
+                "--out", "out"], check=True, stdout=subprocess.DEVNULL)
+assert len(list(pathlib.Path("out").iterdir())) == 4
+mb.report(mb.Revolute).save("revolute.html")
+s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+s.revolute("hinge", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0))
+r = s.simulate(1.0)
+r.save("run.npz")
+again = mb.load("run.npz")
+assert (again["hinge"].angle == r["hinge"].angle).all()
+r.plot("hinge.angle", path="angle.png")
+print(mb.__version__, "from", pathlib.Path(mb.__file__).parent)
 """
 
 
@@ -70,9 +94,10 @@ def project() -> dict[str, object]:
 
 
 def requirements(stated: dict, extra: str = "test") -> dict[str, str | None]:
-    """Lowest release of every requirement by its name, of an extra and of the extras it names too; None where none is stated."""
+    """Lowest release of every requirement by its name, of an extra ("" for none) and of the extras it names too; None where none
+    is stated."""
     own, listed = stated["project"]["name"], [*stated["project"]["dependencies"]]
-    pending, seen = [extra], set()
+    pending, seen = [extra] if extra else [], set()
     while pending:
         extra = pending.pop()
         seen.add(extra)
@@ -159,7 +184,7 @@ class Environment:
             packed.extractall(self.folder, filter="data")
         unpacked = self.folder / archive.removesuffix(".tar.gz")
         pins = [pinned(name, low, name in exact) for name, low in requirements(stated, extra).items()]
-        self.run(*pip, "--no-build-isolation", f"{unpacked}[{extra}]", *pins)
+        self.run(*pip, "--no-build-isolation", f"{unpacked}[{extra}]" if extra else unpacked, *pins)
         return unpacked
 
     def versions(self, names: list[str]) -> dict[str, str]:
@@ -180,12 +205,20 @@ class Environment:
         return not re.search(r"failed|error", closing[-1]), "\n    ".join([closing[-1], *wrong])
 
 
+    def smoke(self, unpacked: Path) -> tuple[bool, str]:
+        """Whether the wheel does its first work in a folder of its own, and what it printed last."""
+        place = self.folder / "elsewhere"
+        place.mkdir()
+        shutil.copy(unpacked / "examples" / "ground_resonance.py", place)
+        return True, self.run(self.python, "-c", SMOKE, cwd=place).splitlines()[-1]
+
+
 def pinned(name: str, lowest: str | None, exact: bool) -> str:
     """A requirement for pip: exactly the lowest release, or at least that one."""
     return name if lowest is None else f"{name}{'==' if exact else '>='}{lowest}"
 
 
-def tried(name: str, folder: Path, whole: bool) -> Outcome:
+def tried(name: str, folder: Path, whole: bool, smoke: bool = False) -> Outcome:
     """One environment: made, and the tests run in it."""
     stated, begin, outcome = project(), time.monotonic(), Outcome(name)
     base = interpreter(lowest_python(stated) if name in (LOWEST, TOOLS) else name)
@@ -194,7 +227,7 @@ def tried(name: str, folder: Path, whole: bool) -> Outcome:
         return outcome
     environment = Environment(folder / name)
     try:
-        extra, needed = ("dev" if name == TOOLS else "test"), {*requirements(stated), "hatchling"}
+        extra, needed = "" if smoke else "dev" if name == TOOLS else "test", {*requirements(stated), "hatchling"}
         exact = {LOWEST: needed, TOOLS: set(requirements(stated, "dev")) - needed}.get(name, set())
         unpacked = environment.install(base, stated, extra, exact)
         outcome.versions = environment.versions([*requirements(stated, extra), "hatchling"])
@@ -203,7 +236,7 @@ def tried(name: str, folder: Path, whole: bool) -> Outcome:
                 environment.run(environment.python, "-P", "-m", *tool, cwd=unpacked)
             outcome.passed, outcome.said = True, "ruff and mypy find nothing"
         else:
-            outcome.passed, outcome.said = environment.tests(unpacked, whole)
+            outcome.passed, outcome.said = environment.smoke(unpacked) if smoke else environment.tests(unpacked, whole)
     except FailedError as failure:
         outcome.passed, outcome.said = False, str(failure)
     outcome.seconds = time.monotonic() - begin
@@ -230,6 +263,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(KNOWN)}; all where none is given")
     parser.add_argument("--whole", action="store_true", help="all tests instead of the quick part")
+    parser.add_argument("--smoke", action="store_true", help="no tests: the first work of a user, with the wheel alone")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="make environments and logs here, and leave them")
     a = parser.parse_args()
     if wrong := [name for name in a.names if name not in KNOWN]:
@@ -237,10 +271,10 @@ def main() -> int:
     folder = Path(a.keep or tempfile.mkdtemp(prefix="mbdae-versions-")).resolve()
     outcomes = []
     try:
-        for name in a.names or KNOWN:
+        for name in a.names or (SMOKED if a.smoke else KNOWN):
             if (folder / name).exists():
                 shutil.rmtree(folder / name)
-            outcomes.append(tried(name, folder, a.whole))
+            outcomes.append(tried(name, folder, a.whole, a.smoke))
             print(f"{outcomes[-1].name}: {outcomes[-1].said}", flush=True)
     finally:
         if a.keep is None:

@@ -48,3 +48,17 @@ def swing(angle, rate):
     inertia = ROPE * LENGTH**2 / 3 + LOAD * LENGTH**2 + SIZE
     moment = ROPE * LENGTH / 2 + LOAD * LENGTH
     return math.acos(math.cos(angle) - inertia * rate**2 / (2 * G * moment))
+
+
+run = runs
+
+
+def number(r):
+    """Largest angle of the swing after the stop, rad."""
+    second = r[1]
+    return second.peak("pivot.angle").value, swing(second["pivot"].angle[0], second["pivot"].rate[0])
+
+
+def picture(r):
+    """Angle of the rope and place of the trolley until it is stopped."""
+    return r[0].plot("rail.displacement", "pivot.angle", "rail.drive")

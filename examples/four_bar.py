@@ -51,3 +51,18 @@ def rocker_angle(t):
     arm = e * cosine[:, None] + side * np.sqrt(1 - cosine**2)[:, None]
     drawn = C - D
     return np.unwrap(np.arctan2(arm[:, 1], arm[:, 0])) - np.arctan2(drawn[1], drawn[0])
+
+
+def run():
+    """Four turns of the crank."""
+    return scene().simulate(t_end, accuracy=1e-6)
+
+
+def number(r):
+    """Swing of the rocker, rad."""
+    return np.ptp(r["D"].angle), np.ptp(rocker_angle(r.t))
+
+
+def picture(r):
+    """The mechanism as drawn."""
+    return scene().draw()

@@ -35,8 +35,23 @@ def exact() -> float:
     return w
 
 
+def run():
+    """The whole table."""
+    return scene().simulate(t_end, accuracy=1e-7)
+
+
+def number(r) -> tuple[float, float]:
+    """Rate of the carrier at the end, rad/s."""
+    return r["C"].rate[-1], exact()
+
+
+def picture(r):
+    """Rates of sun and carrier."""
+    return r.plot("S.rate", "C.rate", "S.drive")
+
+
 def main() -> None:
-    r = scene().simulate(t_end, accuracy=1e-7)
+    r = run()
     print(f"carrier at the end: {r['C'].rate[-1]:.6f} rad/s, exact {exact():.6f} rad/s; "
           f"largest rate {r.peak('C.rate').value:.4f} rad/s; largest torque {r.peak('S.drive').value:g} N m")  # fmt: skip
     assert abs(r["C"].rate[-1] - exact()) < 1e-5

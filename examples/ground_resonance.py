@@ -81,5 +81,30 @@ def pictures(out, accuracy=1e-4, **options):
     return r
 
 
+def growth():
+    """Largest growth rate (1/s) by Coleman's transformation, both axes: hub z = x + i y, lag eta = sum of zeta_i exp(i psi_i)."""
+    S, inertia, total = M * L / 2, M * L**2 / 3, BLOCK + BLADES * M
+    mass = np.array([[total, 1j * S], [-0.5j * BLADES * S, inertia]])
+    damping = np.diag([DAMPING, -2j * OMEGA * inertia])
+    stiffness = np.diag([STIFFNESS, OMEGA**2 * (S * HINGE - inertia)])
+    state = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]])
+    return np.linalg.eigvals(state).real.max()
+
+
+def run():
+    """Two seconds, both axes free to move."""
+    return scene().simulate(t_end, accuracy=1e-6)
+
+
+def number(r):
+    """Growth rate of the unstable motion, 1/s."""
+    return scene(lag0=0.0).floquet(2 * math.pi / OMEGA).growth.max(), growth()
+
+
+def picture(r):
+    """Lag angles, and the path of the hub."""
+    return r.plot(*(f"lag {i + 1}.angle" for i in range(BLADES)), "hub.position")
+
+
 if __name__ == "__main__":
     print(pictures(sys.argv[1] if len(sys.argv) > 1 else "out"))

@@ -44,8 +44,23 @@ def reference() -> float:
     return largest
 
 
+def run():
+    """The whole road."""
+    return scene().simulate(t_end, accuracy=1e-6, outputs=801)
+
+
+def number(r) -> tuple[float, float]:
+    """Largest acceleration of the body, m/s^2."""
+    return r.peak("body.acceleration").value, reference()
+
+
+def picture(r):
+    """Deflections of strut and tyre, and the acceleration of the body."""
+    return r.plot("tyre.displacement", "strut.displacement", "body.acceleration[1]")
+
+
 def main() -> None:
-    r = scene().simulate(t_end, accuracy=1e-6)
+    r = run()
     found = r.peak("body.acceleration")
     print(f"{found}; SciPy: {reference():.4f} m/s^2; tyre force at most {r.peak('tyre.drive').value:.0f} N")
     assert abs(found.value - reference()) < 1e-4 * found.value

@@ -63,7 +63,7 @@ if TYPE_CHECKING:
     from mbdae.system.base import Switches
     from mbdae.system.dae import DAE
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 #: name -> module it comes from, imported on first use so that `import mbdae` stays light
 _HOME = {
@@ -102,7 +102,7 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     if name == "t":
-        from mbdae.inputs.timed import time_symbol
+        from mbdae.inputs.deferred_time import time_symbol
 
         return time_symbol()
     if name in _HOME:

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from mbdae.threads import limit_what_was_loaded
 
-__all__ = ["LinearOperator", "as_full", "bmat", "connected_components", "csc_matrix", "cython_lapack", "eigh", "eigsh", "eigvals",
+__all__ = ["LinearOperator", "as_full", "bmat", "connected_components", "csc_matrix", "cython_lapack", "eigsh", "eigvals",
            "identity", "issparse", "qr", "sp", "splu"]  # fmt: skip
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
-    from scipy.linalg import cython_lapack, eigh, eigvals, qr
+    from scipy.linalg import cython_lapack, eigvals, qr
     from scipy.sparse import bmat, csc_matrix, identity, issparse
     from scipy.sparse.csgraph import connected_components
     from scipy.sparse.linalg import LinearOperator, eigsh, splu
@@ -44,7 +44,7 @@ else:
     bmat, csc_matrix = _Deferred("scipy.sparse", "bmat"), _Deferred("scipy.sparse", "csc_matrix")
     identity = _Deferred("scipy.sparse", "identity")
     cython_lapack, qr = _Deferred("scipy.linalg.cython_lapack"), _Deferred("scipy.linalg", "qr")
-    eigh, eigvals = _Deferred("scipy.linalg", "eigh"), _Deferred("scipy.linalg", "eigvals")
+    eigvals = _Deferred("scipy.linalg", "eigvals")
     connected_components = _Deferred("scipy.sparse.csgraph", "connected_components")
     splu = _Deferred("scipy.sparse.linalg", "splu")
     eigsh, LinearOperator = _Deferred("scipy.sparse.linalg", "eigsh"), _Deferred("scipy.sparse.linalg", "LinearOperator")

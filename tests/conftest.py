@@ -9,6 +9,7 @@ import os
 import shutil
 import socket
 import subprocess
+import tempfile
 import time
 import urllib.request
 from html.parser import HTMLParser
@@ -19,9 +20,13 @@ import pytest
 HERE = Path(__file__).resolve().parent
 MOST = 4  #: workers: each holds some hundred MB
 os.environ.setdefault("MPLBACKEND", "Agg")  # no window, also where there is a display
-os.environ["MBDAE_CACHE"] = "off"  # every test derives and compiles what it uses; those of the cache have folders of their own
+if "PYTEST_XDIST_WORKER" not in os.environ:  # workers share the folder: what one of them derives and compiles serves them all
+    KEPT = tempfile.TemporaryDirectory(prefix="mbdae-tests-")
+    os.environ["MBDAE_CACHE"] = str(Path(KEPT.name) / "kept")  # new for every run; tests of the cache have folders of their own
 if "PYTEST_XDIST_WORKER" in os.environ:  # before NumPy is imported: workers with several BLAS threads each wait for each other
     os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")
+
+DERIVE = ("mbdae.symbolic", "mbdae.laws", "mbdae.kernels", "mbdae.disk")  #: what derives and compiles
 
 FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
          "--disable-background-networking", "--disable-component-update"]  # fmt: skip
@@ -36,6 +41,20 @@ def pytest_cmdline_main(config):
         processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         option.numprocesses = 0 if option.usepdb or option.collectonly else min(MOST, processors)
         option.dist = "worksteal"
+
+
+def _replaced(self, target, *rest, _set=pytest.MonkeyPatch.setattr, **options):
+    """`monkeypatch.setattr`. The keys of the cache do not see functions that are replaced while Python runs: as long as one of
+    those that derive or compile is, nothing is read from it or written to it."""
+    _set(self, target, *rest, **options)
+    names = (target, getattr(target, "__module__", None), getattr(target, "__name__", None))
+    if next(name for name in names if isinstance(name, str)).startswith(DERIVE):
+        from mbdae.disk.store import store
+
+        _set(self, store(), "why", "a test replaces what derives")
+
+
+pytest.MonkeyPatch.setattr = _replaced
 
 
 def pytest_collection_modifyitems(items):

@@ -22,10 +22,11 @@ from mbdae.analysis.linearization import start_at
 from mbdae.analysis.monodromy import Departures, departures, propagated
 from mbdae.analysis.orbit import check_return, followed
 from mbdae.analysis.shapes import Mode, Modes, motion, participants, scaled, shares
-from mbdae.errors import AccuracyWarning, SolverError
+from mbdae.errors import AccuracyWarning, MbdaeError, SolverError
 from mbdae.formulations import system_for
 from mbdae.scene.scene import SceneData
 from mbdae.scene.sensed import refuse_sampled
+from mbdae.scene.variants import with_open_tree
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
@@ -148,14 +149,29 @@ def floquet(scene: SceneData, period: float, at: Any = None, count: int | None =
     accuracy = option("accuracy", accuracy, number, "give the error of exponent x period, a number from 1e-11 to 0.01",
                       least=1e-11, most=1e-2)  # fmt: skip
     refuse_sampled(scene, "floquet")
-    begin = start_at(scene, at)
-    prepared = prepare(scene, begin, t_end=(begin.t if begin is not None else 0.0) + period)
+    prepared = _prepared(scene, at, period)
     system = system_for(prepared, highest_index=3)
     returned = check_return(prepared, system, period)
     directions = departures(prepared, system, returned, period)
     wanted = count if count is not None else ELASTIC if prepared.model.lines else directions.Q.shape[1]
     found = _converged(system, directions, period, max(FEWEST, returned.steps // 2), wanted, accuracy)
     return Floquet(prepared, period, found, _of_all_nodes(prepared, system, directions), returned.off)
+
+
+def _prepared(scene: SceneData, at: Any, period: float) -> Prepared:
+    """The scene at the state that `at` names: as a default run, with recursive joints where their model was left open."""
+    variant = with_open_tree(scene)
+    try:
+        found = _begun(variant, at, period) if variant is not None else None
+    except MbdaeError:  # preparing the scene as stated raises what is wrong with it
+        found = None
+    fewer = found is not None and not found.model.stay_kinematic and not found.all_bodies.moved.ordered
+    return found if found is not None and fewer else _begun(scene, at, period)
+
+
+def _begun(scene: SceneData, at: Any, period: float) -> Prepared:
+    begin = start_at(scene, at)
+    return prepare(scene, begin, t_end=(begin.t if begin is not None else 0.0) + period)
 
 
 def _of_all_nodes(prepared: Prepared, system: SceneSystem, directions: Departures) -> Array:

@@ -1,4 +1,5 @@
-"""Formulas of the notation in LaTeX; names such as b3k or zkdot become letters with indices and dots."""
+"""Formulas of the notation in LaTeX; names such as b3k or zkdot become letters with indices and dots, others stand as they
+are written; the text says otherwise by `NAME [UNIT] $TEX$: MEANING`."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ _LETTERS = {name: "\\" + name for name in GREEK} | {"phi": r"\varphi", "w": r"\o
 _WORDS = "|".join(sorted(GREEK, key=len, reverse=True))
 _NAME = re.compile(
     rf"(?P<change>delta(?=.)|d(?=(?:{_WORDS})|[wW]))?(?P<letter>{_WORDS}|[A-Za-z])(?P<bar>bar)?"
-    r"(?P<figure>\d*)(?P<index>phi|[a-z]*?)(?P<last>\d*)(?P<body>k|l)?(?P<dots>ddot|dot)?$"
+    r"(?P<figure>\d*)(?P<index>phi|)(?P<last>\d*)(?P<body>k|l)?(?P<dots>ddot|dot)?$"
 )
 _SIGNS = {"delta": r"\delta", "rate": r"\frac{d}{dt}", "slope": r"\frac{d}{ds}"}
 #: functions by their arguments in LaTeX; the others stand as names before brackets

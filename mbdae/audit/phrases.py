@@ -20,7 +20,7 @@ from mbdae.audit.evaluate import STEP, SizeError, Value, derivative, evaluate
 from mbdae.audit.laws import WITH_COORDINATES, Own
 from mbdae.audit.motion import Motion
 from mbdae.audit.notation import AuditError, Node, Statement
-from mbdae.audit.units import Unit, unit
+from mbdae.reports.units import Unit, unit
 
 Rule = Callable[..., Value]
 PARAMETER = re.compile(r"parameter (\w+) of (.+)$")  #: of a law, as a text declares it

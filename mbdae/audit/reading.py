@@ -32,8 +32,8 @@ from mbdae.audit.motion import checked_kind
 from mbdae.audit.notation import AuditError, Node, Reader, Statement
 from mbdae.audit.phrases import OWN, PARAMETER, Definition, Env, Meaning, Scope, understand
 from mbdae.audit.rules_laws import unit_of_parameter
-from mbdae.audit.units import Unit, unit
 from mbdae.documents.mathml import FormulaError, inline
+from mbdae.reports.units import Unit, UnitError, unit
 
 _LETTER = r"(?:\$([^$]*)\$\s*)?"
 _SYMBOL = re.compile(r"([^\W\d]\w*)\s*\[([^\]]*)\]\s*" + _LETTER + r":\s*(.+)$", re.S)
@@ -186,7 +186,7 @@ class _File:
         try:
             if letter is not None and not _prints(letter):
                 raise AuditError(f"line {at}: '${letter}$' prints nothing or is no TeX: say how the text prints {name}")
-            known = () if defined and units.strip() == "?" else tuple(unit(u, at) for u in units.split(","))
+            known = () if defined and units.strip() == "?" else tuple(_unit(u, at) for u in units.split(","))
             words = " ".join(meaning.split())
             self.symbols[name] = self._defined(at, name, words, known, letter or "") if defined else (
                 self._understood(at, name, words, known, letter or ""))  # fmt: skip
@@ -202,7 +202,7 @@ class _File:
             return stated_by_caller(words, units, self.quantities[words], letter)
         if match := PARAMETER.match(words):
             stated = unit_of_parameter(match[1], match[2], self.own)
-            if stated and units[0].powers not in [unit(u, at).powers for u in stated.split(" or ")]:
+            if stated and units[0].powers not in [_unit(u, at).powers for u in stated.split(" or ")]:
                 raise AuditError(f"line {at}: {words} has the unit {stated}, not {units[0]}")
         return understand(words, units, at, name, letter)
 
@@ -268,6 +268,13 @@ def stated_by_caller(text: str, units: tuple[Unit, ...], e: Any, letter: str = "
             raise SizeError(f"the expression {e} given for '{text}' is not one of complex numbers and columns") from error
 
     return Meaning(text, units, replace(OWN, rule=rule), (), letter)
+
+
+def _unit(text: str, at: int) -> Unit:
+    try:
+        return unit(text)
+    except UnitError as error:
+        raise AuditError(f"line {at}: {error}") from error
 
 
 def _prints(letter: str) -> bool:

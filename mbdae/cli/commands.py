@@ -128,7 +128,7 @@ def validate(a: argparse.Namespace) -> int:
     out, shown = _folder(a.out), bar()
     folder = find(a.root)
     runner = runner_of(folder)
-    checks = [runner.load(folder, name) for name in dict.fromkeys(a.claims or runner.claims(folder))]
+    checks = [runner.load(folder, name, a.hours, out) for name in dict.fromkeys(a.claims or runner.claims(folder))]
     measured: list[Any] = []
     with closing(shown):
         for i, found in enumerate(checks):

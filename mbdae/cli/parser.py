@@ -84,6 +84,8 @@ def _validate(commands: Any, action: Any) -> None:
     p = commands.add_parser("validate", help=text, description=text[0].upper() + text[1:] + ".")
     p.add_argument("claims", nargs="*", metavar="CLAIM", help="name of a folder of validation/ (default: all)")
     p.add_argument("--root", type=_name, metavar="DIR", help="the checkout (default: the working directory or one above it)")
+    hours = "how long a claim without end of its own, such as strangers, may take; its seeds go on where --out left them"
+    p.add_argument("--hours", type=_positive, metavar="H", help=hours)
     out = "folder for validation.html and validation.md; nothing is written without it"
     p.add_argument("--out", type=_name, metavar="DIR", help=out)
     _always(p, action)

@@ -19,10 +19,10 @@ from mbdae.integrators.base import Solver, end_after
 from mbdae.integrators.distance import scaled_distance
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
+from mbdae.results.started import started
 from mbdae.scene.components import Classical, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
 from mbdae.scene.sensor_names import measured
-from mbdae.show.geometry import started
 from mbdae.show.plots import numbers
 from mbdae.system.base import Array, System
 from mbdae.system.distance import motion_distance

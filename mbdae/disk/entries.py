@@ -22,6 +22,11 @@ def key_of(*parts: str) -> str | None:
     return hashlib.sha256("\n".join((surroundings(), *map(repr, parts))).encode()).hexdigest()
 
 
+def part_key(key: str | None, *part: str) -> str | None:
+    """The key of a part of an entry."""
+    return None if key is None else key_of("part", key, *part)
+
+
 class _Reader(pickle.Unpickler):
     """Reads plain values, expressions and compiled functions, and calls nothing else."""
 

@@ -18,7 +18,7 @@ def chosen_folder() -> tuple[Path | None, str]:
     if said.lower() == "off":
         return None, f"{VARIABLE}=off"
     try:
-        return (Path(os.path.abspath(said)) if said else _usual_folder()), ""
+        return (Path(os.path.abspath(Path(said).expanduser())) if said else _usual_folder()), ""
     except (OSError, RuntimeError, ValueError) as error:  # no home folder, a name that no folder can have
         return None, f"there is no folder for caches ({error})"
 
@@ -42,6 +42,17 @@ def made(folder: Path) -> str:
         return unsafe(os.lstat(folder), is_folder=True)
     except (OSError, ValueError) as error:
         return f"it cannot be made ({getattr(error, 'strerror', None) or error})"
+
+
+def opened(path: Path, flags: int) -> int:
+    """A descriptor of a regular file of this user alone; OSError for all else, without waiting for the other end of a pipe."""
+    beside = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
+    found = os.open(path, flags | beside, 0o600)
+    why = unsafe(os.fstat(found))
+    if why:
+        os.close(found)
+        raise OSError(why)
+    return found
 
 
 def unsafe(found: os.stat_result, is_folder: bool = False) -> str:

@@ -13,20 +13,19 @@ import contextlib
 import hashlib
 import os
 import secrets
+import stat
 import time
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-from mbdae.disk.place import chosen_folder, made, unsafe
+from mbdae.disk.place import chosen_folder, made, opened
 
 LIMIT = 500_000_000  #: bytes of all entries; the least recently used go first
 KEPT = 0.8  #: part of the limit that stays
 SUFFIX, PART, COUNTS = ".kept", ".part", "counts"
 HASH = 32  #: bytes of the hash
 DAY, HOUR = 86400.0, 3600.0
-_READ = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
-_WRITE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 
 
 class Content(NamedTuple):
@@ -72,10 +71,9 @@ class Store:
     def _checked(self, key: str) -> bytes | None:
         path = self._path(key)
         try:
-            with open(os.open(path, _READ), "rb") as file:
-                state = os.fstat(file.fileno())
-                whole = b"" if unsafe(state) else file.read()
-        except OSError:
+            with open(opened(path, os.O_RDONLY), "rb") as file:
+                state, whole = os.fstat(file.fileno()), file.read()
+        except OSError:  # missing, no regular file, or one on which others have rights
             return None
         content = whole[HASH:]
         if len(whole) < HASH or whole[:HASH] != _hash(key, content):
@@ -93,11 +91,11 @@ class Store:
         path = self._path(key)
         part = path.with_name(f"{secrets.token_hex(8)}{PART}")
         try:
-            with open(os.open(part, _WRITE, 0o600), "wb") as file:
+            with open(opened(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL), "wb") as file:
                 file.write(_hash(key, content) + content)
             os.replace(part, path)
         except OSError:
-            self._full = True
+            self._full = not path.is_dir()  # a folder in the way of one entry is in the way of no other
             with contextlib.suppress(OSError):
                 part.unlink()
             return
@@ -133,6 +131,8 @@ class Store:
             for entry in entries:
                 with contextlib.suppress(OSError):
                     state = entry.stat(follow_symlinks=False)
+                    if not stat.S_ISREG(state.st_mode):
+                        continue
                     if entry.name.endswith(SUFFIX):
                         found.append((state.st_mtime, state.st_size, entry.path))
                     elif entry.name.endswith(PART) and time.time() - state.st_mtime > HOUR:
@@ -146,8 +146,7 @@ class Store:
         if self.folder is None or not self.hits + self.misses:
             return
         with contextlib.suppress(OSError):
-            flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
-            with open(os.open(self.folder / COUNTS, flags, 0o600), "ab") as file:
+            with open(opened(self.folder / COUNTS, os.O_WRONLY | os.O_CREAT | os.O_APPEND), "ab") as file:
                 file.write(f"{self.hits} {self.misses}\n".encode())
                 long = file.tell() > 1 << 16
             if long:
@@ -162,7 +161,8 @@ class Store:
 
     def _counts(self) -> tuple[int, int]:
         try:
-            lines = [line.split() for line in Path(f"{self.folder}/{COUNTS}").read_text().splitlines()]
+            with open(opened(Path(f"{self.folder}/{COUNTS}"), os.O_RDONLY)) as file:
+                lines = [line.split() for line in file]
             return sum(int(h) for h, _ in lines), sum(int(m) for _, m in lines)
         except (OSError, ValueError):
             return 0, 0

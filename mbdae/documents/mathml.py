@@ -44,6 +44,7 @@ FONTS = {"mathbf": "b", "boldsymbol": "bi", "bm": "bi", "mathrm": "n", "mathsf":
 _MATRICES = {"matrix": ("", ""), "bmatrix": ("[", "]"), "pmatrix": ("(", ")"), "cases": ("{", ""), "aligned": ("", ""),
              "array": ("", ""), "gathered": ("", "")}  # fmt: skip
 
+LEAST = 0.8  #: em, the smallest size of a formula: 12.8 px on the page
 NARROW, MARGIN = 14.0, 1.3  #: em, the width that fits the narrowest windows; what fonts may add to an estimated width
 _DISPLAY = '<math displaystyle="true">'
 _FENCE, _FIXED = ' stretchy="true" fence="true"', ' stretchy="false"'
@@ -68,11 +69,12 @@ def _line(line: list[str], opening: str) -> str:
 
 
 def _sized(opening: str, piece: str) -> str:
-    """A piece that cannot be broken becomes smaller where the window is narrower than it is."""
+    """A piece that cannot be broken becomes smaller where the window is narrower than it is, as long as it can be read; what is
+    wider still scrolls in its own box."""
     wide = MARGIN * extent(piece)
     if wide < NARROW:
         return opening
-    return f'{opening[:-1]} style="font-size:max(.4em,min(1.06em,calc((100vw - 7.4rem)/{wide:.1f})))">'
+    return f'{opening[:-1]} style="font-size:max({LEAST}em,min(1.06em,calc((100vw - 7.4rem)/{wide:.1f})))">'
 
 
 def _sign(text: str, attributes: str = "") -> str:

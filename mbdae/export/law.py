@@ -10,11 +10,12 @@ import numpy as np
 
 from mbdae.errors import OptionError
 from mbdae.export.program import Entry, Program
-from mbdae.export.units import RATES, force_of, node_units, rate_of, row_unit
+from mbdae.export.units import RATES, force_of, node_units, rate_of
 from mbdae.kernels import Kernel, linearised_plan, plan
 from mbdae.laws.contact import JournalContact
 from mbdae.laws.friction import Friction
 from mbdae.native.program import Operations
+from mbdae.reports.scenes.units import row_unit
 from mbdae.reports.statement import OPTIONS, structure_of
 from mbdae.results.sensors import power_outputs, reaction_outputs
 from mbdae.symbolic import outputs as of
@@ -148,7 +149,7 @@ def _units(d: Derived) -> dict[Target, str]:
         for head, units in zip("qu", node_units(f.kind, "m"), strict=True):
             found |= {(head, f.side, i): unit for i, unit in enumerate(units)}
             found |= {(f"{head}p", f.side, i): rate_of(unit) for i, unit in enumerate(units)}
-    found |= {("lambda", r): force_of(row_unit(d, r)) for r in range(len(d.rows))}
+    found |= {("lambda", r): row_unit(d, r, effort=True) for r in range(len(d.rows))}
     for j, name in enumerate(d.states):
         unit = d.law.states[name].unit
         found |= {("s", j): unit, ("sp", j): rate_of(unit)}

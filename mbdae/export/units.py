@@ -5,15 +5,13 @@ from __future__ import annotations
 import re
 
 from mbdae.export.program import Entry
-from mbdae.symbolic.derive import Derived
+from mbdae.reports.scenes.units import parameter_unit, unit_of_row
 from mbdae.symbolic.frames import NodeKind
-from mbdae.symbolic.part import Parameter
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.model.numbering import Numbering
 
 OF_FORMS = {"baumgarte_velocity": "1/s", "baumgarte_position": "1/s^2"}
 RATES = {"g": "", "gd": "/s", "gdd": "/s^2"}  #: what the unit of a row is multiplied by in its rates
-_POWER = re.compile(r"m(?:\^([0-9.]+))?(?:/rad)?")
 
 
 def rate_of(unit: str) -> str:
@@ -30,26 +28,6 @@ def node_units(kind: NodeKind, unit: str) -> tuple[list[str], list[str]]:
     return ["m"] * n + ["1" if kind.by_quaternion else "rad"] * (nq - n), ["m/s"] * n + ["rad/s"] * (nu - n)
 
 
-def row_unit(d: Derived, row: int) -> str:
-    """m, or 1 (an angle, a cosine), of a row by its value where all lengths are doubled; "" where that is neither."""
-    e = d.g[row].subs(d.variation.insertion())
-    values, long = {}, {}
-    lengths = {s for f in d.frames if not f.kind.of_joint for s in f.q[: f.kind.translations]}
-    specs = dict(getattr(d.law, "coordinates", {})) | dict(d.law.params)
-    lengths |= {f.q[0] for name, f in zip(d.law.own_coordinates, d.frames[len(d.sides) :], strict=True)
-                if f.kind is NodeKind.COORDINATE and specs.get(name, Parameter("rad")).unit == "m"}  # fmt: skip
-    for n, s in enumerate(sorted(e.free_symbols, key=str)):
-        found = _POWER.fullmatch(specs[str(s)].unit) if str(s) in specs else None
-        power = 1.0 if s in lengths or re.fullmatch(r"\w+_p[123]", str(s)) else float(found[1] or 1) if found else 0.0
-        values[s] = 0.4 + 0.37 * ((n * 0.618) % 1)
-        long[s] = values[s] * 2**power
-    try:
-        once, twice = float(e.subs(values)), float(e.subs(long))
-    except (RuntimeError, TypeError):
-        return ""
-    return "m" if abs(twice - 2 * once) < 1e-9 else "1" if abs(twice - once) < 1e-9 else ""
-
-
 def force_of(unit: str) -> str:
     """Of the force whose product with a length, an angle or a cosine (or their rates) is an energy (or a power); "" of others."""
     return {"m": "N", "1": "N m", "rad": "N m"}.get(unit.partition("/")[0], "")
@@ -60,9 +38,9 @@ def unknown_units(nb: Numbering) -> list[str]:
     units = [""] * nb.n
     for node in nb.free:
         for head, entries in zip("qu", node_units(node.kind, node.unit), strict=True):
-            for i, unit in enumerate(entries):
+            for i, stated in enumerate(entries):
                 if not nb.shares(node, i, head):
-                    units[nb.node_place(head, node, i)] = unit
+                    units[nb.node_place(head, node, i)] = stated
     for n, (g, i, j) in enumerate(nb.states):
         law = nb.model.groups[g].instances[i].law
         units[nb.start["s"] + n] = law.states[nb.model.groups[g].derived.states[j]].unit
@@ -71,8 +49,9 @@ def unknown_units(nb: Numbering) -> list[str]:
     for block in ("lambda", "mu"):
         for n, row in enumerate(nb.rows):
             if nb.start[block] + n < nb.n:
-                unit = force_of(row_unit(nb.model.groups[row.group].derived, row.row)) if block == "lambda" else ""
-                units[nb.start[block] + n] = f"{unit} s" if unit and nb.derivatives else unit
+                stated = unit_of_row(nb.model, row, effort=block == "lambda")
+                ends = ("", " s") if block == "lambda" else ("/s", "")
+                units[nb.start[block] + n] = stated and stated + ends[nb.derivatives]
     return units
 
 
@@ -84,8 +63,8 @@ def row_units(assembly: Assembly) -> list[str]:
         units[at] = force_of(units[at])
     for head, block in assembly.spec.rows.items():
         for n, row in enumerate(nb.rows) if head in RATES else ():
-            unit = row_unit(nb.model.groups[row.group].derived, row.row)
-            units[nb.start[block] + n] = unit and unit + RATES[head]
+            stated = unit_of_row(nb.model, row)
+            units[nb.start[block] + n] = stated and stated + RATES[head]
     for n in range(len(nb.stresses)):
         units[nb.start["z"] + n] = ""
     return units
@@ -108,7 +87,7 @@ def parameter_entries(nb: Numbering, baked: set[tuple[str, str]]) -> tuple[list[
             if at < 0 or (type(one.law) in owners and not point):
                 taken = sum(e.name.split("#")[0] == f"{one.item}.{name}" for e in entries)
                 label = f"{one.item}.{name}" + (f"#{taken + 1}" if taken else "")
-                entries.append(Entry(label, "m" if point else one.law.params[name].unit, float(value)))
+                entries.append(Entry(label, "m" if point else parameter_unit(one, name), float(value)))
                 at, owners = len(entries) - 1, set()
             seen[f"{one.item}.{name}", value] = at, owners | {type(one.law)}
             pairs.append((at, nb.slot(g, i, name)))

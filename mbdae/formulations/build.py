@@ -7,6 +7,7 @@ from mbdae.formulations.base import Form
 from mbdae.formulations.ggl import GGL
 from mbdae.formulations.index1 import Index1
 from mbdae.formulations.ode import ODE
+from mbdae.system.assembled.ordered_assembly import assembly_of
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
 from mbdae.system.without_multipliers import WithoutMultipliers
@@ -17,12 +18,17 @@ def default_form(prepared: Prepared, highest_index: int = 1) -> Form:
     return (GGL() if highest_index else Index1()) if prepared.rows else ODE()
 
 
-def system_for(prepared: Prepared, form: Form | None = None, highest_index: int = 1) -> SceneSystem:
-    """The System in the variant of the form that suits a solver which takes unknowns up to `highest_index`."""
+def system_for(prepared: Prepared, form: Form | None = None, highest_index: int = 1,
+               open: bool = False) -> SceneSystem:  # fmt: skip
+    """The System in the variant of the form that suits a solver which takes unknowns up to `highest_index`; open: see `Assembly`
+    (not where multipliers are eliminated)."""
     form = form if form is not None else default_form(prepared, highest_index)
     refusal = form.refusal(prepared.model, prepared.rows)
     if refusal:
         raise OptionError(f"scene '{prepared.model.scene.name}': {refusal}")
     spec = form.for_index(highest_index).for_time(prepared.time).spec()
-    kind = WithoutMultipliers if spec.eliminated and prepared.rows else SceneSystem
-    return kind(prepared, spec)
+    if spec.eliminated and prepared.rows:
+        return WithoutMultipliers(prepared, spec)
+    moved = prepared.all_bodies.moved
+    equations = assembly_of(moved)(prepared.model, prepared.mechanics.rows, spec, None, moved, True) if open else None
+    return SceneSystem(prepared, spec, assembly=equations)

@@ -13,8 +13,9 @@ import numpy as np
 
 from mbdae.errors import OptionError
 from mbdae.inputs import tables
+from mbdae.inputs.deferred_time import sympy_time
 from mbdae.inputs.tables import Table
-from mbdae.inputs.timed import after, time_symbol
+from mbdae.inputs.timed import after
 from mbdae.values import BadValueError, option, path, shown, text
 
 TIME_UNITS = ("s", "sec", "second", "seconds")
@@ -34,7 +35,7 @@ def table(t: Any, values: Any, kind: str = "linear", outside: str = "hold") -> A
         found = tables.known(Table(t, values, kind, outside))
     except BadValueError as refused:
         raise OptionError(f"mb.table: {refused}") from None
-    return _function(found.name, 0)(time_symbol())
+    return _function(found.name, 0)(sympy_time())
 
 
 def read_table(file: Any, t: str, value: str, kind: str = "linear", outside: str = "hold", unit: str | None = None) -> Any:
@@ -58,7 +59,7 @@ def read_table(file: Any, t: str, value: str, kind: str = "linear", outside: str
         found = tables.known(Table(times, values, kind, outside))
     except BadValueError as refused:
         raise OptionError(f"{place}, columns {shown(head[columns[0]])} and {shown(head[columns[1]])}: {refused}") from None
-    return _function(found.name, 0)(time_symbol())
+    return _function(found.name, 0)(sympy_time())
 
 
 # ---- files -----------------------------------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """The language of inputs: expressions of time as text that keeps every digit, and the strict reader of that text.
 
-The text is the notation of Python and SymPy: numbers, + - * / **, comparisons, the functions of `timed`, Piecewise, And, Or, Not,
-Xor, pi, E, the time t, and sensors by their paths, sensor("J.angle"). It
+The text is the notation of Python and SymPy: numbers, + - * / **, comparisons, the functions of `timed`, Piecewise, And, Or, Not
+(and, or, not, &, |, ~), Xor, pi, E, the time t, and sensors by their paths, sensor("J.angle"). It
 may come from a file of unknown origin, so Python and SymPy evaluate nothing of it: the reader
 knows these words only, and refuses expressions that would take long to calculate or produce huge numbers.
 """
@@ -28,9 +28,9 @@ FUNCTIONS = (
 LONGEST, DEEPEST = 100_000, 120  #: characters, brackets inside each other
 MOST_BITS = 100_000  #: size of the integers that may arise while a text is read; fractions of doubles have up to 1100
 
-_TOKEN = re.compile(r"\s*(?:(?P<float>\d+\.\d*(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)|(?P<integer>\d+)"
+_TOKEN = re.compile(r"\s*(?:(?P<float>(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)|(?P<integer>\d+)"
                     r"|(?P<sensor>sensor\(\"(?:[^\"\\]|\\.)*\"\))|(?P<name>[A-Za-z]\w*)"
-                    r"|(?P<sign>\*\*|<=|>=|==|!=|[-+*/(),<>]))", re.ASCII)  # fmt: skip
+                    r"|(?P<sign>\*\*|<=|>=|==|!=|[-+*/(),<>&|~]))", re.ASCII)  # fmt: skip
 _CONSTANTS: dict[str, Any] = {
     "t": TIME, "pi": se.pi, "E": se.E, "GoldenRatio": se.GoldenRatio, "EulerGamma": se.EulerGamma, "Catalan": se.Catalan,
     "True": se.true, "False": se.false,
@@ -39,13 +39,16 @@ _NUMBERS = ("Integer", "Rational", "RealDouble", "Zero", "One", "NegativeOne", "
 _PARTS = {*FUNCTIONS, *ONE_SIDED, *_NUMBERS, "Pi", "Exp1", "GoldenRatio", "EulerGamma", "Catalan", "Add", "Mul", "Pow", "Symbol"}
 _RELATIONS: dict[str, Any] = {"<": se.Lt, "<=": se.Le, ">": se.Gt, ">=": se.Ge, "==": se.Eq, "!=": se.Ne}
 _SIGNS = {"StrictLessThan": "<", "LessThan": "<=", "Equality": "==", "Unequality": "!="}
-#: precedence of a sign between two numbers; of one before a number: 4
-_STRENGTH = {**dict.fromkeys(_RELATIONS, 1), "+": 2, "-": 2, "*": 3, "/": 3, "**": 5}
+_JOINED = {"and": se.And, "&": se.And, "or": se.Or, "|": se.Or}
+#: precedence of a sign between two numbers or conditions; of one before a number, of "not"
+_STRENGTH = {"or": 1, "|": 1, "and": 2, "&": 2, **dict.fromkeys(_RELATIONS, 4), "+": 5, "-": 5, "*": 6, "/": 6, "**": 8}
+_BEFORE_NUMBER, _NOT = 7, 3
 #: functions with their numbers of arguments (None: two or more)
 _FUNCTIONS: dict[str, tuple[int | None, Callable[..., Any]]] = {
     **{name: (1, getattr(se, name)) for name in FUNCTIONS if name != "Piecewise"},
     **{name: (1, getattr(se, name)) for name in ("sqrt", "sign", "ceiling")}, "Abs": (1, se.Abs), "abs": (1, se.Abs),
-    "Max": (None, se.Max), "Min": (None, se.Min), "Mod": (2, lambda a, b: a - b * se.floor(a / b)),
+    **dict.fromkeys(("Max", "max"), (None, se.Max)), **dict.fromkeys(("Min", "min"), (None, se.Min)),
+    "Mod": (2, lambda a, b: a - b * se.floor(a / b)),
     "frac": (1, lambda a: a - se.floor(a)), "Heaviside": (1, lambda a: (1 + se.sign(a)) / 2),
 }  # fmt: skip
 
@@ -157,7 +160,8 @@ class _Reader:
         left = self._begin()
         while _STRENGTH.get(self._next(), 0) > strength:
             sign = self._next()
-            left = self._chain(left, sign) if sign in "+-*/" else self._pair(left, sign)
+            left = self._chain(left, sign) if sign in "+-*/" else self._joined(left, sign) if sign in _JOINED else self._pair(
+                left, sign)  # fmt: skip
         self.depth -= 1
         return left
 
@@ -165,10 +169,12 @@ class _Reader:
         if self._next() in "+-":
             negative = self._next() == "-"
             self.at += 1
-            found = _value(self._expression(4))
+            found = _value(self._expression(_BEFORE_NUMBER))
             return _Read(-found.e, found.bits) if negative else found
         kind, text = self.tokens[self.at]
         self.at += 1
+        if text in ("not", "~"):
+            return _Read(se.Not(_condition(found := self._expression(_NOT)).e), found.bits)
         if kind == "float":
             return _Read(se.RealDouble(_finite(float(text))), 1)
         if kind == "integer":
@@ -196,12 +202,22 @@ class _Reader:
         bits = _bounded(sum(term.bits for term in terms))
         return _Read((se.Add if signs == "+-" else se.Mul)(*(term.e for term in terms)), bits)
 
+    def _joined(self, left: _Read, sign: str) -> _Read:
+        """Two conditions, joined by a word or a sign."""
+        self.at += 1
+        right = _condition(self._expression(_STRENGTH[sign]))
+        return _Read(_JOINED[sign](_condition(left).e, right.e), _bounded(left.bits + right.bits))
+
     def _pair(self, left: _Read, sign: str) -> _Read:
-        """A comparison, or a power."""
+        """A comparison (of several, a < b < c, all have to hold), or a power."""
         self.at += 1
         if sign != "**":
             right = _value(self._expression(_STRENGTH[sign]))
-            return _Read(_RELATIONS[sign](_value(left).e, right.e), left.bits + right.bits)
+            found = _Read(_RELATIONS[sign](_value(left).e, right.e), left.bits + right.bits)
+            if self._next() not in _RELATIONS:
+                return found
+            rest = self._pair(right, self._next())
+            return _Read(se.And(found.e, rest.e), _bounded(found.bits + rest.bits))
         right = _value(self._expression(_STRENGTH[sign] - 1))
         return _power(_value(left), right)
 
@@ -256,6 +272,12 @@ class _Reader:
 def _value(part: _Read) -> _Read:
     if is_condition(part.e):
         raise ValueError("a condition stands where a number is expected")
+    return part
+
+
+def _condition(part: _Read) -> _Read:
+    if not is_condition(part.e):
+        raise ValueError("and, or, not, &, | join conditions; a number stands where a condition is expected")
     return part
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mbdae.disk.entries import keep, recall
 from mbdae.disk.exact import code_key
 from mbdae.inputs import tables
-from mbdae.inputs.numpy_functions import teach
+from mbdae.inputs.deferred_time import Timed
 from mbdae.inputs.sensed import refuse_symbols
 from mbdae.inputs.text import FUNCTIONS, canonical
 from mbdae.inputs.text import TIME as TIME
@@ -33,20 +33,13 @@ REWRITTEN = ("Abs", "sign", "Heaviside", "Max", "Min", "Mod", "ceiling", "frac")
 HUGE = 100.0  #: logarithm of a factor above which it stays in the exponent
 
 
-@lru_cache(maxsize=1)
-def time_symbol() -> Any:
-    """The SymPy symbol `mb.t`; expressions of it take NumPy's functions."""
-    import sympy
-
-    teach()
-    return sympy.Symbol("t")
-
-
 def expression(value: Any, sensors: bool = False) -> Expr:
     """A number or expression of time as symengine sees it, its numbers plain; raises BadValueError with the reason. sensors:
     whether it may depend on sensors too."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
+    if type(value) is Timed:
+        value = _of_symengine(value)
     if callable(value) and not isinstance(value, type) and not hasattr(value, "free_symbols"):
         raise BadValueError(f"{shown(value)} is a function of Python: write what it returns as an expression of mb.t, with the "
                             f"functions of SymPy, such as 2*sympy.sin(3*mb.t)")  # fmt: skip
@@ -71,6 +64,15 @@ def expression(value: Any, sensors: bool = False) -> Expr:
         return canonical(plain)
     except ValueError as error:
         raise BadValueError(f"{shown(value)} is no input of time: {error}") from error
+
+
+def _of_symengine(value: Timed) -> Any:
+    """In symengine, or in SymPy where that has something to rewrite or to refuse."""
+    try:
+        found = value._symengine_()
+    except Exception:  # a division by zero, a number that symengine does not know: SymPy says what is wrong
+        found = se.nan
+    return found if _known(found) else value._sympy_()
 
 
 def _without_constant_tables(e: Expr) -> Expr:

@@ -206,7 +206,7 @@ class Solver(ABC):
         t, (y, yp) = loop.t, loop.state
         held = y if sampler is None else sampler.at(t, y)
         if anew or held is not y:
-            y, yp = loop.system.restarted(t, held)
+            y, yp = loop.consistent(held)
         loop.t_end = end
         loop.system = loop.system.starting(t, y, yp, longest)
         loop.restart(y, yp)

@@ -62,6 +62,7 @@ class StepLoop:
         self._systems: list[tuple[float, System]] = [(float(system.t0), system)]
         self._restarted = 0  # number of the step at which the run was restarted last
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the run was restarted there
+        self._anew: dict[int, tuple[Array, Array]] = {}  # the same after it, of restarts in an earlier process
 
     @property
     def t(self) -> float:
@@ -165,15 +166,22 @@ class StepLoop:
             return False
         self._planned = False
         self.system, self._renewed = self._renewed, None
+        if self.count in self._anew:
+            self.system = self.system.starting(self.t, *self._anew[self.count], self.system.longest_step)
         self._systems.append((self.t, self.system))
         self.restart(self.system.y0, self.system.yp0)
         return True
+
+    def consistent(self, y: Array) -> tuple[Array, Array]:
+        """y and yp (n,) to restart with from y at a break. Where an earlier process did so it is what that one found: the last
+        digit of rates that are iterated depends on the evaluations before."""
+        return self._anew[self.count] if self.count in self._anew else self.system.restarted(self.t, y)
 
     def restart(self, y: Array, yp: Array) -> None:
         """Continue from the last step with other values: accelerations and multipliers jump at a break of the inputs."""
         self._restarted = len(self._t) - 1
         if len(self._t) > 1:
-            self._breaks[len(self._t) - 1] = self.state
+            self._breaks.setdefault(self._restarted, self.state)
         self._y.tail[-1], self._yp.tail[-1] = y, yp
 
     def guard(self) -> None:
@@ -263,17 +271,21 @@ class StepLoop:
         self._before = self.stats.cpu_s, self.stats.wall_s
 
     def steps_between(self, first: int, last: int) -> dict[str, Any]:
-        """Steps with these numbers, the last one excluded, with the values before the run was restarted there."""
+        """Steps with these numbers, the last one excluded, with the values before the run was restarted there, and those after it
+        where such a step began."""
         y, yp = (np.array(rows.since(first + 1)[: last - first]) for rows in (self._y, self._yp))
         for number, (own_y, own_yp) in self._breaks.items():
             if first < number <= last:
                 y[number - first - 1], yp[number - first - 1] = own_y, own_yp
+        anew = [number for number in self._breaks if first <= number < last]
+        after = [[rows.since(number)[0] for number in anew] for rows in (self._y, self._yp)]
         pieces = self._pieces.since(first)[: last - first]
         have = np.array([piece is not None for piece in pieces], dtype=bool)
         if not all(isinstance(piece, np.ndarray) for piece in pieces if piece is not None):
             raise OptionError(f"checkpoint: what {self.solver.label} keeps of a step is no array, so its runs cannot be kept")
         inner = np.array([piece for piece in pieces if piece is not None])
-        return {"t": np.array(self._t[first + 1 : last + 1]), "y": y, "yp": yp, "have": have, "inner": inner}
+        return {"t": np.array(self._t[first + 1 : last + 1]), "y": y, "yp": yp, "have": have, "inner": inner,
+                "anew": anew, "after": after}  # fmt: skip
 
     def give_back(self, parts: Sequence[dict[str, Any] | None], count: int) -> None:
         """Append steps that were made before, up to so many in all."""
@@ -281,6 +293,7 @@ class StepLoop:
         for part in parts:
             if part is None:
                 continue
+            self._anew |= dict(zip(part["anew"], zip(*part["after"], strict=True), strict=True))
             some = slice(max(self.count - begin, 0), max(count - begin, 0))
             begin += len(part["t"])
             t = part["t"][some]

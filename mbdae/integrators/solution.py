@@ -100,6 +100,10 @@ class Solution(ListsAttributes):
     interpolant: Interpolant
     systems: tuple[tuple[float, System], ...] = ()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy, or what is read from a pickle, has the steps without the equations."""
+        return vars(self) | {"systems": ()}
+
     def __call__(self, t: float | Sequence[float] | Array) -> Array:
         """y at the time or times t, shape t.shape + (n,)."""
         return self._evaluate(t, self.interpolant.value)

@@ -11,7 +11,7 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.costs import spends
-from mbdae.disk.entries import keep, recall
+from mbdae.disk.entries import keep, part_key, recall
 from mbdae.disk.exact import code_key
 from mbdae.kernels.oracle import numpy_function
 from mbdae.native.program import Operations, block
@@ -30,7 +30,7 @@ class Kernel:
 
     def __init__(self, symbols: Sequence[Expr], expressions: Sequence[Expr] | Callable[[], Sequence[Expr]],
                  level: int | None = None, width: int | None = None, key: str | None = None) -> None:  # fmt: skip
-        self.symbols, self._stated, self.level, self._key = list(symbols), expressions, level, key
+        self.symbols, self._stated, self.level, self.key = list(symbols), expressions, level, key
         self.width = len(self.expressions) if width is None else width  #: number of outputs
 
     @cached_property
@@ -45,7 +45,7 @@ class Kernel:
         constants."""
         if not self.symbols:
             return lambda x, out: np.copyto(out, self._fixed)
-        key = self._key or code_key(self.symbols, self.expressions, self.level)
+        key = self.key or code_key(self.symbols, self.expressions, self.level)
         found = recall(key)
         if found is None:
             keep(key, found := self._compiled_now())
@@ -54,9 +54,9 @@ class Kernel:
     @cached_property
     def _fixed(self) -> NDArray[np.float64]:
         """The values of a kernel without inputs."""
-        found = recall(self._key)
+        found = recall(self.key)
         if found is None:
-            keep(self._key, found := tuple(float(e) for e in self.expressions))
+            keep(self.key, found := tuple(float(e) for e in self.expressions))
         return np.array(found, dtype=float)
 
     def _compiled_now(self) -> Any:
@@ -68,10 +68,13 @@ class Kernel:
     @cached_property
     def tangent(self) -> Kernel:
         """Changes of the values by those of the inputs, which follow the inputs."""
-        program, outputs = self.straight()
         changes = {s: se.Symbol(f"change_{s}") for s in self.symbols}
-        found = program.along(outputs, changes)
-        return Kernel([*self.symbols, *changes.values()], program.closed(found), self.level)
+
+        def expressions() -> list[Expr]:
+            program, outputs = self.straight()
+            return program.closed(program.along(outputs, changes))
+
+        return Kernel([*self.symbols, *changes.values()], expressions, self.level, self.width, part_key(self.key, "tangent"))
 
     def straight(self) -> tuple[Program, list[Expr]]:
         """The kernel as a program of small steps."""

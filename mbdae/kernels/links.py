@@ -5,41 +5,80 @@ Their number does not grow with the tree; `system/assembled/ordered_tree.py` say
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property, lru_cache
-from typing import Any
+from functools import cached_property, lru_cache, partial
+from typing import Any, NamedTuple
 
 import symengine as se
 
+from mbdae.disk.entries import keep, key_of, part_key, recall
+from mbdae.disk.exact import Digests
 from mbdae.kernels.compile import Kernel
+from mbdae.kernels.tree_plan import structure_key
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.links.passes import Pass, Shape, inward, outward, projected
 from mbdae.symbolic.links.programs import LinkProgram, MemberProgram, NodeProgram, RootProgram
 from mbdae.symbolic.links.state import directions
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.quaternions import rate_from_body_spin
-from mbdae.symbolic.tree_motion import Link, Member
+from mbdae.symbolic.tree_motion import Link, Member, TreeStructure
 from mbdae.symbolic.vectors import Expr, Vec
 
 Place = tuple[Any, ...]
 OPTIMISED = 1500  #: steps up to which LLVM optimises a kernel: it runs for every body, and is compiled once
 
 
-class ProgramKernel(Kernel):
-    """The kernel of a straight-line program; inputs and targets: the meaning of its inputs and values."""
+class Stated(NamedTuple):
+    """A program, the meaning of its inputs, and its outputs with their targets."""
 
-    def __init__(self, program: Program, known: Mapping[Expr, Place], entries: Sequence[tuple[Place, Expr]]) -> None:
-        stated = [se.sympify(e) for _, e in entries]
-        closed = program.closed(stated)
-        used = set().union(*(e.free_symbols for e in closed))
-        symbols = [s for s in known if s in used]
-        super().__init__(symbols, closed, 2 if len(program.needed(stated)) < OPTIMISED else 0)
-        self._program = program, stated
-        self.inputs, self.targets = [known[s] for s in symbols], [target for target, _ in entries]
+    program: Program
+    known: Mapping[Expr, Place]
+    entries: Sequence[tuple[Place, Expr]]
+
+
+class ProgramKernel(Kernel):
+    """The kernel of a straight-line program, stated where it is not on disk; inputs and targets: the meaning of its inputs and
+    values."""
+
+    def __init__(self, stated: Callable[[], Stated], key: str | None) -> None:
+        self._find = stated
+        tables = recall(part_key(key, "tables"))
+        if tables is None:
+            keep(part_key(key, "tables"), tables := self._tables())
+        symbols, level, self.inputs, self.targets = tables
+        super().__init__([se.Symbol(s) for s in symbols], lambda: self._closed, level, len(self.targets), key)
+
+    def _tables(self) -> tuple[list[str], int, list[Place], list[Place]]:
+        made = self._made
+        used = set().union(*(e.free_symbols for e in self._closed))
+        symbols = [s for s in made.known if s in used]
+        level = 2 if len(made.program.needed(self._outputs)) < OPTIMISED else 0
+        return [str(s) for s in symbols], level, [made.known[s] for s in symbols], [target for target, _ in made.entries]
+
+    @cached_property
+    def _made(self) -> Stated:
+        return self._find()
+
+    @cached_property
+    def _outputs(self) -> list[Expr]:
+        return [se.sympify(e) for _, e in self._made.entries]
+
+    @cached_property
+    def _closed(self) -> list[Expr]:
+        return self._made.program.closed(self._outputs)
+
+    @cached_property
+    def operations(self) -> int:
+        """Number of distinct subexpressions."""
+        key = part_key(self.key, "operations")
+        found = recall(key)
+        if found is None:
+            keep(key, found := super().operations)
+        return int(found)
 
     def straight(self) -> tuple[Program, list[Expr]]:
-        return self._program
+        return self._made.program, self._outputs
 
     @cached_property
     def column(self) -> dict[Place, int]:
@@ -48,21 +87,37 @@ class ProgramKernel(Kernel):
 
 
 class BodyKernels:
-    """The kernels of a body with what carries it. outward: its motion from that of the carrying body, see `LinkProgram.outward`;
-    shape: of the passes; freedoms: places of the unknowns of the joint (or of a root), ("up", node, i)."""
+    """The kernels of a body of a kind with what carries it, a node of the kind `parent`. outward: its motion from that of the
+    carrying body, see `LinkProgram.outward`; shape: of the passes; freedoms: places of the unknowns of the joint (or of a root),
+    ("up", node, i)."""
 
-    def __init__(self, found: LinkProgram | RootProgram, parent: NodeKind, quaternion: bool, heavy: bool) -> None:
-        entries = found.outward(quaternion)
+    def __init__(self, find: Callable[[], LinkProgram | RootProgram], kinds: tuple[NodeKind, NodeKind], quaternion: bool,
+                 heavy: bool, key: str | None) -> None:  # fmt: skip
+        self._find, self._quaternion, (parent, self.kind) = find, quaternion, kinds
+        key = part_key(key, f"quaternion {quaternion}")
+        tables = recall(key)
+        if tables is None:
+            keep(key, tables := self._tables())
+        known, self.freedoms = tables
+        self.outward = ProgramKernel(self._outward, part_key(key, "outward"))
+        self.shape = Shape(len(directions(self.kind)), len(directions(parent)), len(self.freedoms), known, heavy)
+
+    @cached_property
+    def _made(self) -> tuple[LinkProgram | RootProgram, Program, list[tuple[Place, Expr]]]:
+        """The program, the part of it in which nothing accelerates, and what is left of the entries in that."""
+        found = self._find()
+        entries = found.outward(self._quaternion)
         program, values = found.still(entries)
-        varying = [(place, e) for (place, _), e in zip(entries, values, strict=True)
-                   if place[0] not in ("X", "S", "c") or not isinstance(e, se.Integer)]  # fmt: skip
-        known = tuple((place, int(e)) for (place, _), e in zip(entries, values, strict=True)
-                      if place[0] in ("X", "S", "c") and isinstance(e, se.Integer))  # fmt: skip
-        self.outward = ProgramKernel(program, found.inputs, varying)
-        self.freedoms = [found.inputs[s] for s in found.inputs if found.inputs[s][0] == "up"]
-        body = found.nodes[-1].kind
-        self.kind = body
-        self.shape = Shape(len(directions(body)), len(directions(parent)), len(self.freedoms), known, heavy)
+        return found, program, [(place, e) for (place, _), e in zip(entries, values, strict=True)]
+
+    def _tables(self) -> tuple[tuple[tuple[Place, int], ...], list[Place]]:
+        found, _, entries = self._made
+        known = tuple((place, int(e)) for place, e in entries if _is_known(place, e))
+        return known, [place for place in found.inputs.values() if place[0] == "up"]
+
+    def _outward(self) -> Stated:
+        found, program, entries = self._made
+        return Stated(program, found.inputs, [(place, e) for place, e in entries if not _is_known(place, e)])
 
     @cached_property
     def passes(self) -> tuple[ProgramKernel, ProgramKernel, ProgramKernel]:
@@ -70,10 +125,15 @@ class BodyKernels:
         return _passes(self.shape)
 
 
+def _is_known(place: Place, e: Expr) -> bool:
+    """Whether a number of a body is constant."""
+    return place[0] in ("X", "S", "c") and isinstance(e, se.Integer)
+
+
 @lru_cache(maxsize=256)
 def projection(shape: Shape) -> ProgramKernel:
     """Of forces on the freedoms of a body, and on the body that carries it."""
-    return _kernel(projected(shape))
+    return _kernel(shape, "projected", projected)
 
 
 @lru_cache(maxsize=1)
@@ -85,49 +145,64 @@ def quaternion_rate() -> Kernel:
 
 @lru_cache(maxsize=256)
 def _passes(shape: Shape) -> tuple[ProgramKernel, ProgramKernel, ProgramKernel]:
-    made = inward(shape), outward(shape), outward(shape, True)
-    return _kernel(made[0]), _kernel(made[1]), _kernel(made[2])
+    return (_kernel(shape, "inward", inward), _kernel(shape, "outward", outward),
+            _kernel(shape, "outward, given", partial(outward, given=True)))  # fmt: skip
 
 
-def _kernel(made: Pass) -> ProgramKernel:
-    return ProgramKernel(made.program, made.inputs, made.outputs)
+def _kernel(shape: Shape, name: str, make: Callable[[Shape], Pass]) -> ProgramKernel:
+    def stated() -> Stated:
+        made = make(shape)
+        return Stated(made.program, made.inputs, made.outputs)
+
+    return ProgramKernel(stated, key_of("pass", name, Digests().of(shape)))
 
 
 @lru_cache(maxsize=512)
 def link_kernels(parent: NodeKind, link: Link, members: tuple[Member, ...], quaternion: bool, heavy: bool) -> BodyKernels:
     """Of a joint: link and members with parent 0, the body that is carried 1."""
-    return BodyKernels(LinkProgram(parent, link, members), parent, quaternion, heavy)
+    key = structure_key(TreeStructure(parent, (link,), members))
+    return BodyKernels(lambda: LinkProgram(parent, link, members), (parent, link.kind), quaternion, heavy, part_key(key, "link"))
 
 
 @lru_cache(maxsize=8)
 def root_kernels(kind: NodeKind, quaternion: bool) -> BodyKernels:
     """Of a body that moves by unknowns of its own."""
-    return BodyKernels(RootProgram(kind), NodeKind.GROUND, quaternion, True)
+    return BodyKernels(lambda: RootProgram(kind), (NodeKind.GROUND, kind), quaternion, True, key_of("root", kind.name))
 
 
 @lru_cache(maxsize=128)
 def member_kernel(kinds: tuple[NodeKind, ...], member: Member) -> ProgramKernel:
     """Forces of a law between bodies of these kinds, which its nodes count from 0."""
-    found = MemberProgram(kinds, member)
-    entries = found.forces()
-    program, values = found.still(entries)
-    return ProgramKernel(program, found.inputs, [(place, e) for (place, _), e in zip(entries, values, strict=True)])
+
+    def stated() -> Stated:
+        found = MemberProgram(kinds, member)
+        entries = found.forces()
+        program, values = found.still(entries)
+        return Stated(program, found.inputs, [(place, e) for (place, _), e in zip(entries, values, strict=True)])
+
+    key = structure_key(TreeStructure(NodeKind.GROUND, (), (member,)))
+    return ProgramKernel(stated, part_key(key, "member", *(kind.name for kind in kinds)))
 
 
 @lru_cache(maxsize=16)
 def node_motion(kind: NodeKind, heads: tuple[str, ...]) -> ProgramKernel:
     """Those of q, u and u' ("up") of a body that are asked for, from the numbers of its motion."""
-    found = NodeProgram(kind)
-    entries = found.motion(heads)
-    return ProgramKernel(found.program, found.inputs, entries)
+    return _node_kernel(kind, lambda found: found.motion(heads), "motion", *heads)
 
 
 @lru_cache(maxsize=8)
 def node_load(kind: NodeKind, role: str) -> ProgramKernel:
     """Force and moment on a body from its rows of laws outside of the tree."""
-    found = NodeProgram(kind)
-    entries = found.load(role)
-    return ProgramKernel(found.program, found.inputs, entries)
+    return _node_kernel(kind, lambda found: found.load(role), "load", role)
+
+
+def _node_kernel(kind: NodeKind, entries: Callable[[NodeProgram], Sequence[tuple[Place, Expr]]], *names: str) -> ProgramKernel:
+    def stated() -> Stated:
+        found = NodeProgram(kind)
+        made = entries(found)
+        return Stated(found.program, found.inputs, made)
+
+    return ProgramKernel(stated, key_of("node", kind.name, *names))
 
 
 def alone(link: Link, general: bool) -> Link:

@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 import symengine as se
 
 from mbdae.costs import made_once
-from mbdae.disk.entries import keep, key_of, recall
+from mbdae.disk.entries import keep, key_of, part_key, recall
 from mbdae.kernels.compile import Kernel
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import Target, derivatives, input_symbols, insert
+from mbdae.symbolic.rebuild import jumps_with
 from mbdae.symbolic.vectors import Expr
 
 Place = tuple[int, Target]  #: number of an output, and the unknown by which it is differentiated
@@ -99,9 +100,9 @@ class _Sorted(NamedTuple):
 class LinearisedPlan(Plan):
     """The outputs of a law with their exact derivatives, sorted into constant, linear and nonlinear.
 
-    A derivative that depends on parameters only is constant; an output whose derivatives are all constant and that does not
-    depend on time is linear: it needs no kernel. sort: False leaves all outputs and derivatives in the kernels, whose inputs then
-    are all parameters.
+    A derivative that depends on parameters only is constant; an output whose derivatives are all constant, that does not depend
+    on time and does not jump (a floor has the derivative 0) is linear: it needs no kernel. sort: False leaves all outputs and
+    derivatives in the kernels, whose inputs then are all parameters.
     """
 
     def __init__(self, d: Derived, outputs: Outputs, sort: bool = True) -> None:
@@ -141,7 +142,8 @@ class LinearisedPlan(Plan):
         varying = set(self._unknown) | clock
         constant = [sort and not (found & varying) for found in symbols]
         curved = {i for (i, _), fixed in zip(places, constant, strict=True) if not fixed}
-        curved |= {i for i, e in enumerate(self.inserted) if not sort or e.free_symbols & clock}
+        curved |= {i for i, e in enumerate(self.inserted) if not sort or e.free_symbols & clock
+                   or jumps_with(e, varying)}
         nonlinear = [i for i in range(len(self.inserted)) if i in curved]
         linear = [i for i in range(len(self.inserted)) if i not in curved]
         origin = self._origin(d)
@@ -171,11 +173,6 @@ def _key(d: Derived, outputs: Outputs, *words: str) -> str | None:
     if d.key is None or "<" in name or not str(module).startswith("mbdae."):
         return None
     return key_of("plan", d.key, str(module), name, *words)
-
-
-def part_key(key: str | None, *part: str) -> str | None:
-    """The key of a part of an entry."""
-    return None if key is None else key_of("part", key, *part)
 
 
 def _kept(found: Inputs) -> tuple[Any, ...]:

@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 import symengine as se
 
 from mbdae.costs import made_once
-from mbdae.disk.entries import keep, key_of, recall
+from mbdae.disk.entries import keep, key_of, part_key, recall
 from mbdae.disk.exact import Digests
 from mbdae.disk.store import store
 from mbdae.kernels.compile import Kernel
-from mbdae.kernels.plan import part_key
 from mbdae.symbolic.derive import derive
 from mbdae.symbolic.motion import symbolic_steps
 from mbdae.symbolic.outputs import Target
@@ -130,7 +129,7 @@ class TreePlan:
     steps. operations: steps of the whole program."""
 
     def __init__(self, structure: TreeStructure) -> None:
-        self.structure, self.key = structure, _structure_key(structure)
+        self.structure, self.key = structure, structure_key(structure)
         self._pieces: dict[str, list[Piece]] = {}
         found = recall(self.key)
         if found is None:
@@ -215,7 +214,7 @@ def carried_nodes(structure: TreeStructure) -> tuple[int, ...]:
     return tuple(range(1, len(structure.links) + 1))
 
 
-def _structure_key(structure: TreeStructure) -> str | None:
+def structure_key(structure: TreeStructure) -> str | None:
     """The key of a tree: its shape, the motions of its joints and the statements of its laws; None where one has none."""
     if not store().used:
         return None

@@ -33,6 +33,52 @@ WIDE static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, 
   return -1;
 }
 
+/* Pivots one by one, each with the least product of other entries in its row and in its column, of those of at least `share` of the
+   largest in their column. d, at (n, n), row by row: numbers, and where entries are; count (2, n), top (n) to work with. n, or
+   after how many pivots nothing is left to choose from. */
+static I NAME(choose)(I n, T *restrict d, char *restrict at, double share, I *restrict rows, I *restrict columns,
+                      I *restrict count, double *restrict top) {
+  for (I k = 0; k < n; k++) {
+    I r = -1, c = -1, least = 0;
+    double most = 0;
+    for (I b = k; b < n; b++) count[n + columns[b]] = 0, top[columns[b]] = 0;
+    for (I a = k; a < n; a++) {
+      const I i = rows[a];
+      count[i] = 0;
+      for (I b = k; b < n; b++) {
+        const I j = columns[b];
+        if (!at[i * n + j]) continue;
+        const double size = NAME(size)(d[i * n + j]);
+        count[i]++, count[n + j]++;
+        if (size > top[j]) top[j] = size;
+      }
+    }
+    for (I a = k; a < n; a++) {
+      const I i = rows[a];
+      for (I b = k; b < n; b++) {
+        const I j = columns[b], cost = (count[i] - 1) * (count[n + j] - 1);
+        if (!at[i * n + j] || !(top[j] > 0) || (r >= 0 && cost > least)) continue;
+        const double part = NAME(size)(d[i * n + j]) / top[j];
+        if (part >= share && (r < 0 || cost < least || part > most)) r = a, c = b, least = cost, most = part;
+      }
+    }
+    if (r < 0) return k;
+    const I i = rows[r], j = columns[c];
+    rows[r] = rows[k], rows[k] = i, columns[c] = columns[k], columns[k] = j;
+    const T inverse = NAME(inverse)(d[i * n + j]);
+    for (I a = k + 1; a < n; a++) {
+      const I m = rows[a];
+      if (!at[m * n + j]) continue;
+      const T l = NAME(times)(d[m * n + j], inverse);
+      for (I b = k + 1; b < n; b++) {
+        const I o = columns[b];
+        if (at[i * n + o]) at[m * n + o] = 1, NAME(less)(&d[m * n + o], l, d[i * n + o]);
+      }
+    }
+  }
+  return n;
+}
+
 /* The solution in place of b. */
 WIDE static void NAME(solve)(const Order *p, const T *lu, T *b, T *w) {
   for (I i = 0; i < p->n; i++) {

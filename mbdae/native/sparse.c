@@ -61,6 +61,12 @@ API I lu_fill(I n, const I *rows, const I *columns, I most, I *ptr, I *col, I *d
   return ptr[n];
 }
 
+/* See `choose` of lu.h; rows, columns (n): all numbers in any order, then those of the pivots in theirs. */
+API I lu_choose(I n, I complex, void *d, char *at, double share, I *rows, I *columns, I *count, double *top) {
+  return (complex ? pair_choose(n, d, at, share, rows, columns, count, top)
+                  : real_choose(n, d, at, share, rows, columns, count, top));
+}
+
 /* -1; the unknown whose pivot is bad; n where the factors are inaccurate or there are none yet */
 API I lu_factor(Factors *f) {
   if (!f->lu) return f->n;

@@ -35,6 +35,7 @@ typedef struct {
 } Matrix;
 
 API I lu_fill(I n, const I *rows, const I *columns, I most, I *ptr, I *col, I *diag, I *next);
+API I lu_choose(I n, I complex, void *d, char *at, double share, I *rows, I *columns, I *count, double *top);
 API I lu_factor(Factors *f);
 API void lu_solve(const Factors *f, void *b);
 API I matrix_factor(Matrix *m, double h, I first);

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import csc_matrix, cython_lapack
+from mbdae.deferred import csc_matrix, cython_lapack, splu
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.library import declared
 
@@ -59,6 +59,7 @@ class MatrixTable(ctypes.Structure):
 #: the library with the functions of sparse.h
 functions = declared(
     ("lu_fill", Whole, (Whole, Pointer, Pointer, Whole, Pointer, Pointer, Pointer, Pointer)),
+    ("lu_choose", Whole, (Whole, Whole, Pointer, Pointer, Number, *[Pointer] * 4)),
     ("lu_factor", Whole, (Pointer,)),
     ("lu_solve", None, (Pointer, Pointer)),
     ("matrix_factor", Whole, (Pointer, Number, Whole)),
@@ -154,6 +155,32 @@ def filled(n: int, i: Index, j: Index) -> tuple[Index, Index, Index]:
     return ptr, col[:count].copy(), diag
 
 
+def largest_pivots(entries: Entries, values: NDArray[Any]) -> Order | None:
+    """The order with the largest pivots of the present values."""
+    return pivoted(entries, entries.matrix(values), np.arange(entries.n), permc_spec="COLAMD")
+
+
+def pivoted(entries: Entries, ordered: csc_matrix, order: NDArray[Any], **options: Any) -> Order | None:
+    """The order with the pivots that SuperLU chooses in a matrix whose rows and columns stand in an order (n,); None where it
+    finds that singular."""
+    try:
+        factors = splu(ordered, **options)
+    except RuntimeError:
+        return None
+    return Order(entries, order[np.argsort(factors.perm_r)], order[np.argsort(factors.perm_c)])
+
+
+def by_counts(entries: Entries, values: NDArray[Any], share: float) -> Order | None:
+    """The order whose pivots have the fewest other entries in their rows and columns (Markowitz), of those that are at least a
+    share of the largest in their column: for small matrices, at n^3 comparisons; None where the matrix is singular."""
+    n, complex_ = entries.n, values.dtype.kind == "c"
+    d, at = np.zeros((n, n), complex if complex_ else float), np.zeros((n, n), dtype=np.int8)
+    d[entries.row_of, entries.column_of], at[entries.row_of, entries.column_of] = values, 1
+    rows, columns, count, top = whole(np.arange(n)), whole(np.arange(n)), np.zeros(2 * n, dtype=np.int64), np.zeros(n)
+    found = functions().lu_choose(n, complex_, address(d), address(at), share, *map(address, (rows, columns, count, top)))
+    return Order(entries, rows, columns) if found == n else None
+
+
 #: searches for an order of elimination, to be tried in turn: of a matrix (n, n), real or complex, the order, or None where the
 #: search finds none. The last one chooses the largest pivots of the present values; no searches: dense factors are meant
 Searches = tuple[Callable[[Entries, NDArray[Any]], Order | None], ...]
@@ -178,11 +205,9 @@ class Factors:
         self._work, self._sums = np.zeros((2, entries.n), self.dtype), np.zeros(entries.n)
         self._swaps = np.zeros(entries.n, dtype=np.intc)
         self._lu = np.zeros(0, self.dtype)
-        letter = "z" if self.dtype.kind == "c" else "d"
         self.table = FactorsTable(
-            entries.n, entries.nnz, letter == "z", address(entries.row_of), address(entries.column_of), None, 0, 0.0,
-            address(self.values), None, address(self._work), address(self._sums), address(self._swaps),
-            lapack(letter + "getrf"), lapack(letter + "getrs"))  # fmt: skip
+            entries.n, entries.nnz, self.dtype.kind == "c", address(entries.row_of), address(entries.column_of), None, 0, 0.0,
+            address(self.values), None, address(self._work), address(self._sums), address(self._swaps), None, None)  # fmt: skip
         self._at = ctypes.addressof(self.table)
 
     def factor(self) -> None:
@@ -221,6 +246,9 @@ class Factors:
         self.order = order
         sparse = order is not None and order.work < max(FEW, DENSE * n**3 / 3)
         self.table.order = ctypes.addressof(order.table) if order is not None and sparse else None
+        if not sparse and not self.table.getrf:
+            letter = "z" if self.table.complex else "d"
+            self.table.getrf, self.table.getrs = lapack(letter + "getrf"), lapack(letter + "getrs")
         size = order.size if order is not None and sparse else n * n
         if len(self._lu) != size:
             self._lu = np.zeros(size, self.dtype)

@@ -16,9 +16,10 @@ from mbdae.errors import LawError
 from mbdae.kernels.plan import Outputs, plan
 from mbdae.reports.calculus import Pair, summed, times
 from mbdae.reports.letters import Letter, letters, multiplier, name_scalars, name_vectors, unit_text
-from mbdae.reports.page import BOTH, Page
+from mbdae.reports.page import BOTH, Check, Page
 from mbdae.reports.statement import Statement, derived
 from mbdae.reports.states import POINTS, STEP, Numbers, State, random_state
+from mbdae.reports.units import Dimensions, dimensions, law_faults, unit, unit_in
 from mbdae.reports.vectors import Base, Vector
 from mbdae.reports.writer import Writer, subscript
 from mbdae.symbolic.derive import Derived
@@ -70,7 +71,7 @@ class LawPage(Page):
         self.state, self.wanted = state if state is not None else random_state(self.d), {}
         self.known = letters(s.cls, s.structure, s.law, s.rows)
         for row in s.rows if rows else ():
-            self.known[f"lambda_{row}"] = Letter(multiplier(row), s.multiplier_unit(row), f"multiplier of row {row}")
+            self.known[f"lambda_{row}"] = Letter(multiplier(row), self.effort(s.rows[row]), f"multiplier of row {row}")
         self.known |= {name: replace(self.known[name], unit="1") for name in s.turning}
         for side in s.headings:
             self.known |= {f"{side}_h": Letter(f"\\theta_{side}", "rad", f"rotation of body ${side}$ since the drawing"),
@@ -84,6 +85,29 @@ class LawPage(Page):
         self.writer = Writer(s.record, {})
         self.writer.renew = self.refresh
         self.refresh()
+
+    # -- units
+
+    @cached_property
+    def cases(self) -> list[Dimensions]:
+        """Units of what the law states; see `dimensions`."""
+        return dimensions(self.d)
+
+    def unit(self, e: Expr) -> str:
+        """Unit of a scalar."""
+        return " or ".join(map(str, unit_in(self.cases, e, self._number)))
+
+    def effort(self, e: Expr) -> str:
+        """Unit of what does work along a scalar: N m along an angle or a cosine, N along a length."""
+        return " or ".join((unit("J") / u).of_force for u in unit_in(self.cases, e, self._number))
+
+    def units(self) -> list[Check]:
+        faults = law_faults(self.d)
+        agree = [Check("units of all rows, energies and forces", 0.0)] if self.cases and not faults else []
+        return [Check(fault, float("inf")) for fault in faults] or agree
+
+    def _number(self, state: State, e: Expr) -> Any:
+        return np.broadcast_to(self.numbers(state).scalar(e), (state.points,))
 
     # -- letters and definitions
 

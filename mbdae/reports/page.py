@@ -200,6 +200,10 @@ class Page:
         """Values of the symbols that are no definitions, or functions that give them, by their LaTeX."""
         raise NotImplementedError
 
+    def units(self) -> list[Check]:
+        """Whether the terms of what is stated have one unit each; nothing where that is not known."""
+        return []
+
     def printed(self, blocks: list[Block]) -> list[Check]:
         """The equations of numbered blocks, read back."""
         return Printed(self.given(), self.wanted).read(blocks)
@@ -215,6 +219,9 @@ def document(title: str, head: list[Block], pages: list[tuple[Any, list[Block]]]
     letters = [row[0] for row in rows] + [name for page, _ in pages for name in page.own]
     twice = [name for name in dict.fromkeys(letters) if letters.count(name) > 1]
     checks += [Check(f"{symbol} has one meaning", float("inf")) for symbol in twice]
+    units = list(dict.fromkeys(c for page, _ in pages for c in page.units()))
+    head = [*head, *(Paragraph(f"**The units do not fit: {c.what}.**") for c in units if not c.holds)]
+    checks += units
     symbols = Section("Symbols", [Table(SYMBOLS, [*map(list, rows), *further]), *([Paragraph(convention)] if convention else [])])
     return Document(title, [*head, symbols, *(b for part in blocks for b in part), checks_section(checks), *tail])
 

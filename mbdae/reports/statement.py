@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
@@ -16,7 +15,7 @@ from mbdae.laws.friction import Coulomb, LuGre
 from mbdae.laws.joints import Revolute
 from mbdae.reports.calculus import Dual, Motion, Pair, actual, virtual
 from mbdae.reports.letters import specs_of_coordinates
-from mbdae.reports.vectors import Atom, Base, NamedVector, Record, Vector
+from mbdae.reports.vectors import Record, Vector
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.joint import Joint
@@ -289,48 +288,6 @@ class Statement:
             return {}
         stated = getattr(self.law, what)(*self.frames)
         return {name: self.scalar(stated[name]) for name in self.derived.states}
-
-    # -- units: powers of a length, by the positions, coordinates and parameters that enter
-
-    def unit(self, e: Expr) -> str:
-        """Unit of a row: a power of m, 1 for an angle or a cosine."""
-        power = self.length(e)
-        return "1" if power == 0 else "m" if power == 1 else f"m^{power:g}"
-
-    def multiplier_unit(self, row: str) -> str:
-        """Unit of the multiplier of a row, whose product with the row is an energy: N m where the row is an angle or a cosine, N
-        where it is a length."""
-        power = self.length(self.rows[row])
-        return "N m" if power == 0 else "N" if power == 1 else f"N m^{1 - power:g}"
-
-    def length(self, e: Expr) -> float:
-        """The power of a length that a scalar is."""
-        if isinstance(e, se.Symbol):
-            if e in self.record.dots:
-                return sum(map(self._length_of, self.record.dots[e]))
-            return self.length(self.record.scalars[e]) if e in self.record.scalars else self._stated(e)
-        if isinstance(e, se.Mul):
-            return sum(map(self.length, e.args))
-        if isinstance(e, se.Pow):
-            return self.length(e.args[0]) * float(e.args[1]) if e.args[1].is_Number else 0
-        if isinstance(e, se.Add):
-            return max(map(self.length, e.args), key=abs)
-        return self.length(e.args[0]) if isinstance(e, se.Piecewise) else 0
-
-    def _stated(self, symbol: Expr) -> float:
-        """That of a coordinate or parameter by its unit: "m", "m/rad", "m^2", "1/m"."""
-        specs = specs_of_coordinates(self.law)
-        spec = ({str(at): specs[name] for name, at in self.coordinates.items()} | dict(self.law.params)).get(str(symbol))
-        found = re.fullmatch(r"(1/)?m(?:\^([0-9.]+))?(?:/rad)?", spec.unit if spec is not None else "")
-        return float(found[2] or 1) * (-1 if found[1] else 1) if found else 0
-
-    def _length_of(self, atom: Atom) -> float:
-        if isinstance(atom, Base):
-            return 1 if atom.kind in ("r", "c", "s") else 0
-        if isinstance(atom, NamedVector):
-            terms = self.record.vectors[atom.number].terms
-            return max((self.length(c) + self._length_of(a) for a, c in terms.items()), key=abs, default=0)
-        return self._length_of(atom.left) + self._length_of(atom.right)
 
     # -- motions
 

@@ -213,6 +213,7 @@ def random_state(d: Derived, seed: int = 7, points: int = POINTS, spread: float 
     given |= {str(s): rng.normal(size=points) for s in [*d.multipliers, *d.stabilisers]}
     given |= {f"d{f.q[0]}": rng.normal(size=points) for f in d.frames if f.kind is NodeKind.COORDINATE}
     given |= {f"{kind}_{f.side}{i}": rng.normal(size=points) for f in d.frames for kind in ("du", "dpsi") for i in range(3)}
+    given |= {str(s): rng.uniform(0.5, 1.5, points) for f in d.frames for s in f.parameters if str(s) not in given}
     return State(d, given)
 
 

@@ -79,6 +79,12 @@ class Result(RunStates, ListsAttributes):
         self.info = info
         self._sensors: dict[str, Any] = {}
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What `pickle` and `copy` keep: the run; what was read of it is read again."""
+        kind = type(self)
+        own = {name: value for name, value in vars(self).items() if not isinstance(getattr(kind, name, None), cached_property)}
+        return own | {"_sensors": {}}
+
     # -- how it went
 
     @property

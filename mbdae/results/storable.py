@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from inspect import signature
 from typing import Any
 
 from mbdae.errors import MbdaeError, OptionError, SceneError
-from mbdae.scene.record import item_name
+from mbdae.scene.record import STATEMENTS, item_name
 from mbdae.scene.replay import Known, refuse_losses, replay
 from mbdae.scene.scene import SceneData
 
@@ -25,6 +26,16 @@ def statements(scene: SceneData) -> dict[str, Any]:
     if set(scene.own) - set(Known().own):
         _check_own(scene, data)
     return data
+
+
+def by_item(data: dict[str, Any]) -> dict[str, Any]:
+    """The same data with statements by kind and item, and their arguments by name, so that a difference can be told in words."""
+    said: dict[str, Any] = {}
+    for method, args, kwargs in data["statements"]:
+        names = list(signature(STATEMENTS[method]).parameters)[1:]
+        named = dict(zip(names, args, strict=False)) | {f"argument {i}": v for i, v in enumerate(args) if i >= len(names)} | kwargs
+        said[f"{method} '{item_name([method, args, kwargs])}', number {len(said) + 1}"] = named
+    return data | {"statements": said}
 
 
 def _inside(value: Any) -> Iterator[dict[str, Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -42,23 +42,28 @@ def run_batch(scene: SceneData, t_end: float, accuracy: float = 1e-6, *, starts:
     estimated; points that miss the accuracy again with a tighter one. Arguments as of `solve_batch`.
 
     Raises OptionError for scenes that simulate would not give to DOP853: stiff ones, with contact or friction, and so on."""
-    return Batches(scene, t_end, accuracy, outputs).run(starts, numbers, max_wall)
+    return Batches(scene, t_end, accuracy, outputs, numbers or ()).run(starts, numbers, max_wall)
 
 
 class Batches:
     """A scene that is ready for batches of its runs, one after the other; arguments as of `run_batch`."""
 
-    def __init__(self, scene: SceneData, t_end: float, accuracy: float = 1e-6, outputs: Any = None) -> None:
+    def __init__(self, scene: SceneData, t_end: float, accuracy: float = 1e-6, outputs: Any = None,
+                 numbers: Iterable[str] = ()) -> None:  # fmt: skip
+        """numbers: those of laws that points will vary; some cannot in the equations of a single run, where they are constant."""
         self.accuracy, self.t_end = plausible(accuracy), t_end
         prepared = with_recursive_joints(scene, t_end=t_end) or prepared_from(scene, t_end=t_end)
         choice = choose(prepared, scene, self.accuracy)
         if not isinstance(choice.solver, DOP853):
             raise OptionError(f"scene '{scene.name}': a batch takes DOP853, this scene {choice}; run its points one by one")
-        self.system = system_for(prepared, choice.form, 0)
+        self.system, self._known = system_for(prepared, choice.form, 0), dict[str, bool]()
+        try:
+            self.read(dict.fromkeys(numbers))
+        except OptionError:
+            self.system, self._known = system_for(prepared, choice.form, 0, open=True), {}
         times = Asked.of(self.system, t_end, outputs).times
         self.times = np.array([float(t_end)]) if times is None else times
         self._every = np.union1d(self.times, np.linspace(self.system.t0, t_end, COMPARED + 1))
-        self._known: dict[str, bool] = {}
         self._measure = partial(measure_of(self.system, prepared), self._every)
         self._solver, self._limit = choice.solver.at_accuracy(self.accuracy, self.system.label), choice.solver.tightest[""]
 

@@ -23,7 +23,7 @@ from mbdae.formulations import Form
 from mbdae.integrators.base import Solver
 from mbdae.integrators.checkpoints.keeper import Keeper, Stopping, active, keeping_runs
 from mbdae.results.result import Result
-from mbdae.results.storable import statements
+from mbdae.results.storable import by_item, statements
 from mbdae.results.storage import own_laws
 from mbdae.run.environment import environment
 from mbdae.scene.scene import SceneData
@@ -32,7 +32,8 @@ from mbdae.values import option, optional, path, shown, whole
 
 T = TypeVar("T")
 EVERY = 1000  #: accepted steps between two checkpoints
-FORMAT = "mbdae run in progress 1"
+FEW = 1000  #: numbers of an option that are kept themselves, not a digest of them
+FORMAT = "mbdae run in progress 2"
 STATEMENT = "statement.json"
 FOLDER = "give the name of a folder, new or one that such a call made, or None"
 #: of the environment: what may change last digits
@@ -77,20 +78,22 @@ def kept(keeper: Keeper | None, statement: Callable[[], dict[str, Any]]) -> Iter
 def statement_of(scene: SceneData, every: int, solver: Solver | None, form: Form | None, start: Result | None,
                  **options: Any) -> dict[str, Any]:  # fmt: skip
     """Plain data of a call: scene, options and versions. OptionError where its runs cannot be kept."""
-    if scene.controllers:
-        raise OptionError(f"checkpoint: what the function of controller '{scene.controllers[0].name}' does and remembers is not "
-                          f"kept, so a run of it cannot go on: omit checkpoint=, or state the law as feedback, with s.sensor and "
-                          f"s.state")  # fmt: skip
     try:
         stated = statements(scene)
     except OptionError as error:
         raise OptionError(f"checkpoint: the scene cannot be stored, so a folder could not be told from that of another one: "
                           f"{error}") from error  # fmt: skip
     found = environment()
-    return {"scene": stated, "laws": own_laws(modelled(scene)[0]), "solver": repr(solver), "form": repr(form), "every": every,
+    return {"scene": by_item(stated), "laws": own_laws(modelled(scene)[0]), "solver": repr(solver), "form": repr(form), "every": every,
             "start": None if start is None else _digest(start.solution.t[-1:], start.solution.y[-1], start.solution.yp[-1]),
             "versions": {name: found[name] for name in HERE},
-            **{name: _digest(value) if isinstance(value, np.ndarray) else value for name, value in options.items()}}  # fmt: skip
+            **{name: _told(value) for name, value in options.items()}}  # fmt: skip
+
+
+def _told(value: Any) -> Any:
+    if not isinstance(value, np.ndarray):
+        return value
+    return value.tolist() if value.size <= FEW else _digest(value)
 
 
 def _digest(*arrays: Any) -> str:

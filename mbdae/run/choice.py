@@ -142,7 +142,7 @@ def _hard(prepared: Prepared) -> str:
 def _largest_eigenvalues(system: System) -> np.ndarray:
     """Of dy'/dy at the start: all of a small system, the largest of a large one, by products with it."""
     if system.n <= EIGENVALUES:
-        return np.asarray(eigvals(system.rate_jacobian(system.t0, system.y0)))
+        return np.linalg.eigvals(system.rate_jacobian(system.t0, system.y0))
     from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs  # not needed by small scenes
 
     def product(v: np.ndarray) -> np.ndarray:

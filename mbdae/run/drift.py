@@ -37,11 +37,18 @@ def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[s
     e = result(t[:: len(t) // POINTS + 1]).energy
     exchanged = max(float(x) for x in (np.max(e.kinetic), np.ptp(e.potential), np.ptp(e.dissipated), np.ptp(e.work)))
     off = float(e.balance[np.argmax(np.abs(e.balance))])
-    if not abs(off) > max(SHARE, ALLOWED * (asked if asked is not None else run.solver.rtol or 0.0)) * exchanged:
+    tolerance = asked if asked is not None else run.solver.rtol or 0.0
+    if not abs(off) > max(max(SHARE, ALLOWED * tolerance) * exchanged, _at_rest(prepared, tolerance)):
         return []
     cause = "BDF of order above 2 feeds undamped motion: use mb.RadauIIA(3), or" if order > 2 else "use"
     return [f"the energy balance drifts: {abs(off):.2g} J {'gained' if off > 0 else 'lost'} without a cause, where "
             f"{exchanged:.2g} J are exchanged; {cause} a smaller rtol or step"]  # fmt: skip
+
+
+def _at_rest(prepared: Prepared, tolerance: float) -> float:
+    """Energy (J) of the lightest body at a speed that the tolerance does not tell from rest."""
+    masses = [b.mass for b in prepared.model.scene.bodies if b.mass > 0]
+    return min(masses, default=0.0) * (tolerance * prepared.length / prepared.time) ** 2 / 2
 
 
 def _order(run: Controlled) -> int:

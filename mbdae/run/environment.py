@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import os
-import platform
-from importlib.metadata import PackageNotFoundError, version
 
 PACKAGES = ("mbdae", "numpy", "scipy", "scikit-sundae", "symengine")
 
 
 def environment() -> dict[str, str | int]:
     """Versions of Python and of the numerical packages, operating system and processor type, CPUs this process may use."""
+    import platform
+
     found: dict[str, str | int] = {"python": platform.python_version()}
     found |= {name: _version(name) for name in PACKAGES}
     return found | {"machine": f"{platform.system()} {platform.machine()}", "cpus": _cpus()}
 
 
 def _version(package: str) -> str:
+    from importlib.metadata import PackageNotFoundError, version  # with e-mail and sockets: 0.02 s
+
     try:
         return version(package)
     except PackageNotFoundError:

@@ -63,10 +63,11 @@ def shapes(arg: Argument, value: Any) -> tuple[Shape, ...]:
 
 
 def color(arg: Argument, value: Any) -> str:
-    """A colour as "#rrggbb" from a name that matplotlib knows, or three numbers; texts of numbers, its greys, are refused."""
+    """A colour as "#rrggbb": a text that matplotlib knows, or three numbers, or four, of which the opacity is not shown. Texts of
+    numbers, its greys, are refused, as texts are wherever a number is meant."""
     try:
         named = isinstance(value, str) and not value.strip().replace(".", "").isdigit()
-        return READERS["color"](value if named else tuple(array(value, (3,)).tolist()))
+        return READERS["color"](value if named else tuple(array(value, (3,), (4,)).tolist()))
     except ValueError as refused:
         told = isinstance(refused, BadValueError) and shown(value) in str(refused)
         remedy = "give a colour as matplotlib does: 'tab:blue', 'red', '#1f77b4', 'C0', or (r, g, b) from 0 to 1"

@@ -11,7 +11,7 @@ from mbdae.laws.forces import AppliedTorque
 from mbdae.laws.forces.on_coordinate import OnCoordinate
 from mbdae.scene import reading
 from mbdae.scene.beams import check_attachments
-from mbdae.scene.components import Array, Body, Clearance, Connection, Kinematic, Place
+from mbdae.scene.components import Array, Beam, Body, Clearance, Connection, Kinematic, Place
 from mbdae.scene.couplings import CouplingStatements
 from mbdae.scene.models import joint_model, law_of
 from mbdae.scene.reading import Argument, reads
@@ -90,7 +90,7 @@ class ConnectionStatements(CouplingStatements):
         if isinstance(law, Coupling):
             return self._add_coupling(law)
         if law.at is None:
-            law.at = point_of(law.l)
+            law.at = where(self, f"{type(law).__name__.lower()} '{law.name}'", law.l, None)
         law.axis = reading.unit(law.axis)
         law.axis_x = across(Argument(self, f"{type(law).__name__.lower()} '{law.name}'", "axis_x"), law.axis, law.axis_x)
         item = Connection(law.name, type(law).__name__.lower(), law.k, law.l, [law], isinstance(law, Joint))
@@ -148,8 +148,13 @@ class ConnectionStatements(CouplingStatements):
                     break
 
 
-def point_of(body: Body | Place) -> Array:
-    """The point of a joint or force for which none is stated: the place, or the body's centre of mass."""
+def where(scene: Any, item: str, body: Body | Place, at: Any = None) -> Array:
+    """The point (3,), m, of a joint, force or shape: as stated, else the place named, else the centre of mass of a rigid body."""
+    if at is not None:
+        return np.asarray(at)
+    if isinstance(body, Beam):
+        scene.problems.append(f"{item}: at which place of the beam '{body.name}' is not stated; give a point, or its beginning "
+                              f"by '{body.name}'.at(0), its end by .at(1)")  # fmt: skip
     return np.array(body.point if isinstance(body, Place) else body.drawn.position, dtype=float)
 
 

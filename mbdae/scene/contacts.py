@@ -14,7 +14,7 @@ from mbdae.laws.contact.base import Contact
 from mbdae.scene import reading
 from mbdae.scene.appearance import placed, shape
 from mbdae.scene.components import Connection
-from mbdae.scene.connections import point_of
+from mbdae.scene.connections import where
 from mbdae.scene.items import SceneItems
 from mbdae.scene.models import friction_law, normal_law
 from mbdae.scene.reading import reads
@@ -41,7 +41,8 @@ class ContactStatements(SceneItems):
         normal: mb.Hertz(...) or a normal law of one's own; friction: mb.Coulomb(...), one's own, or None. Sensors: `gap`,
         `normal_force`, `friction_force`, `slip`, `contacts`; force and torque are those on the body of the sphere, point, box,
         or of the cylinder on a plane."""
-        first, second = ((b, placed(shape, point_of(b))) for b, shape in ((k, shape_k), (l, shape_l)))
+        item = f"contact '{name}'"
+        first, second = ((b, placed(shape, where(self, item, b, shape.at))) for b, shape in ((k, shape_k), (l, shape_l)))
         if _rank(shape_k) > _rank(shape_l):
             first, second = second, first
         (k, one), (l, other) = first, second
@@ -49,7 +50,7 @@ class ContactStatements(SceneItems):
         laws = [] if made is None else made(self._without_ends(one), other)
         if made is None:
             kinds = f"mb.{type(one).__name__} and mb.{type(other).__name__}"
-            self.problems.append(f"contact '{name}': there is no contact of {kinds}; {TWO}")
+            self.problems.append(f"{item}: there is no contact of {kinds}; {TWO}")
             laws = [(BallOnBall, {"at": one.at, "at_l": other.at, "radius_k": 1.0})]
         made_of: list[TwoBodyLaw] = [law(name, k, l, normal=normal, friction=friction, **values) for law, values in laws]
         return self._connect(Connection(name, "contact", k, l, made_of, shapes=(one, other)))

@@ -24,7 +24,7 @@ from mbdae.laws.joints import (
 )
 from mbdae.scene import reading
 from mbdae.scene.components import Clearance, Connection, Kinematic
-from mbdae.scene.connections import ConnectionStatements, across, point_of
+from mbdae.scene.connections import ConnectionStatements, across, where
 from mbdae.scene.coordinates import on_coordinates
 from mbdae.scene.models import friction_law, joint_model, law_of
 from mbdae.scene.reading import FEEDS, Argument, reads
@@ -60,8 +60,8 @@ class JointStatements(ConnectionStatements):
         joint's reaction normal to the axis. `axis_x`: direction of the joint's x axis, by default any normal to `axis`."""
         options = {"prescribed": prescribed, "start": start, "start_rate": start_rate, "spring": spring, "damper": damper,
                    "load": load, "limits": limits, "stop": stop, "friction": friction}  # fmt: skip
-        where = point_of(l) if at is None else at
-        return self._joint("joint", joint, name, k, l, where, axis, axis_x, model, options, further)
+        point = where(self, f"joint '{name}'", l, at)
+        return self._joint("joint", joint, name, k, l, point, axis, axis_x, model, options, further)
 
     @reads(**PLACED, model=joint_model, angle=reading.driven("rad"), angle0=reading.quantity("rad"),
            rate0=reading.quantity("rad/s"), spring=reading.quantity("N m/rad"),
@@ -177,8 +177,8 @@ class JointStatements(ConnectionStatements):
     def fixed_orientation(self, name: str, k: Any, l: Any, at: Any = None, **further: Any) -> Connection:
         """l does not turn relative to k: coordinates `x`, `y`, `z`, displacements of the point of l at `at`, by default its
         centre. Further arguments as in `joint`."""
-        where = point_of(l) if at is None else at
-        return self._library("fixed_orientation", FixedOrientation, name, k, l, where, (0, 0, 1), None, further)
+        point = where(self, f"fixed_orientation '{name}'", l, at)
+        return self._library("fixed_orientation", FixedOrientation, name, k, l, point, (0, 0, 1), None, further)
 
     def _library(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, axis_x: Any,
                  further: dict[str, Any]) -> Connection:  # fmt: skip

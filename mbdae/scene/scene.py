@@ -16,7 +16,7 @@ from mbdae.scene import reading
 from mbdae.scene.appearance import color, looking, shapes
 from mbdae.scene.beams import BeamStatements
 from mbdae.scene.components import Body, Connection, JointModel
-from mbdae.scene.connections import point_of
+from mbdae.scene.connections import where
 from mbdae.scene.contacts import ContactStatements
 from mbdae.scene.control import ControlStatements
 from mbdae.scene.joints import JointStatements
@@ -138,8 +138,8 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
     def _load(self, kind: str, law: type[Force], names: tuple[str, ...], name: str, body: Any, value: Any, at: Any,
               frame: str) -> Connection:  # fmt: skip
         components = {n: v or None for n, v in zip(names, value, strict=True)}
-        where = point_of(body) if at is None else at
-        load = law(name, self.ground, body, where, following=frame == "body", **components)
+        point = where(self, f"{kind} '{name}'", body, at)
+        load = law(name, self.ground, body, point, following=frame == "body", **components)
         return self._connect(Connection(name, kind, self.ground, body, [load]))
 
     def replace(self, *names: str, model: JointModel) -> Any:

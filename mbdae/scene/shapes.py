@@ -10,12 +10,13 @@ from typing import Any
 class Shape:
     """A shape that is fixed to a body. `at`: a point (m) as drawn; None: the body's centre of mass."""
 
+    at: Any = None
+
 
 @dataclass(frozen=True)
 class Plane(Shape):
     """A half space; `normal` points out of it, to the side that is free."""
 
-    at: Any = None
     normal: Any = (0, 0, 1)
 
 
@@ -23,7 +24,6 @@ class Plane(Shape):
 class Sphere(Shape):
     """A ball of `radius` (m) about `at`; a disc in a planar scene."""
 
-    at: Any = None
     radius: float = 1.0
 
 
@@ -31,14 +31,11 @@ class Sphere(Shape):
 class Point(Shape):
     """A point of a body."""
 
-    at: Any = None
-
 
 @dataclass(frozen=True)
 class Cylinder(Shape):
     """A cylinder of `radius` and `length` (m) with its middle at `at`; without a length it has no ends."""
 
-    at: Any = None
     axis: Any = (0, 0, 1)
     radius: float = 1.0
     length: float | None = None
@@ -49,6 +46,5 @@ class Box(Shape):
     """A box with its middle at `at` and edges of `size` (three lengths, m) along the columns of `rotation` (3, 3) as drawn; None:
     along the inertial axes."""
 
-    at: Any = None
     size: Any = (1, 1, 1)
     rotation: Any = None

@@ -32,7 +32,8 @@ def leader(item: T, leads: dict[T, T]) -> T:
 
 def spanning_tree(scene: SceneItems, joints: Collection[Connection] | None = None) -> Tree:
     """Recursive joints come first, then rigid ones, then those whose start is prescribed or held, then the order of the
-    scene; joints with clearance come last.
+    scene; joints with clearance come last. Where bodies float freely, a root is one that is l of no joint, if there is one: what
+    is held at the start moves l relative to k, whichever body was stated first.
 
     joints: those that count; all by default."""
     leads: dict[Body, Body] = {}
@@ -53,7 +54,8 @@ def spanning_tree(scene: SceneItems, joints: Collection[Connection] | None = Non
     for joint in chosen:
         for a, b in ((joint.k, joint.l), (joint.l, joint.k)):
             joined.setdefault(a, []).append((joint, b))
-    for root in [scene.ground, *scene.bodies]:
+    carried = {joint.l for joint in chosen}
+    for root in [scene.ground, *sorted(scene.bodies, key=carried.__contains__)]:
         if root not in seen:
             roots.append(root)
             seen.add(root)

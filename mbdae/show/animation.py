@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from mbdae.display import framed, picture
 from mbdae.errors import OptionError
 from mbdae.files import replacing, write_file
@@ -16,6 +18,8 @@ from mbdae.show.film import SMOOTH, Curve, Film, digits, filmed, frame_times, na
 from mbdae.show.player import page
 from mbdae.show.plots import PLACE, checked, dress, names_of, numbers, steady, style, track
 from mbdae.values import number, option, optional, sequence, text
+
+DPI = 80  #: pixels per inch of a GIF
 
 
 class Animation:
@@ -76,20 +80,18 @@ def _place(value: Any) -> Any:
 
 
 def write_gif(film: Film, file: Path, delay: float) -> None:
-    """Draw every frame; `delay` s between frames, to the hundredth."""
-    from matplotlib.animation import PillowWriter
-
+    """Draw every frame; `delay` s between frames, to the hundredth. All have the colours of the frame in the middle."""
     stage = _Stage(film)
-    rate: Any = 100 / max(2, round(100 * delay))
-    writer = PillowWriter(fps=rate)
-    with replacing(file) as part, writer.saving(stage.figure, str(part), dpi=80):
-        for i in range(len(film.seen.t)):
-            stage.show(i)
-            writer.grab_frame()
+    count = len(film.seen.t)
+    palette = stage.frame(count // 2).quantize()
+    frames = (stage.frame(i).quantize(palette=palette, dither=0) for i in range(count))
+    shown = 10 * max(2, round(100 * delay))  # ms
+    with replacing(file) as part:
+        next(frames).save(part, format="GIF", save_all=True, append_images=frames, duration=shown, loop=0)
 
 
 class _Stage:
-    """A figure with the mechanism, and charts of sensors over time below."""
+    """A figure with the mechanism, and charts of sensors over time below. What stands still is drawn once."""
 
     def __init__(self, film: Film) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -98,8 +100,8 @@ class _Stage:
         self.film, self.t = film, film.seen.t
         n = len(film.curves)
         width, height = figure_size(film.seen)
-        figure = Figure(figsize=(width, height + 1.3 * n), layout="constrained" if film.seen.planar else None)
-        FigureCanvasAgg(figure)
+        figure = Figure(figsize=(width, height + 1.3 * n), dpi=DPI, layout="constrained" if film.seen.planar else None)
+        self.canvas = FigureCanvasAgg(figure)
         sides = {"left": 0.09, "right": 0.97, "top": 0.94, "bottom": 0.1 / (1 + 0.3 * n), "hspace": 0.4}
         margins = {} if film.seen.planar else sides
         grid = figure.add_gridspec(1 + n, 1, height_ratios=[height, *[0.9] * n], **margins)
@@ -111,6 +113,23 @@ class _Stage:
         self.markers = [self._strip(figure.add_subplot(grid[1 + k]), curve, k == n - 1) for k, curve in enumerate(film.curves)]
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
+        self.moving = sorted([self.title, *self.picture.artists, *self.markers], key=lambda artist: artist.get_zorder())
+        for artist in self.moving:
+            artist.set_animated(True)
+        self.canvas.draw()
+        self.still = self.canvas.copy_from_bbox(figure.bbox)
+
+    def frame(self, i: int) -> Any:
+        """The i-th frame as a picture of Pillow."""
+        from PIL import Image
+
+        self.show(i)
+        self.canvas.restore_region(self.still)
+        for artist in self.moving:
+            if hasattr(artist, "do_3d_projection"):
+                artist.do_3d_projection()
+            artist.draw(self.canvas.get_renderer())
+        return Image.fromarray(np.array(self.canvas.buffer_rgba())[:, :, :3])
 
     def _strip(self, axis: Any, curve: Curve, last: bool) -> Any:
         dress(axis)

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.results.started import started
 from mbdae.scene.components import Array
 from mbdae.show import symbols
-from mbdae.show.geometry import INK, Geometry, Shape, started
+from mbdae.show.geometry import INK, Geometry, Shape
 from mbdae.show.names import Namer, fitting
 from mbdae.show.plots import dress, written
 from mbdae.show.shapes import geometry
@@ -74,7 +75,14 @@ class Picture:
                        if LOOKS[shape.kind].fill and (seen.planar or shape.kind == "disc")]  # fmt: skip
         solids = [shape for shape in seen.shapes if shape.faces]
         self._solids = Solids(axes, seen, solids) if solids else None
+        self._trails: list[Any] = []
         self.show(0)
+
+    @property
+    def artists(self) -> list[Any]:
+        """What `show` and the functions of trails move."""
+        drawn = [artist for artist, _ in self._lines + self._fills]
+        return drawn + self._trails + ([] if self._solids is None else [self._solids.faces])
 
     def show(self, i: int) -> None:
         """Move every line to the i-th time."""
@@ -126,6 +134,7 @@ class Picture:
     def trail(self, points: Array, colour: str) -> Any:
         """A function that draws the path up to the i-th of its points."""
         line = self._line(Shape("", "trail", colour, points[None]))
+        self._trails.append(line)
         return lambda i: self._place(line, points[: i + 1])
 
 

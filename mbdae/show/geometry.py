@@ -6,12 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbdae.integrators.solution import Solution, Stats
-from mbdae.results.accuracy import Accuracy
-from mbdae.results.result import Result, RunInfo
-from mbdae.results.states import Instant
 from mbdae.scene.components import Array
-from mbdae.system.prepare import Prepared
 
 INK = "#222222"
 
@@ -85,12 +80,3 @@ class Geometry:
 def moved(pose: Pose, local: Array) -> Array:
     """Points (nt, n, 3) of a body over time from points (n, 3) in its axes."""
     return np.asarray(pose.position[:, None] + np.einsum("tij,nj->tni", pose.rotation, local))
-
-
-def started(prepared: Prepared) -> Result:
-    """The start of a scene as a Result of one time."""
-    start = prepared.start
-    y = np.hstack([*prepared.all_bodies.reduced(start.q[None], start.u[None]), start.s[None]])
-    t, still = np.array([start.t]), Instant("start", y, np.zeros_like(y))
-    solution = Solution(t, y, still.yp, None, Stats(), still, (), True, still)
-    return Result(prepared, solution, RunInfo(still, "", Accuracy(None, None), Stats()), t)

@@ -109,7 +109,9 @@ def components(result: Any, sensor: str) -> list[tuple[str, Array]]:
     planar model only those in its plane."""
     values, quantity = numbers(result, sensor), split(sensor)[1]
     pair = ["x", "y"] if quantity == "orbit" else ["near end", "far end"]
-    names = SECTION.get(quantity) or {1: [""], 2: pair, 3: list("xyz"), 9: [a + b for a in "xyz" for b in "xyz"]}[values.shape[1]]
+    count = values.shape[1]
+    known = {1: [""], 2: pair, 3: list("xyz"), 9: [a + b for a in "xyz" for b in "xyz"]}
+    names = SECTION.get(quantity) or known.get(count) or [str(i) for i in range(count)]
     shown = names
     if result.prepared.model.planar and quantity in SECTION:
         shown = [names[i] for i in ((0, 2, 4) if np.any(values[:, [2, 4]]) else (0, 1, 5))]

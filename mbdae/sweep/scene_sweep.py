@@ -19,15 +19,18 @@ from mbdae.errors import ListsAttributes, OptionError, interrupted
 from mbdae.files import first_difference, path_of, write_file
 from mbdae.integrators.base import end_after, output_times
 from mbdae.integrators.checkpoints.trees import read_tree, write_tree
+from mbdae.results.storable import by_item
+from mbdae.results.storage import own_laws
 from mbdae.run.control import plausible
 from mbdae.scene.scene import SceneData
 from mbdae.sweep.resume import interruption
 from mbdae.sweep.scenes import SceneJob, planned, solved
 from mbdae.sweep.workers import with_executor, with_processes
 from mbdae.system.base import Array
+from mbdae.system.prepare import modelled
 from mbdae.values import BadValueError, array, number, option, several, shown, text, whole
 
-FORMAT = "mbdae sweep of a scene 2"
+FORMAT = "mbdae sweep of a scene 3"
 PART, ALONE, PIECES = 512, 8, 8  #: points of a part in batches, and of their own; pieces of a part that failed
 STATEMENT = "statement.json"  #: file of a folder that says what its sweep is
 FOLDER = "give a folder, new or one that such a call made, or None"
@@ -253,9 +256,12 @@ def _folder(resume: Any, job: SceneJob, points: Points) -> tuple[Path | None, st
     if resume is None:
         return None, ""
     folder: Path = option("resume", resume, path_of, FOLDER)
-    values = [axis.tolist() for axis in points.axes or (points.values(0, len(points)),)]
-    said = {"format": FORMAT, "job": job.key, "accuracy": job.accuracy, "t_end": job.t_end, "names": list(points.names),
-            "shape": list(points.shape), "values": values}  # fmt: skip
+    values = [axis.tolist() for axis in points.axes] if points.axes else points.values(0, len(points)).T.tolist()
+    scene = job.scene
+    stated = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": scene.statements}
+    said = {"format": FORMAT, "scene": by_item(stated), "laws": own_laws(modelled(scene)[0]), "accuracy": job.accuracy,
+            "t_end": job.t_end, "outputs": job.outputs.tolist(), "grid": dict(zip(points.names, values, strict=True)),
+            "listed": points.axes is None}  # fmt: skip
     place, statement = folder / STATEMENT, json.dumps(said)
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -172,7 +172,8 @@ def _batches(job: SceneJob) -> Batches:
     """The scene of a job, ready for batches."""
     if job.key not in _ready:
         _ready.clear()
-        _ready[job.key] = Batches(job.at(job.middle), job.t_end, job.accuracy, job.outputs)
+        numbers = [number for lines in (job.lines or {}).values() for number in lines]
+        _ready[job.key] = Batches(job.at(job.middle), job.t_end, job.accuracy, job.outputs, numbers)
     return _ready[job.key]
 
 

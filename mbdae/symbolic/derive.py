@@ -17,7 +17,7 @@ from mbdae.disk.exact import Digests
 from mbdae.disk.store import store
 from mbdae.errors import LawError
 from mbdae.symbolic.derived import Derived as Derived
-from mbdae.symbolic.derived import Facts, Pair, Terms, reaction_on_l, reactions
+from mbdae.symbolic.derived import Facts, NotPlanarError, Pair, Terms, reaction_on_l, reactions
 from mbdae.symbolic.derived import Side as Side
 from mbdae.symbolic.frames import Frame, NodeKind, make_frame
 from mbdae.symbolic.joint import Joint
@@ -191,7 +191,7 @@ class _Derivation(Statement):
         if not f.kind.flat:
             return move, turn
         if not all(self._vanishes(e) for e in (move[2], turn[0], turn[1])):
-            raise LawError(f"{type(self.law).__name__} is not planar: {what} acts out of the plane")
+            raise NotPlanarError.of(self.law, what)
         return Vec(move[0], move[1], 0), Vec(0, 0, turn[2])
 
     def _stated(self, reactions: Mapping[str, Expr], force_on_l: Vec) -> _Stated | None:

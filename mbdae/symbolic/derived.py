@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import symengine as se
 
 from mbdae.disk.entries import keep, key_of, recall
+from mbdae.errors import LawError
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element
@@ -19,6 +20,19 @@ from mbdae.symbolic.vectors import ZERO, Expr, Vec
 Side = tuple[NodeKind, Axes]
 Pair = tuple[Vec, Vec]  #: (translational, rotational) part of a covector, inertial components
 _ZERO = se.Integer(0)
+
+
+class NotPlanarError(LawError):
+    """A law between planar nodes that acts out of the plane; what: which part of it."""
+
+    what = ""
+
+    @classmethod
+    def of(cls, law: Any, what: str) -> NotPlanarError:
+        """For a law."""
+        made = cls(f"{type(law).__name__} is not planar: {what} acts out of the plane")
+        made.what = what
+        return made
 
 
 class Terms(NamedTuple):
@@ -61,7 +75,13 @@ class Derived:
         self.law, self.frames, self.key, self._run, self.feeds = law, frames, key, run, feeds
         found = recall(key)
         if found is None:
-            keep(key, found := tuple(self._derivation[0]))
+            try:
+                keep(key, found := tuple(self._derivation[0]))
+            except NotPlanarError as refused:  # which a scene in space comes to in every process: it is tried in the plane first
+                keep(key, refused.what)
+                raise
+        if isinstance(found, str):
+            raise NotPlanarError.of(law, found)
         vars(self).update(Facts(*found)._asdict())
 
     @cached_property

@@ -14,6 +14,7 @@ LOGIC = ("And", "Or", "Not", "Xor")  #: connectives of conditions
 CONDITIONS: dict[str, Any] = {"StrictLessThan": se.Lt, "LessThan": se.Le, "Equality": se.Eq, "Unequality": se.Ne,
                                **{name: getattr(se, name) for name in LOGIC}}  # fmt: skip
 ONE_SIDED = ("Abs", "Max", "Min", "sign", "ceiling")  #: functions that are rewritten with Piecewise and floor
+STEPPED = ("floor", "ceiling", "sign", "Piecewise")  #: functions that jump where their derivatives do not show it
 LARGEST = 300.0  #: argument of an exponential above which its reciprocal and all derivatives of that are zero
 
 
@@ -60,6 +61,11 @@ def is_condition(node: Expr) -> bool:
     """Whether a node is a relation, or conditions joined."""
     name = type(node).__name__
     return name in CONDITIONS or name in ("BooleanTrue", "BooleanFalse")
+
+
+def jumps_with(e: Expr, symbols: set[Expr]) -> bool:
+    """Whether an expression contains a function that jumps and is constant elsewhere, of an argument with some of the symbols."""
+    return any(type(node).__name__ in STEPPED and node.free_symbols & symbols for node in nodes(e))
 
 
 def one_sided(e: Expr) -> Expr:

@@ -19,6 +19,7 @@ from mbdae.symbolic.functions import KINDS
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Force
 from mbdae.symbolic.outputs import Target, input_symbols, insert
+from mbdae.symbolic.rebuild import nodes
 from mbdae.symbolic.vectors import Expr, Vec
 
 EQUAL = 1e-12  #: relative difference up to which two branches of a Piecewise count as the same function
@@ -123,6 +124,8 @@ class _Search:
                 yield Switch("power", e.args[0] ** 2 + e.args[1] ** 2, se.Rational(1, 2))
         elif kind in ("Max", "Min"):
             yield from (Switch("kink", a - b) for i, a in enumerate(e.args) for b in e.args[:i])
+        elif kind in ("floor", "ceiling"):
+            yield from () if _counts_turns(e.args[0]) else _integers(e.args[0])
         elif kind in KINDS and e.args[0].free_symbols and not (kind in ("sin", "cos") and self._is_angle(e.args[0])):
             yield Switch(KINDS[kind], e.args[0])
 
@@ -147,6 +150,22 @@ class _Search:
             falls = not exponent.free_symbols and float(exponent) < 0
             if (falls and not self.damps) or base.free_symbols & self.own:  # else a length, which has no width
                 yield Switch("power", base, exponent)
+
+
+def _integers(u: Expr) -> Iterator[Switch]:
+    """Where u passes an integer: sin(pi u) changes its sign, and no step takes u over more than one."""
+    if u.free_symbols:
+        yield Switch("kink", se.sin(se.pi * u))
+        yield Switch("periodic", se.pi * u)
+
+
+def _counts_turns(u: Expr) -> bool:
+    """Whether floor(u) counts the turns of an angle (`variation.nearest_turn`): it jumps where the angle between axes does, so
+    that their sum does not."""
+    angles = [node for node in nodes(u) if isinstance(node, se.atan2)]
+    plain = {angle: se.Dummy() for angle in angles}
+    flat = u.subs(plain)
+    return any(se.expand(se.diff(flat, symbol) * 2 * se.pi) == -1 for symbol in plain.values())
 
 
 def _conditions(e: Expr) -> Iterator[Switch]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,23 @@ Array = NDArray[np.float64]
 
 
 SWITCH_KINDS = ("kink", "decaying", "saturating", "growing", "arc", "periodic", "power")
+
+
+class Places(NamedTuple):
+    """Where the entries of a matrix (n, n) are, by columns: `indptr` (n + 1,) and `indices` (nnz,) as SciPy has them."""
+
+    indptr: NDArray[np.intp]
+    indices: NDArray[np.intp]
+
+    @property
+    def nnz(self) -> int:
+        """Number of entries."""
+        return len(self.indices)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Of the matrix."""
+        return (len(self.indptr) - 1,) * 2
 
 
 @dataclass(frozen=True)

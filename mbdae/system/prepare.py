@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
+from typing import Any
 
 import numpy as np
 
@@ -51,6 +52,11 @@ class Prepared:
     all_bodies: AllBodies
     contacts: list[ExpectedContact] = field(default_factory=list)  #: the contacts of the scene before the run
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy, or what is read from a pickle, makes its model and kernels from the scene."""
+        of_model = self.model.scene, self.model.stay_kinematic, self.model.conditions.end
+        return _made_again, (*of_model, self.rank, self.start, self.time, self.contacts)
+
     @cached_property
     def with_all_rows(self) -> Mechanics:
         """The mechanics with redundant rows too, by which a run is checked and its reactions are read."""
@@ -84,6 +90,14 @@ class Prepared:
     def length(self) -> float:
         """Size of the scene, m."""
         return self.model.length
+
+
+def _made_again(scene: SceneData, stay: Mapping[str, str], end: float, rank: RankReport, start: Start, time: float,
+                contacts: list[ExpectedContact]) -> Prepared:  # fmt: skip
+    model, moved = modelled(scene, stay)
+    model.conditions.end = end
+    all_bodies = bodies_of(model, moved)
+    return Prepared(model, mechanics_of(model, rank.kept, all_bodies), rank, start, time, all_bodies, contacts)
 
 
 @single_threaded

@@ -29,7 +29,8 @@ FIRST, THEN = 4, 64  #: calls that are repeated to see whether a controller is p
 
 @dataclass
 class _Called:
-    """A controller in one run: where its inputs and outputs stand, what it remembers, how often it was called."""
+    """A controller in one run: where its inputs and outputs stand, what it remembers, how often it was called, what it returned
+    last."""
 
     controller: Controller
     inputs: slice
@@ -37,6 +38,7 @@ class _Called:
     begin: float
     memory: Any
     count: int = 0
+    held: list[float] = field(default_factory=list)
 
     @property
     def next(self) -> float:
@@ -48,7 +50,7 @@ class _Called:
         self.count += 1
         again = self.count <= FIRST or self.count % THEN == 0
         before = deepcopy(self.memory) if again else None
-        found, self.memory = self._outputs(t, values, self.memory)
+        self.held, self.memory = found, self.memory = self._outputs(t, values, self.memory)
         if again:
             twice, memory = self._outputs(t, values, before)
             if not (_same(twice, found) and _same(memory, self.memory)):
@@ -56,6 +58,14 @@ class _Called:
                                              f"{twice}; a run is repeated to measure its error, so what it remembers has to be "
                                              f"in `memory`")  # fmt: skip
         return found
+
+    def check_held(self, t: float, values: Sequence[float], there: Array) -> None:
+        """ControllerError where the run up to here was made with other outputs: of a run that goes on from a folder the steps are
+        read, and the controller is called again for what it remembers."""
+        if self.held and not np.allclose(there, self.held, rtol=SAME, atol=SAME):
+            raise self._error(t, values, f"returned {shown(self.held)} at its instant before, but {shown(there.tolist())} when "
+                                         f"the steps were made: a run goes on with the function, and the numbers it uses, that "
+                                         f"it began with; name another folder by checkpoint= for a new one")  # fmt: skip
 
     def _outputs(self, t: float, values: Sequence[float], memory: Any) -> tuple[list[float], Any]:
         names, function, remembers = self.controller.sets, self.controller.function, self.controller.memory is not None
@@ -69,7 +79,7 @@ class _Called:
             found, memory = found
         given = [found] if len(names) == 1 and np.ndim(found) == 0 else found
         try:
-            outputs = [float(value) for value in given]
+            outputs = [_number(value) for value in given]
         except (TypeError, ValueError):
             raise self._error(t, values, f"returned {shown(found)}, which is not {self._wanted()}") from None
         if len(outputs) != len(names):
@@ -87,6 +97,13 @@ class _Called:
         inputs = dict(zip(self.controller.reads, values, strict=True))
         seen = ", ".join(f"{name} = {value:.9g}" for name, value in inputs.items()) or "none"
         return ControllerError(f"controller '{self.controller.name}' {what} (at t = {t:.9g} s; its inputs: {seen})", t, inputs)
+
+
+def _number(value: Any) -> float:
+    """A number; a text of one is none."""
+    if isinstance(value, str | bytes):
+        raise TypeError
+    return float(value)
 
 
 def _same(a: Any, b: Any) -> bool:
@@ -130,6 +147,7 @@ class Sampler:
         values = self.observer(np.array([t]), y[None])[0].tolist()
         new = y.copy()
         for c in self.due:
+            c.check_held(t, values[c.inputs], y[c.outputs])
             new[c.outputs] = c.call(t, values[c.inputs])
         return y if np.array_equal(new, y) else new
 

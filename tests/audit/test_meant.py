@@ -107,6 +107,15 @@ def test_names_survive_in_formulas(name: str, tmp_path) -> None:
     assert f"ddt{name}" in shown
 
 
+@pytest.mark.parametrize("name", ["ph", "mass", "eps", "rho0in"])
+def test_names_of_several_letters_are_no_index(name: str) -> None:
+    """They read as they are written, or as the text declares."""
+    assert latex.name(name) == rf"\mathrm{{{name}}}"
+    assert latex.name(name, {name: "p_h"}) == "p_h"
+    found = [latex.name(n) for n in ("b3k", "phik", "alphal", "rkdot", "mu", "dphi", "v12")]
+    assert found == ["b_{3}^{k}", r"\varphi^{k}", r"\alpha^{l}", r"\dot{r}^{k}", r"\mu", r"d\varphi", "v_{12}"]
+
+
 # -- laws of one's own
 
 
@@ -157,8 +166,8 @@ OWN = {cls.__name__: cls for cls in (Bent, Straight, Slanted, Sticky, Stiff)}
 
 @pytest.mark.parametrize(("name", "text", "told"), [
     ("Straight", "V [J]: energy of Straight\n1: V = 1/2*c*(u'*u + d^2)", ""),
-    ("Bent", "V [J]: energy of Bent\n1: V = 1/2*c*(u'*u + d)", "the energy is a sum of terms with different units"),
-    ("Slanted", "c [m]: row slant of Slanted\n1: c = u'*u", "the row slant is a sum of terms with different units"),
+    ("Bent", "V [J]: energy of Bent\n1: V = 1/2*c*(u'*u + d)", "the energy adds terms in m and in m^2"),
+    ("Slanted", "c [m]: row slant of Slanted\n1: c = u'*u", "the row slant adds terms in 1 and in m"),
     ("Sticky", "f [1]: coefficient of Sticky\n1: f = n", "its coefficient has the unit m s^-1, not 1"),
     ("Stiff", "f [N]: elastic force of Stiff\n1: f = n", "its elastic_force has the unit m^2 kg s^-2, not N"),
 ])  # fmt: skip

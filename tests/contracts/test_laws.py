@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import symengine as se
 
 import mbdae as mb
 from mbdae.contracts import checks
+from mbdae.contracts.variants import variants
 from mbdae.kernels import compile as kernels_compile
 from mbdae.laws import contact, couplings, elements, forces, joints
 from mbdae.symbolic import derive as symbolic_derive
@@ -19,12 +21,15 @@ from mbdae.symbolic.law import Element
 from mbdae.symbolic.variation import Variation, rate
 from mbdae.symbolic.vectors import ZERO
 
+selftest = import_module("mbdae.contracts.selftest")
 kernels_plan = sys.modules["mbdae.kernels.plan"]  # the package exports a function of that name
 LAWS = [getattr(module, name) for module in (joints, couplings, forces, elements) for name in module.__all__]
 LAWS.append(contact.JournalContact)
+LONG = ("JournalContact", "Planar", "PointOnPlane", "PointOnLine")  #: others have their frictions, and as many coordinates
 
 
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
+@pytest.mark.parametrize("law", [pytest.param(law, marks=[pytest.mark.slow] * (law.__name__ in LONG)) for law in LAWS],
+                         ids=lambda law: law.__name__)  # fmt: skip
 def test_law_keeps_the_contract(law: Any) -> None:
     report = mb.selftest(law)
     bodiless = [*couplings.__all__, "JointCoordinate"]  # these know no bodies
@@ -194,8 +199,9 @@ def test_option_given() -> None:
 
 
 @pytest.fixture
-def fresh() -> Iterator[None]:
-    """No derivation from before, none left behind."""
+def fresh(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """No derivation from before, none left behind; of the variants those between two bodies in space, or of one."""
+    monkeypatch.setattr(selftest, "variants", lambda *given: (v for v in variants(*given) if v[0].startswith("spatial")))
     symbolic_derive.derive.cache_clear()
     yield
     symbolic_derive.derive.cache_clear()

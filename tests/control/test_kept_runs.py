@@ -1,4 +1,4 @@
-"""Feedback and events in runs that are kept in a folder; controllers, whose memory is not kept, are refused."""
+"""Feedback, events and sampled controllers in runs that are kept in a folder."""
 
 import numpy as np
 import pytest
@@ -22,37 +22,60 @@ def pendulum():
 OPTIONS = {"record": ["J.rate == 0", "e < -1"], "accuracy": 1e-8}
 
 
-@pytest.mark.parametrize("solver", [mb.RadauIIA(3), mb.DOP853(), None])
-@pytest.mark.parametrize("until", [None, "J.angle < -1.5"])
-def test_events_of_a_run_that_was_killed_have_the_same_bits(solver, until, tmp_path, monkeypatch):
-    def made(folder):
-        r = pendulum().simulate(2.0, solver=solver, until=until, checkpoint=folder, every=20, **OPTIONS)
-        return r.t.tobytes(), r.q.tobytes(), r.events
+class Files:
+    """Files that runs write, counted; the write with number `stop` is the last one."""
 
-    files = {"count": 0, "stop": 0}
+    def __init__(self):
+        self.count = self.stop = 0
 
-    def counting(original):
+    def after(self, stop, call):
+        self.count, self.stop = 0, stop
+        return call()
+
+    def counting(self, original):
         def write(*args):
             original(*args)
-            files["count"] += 1
-            if files["count"] == files["stop"]:
+            self.count += 1
+            if self.count == self.stop:
                 raise Killed
 
         return write
 
+
+@pytest.fixture
+def killed(monkeypatch):
+    files = Files()
     for owner, name in ((keeper.RunFiles, "write"), (keeper.RunFiles, "write_chunk"), (keeper, "write_tree")):
-        monkeypatch.setattr(owner, name, counting(getattr(owner, name)))
+        monkeypatch.setattr(owner, name, files.counting(getattr(owner, name)))
     monkeypatch.setattr(keeper, "PAUSE", 0.0)
-    whole = made(tmp_path / "whole")
-    count = files["count"]
+    return files
+
+
+def same_after_kills(run, folder, files):
+    """Runs that are killed after a file and go on have the bits of one that is not."""
+
+    def made(name):
+        r = run(folder / name)
+        return r.t.tobytes(), r.q.tobytes(), r.events
+
+    whole = made("whole")
+    count = files.count
     assert count > 3
-    assert len(whole[2]) > 0
     for i, stop in enumerate(np.unique(np.linspace(1, count - 1, 4).astype(int)).tolist()):
-        files.update(count=0, stop=stop)
         with pytest.raises(Killed):
-            made(tmp_path / str(i))
-        files.update(count=0, stop=0)
-        assert made(tmp_path / str(i)) == whole
+            files.after(stop, lambda: made(str(i)))  # noqa: B023
+        assert files.after(0, lambda: made(str(i))) == whole  # noqa: B023
+    return whole
+
+
+@pytest.mark.parametrize("solver", [mb.RadauIIA(3), mb.DOP853(), None])
+@pytest.mark.parametrize("until", [None, "J.angle < -1.5"])
+def test_events_of_a_run_that_was_killed_have_the_same_bits(solver, until, tmp_path, killed):
+    def run(folder):
+        return pendulum().simulate(2.0, solver=solver, until=until, checkpoint=folder, every=20, **OPTIONS)
+
+    whole = same_after_kills(run, tmp_path, killed)
+    assert len(whole[2]) > 0
 
 
 def test_another_event_is_another_call(tmp_path):
@@ -62,8 +85,34 @@ def test_another_event_is_another_call(tmp_path):
         s.simulate(1.0, until="J.angle < -0.2", checkpoint=tmp_path)
 
 
-def test_sampled_controllers_are_refused(tmp_path):
+def controlled(gain):
+    def integral(t, angle, held, memory):
+        memory = memory + 0.05 * angle
+        return -gain * angle - memory - 0.1 * held, memory
+
+    s = pendulum()
+    s.controller("pid", integral, every=0.05, reads=["J.angle", "u"], sets=["u"], memory=0.0)
+    s.torque("motor", s["rod"], (0, 0, s.sensor("u")))
+    return s
+
+
+@pytest.mark.parametrize(("solver", "end"), [(mb.RadauIIA(3), 1.0), (mb.DOP853(), 2.0), (mb.IDA(), 0.1), (None, 2.0)])
+def test_sampled_controllers_go_on(solver, end, tmp_path, killed):
+    def run(folder):
+        return controlled(3.0).simulate(end, solver=solver, accuracy=1e-4, checkpoint=folder, every=20)
+
+    same_after_kills(run, tmp_path, killed)
+
+
+def test_another_function_is_told(tmp_path, killed):
+    with pytest.raises(Killed):
+        killed.after(5, lambda: controlled(3.0).simulate(2.0, checkpoint=tmp_path, every=20))
+    with pytest.raises(mb.errors.ControllerError, match=r"'pid' returned .* at its instant before, but .* when"):
+        controlled(4.0).simulate(2.0, checkpoint=tmp_path, every=20)
+
+
+def test_a_function_without_a_name_is_refused(tmp_path):
     s = pendulum()
     s.controller("pid", lambda t, angle: -angle, every=0.1, reads=["J.angle"], sets=["u"])
-    with pytest.raises(mb.OptionError, match="checkpoint: what the function of controller 'pid' does and remembers is not kept"):
+    with pytest.raises(mb.OptionError, match=r"checkpoint: the scene cannot be stored.*a lambda has no name"):
         s.simulate(1.0, checkpoint=tmp_path / "folder")

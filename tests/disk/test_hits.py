@@ -5,22 +5,24 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 RUN = """
 import hashlib, sys
 import mbdae as mb
 import symengine as se
 from mbdae.symbolic import derive
+from mbdae.symbolic.program import Program
 count = {"derived": 0, "compiled": 0}
-run, compile = derive._Derivation.run, se.Lambdify
+run, compile, let = derive._Derivation.run, se.Lambdify, Program.let
 def counted(self):
     count["derived"] += 1
     return run(self)
+def stating(self, e):
+    count["derived"] += 1
+    return let(self, e)
 def counting(*args, backend="lambda", **options):
     count["compiled"] += backend == "llvm"
     return compile(*args, backend=backend, **options)
-derive._Derivation.run, se.Lambdify = counted, counting
+derive._Derivation.run, se.Lambdify, Program.let = counted, counting, stating
 """
 END = """
 times = [0.1 * n for n in range(1, 5)]
@@ -58,6 +60,18 @@ s.controller("c", lambda t, angle: -angle, every=0.05, reads=["hinge.angle"], se
 s.force("push", rod.at(1.0), (s.sensor("rod.velocity[0]"), 0, 0))
 r, names = s.simulate(0.5), ["hinge"]
 """
+TREE = """
+s = mb.Scene("ordered tree", gravity=(0, -9.81, 0))
+before, bodies = s.ground, []
+for i in range(18):
+    bodies.append(s.rigid_body(f"b{i}", 1.0, (0.1, 0.02, 0.1), at=(0.5 + i, 0, 0)))
+    s.revolute(f"J{i}", before, bodies[-1], at=(i, 0, 0), axis=(0, 1, i % 2), damper=0.1, model=mb.Recursive())
+    before = bodies[-1]
+s.spring("spring", bodies[0], bodies[-1], (0, 0.1, 0), (18, 0.1, 0), stiffness=10.0)
+s.force("push", bodies[4], (0, mb.t, 0))
+r, names = s.simulate(0.5, accuracy=1e-2, solver=mb.SOLVER), ["J0"]
+assert r.info.form == "ODE"
+"""
 RATE, TORQUE = "-s.sensor('hinge.angle')", "s.sensor('u') + 5 * e - 0.5 * s.sensor('hinge.rate')"
 OWN = """
 class Spring(mb.Force):
@@ -77,22 +91,29 @@ r, names = s.simulate(0.5), ["hinge", "spring"]
 
 def run(tmp_path, statement, cache=None):
     """Derivations, compilations, hash of the result and a number of it, of a process."""
+    return several(tmp_path, [statement], cache)[0]
+
+
+def several(tmp_path, statements, cache=None):
+    """The same of scenes one after the other in one process; derivations and compilations are those from its begin on."""
     environment = os.environ | {"MBDAE_CACHE": str(cache or tmp_path / "kept"), "PYTHONPATH": str(Path(__file__).parents[2])}
-    made = subprocess.run([sys.executable, "-W", "ignore", "-c", RUN + statement + END], capture_output=True, text=True,
-                          check=False, env=environment)  # fmt: skip
+    code = RUN + "".join(statement + END for statement in statements)
+    made = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, check=False,
+                          env=environment)  # fmt: skip
     assert made.returncode == 0, made.stderr
-    derived, compiled, found, number = made.stdout.split()
-    return int(derived), int(compiled), found, float(number)
+    lines = [line.split() for line in made.stdout.splitlines()]
+    return [(int(derived), int(compiled), found, float(number)) for derived, compiled, found, number in lines]
 
 
-@pytest.mark.parametrize("statement", [PENDULUM, LOOP, BEAM, FED.format(rate=RATE, torque=TORQUE), OWN.format(factor=1)],
-                         ids=["pendulum", "loop", "beam", "feedback", "own law"])  # fmt: skip
-def test_the_second_process_derives_and_compiles_nothing(tmp_path, statement):
-    first, second, without = run(tmp_path, statement), run(tmp_path, statement), run(tmp_path, statement, "off")
-    assert first[0] > 0
-    assert first[1] > 0
-    assert second[:2] == (0, 0)
-    assert first[2] == second[2] == without[2]
+def test_the_second_process_derives_and_compiles_nothing(tmp_path):
+    scenes = [PENDULUM, LOOP, BEAM, FED.format(rate=RATE, torque=TORQUE), OWN.format(factor=1),
+              TREE.replace("SOLVER", "DOP853()"), TREE.replace("SOLVER", "RadauIIA(3)")]  # fmt: skip
+    first, second, without = several(tmp_path, scenes), several(tmp_path, scenes), several(tmp_path, scenes, "off")
+    derived = [one[0] for one in first]
+    assert 0 < derived[0] < derived[-1]
+    assert first[0][1] > 0
+    assert [one[:2] for one in second] == [(0, 0)] * len(scenes)
+    assert [one[2] for one in first] == [one[2] for one in second] == [one[2] for one in without]
 
 
 def test_a_law_that_was_edited_is_derived_again(tmp_path):
@@ -103,27 +124,30 @@ def test_a_law_that_was_edited_is_derived_again(tmp_path):
     assert run(tmp_path, OWN.format(factor=1))[::2] == (0, before[2])
 
 
-@pytest.mark.parametrize(("rate", "torque"), [
+EDITS = [
     (RATE, TORQUE.replace("+ 5 * e", "+ 5 * e**2")), (RATE, TORQUE.replace("0.5 *", "0.5 * s.sensor('hinge.angle') *")),
     (RATE, TORQUE.replace("'hinge.rate'", "'rod.velocity[1]'")), (RATE, TORQUE.replace("'hinge.rate'", "'rod.velocity[0]'")),
     (RATE, TORQUE.replace("'u'", "'e'")), ("-s.sensor('hinge.rate')", TORQUE), ("-s.sensor('hinge.angle')**3", TORQUE),
-])  # fmt: skip
-def test_feedback_that_was_edited_is_derived_again(tmp_path, rate, torque):
+]  # fmt: skip
+
+
+def test_feedback_that_was_edited_is_derived_again(tmp_path):
     """Everything else is as before: the law, its parameters, the kinds of nodes."""
-    before = run(tmp_path, FED.format(rate=RATE, torque=TORQUE))
-    after = run(tmp_path, FED.format(rate=rate, torque=torque))
-    assert after[2] == run(tmp_path, FED.format(rate=rate, torque=torque), "off")[2]
-    assert after[2] != before[2]
-    assert run(tmp_path, FED.format(rate=RATE, torque=TORQUE))[::2] == (0, before[2])
+    scenes = [FED.format(rate=rate, torque=torque) for rate, torque in ((RATE, TORQUE), *EDITS)]
+    before = run(tmp_path, scenes[0])
+    after = several(tmp_path, scenes)
+    assert after[0][::2] == (0, before[2])
+    assert [one[2] for one in after] == [one[2] for one in several(tmp_path, scenes[::-1], "off")][::-1]
+    assert len({one[2] for one in after}) == len(scenes)
 
 
-@pytest.mark.parametrize("damage", [lambda whole: whole[: len(whole) // 2], lambda whole: whole[:-3] + b"abc", lambda whole: b""])
-def test_damaged_files_are_made_again(tmp_path, damage):
+def test_damaged_files_are_made_again(tmp_path):
+    damages = [lambda whole: whole[: len(whole) // 2], lambda whole: whole[:-3] + b"abc", lambda whole: b""]
     first = run(tmp_path, PENDULUM)
-    files = list((tmp_path / "kept").glob("*.kept"))
-    for file in files:
-        file.write_bytes(damage(file.read_bytes()))
-    assert run(tmp_path, PENDULUM)[2] == first[2]
+    for number, file in enumerate((tmp_path / "kept").glob("*.kept")):
+        file.write_bytes(damages[number % 3](file.read_bytes()))
+    again = run(tmp_path, PENDULUM)
+    assert again[:3] == first[:3]
     assert run(tmp_path, PENDULUM)[:2] == (0, 0)
 
 

@@ -207,7 +207,7 @@ def test_every_part_of_a_tree_is_in_its_key(kept):
     trees += [TreeStructure(NodeKind.GROUND, (Link(**link | {name: value}),), ()) for name, value in others.items()]
     trees += [TreeStructure(NodeKind.SPATIAL, (Link(**link),), ()), TreeStructure(NodeKind.GROUND, (Link(**link),), (), (1,)),
               TreeStructure(NodeKind.GROUND, (Link(**link), Link(**link)), ())]  # fmt: skip
-    keys = [tree_plan._structure_key(tree) for tree in trees]
+    keys = [tree_plan.structure_key(tree) for tree in trees]
     assert None not in keys
     assert len(set(keys)) == len(keys)
 

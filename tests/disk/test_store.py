@@ -99,6 +99,53 @@ def test_links_are_not_followed(store, tmp_path):
     assert "no folder" in Store(tmp_path / "link").why
 
 
+MADE = {"pipe": os.mkfifo, "folder": os.mkdir, "circle": lambda path: os.symlink(path, path),
+        "device": lambda path: os.symlink("/dev/zero", path)} if hasattr(os, "mkfifo") else {}  # fmt: skip
+
+
+@POSIX
+@pytest.mark.parametrize("kind", MADE)
+def test_what_is_no_file_is_not_read_and_stops_nothing(tmp_path, kind):
+    """A pipe would wait for another process for ever: everything is done in a process of its own that has 20 s."""
+    folder = Store(tmp_path / "kept").folder
+    for name in (KEY + SUFFIX, "counts", f"old{PART}"):
+        MADE[kind](folder / name)
+    code = """
+import sys
+from pathlib import Path
+from mbdae.disk.store import Store
+store = Store(Path(sys.argv[1]))
+print(store.content())
+print(store.read(sys.argv[2]))
+for key in sys.argv[2:]:
+    store.write(key, b"content")
+print(store.read(sys.argv[3]))
+store.content()
+"""
+    run = subprocess.run([sys.executable, "-c", code, str(folder), KEY, OTHER], timeout=20, check=False, capture_output=True,
+                         text=True)  # fmt: skip
+    assert (run.returncode, run.stderr) == (0, "")
+    assert run.stdout.splitlines() == ["Content(entries=0, size=0, hits=0, misses=0)", "None", "b'content'"]
+    assert Store(folder).read(KEY) == (None if kind == "folder" else b"content")
+    assert Store(folder).clear() == (1 if kind == "folder" else 2)
+
+
+@POSIX
+@pytest.mark.parametrize("kind", MADE)
+def test_a_folder_that_is_none_is_not_used(tmp_path, kind):
+    MADE[kind](tmp_path / "kept")
+    for place_ in (tmp_path / "kept", tmp_path / "kept" / "below")[kind == "folder" :]:
+        assert Store(place_).used is (kind == "folder")
+
+
+def test_open_files_are_closed_where_they_are_none(store):
+    file_of(store).mkdir()
+    before = len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else 0
+    for _ in range(5):
+        assert store.read(KEY) is None
+    assert before in (0, len(os.listdir("/proc/self/fd")))
+
+
 def test_a_full_disk_ends_keeping_and_nothing_else(store, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
@@ -178,6 +225,8 @@ def test_counts_of_all_processes_are_added(store):
 
 @pytest.mark.parametrize(("variables", "found"), [
     ({"MBDAE_CACHE": "off"}, None), ({"MBDAE_CACHE": "OFF"}, None), ({"MBDAE_CACHE": "/a/b"}, "/a/b"),
+    ({"MBDAE_CACHE": "~/a", "HOME": "/h"}, "/h/a"), ({"MBDAE_CACHE": "~", "HOME": "/h"}, "/h"),
+    ({"MBDAE_CACHE": "~nobody-of-this-name/a"}, None),
     ({"XDG_CACHE_HOME": "/x"}, "/x/mbdae"), ({"XDG_CACHE_HOME": "relative", "HOME": "/h"}, "/h/.cache/mbdae"),
     ({"HOME": "/h"}, "/h/.cache/mbdae"),
 ])  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import signal
@@ -17,12 +18,13 @@ import pytest
 import mbdae as mb
 from mbdae.integrators.checkpoints import keeper
 from mbdae.integrators.checkpoints.snapshot import go_back, snapshot
-from mbdae.integrators.checkpoints.trees import read_tree, write_tree
+from mbdae.integrators.checkpoints.trees import packed, read_tree, write_tree
 from mbdae.integrators.runge_kutta.radau import RadauIIA
+from mbdae.system.rank import rows_in_force
 
 OWN = [name for name, (_, _, options) in scenes.RUNS.items() if not ("solver" in options and options["solver"].restarts)]
-SHORT = ["Radau IIA", "Radau IIA, impacts", "Radau IIA, breaks and friction", "DOP853, rows in force", "generalised-alpha",
-         "CVODE"]
+SHORT = ["Radau IIA", "Radau IIA, impacts", "Radau IIA, stops", "Radau IIA, breaks and friction", "DOP853, breaks and friction",
+         "DOP853, rows in force", "generalised-alpha", "CVODE"]
 
 
 class Killed(BaseException):
@@ -31,12 +33,15 @@ class Killed(BaseException):
 
 @pytest.fixture
 def written(monkeypatch):
-    """Counts the files written, and ends the run after number `stop`."""
-    count = {"files": 0, "stop": 0}
+    """Counts the files written, and ends the run after number `stop`; states: what was kept, by run, steps and whether the run
+    was under way."""
+    count = {"files": 0, "stop": 0, "states": {}}
 
     def counting(original):
         def write(self, *args):
             original(self, *args)
+            if isinstance(args[0], dict):
+                count["states"][self.name, args[0]["count"], args[0]["method"] is not None] = content(args[0])
             count["files"] += 1
             if count["files"] == count["stop"]:
                 raise Killed
@@ -48,18 +53,39 @@ def written(monkeypatch):
     return count
 
 
+def content(state):
+    """A digest of a state that was kept, but for times of computing."""
+    state = state | {"stats": {name: value for name, value in state["stats"].items() if name not in ("cpu_s", "wall_s")}}
+    arrays = {}
+    text = json.dumps(packed(state, arrays))
+    return hashlib.sha256(text.encode() + b"".join(np.ascontiguousarray(a).tobytes() for a in arrays.values())).hexdigest()
+
+
 @pytest.mark.parametrize("name", SHORT)
 def test_after_any_file_the_run_goes_on_with_the_same_bits(name, tmp_path, written):
+    """The result, and every state kept on the way: masses of impacts and positions at which rows were looked at are among them,
+    which change the result of few runs."""
     whole = scenes.run(name, tmp_path / "whole")
-    files = written["files"]
+    files, states = written["files"], dict(written["states"])
     assert files > 5
     for i, stop in enumerate(np.unique(np.linspace(1, files - 1, 5).astype(int)).tolist()):
         written.update(files=0, stop=stop)
         with pytest.raises(Killed):
             scenes.run(name, tmp_path / str(i))
-        written.update(files=0, stop=0)
+        written.update(files=0, stop=0, states={})
         assert scenes.run(name, tmp_path / str(i)) == whole
+        assert written["states"].items() <= states.items()
         assert written["files"] < files or i == 0
+
+
+def test_rows_change_again_where_they_changed_whatever_was_seen(tmp_path, monkeypatch):
+    make, end, options = scenes.RUNS["Radau IIA, rows in force"]
+    whole = make().simulate(end, checkpoint=tmp_path, **options)
+    monkeypatch.setattr(rows_in_force, "SHARE", np.inf)  # what was looked at once is not looked at again
+    again = make().simulate(end, checkpoint=tmp_path, **options)
+    times = [t for t, _ in whole.solution.systems]
+    assert len(times) > 2
+    assert [t for t, _ in again.solution.systems] == times
 
 
 @pytest.mark.parametrize("name", ["Radau IIA", "DOP853", "HHT", "Radau IIA, clearance", "a method of one's own"])
@@ -111,7 +137,7 @@ def test_another_call_is_refused(change, told, tmp_path):
 
 def test_another_scene_or_version_is_refused(tmp_path):
     scenes.chain().simulate(0.2, checkpoint=tmp_path)
-    with pytest.raises(mb.OptionError, match="holds another run: scene"):
+    with pytest.raises(mb.OptionError, match="holds another run: scene.name is \"two rods\" there"):
         scenes.stick_slip().simulate(0.2, checkpoint=tmp_path)
     place = tmp_path / "statement.json"
     stated = json.loads(place.read_text(encoding="utf-8"))
@@ -182,6 +208,21 @@ def test_sigterm_ends_a_script_with_a_plain_message(which, tmp_path):
     handler = signal.getsignal(signal.SIGTERM)
     scenes.chain().simulate(0.1, checkpoint=tmp_path / "other")
     assert signal.getsignal(signal.SIGTERM) is handler
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals of POSIX")
+def test_sigterm_waits_for_a_value_that_is_written(tmp_path, monkeypatch):
+    original = keeper.write_tree
+
+    def write(path, tree):
+        if path.name.startswith("value"):
+            os.kill(os.getpid(), signal.SIGTERM)
+        original(path, tree)
+
+    monkeypatch.setattr(keeper, "write_tree", write)
+    with pytest.raises(mb.StoppedError):
+        scenes.chain().simulate(0.2, solver=mb.RadauIIA(3), checkpoint=tmp_path)
+    assert (tmp_path / "value00001.npz").exists()
 
 
 def test_a_law_of_ones_own_that_changed_is_refused(tmp_path):

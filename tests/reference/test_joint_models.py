@@ -31,7 +31,8 @@ from mbdae.formulations import system_for
 from mbdae.system.prepare import prepare
 
 AGREE = 1e-11  #: of the largest acceleration, or joint force
-TWO = [(kind, sides, driven) for kind in KINDS for sides, driven in (("lk", None), ("kl", 1))]
+TWO = [pytest.param(kind, *way, marks=[pytest.mark.slow] * ((i + k) % 2))  # each kind in one way, validation/joints has both
+       for i, kind in enumerate(KINDS) for k, way in enumerate((("lk", None), ("kl", 1)))]  # fmt: skip
 
 
 @pytest.mark.parametrize(("kind", "sides", "driven"), TWO)

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-import loops
-import overconstrained as over
-from bodies import GROUND, Body, Input, Joint, Mechanism
-from mechanisms import LETTERS, a_body, a_joint, loop, second_loop, unit
+from oracles import loops
+from oracles import overconstrained as over
+from oracles.bodies import GROUND, Body, Input, Joint, Mechanism
+from oracles.mechanisms import LETTERS, a_body, a_joint, loop, second_loop, unit
 from scipy.spatial.transform import Rotation
 
 Z = np.array([0.0, 0.0, 1.0])

@@ -2,71 +2,34 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-import loops
-import overconstrained as over
-from bodies import Input
-from mechanisms import COORDINATE, Drawn, flattened, loop, node_accelerations, scene_of, second_loop, start_of, state_of
+from oracles import loops
+from oracles import overconstrained as over
+from oracles.bodies import Input
+from oracles.mechanisms import Drawn, flattened, scene_of, start_of
+from oracles.random_loops import (
+    AGREE,
+    ALL,
+    CHAINS,
+    DOUBLE,
+    MODELS,
+    SPECIAL,
+    agree,
+    drawn,
+    far,
+    freedoms,
+    reactions_off,
+    scene,
+    solved,
+)
 from threadpoolctl import threadpool_limits
 
 import mbdae as mb
 from mbdae.formulations import GGL, Index1, system_for
-from mbdae.results.reactions import wrenches
-from mbdae.results.states import States
 from mbdae.system.prepare import prepare
-
-AGREE = 1e-9  #: of the largest acceleration, or force; what is measured is near 1e-13
-
-#: single loops: joints from the ground to the ground by their letters, and what acts on them
-CHAINS = {
-    "RUSR": {},
-    "RSSR": {"drives": (0,), "springs": (3,)},
-    "RRURU": {"springs": (0, 1)},
-    "RSPUR": {"springs": (2,)},
-    "RPSRRR": {"springs": (1,), "drives": (0,)},
-    "RRRRRRR": {},
-    "RRPRRWUR": {"springs": (0, 2)},
-    "PRDR": {},
-    "RSDR": {"points": (1,)},
-}
-SPECIAL = {
-    "planar": over.planar,
-    "planar, driven": over.driven(over.planar),
-    "slider-crank": lambda rng: over.planar(rng, "RRRP", springs=(0, 3)),
-    "wedge": lambda rng: over.planar(rng, "PPP"),
-    "parallelogram": over.parallelogram,
-    "spherical": over.spherical,
-    "Bennett": over.bennett,
-    "Bennett, driven": over.driven(over.bennett),
-    "Sarrus": over.sarrus,
-    "Cardan": over.cardan,
-    "Cardan, driven": over.driven(over.cardan),
-    "one universal joint": over.one_joint_shaft,
-    "welded twice": over.welded_twice,
-    "door on two hinges": lambda rng: over.door(rng, 2),
-    "door on two balls": lambda rng: over.door(rng, 2, "S"),
-}
-DOUBLE = {
-    "RRURU, SUR": lambda rng: second_loop(rng, loop(rng, "RRURU"), "SUR", 0, -1, (2,)),
-    "RSSR, D": lambda rng: second_loop(rng, loop(rng, "RSSR"), "D", 0, 2),
-    "RPSRRR, RSU": lambda rng: second_loop(rng, loop(rng, "RPSRRR", springs=(1,)), "RSU", 1, 3, (0,)),
-    "RRRRRRR, SPU": lambda rng: second_loop(rng, loop(rng, "RRRRRRR", drives=(0,), springs=()), "SPU", 2, -1, (1,)),
-    "platform on three cranks": over.cranks,
-    "platform on three cranks, driven": over.driven(over.cranks),
-    "door on three hinges": over.door,
-    "planar six-bar": over.six_bar,
-    "spherical six-bar": lambda rng: over.six_bar(rng, True),
-    "four-bar and SUS": over.crossed,
-}
-
 
 PLANAR = {
     "four-bar": over.planar,
@@ -75,9 +38,6 @@ PLANAR = {
     "five-bar": lambda rng, **own: over.planar(rng, "RRRRR", **own),
     "six-bar": over.six_bar,
 }
-MODELS = ("kinematic", "classical", "recursive", "mixed")
-ALL = {letters: (lambda rng, letters=letters: loop(rng, letters, **CHAINS[letters])) for letters in CHAINS}
-ALL |= {name: over.under_forces(make) for name, make in (SPECIAL | DOUBLE).items()}
 ONE = [(name, seed) for name in CHAINS for seed in range(8)] + [(name, seed) for name in SPECIAL for seed in range(2)]
 TWO = [(name, seed) for name in DOUBLE for seed in range(5)]
 
@@ -87,70 +47,6 @@ def one_thread():
     """Matrices are small."""
     with threadpool_limits(1):
         yield
-
-
-def scene(start, model, space="auto"):
-    """The scene of a start with all its joints "kinematic", "classical", "recursive" (as many as form a tree), or "mixed"."""
-    names = [j.name for j in start.mechanism.joints if j.kind in COORDINATE]
-    models = {n: mb.Classical() if model == "classical" else mb.Kinematic() for n in names}
-    if model == "mixed":
-        models |= {n: mb.Classical() for n in names[1::2]} | {names[0]: mb.Recursive()}
-    made = scene_of(start.mechanism, models, start.hold, start.velocities, space)
-    return made.recursive() if model == "recursive" else made
-
-
-def drawn(name, seed, model="kinematic"):
-    """A mechanism with its start, as near to where it is drawn as it must be to close, and its prepared scene."""
-    rng = np.random.default_rng(seed)
-    start = start_of(rng, ALL[name](rng))
-    for share in (1.0, 0.3, 0.1):
-        try:
-            return start.nearer(share), prepare(scene(start.nearer(share), model))
-        except mb.SceneError:
-            continue
-    return start.nearer(0.0), prepare(scene(start.nearer(0.0), model))
-
-
-def solved(mechanism, prepared, t, q, u, closed=1e-9):
-    """The reference at a state of a prepared scene, which it finds consistent: the state, its motion, and the accelerations
-    (nu,) of all nodes."""
-    state = state_of(prepared, t, q, u)
-    c, speeds = loops.constraints(mechanism, state), np.hstack([state.v, state.w])[:-1].ravel()
-    assert np.max(np.abs(c.g)) < closed
-    assert np.max(np.abs(c.J @ speeds - c.speed)) < closed * (1 + np.max(np.abs(speeds)))
-    motion = loops.solve(mechanism, state)
-    joints = [j for j in mechanism.joints if j.kind in COORDINATE]
-    of_joints = {j.name: loops.coordinate(mechanism, state, j, motion.a)[2] for j in joints}
-    return state, motion, node_accelerations(prepared, state, motion.a, of_joints)
-
-
-def far(one, other):
-    """Largest difference over the largest value."""
-    return float(np.max(np.abs(one - other), initial=0.0) / np.max(np.abs(other), initial=1e-300))
-
-
-def reactions_off(mechanism, motion, found):
-    """How far the reactions (joints, 6) are off that are unique, over the largest force or torque."""
-    size = np.max(np.abs(motion.wrench))
-    return float(np.max(np.abs(found - motion.wrench)[motion.unique], initial=0.0) / size)
-
-
-def agree(m, p):
-    """Accelerations and unique reactions at the start of a prepared scene are those of the reference."""
-    begin = p.start
-    _, motion, expected = solved(m, p, begin.t, begin.q, begin.u)
-    assert motion.contradiction < 1e-9
-    assert far(begin.acceleration, expected) < AGREE
-    shown = wrenches(p, States(np.array([begin.t]), begin.q[None], begin.u[None], begin.s[None], None))[0]
-    at = [c.name for c in p.model.scene.connections]
-    assert reactions_off(m, motion, shown[[at.index(j.name) for j in m.joints]]) < AGREE
-
-
-def freedoms(mechanism, prepared):
-    """Degrees of freedom and number of redundant rows by the reference."""
-    begin = prepared.start
-    state = state_of(prepared, begin.t, begin.q, begin.u)
-    return loops.freedoms(mechanism, state, np.random.default_rng(1), 1)
 
 
 @pytest.mark.parametrize(("name", "seed"), [*ONE, *TWO])

@@ -143,3 +143,23 @@ def test_command_line_writes_the_format_of_the_ending(tmp_path, capsys):
 def test_command_line_tells_what_is_wrong(words, message, capsys):
     assert main(words) == 2
     assert message in capsys.readouterr().err
+
+
+def test_every_letter_of_the_equations_is_defined_once_with_its_unit():
+    for scene in (four_bar(), pendulum()):
+        document = mb.report(scene)
+        rows = table(document, "Symbols and their values at the start").rows
+        letters = [row[0] for row in rows]
+        assert len(letters) == len(set(letters))
+        assert [row for row in rows if not row[2] or not row[3]] == []
+        text = document.to_markdown().split("## Equations of the bodies")[1]
+        used = set(re.findall(r"[fpFT](?:\^[\\a-z]+)?_\{\\text\{[^{}]*\}(?:,[xyz])?\}", text))
+        assert len(used) > 6
+        assert {f"${symbol}$" for symbol in used} <= {*letters}
+
+
+def test_moments_of_joints_are_shown_and_read_back():
+    text = mb.report(four_bar()).to_markdown()
+    assert r"T_{\text{A},z} =" in text
+    assert "NOT EQUAL" not in text
+    assert ["C", "JointSpring", "2", "N m/rad", "stiffness: stiffness"] in table(mb.report(four_bar()), "Forces").rows

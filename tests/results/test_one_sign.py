@@ -36,8 +36,8 @@ def quantities(s: mb.Scene) -> dict[str, np.ndarray]:
     return found
 
 
-@pytest.mark.parametrize("axis", [1, -1])
-@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize(("swapped", "axis"), [(False, 1), (True, -1), pytest.param(True, 1, marks=pytest.mark.slow),
+                                               pytest.param(False, -1, marks=pytest.mark.slow)])  # fmt: skip
 @pytest.mark.parametrize("space", ["auto", "spatial"])
 @pytest.mark.parametrize("loads", ["driven", "loaded"])
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import mbdae as mb
+from mbdae.results.started import started
 from mbdae.show import solids
-from mbdae.show.geometry import started
 from mbdae.show.shapes import geometry
 from mbdae.system.prepare import prepare
 

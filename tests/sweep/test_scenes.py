@@ -50,9 +50,25 @@ def test_points_of_a_batch_are_those_of_their_own_scenes():
     assert found.point(3) == {"a.mass": 1.0, "b.mass": 0.7}
 
 
-@pytest.mark.parametrize(("grid", "why"), [
-    ({"B.damper": [0.1, 0.2]}, "part of a constant"), ({"A.spring": [1.0]}, None), ({"b.mass": [0.0, 1.0]}, ""),
+@pytest.mark.parametrize("grid", [
+    {"B.damper": [0.1, 0.2]}, {"B.spring": [0.5, 3.0], "A.damper": [0.2, 0.4]}, {"a.mass": [0.5, 1.2], "B.spring": [1.5, 4.0]},
 ])  # fmt: skip
+def test_stiffness_and_damping_vary_in_batches(grid):
+    """They are constants of the equations of a single run."""
+    found = here(arm(), grid, accuracy=1e-8)
+    assert found.batched
+    values = found.array("B.angle").reshape(len(found.grid), -1)
+    for i, row in enumerate(values):
+        scene = arm()
+        for name, value in found.point(i).items():
+            scene = changed(scene, name, value)[0]
+        np.testing.assert_allclose(row, scene.simulate(1.0, accuracy=1e-9, outputs=OUTPUTS)["B"].angle, atol=1e-7)
+    assert np.ptp(values[:, -1]) > 1e-3
+
+
+@pytest.mark.parametrize(("grid", "why"), [
+    ({"A.spring": [1.0]}, None), ({"b.mass": [0.0, 1.0]}, ""),
+])
 def test_what_no_batch_takes_is_run_point_by_point(grid, why):
     if why is None:
         with pytest.raises(mb.OptionError, match="spring"):
@@ -195,8 +211,10 @@ def test_a_folder_keeps_parts_and_goes_on(tmp_path, monkeypatch):
     assert seen == [6]
     assert again.array("A.rate").tobytes() == whole.tobytes()
     assert all(isinstance(part, Path) for part in again._parts.values())  # on the disk, not in memory
-    with pytest.raises(mb.OptionError, match="holds another sweep: "):
+    with pytest.raises(mb.OptionError, match=r"holds another sweep: grid.b.mass\[1\] is 0.7 there and 0.8 here"):
         here(arm(), GRID | {"b.mass": [0.4, 0.8]}, resume=tmp_path / "kept")
+    with pytest.raises(mb.OptionError, match=r"sweep: scene.statements.revolute 'A', number 3.damper is 0.3 there and 0.9 here"):
+        here(arm(damper=0.9), GRID, resume=tmp_path / "kept")
 
 
 def test_parts_of_another_sweep_are_not_taken(tmp_path):

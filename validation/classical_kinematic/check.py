@@ -38,7 +38,7 @@ def difference(free: bool) -> list[Found]:
 
 def cases() -> list[Case]:
     rotors = {"driven": False, "free": True}
-    return [Case(f"{name} rotor", "RadauIIA(3)", lambda free=free: difference(free)) for name, free in rotors.items()]
+    return [Case(f"{name} rotor", "RadauIIA(3)", lambda free=free: difference(free), slow=free) for name, free in rotors.items()]
 
 
 def run() -> list[Row]:

@@ -97,9 +97,11 @@ def cases() -> list[Case]:
     linear = [Case(f"{e['case']}, {name}", "linearize", lambda e=e, name=name: whirl(e, name))
               for e in known["linear"] for name in FREQUENCIES]  # fmt: skip
     speeds = [Case(e["case"], "linearize", lambda e=e: critical(e), slow=True) for e in known["linear"]]
-    unbalanced = [Case("springs " + " ".join(f"{k:g}" for k in e["kR"]), "RadauIIA(3)", lambda e=e: unbalance(e))
+    unbalanced = [Case("springs " + " ".join(f"{k:g}" for k in e["kR"]), "RadauIIA(3)", lambda e=e: unbalance(e),
+                       slow=e["kR"][0] == 1e6)
                   for e in known["unbalance"]]  # fmt: skip
-    orbits = [Case(f"clearance, {law}", "RadauIIA(3)", lambda law=law: orbit(law)) for law in ("coulomb", "lugre")]
+    orbits = [Case(f"clearance, {law}", "RadauIIA(3)", lambda law=law: orbit(law), slow=True)
+              for law in ("coulomb", "lugre")]
     return linear + speeds + unbalanced + orbits
 
 

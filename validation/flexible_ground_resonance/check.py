@@ -78,7 +78,8 @@ def fewer() -> Found:
 
 
 def cases() -> list[Case]:
-    both = [Case(f"joint models, {space}", "RadauIIA(2)", lambda space=space: models(space)) for space in ("planar", "spatial")]
+    both = [Case(f"joint models, {space}", "RadauIIA(2)", lambda space=space: models(space), space == "spatial")
+            for space in ("planar", "spatial")]
     return [Case("growth by fit", "RadauIIA(3)", fitted), Case("growth by linearisation", "eigenvalues", linearised), *both,
             Case("unknowns", "none", fewer)]  # fmt: skip
 

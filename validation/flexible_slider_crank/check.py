@@ -37,8 +37,8 @@ def amplitudes(form: str, solver: Any) -> list[Found]:
 
 
 def cases() -> list[Case]:
-    return [Case(f"{form}, rtol {solver.rtol:.0e}", solver.label, lambda form=form, solver=solver: amplitudes(form, solver))
-            for form, solver in RUNS]  # fmt: skip
+    return [Case(f"{form}, rtol {solver.rtol:.0e}", solver.label, lambda form=form, solver=solver: amplitudes(form, solver),
+                 solver.rtol not in (1e-6, 1e-8) or (form, solver.rtol) == (GGL, 1e-8)) for form, solver in RUNS]  # fmt: skip
 
 
 def run() -> list[Row]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from runner import Case, Claim, Found, Row, measure
@@ -22,7 +23,7 @@ def motion(solver: Any) -> list[Found]:
 
 
 def cases() -> list[Case]:
-    return with_both("to 2 s", motion)
+    return [replace(case, slow=case.solver == "IDA") for case in with_both("to 2 s", motion)]
 
 
 def run() -> list[Row]:

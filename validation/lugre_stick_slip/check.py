@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,8 @@ def curve(solver: Any) -> Found:
 
 
 def cases() -> list[Case]:
-    return with_both("pulled by a spring, 25 s", motion) + with_both("steady sliding", curve)
+    return [*(replace(case, slow=case.solver == "IDA") for case in with_both("pulled by a spring, 25 s", motion)),
+            *with_both("steady sliding", curve)]
 
 
 def run() -> list[Row]:

@@ -23,7 +23,7 @@ def positions(solver: Any, n: int) -> Found:
 
 
 def cases() -> list[Case]:
-    return [case for n in (2, 3, 5, 10) for case in with_both(f"{n} points", lambda solver, n=n: positions(solver, n))]
+    return [case for n in (2, 3, 5, 10) for case in with_both(f"{n} points", lambda solver, n=n: positions(solver, n), n == 10)]
 
 
 def run() -> list[Row]:

@@ -31,10 +31,10 @@ def cases() -> list[Case]:
     recursive = [case for chain in RECURSIVE
                  for case in with_both(f"{chain[0]} rods, {chain[1]}, recursive joints",
                                        lambda solver, chain=chain: angles(solver, *chain, mb.Recursive()),
-                                       more=[mb.CVODE()])]  # fmt: skip
+                                       chain[0] > 5, [mb.CVODE()])]  # fmt: skip
     return recursive + [case for chain in CHAINS
                         for case in with_both(f"{chain[0]} rods, {chain[1]}", lambda solver, chain=chain: angles(solver, *chain),
-                                              slow=chain == (20, "spatial"))]  # fmt: skip
+                                              slow=chain[0] > 5 and chain != (20, "planar"))]  # fmt: skip
 
 
 def run() -> list[Row]:

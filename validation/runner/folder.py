@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -39,9 +40,12 @@ def module_of(folder: Path, name: str) -> Any:
     return module
 
 
-def load(folder: Path, name: str) -> Check:
-    """What check.py of one claim states."""
+def load(folder: Path, name: str, hours: float | None = None, out: Path | None = None) -> Check:
+    """What check.py of one claim states. With `hours`, its `during(hours, out)` measures: for so long, going on from what a folder
+    `out` has of it; OptionError where the claim has an end of its own."""
     module = module_of(folder, name)
     if module.claim.name != name:
         raise OptionError(f"validation/{name}/check.py states the claim '{module.claim.name}': give it the folder's name")
-    return Check(module.claim, module.cases, module.run)
+    if hours is not None and not hasattr(module, "during"):
+        raise OptionError(f"claim '{name}' has an end of its own: --hours is for claims that draw scenes, such as strangers")
+    return Check(module.claim, module.cases, module.run if hours is None else partial(module.during, hours, out))

@@ -57,10 +57,11 @@ class Run:
                 f"{self.verdict}, error {self.ratio:.2g} x asked; {self.note}")  # fmt: skip
 
 
-def error_of(result: mb.Result, times: Array, truth: Values, positions_only: bool = False) -> float:
+def error_of(result: mb.Result, times: Array, truth: Values, positions_only: bool = False, longest: float = inf) -> float:
     """Largest error at times (nt,), as the README defines accuracy: positions over the scene's length, angles in rad, velocities
-    over the largest of length / characteristic time and the largest speed; nan and infinite values are infinitely wrong."""
-    length, T = result.prepared.length, result.prepared.time
+    over the largest of length / characteristic time (s, at most `longest`) and the largest speed; nan and infinite values are
+    infinitely wrong."""
+    length, T = result.prepared.length, min(result.prepared.time, longest)
     shown, worst = result(times), 0.0
     turning = result.prepared.mechanics.rotational
     fastest = {turns: float(np.max(np.abs(shown.u[:, turning == turns]), initial=0.0)) for turns in (False, True)}

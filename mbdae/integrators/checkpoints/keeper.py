@@ -50,8 +50,15 @@ class Keeper:
         return True, found
 
     def keep_value(self, plain: Tree) -> None:
-        """Keep what the evaluation asked for last returned."""
-        write_tree(self._place, [plain, self._runs])
+        """Keep what the evaluation asked for last returned. SIGTERM waits for the file: an archive that is left in the middle of a
+        member raises another error."""
+        self.inside += 1
+        try:
+            write_tree(self._place, [plain, self._runs])
+        finally:
+            self.inside -= 1
+        if self.stop:
+            raise Stopping
 
     @property
     def _place(self) -> Path:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import zipfile
 import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_matrix
 
+from mbdae.deferred import csc_matrix, issparse
 from mbdae.errors import OptionError
 from mbdae.files import replacing
 
@@ -32,10 +31,12 @@ def write_tree(path: Path, tree: Tree) -> None:
 
 def read_tree(path: Path) -> Tree:
     """The tree in a file; OptionError where it is damaged."""
+    from zipfile import BadZipFile
+
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return unpacked(json.loads(stored[TEXT].tobytes().decode()), stored)
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error, EOFError) as error:
+    except (OSError, ValueError, KeyError, TypeError, BadZipFile, zlib.error, EOFError) as error:
         raise OptionError(f"checkpoint file '{path}' is damaged ({error}): delete its folder, or name another one") from error
 
 
@@ -50,7 +51,7 @@ def packed(value: Tree, arrays: dict[str, Any]) -> Any:
     if isinstance(value, np.ndarray) and value.dtype.kind in "bifc":
         arrays[f"a{len(arrays)}"] = value
         return {"array": f"a{len(arrays) - 1}"}
-    if isinstance(value, csc_matrix):
+    if issparse(value) and value.format == "csc":
         return {"csc": [packed(part, arrays) for part in (value.data, value.indices, value.indptr)], "shape": list(value.shape)}
     if isinstance(value, list):
         return [packed(part, arrays) for part in value]

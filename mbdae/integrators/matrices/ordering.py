@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import connected_components, csc_matrix, identity, splu
-from mbdae.native.sparse import Entries, Order, Searches
+from mbdae.native.sparse import Entries, Order, Searches, by_counts, largest_pivots, pivoted
 
 #: unknowns with an easily inverted block of their own: stresses by their compliance, positions by q' = H u
 FIRST = ("z", "q")
 #: unknowns up to which two orders of a matrix with stresses may be compared (the largest pivots fill it), and multiplications of
 #: a factorisation for which one is not sought further
 FEW, CHEAP = 600, 15_000
+SMALL = 200  #: unknowns up to which pivots are chosen by counts first: it takes 1 ms for 100 of them, and SciPy is not imported
 COUPLED = 2  #: entries of the inverse of the block of the positions, over those of a larger matrix, above which they are not
 #: eliminated first: in space the positions of all bodies that joints connect are one block
 LARGE = 0.1  #: pivots on the diagonal above this part of the largest fill a third to a half of what the largest ones fill
@@ -29,14 +30,17 @@ def searches(kinds: Sequence[str]) -> Searches:
     that of the largest."""
 
     def cheaper(entries: Entries, values: NDArray[Any]) -> Order | None:
-        by_pivots = None if "z" in kinds and entries.n > FEW else _largest_pivots(entries, values)
+        small = by_counts(entries, values, LARGE) if entries.n <= SMALL and "z" not in kinds else None
+        if small is not None and small.work <= CHEAP:  # cheap enough without SciPy
+            return small
+        by_pivots = None if "z" in kinds and entries.n > FEW else largest_pivots(entries, values)
         if by_pivots is not None and by_pivots.work <= CHEAP:
             return by_pivots
         by_kinds = _stresses_first(kinds, entries, values)
         both = [order for order in (by_kinds, by_pivots) if order is not None]
         return min(both, key=lambda order: order.work, default=None)
 
-    return cheaper, _large_pivots, _largest_pivots
+    return cheaper, _large_pivots, largest_pivots
 
 
 def _stresses_first(kinds: Sequence[str], entries: Entries, values: NDArray[Any]) -> Order | None:
@@ -45,24 +49,11 @@ def _stresses_first(kinds: Sequence[str], entries: Entries, values: NDArray[Any]
     if order is None:
         return None
     ordered = matrix[order][:, order].tocsc()
-    return _pivoted(entries, ordered, order, permc_spec="NATURAL", diag_pivot_thresh=THRESHOLD, options={"SymmetricMode": True})
-
-
-def _largest_pivots(entries: Entries, values: NDArray[Any]) -> Order | None:
-    return _pivoted(entries, entries.matrix(values), np.arange(entries.n), permc_spec="COLAMD")
+    return pivoted(entries, ordered, order, permc_spec="NATURAL", diag_pivot_thresh=THRESHOLD, options={"SymmetricMode": True})
 
 
 def _large_pivots(entries: Entries, values: NDArray[Any]) -> Order | None:
-    return _pivoted(entries, entries.matrix(values), np.arange(entries.n), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=LARGE)
-
-
-def _pivoted(entries: Entries, ordered: csc_matrix, order: NDArray[Any], **options: Any) -> Order | None:
-    """The order with the pivots that SuperLU chooses; None where it finds the matrix singular."""
-    try:
-        factors = splu(ordered, **options)
-    except RuntimeError:
-        return None
-    return Order(entries, order[np.argsort(factors.perm_r)], order[np.argsort(factors.perm_c)])
+    return pivoted(entries, entries.matrix(values), np.arange(entries.n), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=LARGE)
 
 
 def elimination_order(matrix: csc_matrix, kinds: Sequence[str]) -> NDArray[np.intp] | None:

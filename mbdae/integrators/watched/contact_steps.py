@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mbdae.integrators.solution import Stats
+from mbdae.integrators.watched.zero import zero_between
 from mbdae.native.contacts import Contacts
 from mbdae.system.base import Array, System
 
@@ -239,9 +240,7 @@ class ContactSteps:
                 return (self._end if part else self._here)[i].gap
             return float(self._gaps(self._t + part * h, inside(part))[i])
 
-        from scipy.optimize import brentq  # 0.15 s: only where something touches
-
-        return 0.0 if gap(0.0) == 0.0 else float(brentq(gap, 0.0, 1.0, xtol=0.01 * MET, rtol=1e-12))
+        return 0.0 if gap(0.0) == 0.0 else zero_between(gap, 0.01 * MET)
 
     def keep(self) -> None:
         """Count the contacts of the step that is accepted."""

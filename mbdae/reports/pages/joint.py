@@ -67,7 +67,7 @@ class JointReport(LawPage):
             raise LawError(f"row '{missing[0]}' vanishes in space: state it where it does not")
         work: Any = 0.0
         for i, row in enumerate(self.d.rows):
-            unit = self.s.unit(self.s.rows[row])
+            unit = self.unit(self.s.rows[row])
             for head, letter, per in (("g", "c", ""), ("gd", r"\dot c", "/s"), ("gdd", r"\gamma", "/s^2")):
                 self.want(f"{letter}_{below(row)}", self.kernel.get((head, i), 0.0), KERNEL, unit + per)
             change = np.imag(self.varied.scalar(self.d.g[i])) / STEP
@@ -77,7 +77,7 @@ class JointReport(LawPage):
         stated = self.d.law.positives(*self.d.sides)
         for i, (name, e) in enumerate(self.s.branches.items()):
             values = self.state.scalar(self.d.variation.name(stated[name]))
-            self.want(f"b_{{{i + 1}}}", values, DERIVED, self.s.unit(e))
+            self.want(f"b_{{{i + 1}}}", values, DERIVED, self.unit(e))
 
     def _want_forces(self) -> None:
         for letter, side, i in self.letters():

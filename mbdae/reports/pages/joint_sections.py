@@ -11,7 +11,7 @@ from mbdae.documents.blocks import Block, Paragraph, Section, Table
 from mbdae.notation import counted
 from mbdae.reports.law_page import LawPage
 from mbdae.reports.letters import specs_of_coordinates, unit_text, worded
-from mbdae.reports.page import DERIVED, title_of
+from mbdae.reports.page import DERIVED, row_name, title_of
 from mbdae.reports.statement import Statement
 from mbdae.reports.states import State, random_state
 from mbdae.symbolic.joint import Joint
@@ -106,20 +106,26 @@ def _axis(step: Step) -> str:
 STARTS = 60  #: random attitudes from which the rows are solved
 
 
-def _rows(r: LawPage, state: State) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Values (points, rows) of the rows, and their derivatives (points, rows, 6) by displacement and rotation of l."""
+def _moved(r: LawPage) -> list[str]:
+    """Rows that depend on the motion of l; the others prescribe coordinates that are unknowns."""
+    return [row for row, (pairs, _) in r.s.gradients.items() if any(part.terms for part in pairs[r.s.sides[1]])]
+
+
+def _rows(r: LawPage, state: State, rows: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Values (points, rows) of some rows, and their derivatives (points, rows, 6) by displacement and rotation of l."""
     n, shape, side = r.numbers(state), (state.points, 3), r.s.sides[1]
-    c = [np.broadcast_to(n.scalar(e), shape[:1]) for e in r.s.rows.values()]
+    c = [np.broadcast_to(n.scalar(r.s.rows[row]), shape[:1]) for row in rows]
     with np.errstate(all="ignore"):
-        J = [[np.broadcast_to(n.vector(part), shape) for part in pairs[side]] for pairs, _ in r.s.gradients.values()]
+        J = [[np.broadcast_to(n.vector(part), shape) for part in r.s.gradients[row][0][side]] for row in rows]
     return np.stack(c, axis=-1), np.stack([np.concatenate(parts, axis=-1) for parts in J], axis=1)
 
 
-def solved(r: LawPage, state: State) -> tuple[State, NDArray[Any], NDArray[Any]]:
-    """The states with l moved until the rows vanish (Gauss-Newton, steps up to 0.7 rad), with rows and derivatives there; where a
-    row is not defined l stays."""
+def solved(r: LawPage, rows: list[str]) -> tuple[State, NDArray[Any], NDArray[Any], NDArray[np.bool_]]:
+    """Random states with l moved until some rows vanish (Gauss-Newton, steps up to 0.7 rad), rows and derivatives there,
+    and where they vanish; where a row is not defined l stays."""
+    state = random_state(r.d, seed=11, points=STARTS, spread=3.0)
     for _ in range(60):
-        c, J = _rows(r, state)
+        c, J = _rows(r, state, rows)
         if np.max(np.abs(c)) < 1e-13:
             break
         J[~np.isfinite(J).all(axis=(1, 2))] = 0.0
@@ -127,33 +133,40 @@ def solved(r: LawPage, state: State) -> tuple[State, NDArray[Any], NDArray[Any]]
         turn = step[:, 3:]
         turn = turn * np.minimum(1.0, 0.7 / np.maximum(np.linalg.norm(turn, axis=1, keepdims=True), 1e-300))
         state = state.changed(1.0, {r.s.sides[1]: (step[:, :3], turn)})
-    return state, *_rows(r, state)
+    c, J = _rows(r, state, rows)
+    return state, c, J, (np.abs(c) < 1e-9).all(axis=1) & np.isfinite(J).all(axis=(1, 2))
 
 
 def solution_set(r: LawPage) -> list[Block]:
     """Rank and degrees of freedom on the solution set, and the unwanted solutions of the rows."""
-    state, c, J = solved(r, random_state(r.d, seed=11, points=STARTS, spread=3.0))
-    reached = (np.abs(c) < 1e-9).all(axis=1) & np.isfinite(J).all(axis=(1, 2))
-    J = J[reached]
-    blocks, wrong, n = _told(r, J), np.zeros(STARTS, dtype=bool), r.numbers(state)
+    if not _moved(r):
+        return [Paragraph("No row depends on the motion of l.")]
+    state, _, J, reached = solved(r, _moved(r))
+    blocks, wrong, n = _told(r, J[reached]), np.zeros(STARTS, dtype=bool), r.numbers(state)
     if not r.s.branches:
         return [*blocks, Paragraph("The rows have no unwanted branch.")]
     blocks.append(Paragraph("The rows alone allow the opposite too; required is:"))
     for i, (name, e) in enumerate(r.s.branches.items()):
         wrong |= np.broadcast_to(n.scalar(e), (STARTS,)) <= 0
         blocks += r.lines(f"b_{{{i + 1}}} = {r.writer.scalar(e)} > 0", note=name)
-    text = f"{int((wrong & reached).sum())} of the {len(J)} solutions lie on an unwanted branch; a start refuses them."
-    return [*blocks, *([Paragraph(text)] if len(J) else [])]
+    text = f"{int((wrong & reached).sum())} of the {reached.sum()} solutions lie on an unwanted branch; a start refuses them."
+    return [*blocks, *([Paragraph(text)] if np.any(reached) else [])]
 
 
 def _told(r: LawPage, J: NDArray[Any]) -> list[Block]:
-    """The rank of the Jacobians at the solutions, and the motions that are left."""
+    """The rank of the Jacobians at the solutions, and the motions that are left; or which rows have no solution, and why."""
+    moved = _moved(r)
+    fixed = [row_name(row) for row in r.s.rows if row not in moved]
+    rows = f"The row {fixed[0]} contains" if len(fixed) == 1 else f"The rows {', '.join(fixed)} contain"
+    given = f" {rows} no motion of l but coordinates that are unknowns, which keep random values here." if fixed else ""
     if not len(J):
-        return [Paragraph(f"From none of {STARTS} random attitudes were the rows solved by moving l alone.")]
+        never = [row_name(row) for row in moved if not np.any(solved(r, [row])[-1])]
+        why = f"nowhere does {' or '.join(never)} vanish" if never else "they never vanish together"
+        return [Paragraph(f"From none of {STARTS} random attitudes were the rows solved by moving l alone: {why}.{given}")]
     rank = int(np.linalg.matrix_rank(J, tol=1e-7).max())
-    count = len(r.s.rows) - sum(not np.any(np.abs(J[:, i]) > 1e-12) for i in range(J.shape[1]))
+    count = sum(bool(np.any(np.abs(J[:, i]) > 1e-12)) for i in range(J.shape[1]))
     free, (depend, have) = 6 - rank, ("depends", "has") if count == 1 else ("depend", "have")
     text = (f"The rows were solved from {STARTS} random attitudes of l by moving l alone; {len(J)} reached a solution."
             f" There the {counted(count, 'row')} that {depend} on the motion of l {have} rank {rank}:"
-            f" {counted(free, 'relative motion')} of the bodies {'is' if free == 1 else 'are'} left.")  # fmt: skip
+            f" {counted(free, 'relative motion')} of the bodies {'is' if free == 1 else 'are'} left.{given}")  # fmt: skip
     return [Paragraph(text)]

@@ -11,7 +11,7 @@ from mbdae.documents.blocks import Block, Paragraph, Picture, Section
 from mbdae.documents.drawing import Drawing
 from mbdae.reports.calculus import Pair
 from mbdae.reports.law_page import LawPage, planar_of
-from mbdae.reports.letters import effort_unit, of_name
+from mbdae.reports.letters import of_name
 from mbdae.reports.page import BALANCE, DERIVED, KERNEL, row_name
 from mbdae.reports.statement import Statement
 from mbdae.reports.states import POINTS, value
@@ -89,10 +89,10 @@ def thrust_blocks(r: LawPage) -> list[Block]:
     """The generalised force of a law, on the length or angle along which it works, and where it appears; none without one."""
     if r.s.thrust is None:
         return []
-    (along, push), unit = r.s.thrust, "m" if r.s.length(r.s.thrust[0]) == 1 else "rad"
+    (along, push), unit = r.s.thrust, r.unit(r.s.thrust[0])
     stated = r.d.law.thrust(*r.d.sides) if isinstance(r.d.law, Force) else r.d.rubbing
     values = [r.state.scalar(r.d.variation.resolve(r.d.variation.name(e))) for e in stated or ()]
-    lines = [r.line("q", along, values[0], DERIVED, unit), r.line("Q", push, values[1], DERIVED, effort_unit(unit))]
+    lines = [r.line("q", along, values[0], DERIVED, unit), r.line("Q", push, values[1], DERIVED, r.effort(along))]
     own = next((name for name, symbol in r.s.coordinates.items() if symbol == along), "")
     text = "Generalised force $Q$ (N, or N m on an angle) on $q$, with the virtual work $Q\\,\\delta q$"
     where = f"it stands in the equation of the coordinate {own}" if own else "it acts on the bodies by $\\delta q$"
@@ -169,7 +169,7 @@ class PlanarPage(LawPage):
         sign, lines = -1 if isinstance(self.s.law, Force) else 1, []
         for i, row in enumerate(self.d.rows):
             letter = f"c^{{\\text{{2D}}}}_{{\\text{{{row_name(row)}}}}}"
-            unit = self.s.unit(self.s.rows[row])
+            unit = self.unit(self.s.rows[row])
             lines.append(self.line(letter, self.s.rows[row], self.kernel.get(("g", i), 0.0), KERNEL, unit))
         for side, (force, moment) in self.all_pairs().items():
             if side in self.s.sides and side not in self.s.still:

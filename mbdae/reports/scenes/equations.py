@@ -16,12 +16,15 @@ import numpy as np
 import symengine as se
 
 from mbdae.reports.letters import of_name
+from mbdae.reports.scenes.units import parameter_unit, unit_of_row
 from mbdae.reports.states import POINTS, value
+from mbdae.reports.units import Unit, unit
 from mbdae.reports.vectors import Record
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.frames import Frame, NodeKind
 from mbdae.symbolic.outputs import Target, scatter_pair
-from mbdae.symbolic.vectors import Expr
+from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.system.prepare import Prepared
 
 LARGEST_BLOCK = 3  #: rows that are solved together by determinants
@@ -32,9 +35,15 @@ Row = dict[Any, Expr]  #: coefficients by multiplier; under None what has none
 
 
 def symbols_of_rows(d: Derived) -> list[tuple[Target, Expr]]:
-    """Every symbol in the gradients of the rows of a law."""
+    """Every symbol in the gradients of the rows of a law, and in its arms."""
     found = set().union(*(se.sympify(c).free_symbols for row in d.G for pair in row.values() for part in pair for c in part))
+    found = found.union(*(se.sympify(c).free_symbols for f in d.frames if d.rows for c in arm_of(d, f)))
     return [(("symbol", str(s)), s) for s in sorted(found, key=str)]
+
+
+def arm_of(d: Derived, f: Frame) -> Vec:
+    """The arm of a frame, its zeros inserted."""
+    return Vec(*map(d.variation.resolve, f.arm))
 
 
 class Velocity(NamedTuple):
@@ -43,6 +52,20 @@ class Velocity(NamedTuple):
     below: str
     letter: str
     mass: str
+    unit: str  #: of what it moves
+    of: str  #: what it moves, in words
+
+    @property
+    def effort(self) -> Unit:
+        """Unit of what does work along it."""
+        return unit("J") / unit(self.unit)
+
+
+class Said(NamedTuple):
+    """Unit and meaning of a letter."""
+
+    unit: str
+    meaning: str
 
 
 class SceneEquations:
@@ -53,19 +76,23 @@ class SceneEquations:
         self.prepared, self.m = prepared, prepared.mechanics
         self._refuse()
         self.latex: dict[str, str] = {}
+        self.said: dict[str, Said] = {}  #: by the LaTeX of a letter
         self.names = Names()
         self.writer = Writer(Record(), self.latex)
-        rows = [self.names.said("row", row.name) for row in self.m.rows]
-        self.unknowns = [self.letter(f"l{i}", rf"\lambda_{{{row}}}") for i, row in enumerate(rows)]
+        units = [unit_of_row(prepared.model, row, effort=True) for row in self.m.rows]
+        self.unknowns = [self.letter(f"l{i}", rf"\lambda_{{{self.names.said('row', row.name)}}}", units[i],
+                                     f"multiplier of the row {row.name}") for i, row in enumerate(self.m.rows)]  # fmt: skip
         self.entries: dict[str, tuple[int, int]] = {}  #: letters of entries of G, with row and place in u
         self.places: dict[Any, str] = {}  #: (group, instance, symbol of the law) -> name of the letter
         self.rows = self._equations()
-        self.steps: list[tuple[list[Any], list[Row]]] = []  #: unknowns with the rows that give them, in order
+        #: unknowns with the rows that give them and their places in u (those of a block), in order
+        self.steps: list[tuple[list[Any], list[Row], list[int]]] = []
         self._solve()
+        self.on_l = self._forces_on_l()
 
     def _refuse(self) -> None:
         model = self.prepared.model
-        joints = "its joints have no constraint rows" if self.prepared.model.scene.joints else "the scene has no joints"
+        joints = "its joints have no constraint rows" if model.scene.joints else "the scene has no joints"
         reasons = {joints: not self.m.m, "its beams are flexible": bool(model.lines),
                    "its reactions are not unique": bool(self.prepared.rank.dropped),
                    "friction follows from the reactions": bool(self.m.reactive),
@@ -74,9 +101,10 @@ class SceneEquations:
             if holds:
                 raise ValueError(reason)
 
-    def letter(self, name: str, latex: str) -> Expr:
-        """A symbol with its LaTeX."""
+    def letter(self, name: str, latex: str, unit_: str, meaning: str) -> Expr:
+        """A symbol with its LaTeX, its unit and what it is."""
         self.latex[name] = latex
+        self.said[latex] = Said(unit_, meaning)
         return se.Symbol(name)
 
     # -- the equations
@@ -90,8 +118,13 @@ class SceneEquations:
             for i in range(node.kind.sizes[1]):
                 turns = i >= node.kind.translations
                 axis = "" if node.kind.sizes[1] == 1 or (turns and node.kind.flat) else "xyz"[i % 3]
-                letter = (r"\theta" if node.kind.flat else r"\psi") if turns else "c"
-                found[node.u + i] = Velocity(f"{{{name}{',' if axis else ''}{axis}}}", letter, "J" if turns else "m")
+                own = node.kind is NodeKind.COORDINATE
+                letter = (r"\theta" if node.kind.flat else r"\psi") if turns else "q" if own else "c"
+                unit_ = "rad" if turns else node.unit if own else "m"
+                what = "coordinate" if own else "rotation" if turns else "position of the centre"
+                along = f" {'about' if turns else 'along'} {axis}" if axis and not own else ""
+                of, below = f"{what} {'' if own else 'of '}{node.name}{along}", f"{{{name}{',' if axis else ''}{axis}}}"
+                found[node.u + i] = Velocity(below, letter, "J" if unit_ == "rad" else "m", unit_, of)
         return found
 
     def mass_letter(self, i: int, j: int) -> str:
@@ -109,7 +142,10 @@ class SceneEquations:
 
     def _equations(self) -> dict[int, Row]:
         """Every row of the equations of motion, by its place in u."""
-        rows: dict[int, Row] = {at: {None: self.letter(f"p{at}", f"p^{v.letter}_{v.below}")} for at, v in self.velocities.items()}
+        rows: dict[int, Row] = {
+            at: {None: self.letter(f"p{at}", f"p^{v.letter}_{v.below}", v.effort.of_force, f"inertia less forces along: {v.of}")}
+            for at, v in self.velocities.items()
+        }
         groups = self.prepared.model.groups
         for n, row in enumerate(self.m.rows):
             d, instance = groups[row.group].derived, groups[row.group].instances[row.instance]
@@ -126,7 +162,10 @@ class SceneEquations:
             return self._renamed(row, self.prepared.model.groups[row.group].derived, e)
         self.entries[f"g{n}_{at}"] = (n, at)
         v = self.velocities[at]
-        return self.letter(f"g{n}_{at}", f"g^{{{self.names.said('row', row.name)}}}_{{{v.below[1:-1]},{v.letter}}}")
+        latex = f"g^{{{self.names.said('row', row.name)}}}_{{{v.below[1:-1]},{v.letter}}}"
+        known = unit_of_row(self.prepared.model, row)
+        meaning = f"derivative of the row {row.name} by the {v.of}"
+        return self.letter(f"g{n}_{at}", latex, str(unit(known) / unit(v.unit)) if known else "", meaning)
 
     def _renamed(self, row: Any, d: Derived, e: Expr) -> Expr:
         """An entry of G in the letters of the scene."""
@@ -140,9 +179,19 @@ class SceneEquations:
                 node = dict(zip([f.side for f in d.frames], instance.nodes, strict=True)).get(side)
                 body = node.body.name if node is not None and node.body is not None else "ground" if side in "kl" else ""
                 axis = "xyz"[int(what[-1]) - 1] if body and what[-1:].isdigit() else ""
-                letter = what[:-1] if axis else of_name(str(s), "rad")
+                own = node is not None and node.kind is NodeKind.COORDINATE
+                letter = what[:-1] if axis else "q" if own else of_name(str(s), "rad")
                 on = f"{{{letter}}}^{{{self.names.said('node', body)}}}" if body else f"{{{letter}}}"
-                self.letter(self.places[key], f"{on}_{{{self.names.said('item', instance.item)}{',' if axis else ''}{axis}}}")
+                below = self.names.said("node", node.name) if own and node is not None else self.names.said("item", instance.item)
+                if body:
+                    what = "arm from the centre" if letter == "s" else f"axis {letter} of the joint on the body"
+                    said = Said("m" if letter == "s" else "1", f"{what} of {body} at {instance.item}, component {axis}")
+                elif own and node is not None:
+                    said = Said(node.unit, f"coordinate {node.name}")
+                else:
+                    stated = parameter_unit(instance, str(s)) if str(s) in instance.law.params else ""
+                    said = Said(stated, f"{s} of {instance.item}")
+                self.letter(self.places[key], f"{on}_{{{below}{',' if axis else ''}{axis}}}", *said)
             table[s] = se.Symbol(self.places[key])
         return se.sympify(e).subs(table)
 
@@ -150,13 +199,13 @@ class SceneEquations:
 
     def _solve(self) -> None:
         """Fill `steps`: blocks of what force balances leave, then the multipliers that these give."""
-        left, later = {at: dict(row) for at, row in self.rows.items()}, list[tuple[list[Any], list[Row]]]()
+        left, later = {at: dict(row) for at, row in self.rows.items()}, list[tuple[list[Any], list[Row], list[int]]]()
         while (found := self._pivot(left)) is not None:
             at, unknown = found
             row = left.pop(at)
             c = row.pop(unknown)
             value = {key: -e * c for key, e in row.items()}  # c is 1 or -1
-            later.insert(0, ([unknown], [value]))
+            later.insert(0, ([unknown], [value], [at]))
             left = {a: _inserted(r, unknown, value) for a, r in left.items()}
         open_ = {a: r for a, r in left.items() if len(r) > 1}
         known: set[Any] = set()
@@ -165,7 +214,7 @@ class SceneEquations:
             if block is None:
                 raise ValueError(f"more than {LARGEST_BLOCK} rows hang together")
             places, unknowns = block
-            self.steps.append((unknowns, [open_.pop(at) for at in places]))
+            self.steps.append((unknowns, [open_.pop(at) for at in places], places))
             known |= set(unknowns)
             open_ = {a: r for a, r in open_.items() if self._unsolved(r, known)}
         self.steps += later
@@ -209,19 +258,25 @@ class SceneEquations:
         """A coefficient at the start."""
         return float(np.broadcast_to(value(se.sympify(e), lambda symbol: self._at_start[str(symbol)]), (1,))[0])
 
-    def forces_on_l(self) -> dict[tuple[str, int], Expr]:
-        """Components of the forces of the joints on their bodies l, by item and axis."""
-        found: dict[tuple[str, int], Expr] = {}
+    def _forces_on_l(self) -> dict[tuple[str, str, int], Expr]:
+        """Components of the forces ("F") of the joints on their bodies l and of their moments ("T") about the point of the joint
+        there, by item and axis."""
+        found: dict[tuple[str, str, int], Expr] = {}
         groups = self.prepared.model.groups
         for n, row in enumerate(self.m.rows):
             d, instance = groups[row.group].derived, groups[row.group].instances[row.instance]
             nodes = dict(zip([f.side for f in d.frames], instance.nodes, strict=True))
             side, sign = ("l", -1) if nodes.get("l") is not None else ("k", 1)
-            for i, e in enumerate(d.G[row.row][side][0] if nodes.get(side) is not None else ()):
-                if e != 0:
-                    old = found.get((instance.item, i), _ZERO)
-                    found[instance.item, i] = old + sign * self._renamed(row, d, e) * self.unknowns[n]
-        return found
+            if nodes.get(side) is None:
+                continue
+            force, moment = d.G[row.row][side]
+            arm = arm_of(d, next(f for f in d.frames if f.side == side))
+            for letter, part in (("F", force), ("T", moment - arm.cross(force))):
+                for i, e in enumerate(part):
+                    if (entry := se.expand(e)) != 0:
+                        old = found.get((letter, instance.item, i), _ZERO)
+                        found[letter, instance.item, i] = old + sign * self._renamed(row, d, entry) * self.unknowns[n]
+        return dict(sorted(found.items(), key=lambda entry: entry[0][0]))
 
     # -- values
 
@@ -230,8 +285,14 @@ class SceneEquations:
         change, multipliers = self.m.accelerations(t, q, u, s)
         load, known = self.m.load(t, q, u, s), dict[str, Any]()
         for at, v in self.velocities.items():
-            known |= {f"\\ddot{{{v.letter}}}_{v.below}": change[:, at], f"f^{v.letter}_{v.below}": load[:, at]}
+            acceleration, force = f"\\ddot{{{v.letter}}}_{v.below}", f"f^{v.letter}_{v.below}"
+            known |= {acceleration: change[:, at], force: load[:, at]}
             known |= {self.mass_letter(at, j): np.full(len(t), m) for j, m in self.mass[at].items()}
+            self.said[acceleration] = Said(f"{v.unit}/s^2", f"second rate: {v.of}")
+            self.said[force] = Said(v.effort.of_force, f"all forces but reactions along: {v.of}")
+            for j in self.mass[at]:
+                meaning = "inertia: " + " and ".join(dict.fromkeys((v.of, self.velocities[j].of)))
+                self.said.setdefault(self.mass_letter(at, j), Said("kg m^2" if v.mass == "J" else "kg", meaning))
         G = self.m.constraint_jacobian(t, q)
         known |= {self.latex[name]: G[:, n, at] for name, (n, at) in self.entries.items()}
         for g, p, found in self.m.evaluate(symbols_of_rows, t, q, u, s):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+from operator import mul
 from typing import Any
 
 import numpy as np
@@ -9,9 +11,11 @@ import symengine as se
 
 from mbdae.documents.blocks import Block, Paragraph, Section, Table
 from mbdae.documents.formulas import escaped
+from mbdae.reports.letters import unit_text
 from mbdae.reports.page import Check, Page, Printed, Wanted, short_hash
-from mbdae.reports.scenes.equations import Row, SceneEquations, determinant, total
+from mbdae.reports.scenes.equations import Row, Said, SceneEquations, determinant, total
 from mbdae.reports.states import value
+from mbdae.reports.units import Unit, unit
 from mbdae.symbolic.joint import Joint
 
 RUN = "the multipliers of the scene at random states"
@@ -25,22 +29,22 @@ class ClosedForms(SceneEquations, Page):
     def blocks(self) -> list[Block]:
         """Equations of the bodies, solution, forces on the bodies l, letters with their numbers, laws."""
         balance, solution = self.balance(), self.solution()
-        forces, numbers = self.forces(), self.numbers()
+        forces = self.forces()
+        numbers = self.numbers()
         told = (
-            "$\\lambda$ is the multiplier of a row of a joint; $p$ is mass times acceleration less $f$, all forces that are no"
-            " reactions: along $c$, the position of a body's centre, or about it ($\\theta$, $\\psi$). The factors are the"
-            " entries of $\\mathbf{G}$ in the laws below: $s$ the arm from the centre to the joint, $x, y, z$ its axes."
+            "Of every body the balance of forces along $x$, $y$, $z$ and of moments about its centre ($\\theta$, $\\psi$): $p$,"
+            " inertia less all forces that are no reactions, and the multipliers $\\lambda$ of the joints with their arms."
         )
         how = (
             "Force balances give a multiplier each. What is left falls into the smallest blocks of rows that stand for"
             " themselves, solved by determinants; the other multipliers follow:"
         )
         told += "".join(f" The name {escaped(name)} is written {words}." for name, words in self.names.renamed.items())
-        on_l = "The force on body l of each joint, N:"
+        on_l = "The force $F$ (N) on body l of each joint, and the moment $T$ (N m) about its point there:"
         return [
+            Section("Symbols and their values at the start", [numbers]),
             Section("Equations of the bodies", [Paragraph(told), *balance]),
             Section("Joint forces in closed form", [Paragraph(how), *solution, Paragraph(on_l), *forces]),
-            Section("Numbers at the start", [numbers]),
             Section("Laws of the equations", [self.laws()]),
         ]
 
@@ -58,41 +62,47 @@ class ClosedForms(SceneEquations, Page):
     def solution(self) -> list[Block]:
         """The multipliers in the order of their solution."""
         w, out, count = self.writer, list[Block](), 0
-        for unknowns, rows in self.steps:
+        for unknowns, rows, places in self.steps:
             if any(unknown in row for row in rows for unknown in unknowns):
                 count += 1
-                out += self._determinants(unknowns, rows, count)
+                out += self._determinants(unknowns, rows, count, [self.velocities[at].effort for at in places])
             else:
                 out += self.lines(f"{w.scalar(unknowns[0])} = {w.scalar(total(rows[0]))}")
         return out
 
-    def _determinants(self, unknowns: list[Any], rows: list[Row], count: int) -> list[Block]:
-        """A block of rows A lambda = h by Cramer's rule."""
+    def _determinants(self, unknowns: list[Any], rows: list[Row], count: int, efforts: list[Unit]) -> list[Block]:
+        """A block of rows A lambda = h by Cramer's rule. efforts: units of the rows."""
         w, n, lines = self.writer, len(unknowns), []
-        A = [[self.letter(f"a{count}_{i}{j}", f"a^{{({count})}}_{{{i + 1}{j + 1}}}") for j in range(n)] for i in range(n)]
-        h = [self.letter(f"h{count}_{i}", f"h^{{({count})}}_{{{i + 1}}}") for i in range(n)]
+        known = [unit(self.said[self.latex[str(x)]].unit or "1") for x in unknowns]
+        A = [[self.letter(f"a{count}_{i}{j}", f"a^{{({count})}}_{{{i + 1}{j + 1}}}", str(efforts[i] / known[j]),
+                          f"factor of ${self.latex[str(unknowns[j])]}$") for j in range(n)] for i in range(n)]  # fmt: skip
+        h = [self.letter(f"h{count}_{i}", f"h^{{({count})}}_{{{i + 1}}}", efforts[i].of_force, "the rest of the row")
+             for i in range(n)]  # fmt: skip
         for i, row in enumerate(rows):
             lines += [f"{w.scalar(A[i][j])} = {w.scalar(row.get(unknown, se.Integer(0)))}" for j, unknown in enumerate(unknowns)]
             rest = {key: e for key, e in row.items() if key not in unknowns}
             lines.append(f"{w.scalar(h[i])} = {w.scalar(se.expand(-total(rest)))}")
         if n == 1:
             return self.lines(*lines, f"{w.scalar(unknowns[0])} = {w.scalar(h[0] / A[0][0])}")
-        det = self.letter(f"d{count}", f"\\Delta^{{({count})}}")
+        size = str(reduce(mul, (e / x for e, x in zip(efforts, known, strict=True))))
+        det = self.letter(f"d{count}", f"\\Delta^{{({count})}}", size, "determinant")
         lines.append(f"{w.scalar(det)} = {w.scalar(determinant(A))}")
         for j, unknown in enumerate(unknowns):
             replaced = [[h[i] if column == j else A[i][column] for column in range(n)] for i in range(n)]
             lines.append(f"{w.scalar(unknown)} = {w.scalar(determinant(replaced) / det)}")
         return self.lines(*lines)
 
-    def _force(self, item: str, i: int) -> str:
-        """The letter of a component of a joint force."""
-        return f"F_{{{self.names.said('item', item)},{'xyz'[i]}}}"
+    def _force(self, letter: str, item: str, i: int) -> str:
+        """The letter of a component of a joint force or moment."""
+        latex, on = f"{letter}_{{{self.names.said('item', item)},{'xyz'[i]}}}", f"of {item} on its body l, component {'xyz'[i]}"
+        self.said[latex] = Said(*(("N", f"force {on}") if letter == "F" else ("N m", f"moment {on}")))
+        return latex
 
     def forces(self) -> list[Block]:
         """Components of the force of every joint on its body l, by the multipliers of its rows."""
         lines = []
-        for (item, i), e in self.forces_on_l().items():
-            lines.append(f"{self._force(item, i)} = {self.writer.scalar(e)}")
+        for place, e in self.on_l.items():
+            lines.append(f"{self._force(*place)} = {self.writer.scalar(e)}")
         return self.lines(*lines)
 
     def printed(self, blocks: list[Block]) -> list[Check]:
@@ -105,19 +115,23 @@ class ClosedForms(SceneEquations, Page):
         wanted = {self.latex[str(s)]: Wanted(multipliers[:, i], RUN) for i, s in enumerate(self.unknowns)}
         table = {name: known[latex] for name, latex in self.latex.items() if latex in known}
         table |= {str(s): multipliers[:, n] for n, s in enumerate(self.unknowns)}
-        for (item, i), e in self.forces_on_l().items():
-            wanted[self._force(item, i)] = Wanted(value(se.sympify(e), lambda symbol: table[str(symbol)]), RUN)
+        for place, e in self.on_l.items():
+            wanted[self._force(*place)] = Wanted(value(se.sympify(e), lambda symbol: table[str(symbol)]), RUN)
         return Printed(known, wanted, len(multipliers)).read(blocks)
 
     # -- tables
 
     def numbers(self) -> Table:
-        """Letters that depend on the position, and masses, at the start."""
+        """Every letter with its unit and meaning, and its value at the start where no equation below defines it."""
         start = self.prepared.start
         known, multipliers = self.values(np.array([start.t]), start.q[None], start.u[None], start.s[None])
-        rows = [[f"${latex}$", f"{float(v[0]) + 0.0:.6g}"] for latex, v in known.items()]
-        rows += [[f"${self.latex[str(s)]}$", f"{multipliers[0, i]:.6g}"] for i, s in enumerate(self.unknowns)]
-        return Table(["symbol", "value (SI)"], rows)
+        values = {latex: float(v[0]) + 0.0 for latex, v in known.items()}
+        values |= {self.latex[str(s)]: float(multipliers[0, i]) for i, s in enumerate(self.unknowns)}
+        rows = []
+        for latex, said in self.said.items():
+            meaning = said.meaning if "$" in said.meaning else escaped(said.meaning)
+            rows.append([f"${latex}$", f"{values[latex]:.6g}" if latex in values else "", unit_text(said.unit), meaning])
+        return Table(["symbol", "value", "unit", "meaning"], rows)
 
     def laws(self) -> Table:
         """The joints with the hashes of their laws as they are derived for this scene."""

@@ -17,8 +17,11 @@ from mbdae.documents.formulas import escaped
 from mbdae.errors import MbdaeError, SteadyError
 from mbdae.formulations import system_for
 from mbdae.notation import counted
+from mbdae.reports.letters import unit_text
 from mbdae.reports.page import checks_section, short_hash
 from mbdae.reports.scenes.forces import ClosedForms
+from mbdae.reports.scenes.units import parameter_unit
+from mbdae.reports.units import law_faults
 from mbdae.run.checks import Check
 from mbdae.run.reductions import absent
 from mbdae.scene.scene import SceneData
@@ -114,10 +117,12 @@ class Sheet:
         for group in self.prepared.model.groups:
             for i in group.instances if group.derived.force else ():
                 given = {name: v for name in i.law.params if (v := getattr(i.law, name)) is not None}
-                numbers = [f"{n} = {v:g}" if isinstance(v, int | float) else f"{n} = {v}" for n, v in given.items()]
-                if not (i.item in joints and group.derived.rows):
-                    rows.append([escaped(i.item), type(i.law).__name__, escaped(", ".join(numbers))])
-        return Section("Forces", [Table(["item", "law", "values (SI)"], rows)] if rows else [Paragraph("There are none.")])
+                for name, v in given.items() if not (i.item in joints and group.derived.rows) else ():
+                    number = f"{v:g}" if isinstance(v, int | float) else escaped(str(v))
+                    meaning = escaped(f"{name}: {i.law.params[name].meaning}".removesuffix(": "))
+                    rows.append([escaped(i.item), type(i.law).__name__, number, unit_text(parameter_unit(i, name)), meaning])
+        head = ["item", "law", "value", "unit", "what it is"]
+        return Section("Forces", [Table(head, rows)] if rows else [Paragraph("There are none.")])
 
     def unknowns(self) -> Section:
         """Unknowns and equations by kind and name."""
@@ -177,9 +182,9 @@ class Sheet:
 
     def sparsity(self) -> Section:
         """Pattern of the iteration matrix."""
-        m = self.system.pattern.tocoo()
-        n, nnz = self.system.n, self.system.pattern.nnz
-        entries = sorted(zip(m.row.tolist(), m.col.tolist(), strict=True))
+        places, n = self.system.pattern, self.system.n
+        nnz, columns = places.nnz, np.repeat(np.arange(n), np.diff(places.indptr))
+        entries = sorted(zip(places.indices.tolist(), columns.tolist(), strict=True))
         text = (
             f"Jacobian of the system: {n} x {n}, {nnz} entries ({100 * nnz / max(1, n * n):.1f} %); columns are unknowns in the"
             " order above."
@@ -195,7 +200,10 @@ class Sheet:
         text = ("Every law as it is derived for this scene; the report of a law prints the sha256 of the same equations between"
                 " two bodies in space.")  # fmt: skip
         head = ["law", "times", "between nodes", "sha256 of the derived equations"]
-        return Section("Laws", [Paragraph(text), Table(head, rows)])
+        groups = self.prepared.model.groups
+        faults = dict.fromkeys(f"{g.instances[0].item}: {fault}" for g in groups for fault in law_faults(g.derived))
+        wrong = [Paragraph(f"**The units do not fit: {escaped(fault)}.**") for fault in faults]
+        return Section("Laws", [Paragraph(text), *wrong, Table(head, rows)])
 
 
 def listed(names: list[str]) -> str:

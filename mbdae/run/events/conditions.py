@@ -13,25 +13,33 @@ from numpy.typing import NDArray
 from mbdae.errors import OptionError
 from mbdae.inputs import text, timed
 from mbdae.inputs.sensed import paths, symbol_name
-from mbdae.scene import sensed
+from mbdae.run.events import signals
 from mbdae.symbolic.rebuild import CONDITIONS, is_condition
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import BadValueError, shown
 
 EXAMPLE = "write one such as 'J.angle > 0.5', 'b.position[1] == 0', or sympy.And(...) of such"
 _NAME = re.compile(r'sensor\("(?:[^"\\]|\\.)*"\)|(?<![\w.])[A-Za-z_]\w*(?:\.at\([^()]*\)|\.[A-Za-z_]\w*)*(?:\[[\d\s,]*\])*')
+_NORM = re.compile(r"\b(?:norm|magnitude)\(\s*([A-Za-z_]\w*(?:\.at\([^()]*\)|\.[A-Za-z_]\w*)+)\s*\)")
 Truth = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Condition:
     """A condition by its text: functions g (k,) that change their sign, whether each is an equation g = 0 (else it holds where
-    g > 0), and the tree that joins them: a number of a function, or "and", "or", "not" with parts."""
+    g > 0) and whether it also holds where g = 0, and the tree that joins them: a number of a function, or "and", "or", "not" with
+    parts."""
 
     name: str
     functions: tuple[Expr, ...]
     equations: tuple[bool, ...]
+    meeting: tuple[bool, ...]
     tree: Any
+
+    @property
+    def is_equation(self) -> bool:
+        """Whether it is a single equation."""
+        return len(self.functions) == 1 and self.equations[0]
 
     def holds(self, atoms: Truth) -> bool:
         """Whether it holds where its parts (k,) do or do not."""
@@ -65,10 +73,11 @@ def _read(scene: Any, stated: str, given: Any) -> Condition:
         sides = _sides(scene, given)
         tree = made.tree(e) if sides is None else made.equation(*sides)
         for path in sorted({path for g in made.functions for path in paths(g)}):
-            sensed.found(scene, path)
+            signals.check(scene, path)
     except (BadValueError, ValueError) as refused:
         raise OptionError(f"{stated}: {refused}") from None
-    return Condition(name, tuple(made.functions), tuple(made.equations), tree)
+    functions = tuple(signals.in_sensors(scene, g) for g in made.functions)
+    return Condition(name, functions, tuple(made.equations), tuple(made.meeting), tree)
 
 
 def _condition_of(scene: Any, given: Any) -> Expr:
@@ -93,23 +102,30 @@ def _condition_of(scene: Any, given: Any) -> Expr:
 def _sides(scene: Any, given: Any) -> tuple[Any, Any] | None:
     """Left and right side of an equation as they are stated: symengine orders them anew; None where it is no single equation."""
     if isinstance(given, str):
-        parts = given.split("==")
-        alone = len(parts) == 2 and not any(sign in given for sign in ("<", ">", "!=", "And", "Or", "Not"))
-        return (text.read(_with_symbols(scene, parts[0])), text.read(_with_symbols(scene, parts[1]))) if alone else None
+        try:
+            left, right = (text.read(_with_symbols(scene, part)) for part in given.split("=="))
+        except ValueError:  # it is joined, or has other signs
+            return None
+        return left, right
     return (given.lhs, given.rhs) if type(given).__name__ == "Equality" and hasattr(given, "lhs") else None
 
 
 def _with_symbols(scene: Any, given: str) -> str:
     """The text with symbols in place of paths."""
-    signals = {one.name for one in scene.signals}
+    known = {one.name for one in scene.signals}
 
     def name(match: re.Match[str]) -> str:
         found = match[0]
         called = given[match.end() :].lstrip().startswith("(")
-        is_path = "." in found or found in signals
+        is_path = "." in found or found in known
         return symbol_name(found) if is_path and not called and not found.startswith("sensor(") else found
 
-    return _NAME.sub(name, given)
+    return _NAME.sub(name, _NORM.sub(_length, given))
+
+
+def _length(match: re.Match[str]) -> str:
+    """The magnitude of a vector by its components."""
+    return f"sqrt({' + '.join(f'{match[1]}[{i}]**2' for i in range(3))})"
 
 
 class _Atoms:
@@ -118,6 +134,7 @@ class _Atoms:
     def __init__(self) -> None:
         self.functions: list[Expr] = []
         self.equations: list[bool] = []
+        self.meeting: list[bool] = []
 
     def tree(self, e: Expr) -> Any:
         """Numbers of comparisons, joined."""
@@ -129,15 +146,16 @@ class _Atoms:
         less, more = e.args
         if kind == "Unequality":
             return "not", [self._atom(more - less, True)]
-        return self._atom(more - less, kind == "Equality")  # a > b is kept as b < a
+        return self._atom(more - less, kind == "Equality", kind == "LessThan")  # a > b is kept as b < a
 
     def equation(self, left: Any, right: Any) -> int:
         """The number of an equation by its sides: its function rises where the left one does."""
         return self._atom(left - right, True)
 
-    def _atom(self, g: Expr, equation: bool) -> int:
+    def _atom(self, g: Expr, equation: bool, meeting: bool = True) -> int:
         self.functions.append(se.sympify(timed.expression(g, sensors=True)))
         self.equations.append(equation)
+        self.meeting.append(equation or meeting)
         if not self.functions[-1].free_symbols:
             raise BadValueError("it does not depend on the motion or on time")
         return len(self.functions) - 1

@@ -17,12 +17,14 @@ from mbdae.integrators.solution import Solution
 from mbdae.results.result import Event, Result
 from mbdae.run.control import Controlled
 from mbdae.run.events.conditions import Condition
-from mbdae.run.events.roots import SAME, Root, roots
+from mbdae.run.events.course import Course
+from mbdae.run.events.roots import SAME
+from mbdae.run.events.seen import Seen
+from mbdae.run.events.signals import Signals, may_be_observed, probe
 from mbdae.run.job import Job
 from mbdae.scene.components import Connection
 from mbdae.scene.sensed import found as sensed
 from mbdae.scene.variants import keeping
-from mbdae.system.assembled.observed import Observer
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
@@ -38,6 +40,11 @@ class Watched:
     def __bool__(self) -> bool:
         return bool(self.until or self.record)
 
+    @property
+    def _paths(self) -> list[str]:
+        """The sensors that conditions read."""
+        return sorted({path for c in (*self.until, *self.record) for g in c.functions for path in paths(g)})
+
     def end(self, prepared: Prepared, solution: Solution, touch: float = 0.0) -> Event | None:
         """The first event that ends the run; OptionError where it holds from the start on. touch: see `roots`."""
         found, _ = _events(self.until, prepared, solution, touch, until=True)
@@ -50,11 +57,13 @@ class Watched:
     def with_turns(self, prepared: Prepared, prepare_again: Callable[[Any], Prepared]) -> Prepared:
         """The scene with the angles that conditions read as unknowns of their own, where bodies show them up to whole turns."""
         model = prepared.model
-        read = {path for c in (*self.until, *self.record) for g in c.functions for path in paths(g)}
+        read = {path for path in self._paths if may_be_observed(model.scene, path)}
         sensors = [sensed(model.scene, path) for path in sorted(read)]
         hidden = [s for s in sensors if isinstance(s.item, Connection) and s.item.unit(s.quantity) == "rad" and not s.item.loose
                   and model.coordinate_node(s.item.name, s.quantity) is None]  # fmt: skip
-        return prepared if model.planar or not hidden else prepare_again(keeping(model.scene, sorted(read)))
+        prepared = prepared if model.planar or not hidden else prepare_again(keeping(model.scene, sorted(read)))
+        probe(prepared, self._paths)
+        return prepared
 
     def result(self, job: Job, solver: Solver, made: Callable[[Job], tuple[Controlled, Job]], outputs: Any,
                verify: bool) -> Result:  # fmt: skip
@@ -116,81 +125,14 @@ def _times(job: Job, outputs: Any, end: float) -> Array:
 def _events(conditions: list[Condition], prepared: Prepared, solution: Solution, touch: float,
             until: bool = False) -> tuple[list[Event], list[str]]:  # fmt: skip
     """Events of conditions on a solution, and sentences on conditions that are missed by less than the accuracy `touch`; until:
-    only those at which they begin to hold, the start among them."""
+    only those at which they begin to hold, the start among them where they hold there."""
     found, notes = list[Event](), list[str]()
     for condition in conditions:
-        observer = Observer(prepared.model, prepared.all_bodies.moved, condition.functions)
-        zeros = [roots(lambda t, i=i, o=observer: o(t, solution.interpolant.value(t))[:, i], solution.t, touch, e)  # type: ignore[misc]
-                 for i, e in enumerate(condition.equations)]  # fmt: skip
-        found += _of(condition, observer, zeros, solution, until)
-        notes += _near_misses(condition, zeros)
+        signals = Signals(prepared, solution, condition.functions)
+        seen = Seen(condition, [Course(signals, g) for g in condition.functions], solution, touch)
+        found += seen.beginnings() if until else seen.events()
+        notes += [*seen.near_misses(), *(seen.at_start() if until else [])]
     return found, notes
-
-
-def _near_misses(condition: Condition, zeros: list[list[Root]]) -> list[str]:
-    """Where an inequality is nearly met, or nearly ceases to be, within the accuracy."""
-    near = [root.time for of_one, equation in zip(zeros, condition.equations, strict=True) if not equation
-            for root in of_one if root.before == root.after]  # fmt: skip
-    return [f"'{condition.name}' comes so near to its limit at t = {near[0]:.9g} s that the accuracy does not decide whether it "
-            f"is passed: ask for a higher accuracy, or another limit"] if near else []  # fmt: skip
-
-
-def _of(condition: Condition, observer: Observer, zeros: list[list[Root]], solution: Solution, until: bool) -> list[Event]:
-    instants = np.unique([root.time for of_one in zeros for root in of_one])
-    instants = instants[np.diff(instants, prepend=-np.inf) > SAME * (solution.t[-1] - solution.t[0])]
-    truth = _truth(condition, observer, solution, instants)
-    found = []
-    for n, t in enumerate(instants.tolist()):
-        here = _at(condition, zeros, t, SAME * (solution.t[-1] - solution.t[0]))
-        before, after = truth[n], truth[n + 1]
-        if len(condition.functions) == 1 and condition.equations[0]:
-            root = here[0]
-            assert root is not None
-            found.append(Event(t, condition.name, _sense(root)))
-        elif before != after and not (t <= solution.t[0]):
-            found.append(Event(t, condition.name, 1 if after else -1))
-        elif not before and condition.holds(_during(condition, observer, solution, t, here)):
-            found.append(Event(t, condition.name, 0))
-    if until:
-        found = [event for event in found if event.direction >= 0 or _is_equation(condition)]
-        if truth[0] and not _is_equation(condition):
-            found.insert(0, Event(float(solution.t[0]), condition.name, 1))
-    return found
-
-
-def _is_equation(condition: Condition) -> bool:
-    return len(condition.functions) == 1 and condition.equations[0]
-
-
-def _sense(root: Root) -> int:
-    """1 where the function rises through 0, -1 where it falls, 0 where it touches 0, begins or ends there."""
-    return (root.after > root.before) - (root.after < root.before) if root.before * root.after <= 0 else 0
-
-
-def _at(condition: Condition, zeros: list[list[Root]], t: float, same: float) -> list[Root | None]:
-    """The zero of every function at an instant, None where it has none there."""
-    return [next((root for root in of_one if abs(root.time - t) <= same), None) for of_one in zeros]
-
-
-def _truth(condition: Condition, observer: Observer, solution: Solution, instants: Array) -> list[bool]:
-    """Whether the condition holds between instants: before the first, ..., after the last."""
-    edges = np.concatenate([solution.t[:1], instants, solution.t[-1:]])
-    middle = (edges[1:] + edges[:-1]) / 2
-    values = observer(middle, solution.interpolant.value(middle))
-    holds = (values > 0) & ~np.array(condition.equations)
-    found = [condition.holds(atoms) for atoms in holds]
-    if edges[1] == edges[0] and len(found) > 1:  # an instant at the start: nothing is before it
-        found[0] = found[1]
-    if edges[-1] == edges[-2] and len(found) > 1:
-        found[-1] = found[-2]
-    return found
-
-
-def _during(condition: Condition, observer: Observer, solution: Solution, t: float, here: list[Root | None]) -> Any:
-    """Which comparisons hold at an instant: equations that are met there, and what is positive."""
-    values = observer(np.array([t]), solution.interpolant.value(np.array([t])))[0]
-    return np.array([(root is not None) if equation else (root is None and value > 0)
-                     for root, equation, value in zip(here, condition.equations, values, strict=True)])  # fmt: skip
 
 
 def ended(solution: Solution, t: float) -> Solution:

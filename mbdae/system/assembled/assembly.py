@@ -17,12 +17,13 @@ from mbdae.deferred import sp
 from mbdae.kernels import LinearisedPlan, linearised_plan
 from mbdae.kernels.element import ElementJacobian
 from mbdae.kernels.tree_plan import TreePlan
+from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.system.assembled.evaluation import EquationsOfScene, Scatter
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.assembled.jacobian_entries import Entries, Pattern
-from mbdae.system.base import Array
+from mbdae.system.base import Array, Places
 from mbdae.system.model.beams import ElementBatch, Line, batches
 from mbdae.system.model.model import Model
 from mbdae.system.model.moved_bodies import MovedBodies, slot_of
@@ -72,7 +73,7 @@ class Assembly:
             active = [i for i in range(len(group.instances))
                       if (g, i) not in moved.replaced and not (idle and (g, i) not in live)]  # fmt: skip
             if active:
-                self._add(g, active, linearised_plan(d, spec.outputs, not open), entries)
+                self._add(g, active, self.plan(d), entries)
         for batch in batches(model.lines, spec.mixed) if model.lines else ():
             if batch.is_load or not spec.loads_only:
                 self._add_elements(batch, entries)
@@ -83,6 +84,10 @@ class Assembly:
         self._finish(entries.finish(), sparse if sparse is not None else self.n > SPARSE_FROM)
 
     # -- construction
+
+    def plan(self, d: Derived) -> LinearisedPlan:
+        """The outputs of a law, as they are evaluated here."""
+        return linearised_plan(d, self.spec.outputs, not self._open)
 
     def _kinds(self) -> tuple[str, ...]:
         nb = self.numbering
@@ -220,7 +225,8 @@ class Assembly:
         used = used[used < n * n]
         indptr = np.searchsorted(used, np.arange(n + 1) * n)
         self.columns = Columns(indptr, used % max(n, 1))
-        self.sparsity = self.pattern if sparse else None
+        places = np.ones(used.size), self.columns.rows, self.columns.first
+        self.sparsity = sp.csc_matrix(places, shape=(n, n)) if sparse else None
         self._dense = used % max(n, 1) * n + used // max(n, 1)
 
         def position(cells: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -232,9 +238,9 @@ class Assembly:
             np.add.at(part, fixed[mask], pattern.fixed[mask])
 
     @cached_property
-    def pattern(self) -> sp.csc_matrix:
+    def pattern(self) -> Places | None:
         """Entries of the Jacobian."""
-        return sp.csc_matrix((np.ones(self.columns.rows.size), self.columns.rows, self.columns.first), shape=(self.n, self.n))
+        return Places(self.columns.first, self.columns.rows)
 
     # -- evaluation
 

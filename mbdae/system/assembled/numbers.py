@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from mbdae.errors import NotReadError, OptionError
-from mbdae.kernels import linearised_plan
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.base import Numbers
 from mbdae.system.motion.workspace import Workspace
@@ -51,7 +50,7 @@ def _numbers(equations: Assembly) -> Iterator[tuple[str, str, int]]:
     for g, i, instance in model.instances():
         law, derived = instance.law, model.groups[g].derived
         in_tree = any((g, i) in (*tree.members, *tree.joints) for tree in equations.moved.trees)
-        constants = () if in_tree else linearised_plan(derived, equations.spec.outputs).constant_inputs.parameters
+        constants = () if in_tree else equations.plan(derived).constant_inputs.parameters
         for number in instance.numbers:
             if number in law.params:
                 part = number in constants or (derived.rows and not in_tree)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from mbdae.deferred import issparse, sp, splu
+from mbdae.deferred import issparse
 from mbdae.system.base import Array
 
 AT_ONCE = 1_000_000  #: entries of matrices solved at once: bounded memory
-GIVE = 1e-10  #: compliance of sparse constraints, over that of a unit mass at a unit displacement, then corrected
-CORRECTIONS = 4  #: of it: each leaves this small a part of the error
 ROUND_OFF = 1e-12  #: length of a row in joint coordinates over that in all coordinates, below which it is rounding
 
 
@@ -51,37 +48,6 @@ def least_norm(B: Array, force: Array) -> Array:
     lengths = row_lengths(B)
     found = [np.linalg.lstsq(b.T, f, rcond=1e-9)[0] for b, f in zip(B / lengths, force, strict=True)]
     return np.asarray(np.array(found).reshape(lengths.shape[:2]) / lengths[:, :, 0])
-
-
-Solver = Callable[[Array, Array], tuple[Array, Array]]  #: (f (nu,), gamma (m,)) -> u', lambda of one state
-
-
-def solver_of(M: Any, G: Any, give: Array, redundant: bool = False, slope: Array | None = None) -> Solver:
-    """Solves the same equations at one state with sparse M, G (m, nu).
-
-    redundant: rows follow from others; then, and where K is singular, multipliers are those of least norm, every row in the unit
-    of its work in a unit displacement. give (m,): squared lengths of the rows over unit displacements, over a mass."""
-    nu, columns = M.shape[0], G.T if slope is None else G.T - sp.csc_matrix(slope)
-    K = sp.bmat([[M, columns], [G, sp.csc_matrix((len(give),) * 2)]], format="csc")
-    try:
-        exact = None if redundant else splu(K)
-    except RuntimeError:  # a singular position
-        exact = None
-
-    def nearest(right: Array) -> Array:
-        factors, x = splu(sp.csc_matrix(K - sp.diags(np.r_[np.zeros(nu), GIVE * give]))), np.zeros(len(right))
-        for _ in range(CORRECTIONS):
-            x = x + factors.solve(right - K @ x)
-        return x
-
-    def solve(f: Array, gamma: Array) -> tuple[Array, Array]:
-        right = np.r_[f, -gamma]
-        x = None if exact is None else exact.solve(right)
-        if x is None or not np.linalg.norm(K @ x - right) <= 1e-8 * (np.linalg.norm(right) + 1e-300):
-            x = nearest(right)
-        return x[:nu], x[nu:]
-
-    return solve
 
 
 def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array, slope: Array | None = None,

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import sp, splu
-from mbdae.native.sparse import Entries, Factors, Order, Orders, SingularMatrixError
+from mbdae.deferred import sp
+from mbdae.native.sparse import Entries, Factors, Orders, SingularMatrixError, largest_pivots
 from mbdae.system.base import Array
-from mbdae.system.motion.constrained import CORRECTIONS, GIVE
 
+GIVE = 1e-10  #: compliance of constraints, over that of a unit mass at a unit displacement, then corrected
+CORRECTIONS = 4  #: of it: each leaves this small a part of the error
 CLOSE = 1e-8  #: what may be left of the equations, over their right-hand sides
 
 
@@ -33,8 +35,7 @@ class FixedPattern:
         self.entries = Entries(self.n, np.searchsorted(places, np.arange(self.n + 1) * self.n), places % self.n)
         self._add = sp.csr_matrix((np.ones(len(where)), (np.arange(len(where)), where)), shape=(len(where), len(places)))
         self._own = where[len(where) - m :]
-        orders = Orders(self.entries, (_by_pivots,))
-        self._exact, self._near = Factors(orders, float), Factors(Orders(self.entries, (_by_pivots,)), float)
+        self._exact, self._near = (Factors(Orders(self.entries, (largest_pivots,)), float) for _ in range(2))
 
     def values(self, G: Array, slope: Array | None) -> Array:
         """(nt, nnz) entries of K for entries of G (nt, k)."""
@@ -43,41 +44,51 @@ class FixedPattern:
             parts.append(-slope[:, self._slope[0], self._slope[1]])
         return np.asarray(np.hstack([*parts, np.zeros((len(G), self.m))]) @ self._add)
 
-    def solve(self, values: NDArray[np.float64], give: Array, right: Array, redundant: bool) -> Array:
-        """x (n,) at one state. redundant, give: see `solver_of`."""
-        x = None if redundant else self._solved(values, right)
-        return self._nearest(values, give, right) if x is None else x
+    def at(self, values: NDArray[np.float64], give: Array, redundant: bool) -> Callable[[Array], Array]:
+        """The solution x (n,) of a right-hand side (n,) at one state, until another state is asked for.
+
+        redundant: rows follow from others; then, and where K is singular, multipliers are those of least norm, every row in the
+        unit of its work in a unit displacement. give (m,): squared lengths of the rows over unit displacements, over a mass."""
+        begun = [not redundant and self._factored(values), False]
+
+        def solve(right: Array) -> Array:
+            x = self._solved(values, right) if begun[0] else None
+            if x is not None:
+                return x
+            if not begun[1]:
+                self._factor_near(values, give)
+                begun[:] = False, True
+            return self._nearest(values, right)
+
+        return solve
 
     def _product(self, values: Array, x: Array) -> Array:
         return np.asarray(np.bincount(self.entries.row_of, values * x[self.entries.column_of], self.n), dtype=float)
 
-    def _solved(self, values: Array, right: Array) -> Array | None:
-        """With one correction; None where K is singular."""
+    def _factored(self, values: Array) -> bool:
+        """Whether K has factors."""
         self._exact.values[:] = values
         try:
             self._exact.factor()
         except SingularMatrixError:
-            return None
+            return False
+        return True
+
+    def _solved(self, values: Array, right: Array) -> Array | None:
+        """With one correction; None where K is singular."""
         x = self._exact.solve(right)
         x = x + self._exact.solve(right - self._product(values, x))
         left = np.linalg.norm(self._product(values, x) - right)
         return x if left <= CLOSE * (np.linalg.norm(right) + 1e-300) else None
 
-    def _nearest(self, values: Array, give: Array, right: Array) -> Array:
-        """Multipliers of least norm: with compliance of the constraints, which is then corrected."""
+    def _factor_near(self, values: Array, give: Array) -> None:
         self._near.values[:] = values
         self._near.values[self._own] -= GIVE * give
         self._near.factor()
+
+    def _nearest(self, values: Array, right: Array) -> Array:
+        """Multipliers of least norm: with compliance of the constraints, which is then corrected."""
         x = np.zeros(self.n)
         for _ in range(CORRECTIONS):
             x = x + self._near.solve(right - self._product(values, x))
         return x
-
-
-def _by_pivots(entries: Entries, values: NDArray[Any]) -> Order | None:
-    """The order with the largest pivots of the present values."""
-    try:
-        factors = splu(entries.matrix(values))
-    except RuntimeError:  # singular
-        return None
-    return Order(entries, np.argsort(factors.perm_r), np.argsort(factors.perm_c))

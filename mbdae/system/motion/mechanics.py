@@ -14,7 +14,7 @@ from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import dynamics, loads
 from mbdae.system.base import Array
 from mbdae.system.model.beams import ElementBatch, batches, nodal_inputs, sparse_mass
-from mbdae.system.motion.constrained import row_lengths, solve_constrained, solver_of, unique_multipliers
+from mbdae.system.motion.constrained import solve_constrained, unique_multipliers
 from mbdae.system.motion.fixed_pattern import FixedPattern
 from mbdae.system.motion.reaction_friction import Solve, solve_with_friction
 from mbdae.system.motion.states import States
@@ -22,7 +22,7 @@ from mbdae.threads import one_thread
 
 AT_ONCE = 100  #: rows whose mobility is computed together
 LARGE = 400  #: velocities from which on matrices of bodies are sparse
-MANY, TOGETHER = 4, 200  #: states from which on sparse matrices share one pattern, and states whose entries are stored at once
+TOGETHER = 200  #: states whose entries of sparse matrices are stored at once
 
 
 def _inertia(d: Derived) -> Any:
@@ -53,13 +53,17 @@ class Mechanics(States):
     @cached_property
     def mass(self) -> Any:
         """(nu, nu), constant: bodies carry their node at the centre of mass, spin in the body frame; sparse with beams."""
-        values, rows, columns = self._entries_of_mass
         if not self.sparse:
+            values, rows, columns = self._entries_of_mass
             M = np.zeros((self.nu, self.nu))
             np.add.at(M, (rows, columns), values)
             return M
-        M = sp.csc_matrix((values, (rows, columns)), shape=(self.nu, self.nu))
-        return M + sparse_mass(self.model.lines, self.nu) if self.model.lines else M
+        return self._mass_of_bodies() + sparse_mass(self.model.lines, self.nu) if self.model.lines else self._mass_of_bodies()
+
+    def _mass_of_bodies(self) -> Any:
+        """(nu, nu) of all but beams, sparse."""
+        values, rows, columns = self._entries_of_mass
+        return sp.csc_matrix((values, (rows, columns)), shape=(self.nu, self.nu))
 
     @cached_property
     def inertia(self) -> dict[tuple[int, int], float]:
@@ -130,9 +134,11 @@ class Mechanics(States):
 
     def _sparse_mobility(self, t: float, q: Array, rows: Array) -> Array:
         """`mobility_with_joints` by one factorisation."""
-        (G,) = self.sparse_constraint_jacobian(np.array([t]), q[None])
-        solve = solver_of(self.mass, G, self._give(G), self.redundant > 0)
-        return np.array([row @ solve(row, np.zeros(self.m))[0] for row in rows])
+        at = np.array([t])
+        G, places, give = self._entries_and_give(at, q[None])
+        found = FixedPattern(self.mass, self.m, *places, None)
+        solve = found.at(found.values(G, None)[0], give[0], self.redundant > 0)
+        return np.array([row @ solve(np.r_[row, np.zeros(self.m)])[: self.nu] for row in rows])
 
     def load(self, t: Array, q: Array, u: Array, s: Array | None = None, z: Array | None = None) -> Array:
         """f (nt, nu): all forces but those of constraints and their friction; M u' + G^T lambda = f. z (nt, nz): stresses of
@@ -222,46 +228,31 @@ class Mechanics(States):
         return unique_multipliers(B if rows is None else rows * units, self.redundant, mass, np.linalg.norm(B, axis=2))
 
     def _sparse(self, t: Array, q: Array, u: Array) -> Solve:
-        """The same, one state after the other."""
+        """The same in one pattern for all states."""
         gamma = self.acceleration_bias(t, q, u)
-        if len(t) >= MANY:
-            return self._of_many(t, q, gamma)
-        matrices = self.sparse_constraint_jacobian(t, q)
+        G, places, give = self._entries_and_give(t, q)
 
         def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
-            a, multipliers = np.empty((len(t), self.nu)), np.empty((len(t), self.m))
-            for i, G in enumerate(matrices):
-                own = None if slope is None else slope[i]
-                a[i], multipliers[i] = solver_of(self.mass, G, self._give(G), self.redundant > 0, own)(f[i], gamma[i])
-            return a, multipliers
+            found = FixedPattern(self.mass, self.m, *places, slope)
+            out, right = np.empty((len(t), self.nu + self.m)), np.hstack([f, -gamma])
+            for first in range(0, len(t), TOGETHER):
+                some = slice(first, first + TOGETHER)
+                values = found.values(G[some], None if slope is None else slope[some])
+                for i, of_state in enumerate(values, start=first):
+                    out[i] = found.at(of_state, give[i], self.redundant > 0)(right[i])
+            return out[:, : self.nu], out[:, self.nu :]
 
         return solve
 
-    def _of_many(self, t: Array, q: Array, gamma: Array) -> Solve:
-        """The same in one pattern for all states."""
+    def _entries_and_give(self, t: Array, q: Array) -> tuple[Array, tuple[Any, Any], Array]:
+        """Entries (nt, k) of G, their rows and columns, and the give (nt, m) of the rows: see `FixedPattern`."""
         G, rows, columns = self.entries_of_G(t, q)
         mass = float(np.max(self.mass.diagonal() * self.velocity_units**2))
         give = np.zeros((len(t), self.m))
         at: Any = slice(None), rows
         np.add.at(give, at, (G * self.velocity_units[columns]) ** 2 / mass)
         give[give == 0] = 1 / mass
-
-        def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
-            found = FixedPattern(self.mass, self.m, rows, columns, slope)
-            out, right = np.empty((len(t), self.nu + self.m)), np.hstack([f, -gamma])
-            for first in range(0, len(t), TOGETHER):
-                some = slice(first, first + TOGETHER)
-                values = found.values(G[some], None if slope is None else slope[some])
-                for i, of_state in enumerate(values, start=first):
-                    out[i] = found.solve(of_state, give[i], right[i], self.redundant > 0)
-            return out[:, : self.nu], out[:, self.nu :]
-
-        return solve
-
-    def _give(self, G: Any) -> Array:
-        """(m,) see `solver_of`."""
-        mass = float(np.max(self.mass.diagonal() * self.velocity_units**2))
-        return np.asarray(row_lengths(in_units(self, G))[:, 0] ** 2 / mass)
+        return G, (rows, columns), give
 
 
 def in_units(mechanics: States, G: Any) -> Any:

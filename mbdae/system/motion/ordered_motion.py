@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.deferred import sp
 from mbdae.native.program import Operations, core
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import jacobian_G
@@ -200,8 +199,7 @@ class OrderedMechanics(TreeMechanics):
     @cached_property
     def mass(self) -> Any:
         """(nu, nu), sparse."""
-        places, values = np.array(list(self.inertia), dtype=np.intp).reshape(-1, 2), list(self.inertia.values())
-        return sp.csc_matrix((values, (places[:, 0], places[:, 1])), shape=(self.nu, self.nu))
+        return self._mass_of_bodies()
 
     def _constrained(self, t: Array, q: Array, u: Array) -> Solve:
         e = self.all_bodies

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import symengine as se
 
-from mbdae.deferred import LinearOperator, eigh, eigsh, sp, splu
+from mbdae.deferred import LinearOperator, eigsh, sp, splu
 from mbdae.errors import SceneError
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import Target
@@ -119,8 +119,9 @@ def _compared(reduced: Array, own: Array) -> tuple[Array, Array]:
     """Inertia of motions over the inertia of their parts, each by itself, and the motions (columns): however much bodies differ
     in size, a motion has no inertia where none of its parts has."""
     scale = 1 / np.sqrt(np.diag(own))
-    found: tuple[Array, Array] = eigh(scale[:, None] * reduced * scale, scale[:, None] * own * scale)
-    return found[0], scale[:, None] * found[1]
+    inverse = np.linalg.inv(np.linalg.cholesky(scale[:, None] * own * scale)) * scale  # of parts whose own inertia is 1
+    values, vectors = np.linalg.eigh(inverse @ reduced @ inverse.T)
+    return values, inverse.T @ vectors
 
 
 def _name_motion(mechanics: Mechanics, G: Array, motion: Array) -> str:

@@ -14,6 +14,8 @@ from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import quaternion_product, rotation_matrices, rotation_of, turned
 
+FULL = 400  #: coordinates up to which rows are full
+
 
 class RigidMotions:
     """Coordinates of displacements: those of every node, of a beam six (three in the plane) for all its nodes together."""
@@ -33,7 +35,7 @@ class RigidMotions:
         return np.r_[mask, np.zeros(self.size - len(mask), dtype=bool)].astype(bool)
 
     def given(self, q: Array) -> list[tuple[Body, Any, Any]]:
-        """Bodies whose velocity the user states, with sparse rows (2 or 3, size) and (0, 1 or 3, size): the velocity of the
+        """Bodies whose velocity the user states, with rows (2 or 3, size) and (0, 1 or 3, size): the velocity of the
         centre of mass and the angular velocity per coordinate."""
         moving: list[tuple[Node, Body | None, Array]] = [(n, n.body, np.zeros(3)) for n in self.single]
         for nodes in self.beams:
@@ -47,12 +49,18 @@ class RigidMotions:
         for node, body, arm in moving:
             n, end = node.kind.translations, column + node.kind.sizes[1]
             if body is not None and body.given_velocity:
-                moves, turns = (sp.eye_array(last - first, self.size, k=first, format="csr")
-                                for first, last in ((column, column + n), (column + n, end)))  # fmt: skip
+                moves, turns = (self._ones(first, last) for first, last in ((column, column + n), (column + n, end)))
                 spins = (np.eye(3)[[2]] if n == 2 else np.eye(3))[: end - column - n]
-                found.append((body, moves + sp.csr_array(np.cross(spins, arm)[:, :n].T) @ turns, turns))
+                arms = np.cross(spins, arm)[:, :n].T
+                found.append((body, moves + (arms if isinstance(turns, np.ndarray) else sp.csr_array(arms)) @ turns, turns))
             column = end
         return found
+
+    def _ones(self, first: int, last: int) -> Any:
+        """Rows (last - first, size) with ones from column `first` on; sparse where they are long."""
+        if self.size > FULL:
+            return sp.eye_array(last - first, self.size, k=first, format="csr")
+        return np.eye(last - first, self.size, k=first)
 
     def basis(self, q: Array) -> Array:
         """B (nu, size): velocities of all nodes per coordinate; a beam moves (v of its first node, w), inertial."""

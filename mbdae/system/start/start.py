@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.deferred import sp
+from mbdae.deferred import as_full, sp
 from mbdae.errors import StartError
 from mbdae.scene.components import Body, Connection
 from mbdae.symbolic.derive import Derived
@@ -180,7 +180,7 @@ class Starter(ConsistentPositions):
         """Sparse rows one below the other; full where the mechanics is not large."""
         if self.mechanics.large and not self.model.lines:
             return sp.vstack([sp.csr_array((0, self.rigid.size)), *parts], format="csr")
-        return np.vstack([np.zeros((0, self.rigid.size)), *(rows.toarray() for rows in parts)])
+        return np.vstack([np.zeros((0, self.rigid.size)), *map(as_full, parts)])
 
     def _far(self, left: Array, u: Array) -> bool:
         """Whether velocities u violate the constraints by more than rounding."""

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import sympy as sp
-from bodies import GROUND, Body, Input, Joint, Load, Mechanism, Spring, State, perpendicular
 from scipy.spatial.transform import Rotation
 
 import mbdae as mb
 from mbdae.laws.joints.coincidence import same_point
 from mbdae.system.model.sides import joint_axes
+from oracles.bodies import GROUND, Body, Input, Joint, Load, Mechanism, Spring, State, perpendicular
 
 LETTERS = {"R": "revolute", "P": "prismatic", "S": "spherical", "U": "universal", "D": "distance", "W": "weld",
            "O": "fixed_orientation"}  # fmt: skip

@@ -6,10 +6,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from bodies import GROUND, Mechanism, perpendicular
-from mechanisms import a_body, a_joint, acted, around, unit
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
+
+from oracles.bodies import GROUND, Mechanism, perpendicular
+from oracles.mechanisms import a_body, a_joint, acted, around, unit
 
 Z = np.array([0.0, 0.0, 1.0])
 

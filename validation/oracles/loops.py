@@ -15,8 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from bodies import GROUND, cross, perpendicular, skew
 from scipy.linalg import svd
+
+from oracles.bodies import GROUND, cross, perpendicular, skew
 
 RANK = 1e-7  #: singular values of rows of unit length below this count as zero
 
@@ -109,6 +110,17 @@ def coordinate(mechanism, state, joint, a=None):
     s = Sides(mechanism, state, joint)
     z = joint.axis / np.linalg.norm(joint.axis)
     row = s.about(s.on_k(z), *perpendicular(z), 0.0) if joint.kind == "revolute" else s.along_of_k(s.on_k(z))
+    return followed(mechanism, state, joint, row, a)
+
+
+def displacement(mechanism, state, joint, direction, a=None):
+    """The same of the way of l's point along a direction fixed to k, given as drawn."""
+    s = Sides(mechanism, state, joint)
+    return followed(mechanism, state, joint, s.along_of_k(s.on_k(direction)), a)
+
+
+def followed(mechanism, state, joint, row, a):
+    """Value of a row without its inputs, its rate, and, of accelerations a (n, 6), its second derivative."""
     g, k, l, bias = row
     u, ud = np.hstack([state.v, state.w]), np.zeros((len(mechanism.bodies) + 1, 6))
     ud[:-1] = 0.0 if a is None else a

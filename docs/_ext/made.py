@@ -1,0 +1,191 @@
+"""Pages that are made before Sphinx reads the sources: theory from `mb.report`, the gallery from `examples/`.
+
+    python docs/_ext/made.py img        the pictures of the README, into docs/img
+    python docs/_ext/made.py            the pages, into docs/made, as the site does
+
+A page is made again where the package or its example is newer than it.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import os
+import re
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES, MADE, IMAGES = ROOT / "examples", ROOT / "docs" / "made", ROOT / "docs" / "img"
+#: the gallery: a file of examples/ by its title; each has run(), number(run) -> (found, expected) and picture(run)
+GALLERY = {
+    "Four-bar": "four_bar", "Flapping wing": "flapping_wing", "Gyroscope": "gyroscope", "Robot arm": "arm_control",
+    "Rotor in ground resonance": "ground_resonance", "Planetary gear": "gearbox_torques", "Suspension": "quarter_car",
+    "Over-constrained loop": "over_constrained_loop", "Crane": "crane", "Stick-slip": "stick_slip",
+    "Whirling shaft": "whirling_shaft", "Slider-crank with clearance": "slider_crank_clearance",
+}  # fmt: skip
+#: pages of theory: title, and what `mb.report` is asked for (an expression)
+THEORY = {
+    "revolute": "mb.Revolute", "prismatic": "mb.Prismatic", "spherical": "mb.Spherical", "universal": "mb.Universal",
+    "classical": "mb.Classical()", "recursive": "mb.Recursive()",
+    "clearance": "'clearance'", "hertz": "mb.Hertz", "coulomb": "mb.Coulomb", "lugre": "mb.LuGre", "beam": "'beam'",
+    "rigid-body": "'rigidbody'", "gear": "'gear'", "four-bar": "__import__('four_bar').scene()",
+}  # fmt: skip
+def newest(*folders: Path) -> float:
+    """When the last of the files in folders, or of files, was changed."""
+    files = [file for folder in folders for file in (folder.rglob("*.py") if folder.is_dir() else [folder])]
+    return max(file.stat().st_mtime for file in files)
+
+
+def stale(page: Path, package: float, source: Path) -> bool:
+    """Whether a page is absent or older than the package or its own source."""
+    return not page.exists() or page.stat().st_mtime < max(package, source.stat().st_mtime)
+
+
+def theory(name: str) -> None:
+    """A report as a page with its pictures beside it."""
+    import mbdae as mb
+
+    mb.report(eval(THEORY[name], {"mb": mb})).save(MADE / f"{name}.md")
+
+
+def example(name: str) -> None:
+    """The page of an example: its picture, its number, its docstring and its code."""
+    module = importlib.import_module(name)
+    run = module.run()
+    found, expected = module.number(run)
+    module.picture(run).savefig(MADE / f"{name}.png", dpi=110)
+    title = next(title for title, file in GALLERY.items() if file == name)
+    text = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
+    said = (module.number.__doc__ or "").splitlines()[0].rstrip(".")
+    (MADE / f"{name}.md").write_text(f"""# {title}
+
+![{title}]({name}.png)
+
+{paragraphs(ast.get_docstring(ast.parse(text)) or "")}
+
+**{said}:** {found:.7g} computed, {expected:.7g} expected.
+
+```{{literalinclude}} ../../examples/{name}.py
+:language: python
+:start-at: import
+```
+""", encoding="utf-8")  # fmt: skip
+
+
+def paragraphs(text: str) -> str:
+    """A docstring as Markdown: what is indented stays as it is."""
+    lines = text.splitlines()
+    return "\n".join(line if line.startswith("    ") else line.strip().replace("*", r"\*") for line in lines)
+
+
+def pictures() -> None:
+    """The pictures of the README: the wing in motion, the rotor's comparison that the first command draws, and its motion."""
+    import flapping_wing
+    import ground_resonance
+
+    import mbdae as mb
+
+    IMAGES.mkdir(exist_ok=True)
+    with TemporaryDirectory() as folder:
+        wing = flapping_wing.run()
+        joints = [joint.name for joint in wing.prepared.model.scene.joints]
+        wing.animate(Path(folder) / "wing.gif", fps=16, speed=0.25, hide=joints)
+        smaller(Path(folder) / "wing.gif", IMAGES / "flapping_wing.gif")
+    ground_resonance.picture(ground_resonance.run()).savefig(IMAGES / "ground_resonance.png", dpi=90)
+    mb.compare(ground_resonance.scene(), ground_resonance.t_end, measure=ground_resonance.measure).plot(IMAGES / "compare.png")
+
+
+def smaller(film: Path, to: Path, wide: int = 600, colours: int = 64) -> None:
+    """A film of fewer points and colours."""
+    from PIL import Image, ImageSequence
+
+    with Image.open(film) as whole:
+        delay = whole.info["duration"]
+        size = (wide, round(wide * whole.height / whole.width))
+        frames = [frame.convert("RGB").resize(size, Image.Resampling.LANCZOS) for frame in ImageSequence.Iterator(whole)]
+    palette = frames[len(frames) // 3].quantize(colours)
+    first, *others = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    first.save(to, save_all=True, append_images=others, duration=delay, loop=0, optimize=True)
+
+
+def make(task: list[tuple[str, str]]) -> None:
+    """Some pages, in a process of their own."""
+    command = [sys.executable, str(Path(__file__)), *(f"{kind}:{name}" for kind, name in task)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "MPLBACKEND": "agg"})
+    if done.returncode:
+        raise RuntimeError(f"pages cannot be made:\n{done.stdout}{done.stderr}")
+
+
+def pages() -> None:
+    """All pages that are stale, in as many processes as there are processors."""
+    MADE.mkdir(exist_ok=True)
+    copied()
+    sources = {("example", name): EXAMPLES / f"{name}.py" for name in GALLERY.values()} | {
+        ("theory", name): EXAMPLES / "four_bar.py" for name in THEORY}  # fmt: skip
+    package = newest(ROOT / "mbdae", Path(__file__))
+    wanted = [page for page, source in sources.items() if stale(MADE / f"{page[1]}.md", package, source)]
+    count = os.cpu_count() or 1
+    tasks = [task for task in (wanted[i::count] for i in range(count)) if task]
+    with ThreadPoolExecutor(count) as pool:
+        list(pool.map(make, tasks))
+
+
+def copied() -> None:
+    """The pages of the project that stand at its top; links from them and to them fit the site."""
+    for name in ("CONTRIBUTING", "CHANGELOG"):
+        text = (ROOT / f"{name}.md").read_text(encoding="utf-8")
+        text = text.replace("](docs/", "](/").replace("](CHANGELOG.md", "](changelog.md")
+        page = MADE / f"{name.lower()}.md"
+        if not page.exists() or page.read_text(encoding="utf-8") != text:
+            page.write_text(text, encoding="utf-8")
+
+
+def relinked(app: Any, page: str, source: list[str]) -> None:
+    """Links out of docs/: to pages of the project, which are copied, and to files, which are kept beside the site."""
+    text = re.sub(r"\]\((?:\.\./)+(CONTRIBUTING|CHANGELOG)\.md", lambda m: f"](/made/{m[1].lower()}.md", source[0])
+    source[0] = re.sub(r"\]\((\.\./[\w/]+\.md)\)", lambda m: m[0] if (ROOT / "docs" / page).parent.joinpath(m[1]).resolve()
+                       .is_relative_to(ROOT / "docs") else f"](path:{m[1]})", text)  # fmt: skip
+
+
+def gallery() -> Any:
+    """The directive `gallery`: a picture of every example, which leads to its page."""
+    from docutils import nodes
+    from docutils.parsers.rst import Directive
+    from docutils.statemachine import StringList
+
+    class Grid(Directive):
+        def run(self) -> list[nodes.Node]:
+            grid = nodes.container(classes=["gallery"])
+            lines = [f"[![{title}](made/{name}.png) {title}](made/{name}.md)\n" for title, name in GALLERY.items()]
+            self.state.nested_parse(StringList("\n".join(lines).splitlines(), ""), self.content_offset, grid)
+            return [grid]
+
+    return Grid
+
+
+def setup(app: Any) -> dict[str, bool]:
+    """As an extension of Sphinx."""
+    app.connect("config-inited", lambda app, config: pages())
+    app.connect("source-read", relinked)
+    app.add_directive("gallery", gallery())
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def main(words: list[str]) -> None:
+    """The command: nothing for all pages, img for pictures, or single pages as kind:name."""
+    sys.path[:0] = [str(ROOT), str(EXAMPLES)]
+    if words == ["img"]:
+        return pictures()
+    for word in words:
+        kind, _, name = word.partition(":")
+        {"theory": theory, "example": example}[kind](name)
+    return None if words else pages()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,137 @@
+"""The time `mb.t` without SymPy: numbers, + - * / ** and NumPy's functions of it, until something else is asked.
+
+SymPy takes longer to import than a small scene to run, and most drives need a product. Where SymPy has been imported already,
+`mb.t` is its symbol. Else it is an object of `Timed`, which keeps the operations that made it. symengine carries them out for the
+core; SymPy does as soon as a user asks for anything that is not stated here (an attribute, a comparison, an operation with an
+object of SymPy), and gives the very expression that it would have made from the beginning.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+import sys
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import symengine as se
+
+from mbdae.inputs.numpy_functions import teach
+from mbdae.inputs.text import TIME
+from mbdae.symbolic.vectors import Expr
+
+MOST = 60  #: operations in one object; longer expressions are SymPy's at once, whose sums are no chains
+FUNCTIONS = ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log")
+_OPERATORS: dict[str, Callable[..., Any]] = {
+    name: getattr(operator, name) for name in ("add", "sub", "mul", "truediv", "pow", "neg", "pos")}  # fmt: skip
+
+
+@lru_cache(maxsize=1)
+def sympy_time() -> Any:
+    """SymPy's symbol t, which `mb.t` is; its expressions take NumPy's functions."""
+    import sympy
+
+    teach()
+    return sympy.Symbol("t")
+
+
+def _made(operation: str, *args: Any) -> Any:
+    """The result of an operation: of this kind where all arguments are such objects or numbers of Python, else SymPy's."""
+    if not all(type(a) is Timed or (isinstance(a, int | float) and not isinstance(a, bool)) for a in args):
+        return _carried_out(operation, [a._sympy_() if type(a) is Timed else a for a in args], _sympy_function)
+    found = Timed(operation, *args)
+    return found if found._size <= MOST else found._sympy_()
+
+
+def _carried_out(operation: str, args: list[Any], function: Callable[[str], Any]) -> Any:
+    return (_OPERATORS.get(operation) or function(operation))(*args)
+
+
+def _sympy_function(name: str) -> Any:
+    import sympy
+
+    return getattr(sympy, name)
+
+
+def _symengine_function(name: str) -> Any:
+    return getattr(se, name)
+
+
+class Timed:
+    """An operation with its arguments; none: the time itself."""
+
+    __slots__ = ("_args", "_found", "_operation", "_size")
+
+    def __init__(self, operation: str = "", *args: Any) -> None:
+        self._operation, self._args, self._found = operation, args, None
+        self._size: int = 1 + sum(a._size for a in args if type(a) is Timed)
+
+    def _sympy_(self) -> Any:
+        """What it is in SymPy; SymPy asks for it."""
+        if self._found is None:
+            args = [a._sympy_() if type(a) is Timed else a for a in self._args]
+            self._found = _carried_out(self._operation, args, _sympy_function) if self._operation else sympy_time()
+        return self._found
+
+    def _symengine_(self) -> Expr:
+        """What it is in symengine; symengine asks for it."""
+        if not self._operation:
+            return TIME
+        args = [a._symengine_() if type(a) is Timed else se.sympify(a) for a in self._args]
+        return _carried_out(self._operation, args, _symengine_function)
+
+    def __getattr__(self, name: str) -> Any:
+        if name in FUNCTIONS:  # NumPy calls its functions so
+            return lambda: _made(name, self)
+        if name.startswith("_") and not name.startswith("_repr_"):
+            raise AttributeError(name)
+        return getattr(self._sympy_(), name)
+
+    def __reduce__(self) -> Any:
+        return Timed, (self._operation, *self._args)
+
+    def __dir__(self) -> list[str]:
+        return dir(self._sympy_())
+
+    def __hash__(self) -> int:
+        return hash(self._sympy_())
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or bool(self._sympy_() == other)
+
+    def __bool__(self) -> bool:
+        return bool(self._sympy_())
+
+
+def _forward(name: str) -> Any:
+    return lambda self, *args: _made(name, self, *args)
+
+
+def _reflected(name: str) -> Any:
+    return lambda self, other: _made(name, other, self)
+
+
+def _asked(function: Callable[..., Any]) -> Any:
+    """A method for which the expression of SymPy is needed."""
+    return lambda self, *args: function(self._sympy_(), *args)
+
+
+for _name in _OPERATORS:
+    setattr(Timed, f"__{_name}__", _forward(_name))
+for _name in ("add", "sub", "mul", "truediv", "pow"):
+    setattr(Timed, f"__r{_name}__", _reflected(_name))
+_ASKED: dict[str, Callable[..., Any]] = {
+    "lt": operator.lt, "le": operator.le, "gt": operator.gt, "ge": operator.ge, "abs": abs, "mod": operator.mod,
+    "floordiv": operator.floordiv, "rmod": lambda a, b: b % a, "rfloordiv": lambda a, b: b // a, "divmod": divmod,
+    "rdivmod": lambda a, b: divmod(b, a), "str": str, "repr": repr, "format": format, "float": float, "int": int,
+    "complex": complex, "round": round, "floor": math.floor, "ceil": math.ceil, "trunc": math.trunc,
+}  # fmt: skip
+for _name, _function in _ASKED.items():
+    setattr(Timed, f"__{_name}__", _asked(_function))
+_TIME = Timed()
+
+
+def time_symbol() -> Any:
+    """What `mb.t` is: SymPy's symbol as soon as SymPy has been imported."""
+    return sympy_time() if "sympy" in sys.modules else _TIME

@@ -1,0 +1,221 @@
+"""Units: products of powers of m, kg and s, angles have the unit 1. Those of what laws state are found by changing the sizes of
+m, kg and s: a sum whose terms change differently has no unit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import symengine as se
+from numpy.typing import NDArray
+
+from mbdae.errors import MbdaeError
+from mbdae.reports.letters import specs_of_coordinates, unit_on
+from mbdae.reports.states import State, random_state
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.frames import Frame, NodeKind
+from mbdae.symbolic.vectors import Expr
+
+BASIC = ("m", "kg", "s")
+FACTOR = 1.25  #: by which a basic unit changes its size
+_KNOWN = {"m": (1, 0, 0), "kg": (0, 1, 0), "s": (0, 0, 1), "rad": (0, 0, 0), "1": (0, 0, 0), "N": (1, 1, -2), "J": (2, 1, -2),
+          "W": (2, 1, -3), "Pa": (-1, 1, -2), "Hz": (0, 0, -1)}  # fmt: skip
+_POINTS = 5  #: random states in which a unit is found
+
+
+class UnitError(MbdaeError):
+    """A unit that is not known."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Powers of m, kg and s."""
+
+    powers: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    text: str = field(default="", compare=False)  #: as it was written
+
+    def size(self, scale: Mapping[str, float]) -> float:
+        """Size of the unit for given sizes of the basic units."""
+        return float(np.prod([scale[name] ** power for name, power in zip(BASIC, self.powers, strict=True)]))
+
+    def __truediv__(self, other: Unit) -> Unit:
+        return Unit(tuple(a - b for a, b in zip(self.powers, other.powers, strict=True)))  # type: ignore[arg-type]
+
+    def __mul__(self, other: Unit) -> Unit:
+        return self / (Unit() / other)
+
+    def __str__(self) -> str:
+        if self.text:
+            return self.text
+        shown = [name if power == 1 else f"{name}^{power:g}" for name, power in zip(BASIC, self.powers, strict=True) if power]
+        return " ".join(shown) or "1"
+
+    @property
+    def of_force(self) -> str:
+        """As it is written of what does work: N, N m, N m^-1."""
+        power = self.powers[0] - 1
+        if self.powers[1:] != (1, -2):
+            return str(self)
+        return "N" if power == 0 else "N m" if power == 1 else f"N m^{power:g}"
+
+
+def unit(text: str) -> Unit:
+    """The unit of a text such as "N m s/rad" or "N/m^1.5"; UnitError where it is none."""
+    powers = [0.0, 0.0, 0.0]
+    for i, part in enumerate(text.split("/")):
+        for word in part.strip(" ()").split():
+            match = re.fullmatch(r"(\w+?)(?:\^(-?[\d.]+))?", word)
+            if match is None or match[1] not in _KNOWN:
+                raise UnitError(f"the unit '{word}' is not known; there are {', '.join(_KNOWN)}")
+            for j, power in enumerate(_KNOWN[match[1]]):
+                powers[j] += (1 if i == 0 else -1) * power * float(match[2] or 1)
+    return Unit((powers[0], powers[1], powers[2]), text.strip())
+
+
+def shown(p: NDArray[np.float64]) -> str:
+    """Units of entries in words, each once; p: powers of m, kg and s (3, entries)."""
+    columns = [c for c in p.T if not np.any(np.isnan(c))]
+    return ", ".join(dict.fromkeys(str(Unit(tuple(float(round(x, 3)) + 0 for x in c))) for c in columns)) or "1"  # type: ignore[arg-type]
+
+
+def scales() -> list[dict[str, float]]:
+    """Sizes of the basic units: each once larger than the others."""
+    return [{basic: FACTOR if basic == name else 1.0 for basic in BASIC} for name in BASIC]
+
+
+def powers_of(before: Any, after: Sequence[Any]) -> NDArray[np.float64] | None:
+    """Powers of m, kg and s (3, entries) by values (states, entries) before and after a change of each; nan of entries that are
+    0, None where an entry has no unit."""
+    found = []
+    with np.errstate(all="ignore"):
+        for later in after:
+            p = np.log(np.where(np.abs(before) > 1e-9, np.abs(np.divide(later, before)), np.nan)) / np.log(FACTOR)
+            mean = np.array([np.mean(c[~np.isnan(c)]) if np.any(~np.isnan(c)) else np.nan for c in p.T])
+            if np.nanmax(np.abs(p - mean), initial=0.0) > 1e-6:
+                return None
+            found.append(mean)
+    return np.array(found)
+
+
+class Dimensions:
+    """Units of what a derived law states.
+
+    coordinates: units of coordinates that are unknowns, by their names, where the scene knows more than the law. Raises
+    UnitError for a law with a unit that is not known, or open."""
+
+    def __init__(self, d: Derived, coordinates: Mapping[str, str] | None = None) -> None:
+        self.d, self.given = d, random_state(d, points=_POINTS).given
+        self.acts_on = units_of_coordinates(d.law) | dict(coordinates or {})
+        self.units = self._inputs()
+        self.plain = State(d, self.given)
+        self.scaled = [State(d, {n: v * self.units[n].size(scale) if n in self.units else v for n, v in self.given.items()})
+                       for scale in scales()]  # fmt: skip
+        self._multipliers()
+
+    def _inputs(self) -> dict[str, Unit]:
+        """Units of the symbols that are not 1."""
+        law, found = self.d.law, dict[str, Unit]()
+        on = [*self.acts_on.values()] or [getattr(law, "unit", "")]
+        for name, spec in law.params.items():
+            stated = unit(unit_on(spec.unit, on))
+            found |= {name + end: stated / unit(per) for end, per in (("", "1"), ("_dot", "s"), ("_ddot", "s^2"))}
+        found |= {f"state_{name}": unit(spec.unit) for name, spec in law.states.items()}
+        own = dict(zip((f.side for f in self.d.frames[len(self.d.sides) :]), self.acts_on.values(), strict=False))
+        for f in self.d.frames:
+            found |= self._frame(f, own.get(f.side, "m"))
+        return found
+
+    @staticmethod
+    def _frame(f: Frame, of_coordinate: str) -> dict[str, Unit]:
+        place = unit(of_coordinate if f.kind is NodeKind.COORDINATE else "m")
+        n = f.kind.translations
+        found = {str(s): place for s in f.q[:n]} | {str(s): place / unit("s") for s in f.u[:n]}
+        return found | {str(s): unit("1/s") for s in f.u[n:]} | {f"{f.side}_p{i}": unit("m") for i in (1, 2, 3)}
+
+    def _multipliers(self) -> None:
+        """Multipliers times their rows are energies."""
+        for row, g in zip(self.d.rows, self.d.g, strict=True):
+            found = self.of(g)
+            for state, scale in zip(self.scaled, scales(), strict=True):
+                state.given[f"lambda_{row}"] = self.given[f"lambda_{row}"] * (unit("J") / (found or Unit())).size(scale)
+
+    def powers(self, e: Expr, by: Callable[[State, Expr], Any] = State.scalar) -> NDArray[np.float64] | None:
+        """Powers (3,) of an expression, nan where it is 0; None where it has no unit. by: gives its values in a state."""
+        before, *after = (np.real(by(state, e)).reshape(-1, 1) for state in (self.plain, *self.scaled))
+        found = powers_of(before, after)
+        return None if found is None else found[:, 0]
+
+    def of(self, e: Expr, by: Callable[[State, Expr], Any] = State.scalar) -> Unit | None:
+        """The unit of an expression; None where it has none, or is 0."""
+        found = self.powers(e, by)
+        if found is None or np.any(np.isnan(found)):
+            return None
+        return Unit(tuple(float(round(x, 3)) + 0 for x in found))  # type: ignore[arg-type]
+
+    def mixed(self, e: Expr) -> str:
+        """The innermost sum, or argument of a function, whose unit is wrong, in words; empty where there is none."""
+        e = se.sympify(e)
+        values = self.d.variation.values
+        parts = [values[e]] if e in values else [] if isinstance(e, se.Symbol) else list(e.args)
+        for part in parts if self.powers(e) is None else ():
+            if found := self.mixed(part):
+                return found
+        units = sorted({u.of_force for part in parts if (u := self.of(part)) is not None})
+        if isinstance(e, se.Add) and len(units) > 1:
+            return f"adds terms in {' and in '.join(units)}"
+        plain = isinstance(e, se.Add | se.Mul | se.Pow | se.Symbol) or units in ([], ["1"])
+        return "" if plain else f"is a function of {units[0]}"
+
+    def faults(self) -> list[str]:
+        """What the law states with terms of several units, or with a unit that it cannot have."""
+        d = self.d
+        stated = [(f"the row {row}", g, "") for row, g in zip(d.rows, d.g, strict=True)]
+        stated += [("the energy", d.energy, "J"), ("the dissipated power", d.dissipated_power, "W")]
+        stated += [(f"the {what} on {side}", e, u) for side, pair in d.force.items() if side in [f.side for f in d.sides]
+                   for what, u, part in zip(("force", "moment"), ("N", "N m"), pair, strict=True) for e in part]  # fmt: skip
+        stated += [(f"the force on the coordinate {name}", d.force[f.side][0][0], str(unit("J") / unit(self.acts_on[name])))
+                   for name, f in zip(self.acts_on, d.frames[len(d.sides) :], strict=False)
+                   if f.kind is NodeKind.COORDINATE and f.side in d.force]  # fmt: skip
+        return list(dict.fromkeys(said for what, e, wanted in stated if (said := self._fault(what, e, wanted))))
+
+    def _fault(self, what: str, e: Expr, wanted: str) -> str:
+        p = self.powers(e)
+        if p is None:
+            return f"{what} {self.mixed(e) or 'has terms with different units'}"
+        if wanted and np.nanmax(np.abs(p - unit(wanted).powers), initial=0.0) > 1e-6:
+            return f"{what} has the unit {shown(p[:, None])}, not {wanted}"
+        return ""
+
+
+def units_of_coordinates(law: Any) -> dict[str, str]:
+    """Units of the coordinates that are unknowns of a law, by name."""
+    specs = specs_of_coordinates(law)
+    return {name: specs[name].unit for name in law.own_coordinates}
+
+
+def dimensions(d: Derived, coordinates: Mapping[str, str] | None = None) -> list[Dimensions]:
+    """Units of a law; of one on coordinates that may be angles or lengths both cases; none where a unit is not known or a
+    quantity is fed in from outside. coordinates: as in `Dimensions`."""
+    known = units_of_coordinates(d.law) | dict(coordinates or {})
+    either = [name for name, stated in known.items() if " or " in stated]
+    try:
+        return [Dimensions(d, known | dict.fromkeys(either, u)) for u in (("rad", "m") if either else ("",)) if not d.feeds]
+    except UnitError:
+        return []
+
+
+def unit_in(cases: Sequence[Dimensions], e: Expr, by: Callable[[State, Expr], Any] = State.scalar) -> list[Unit]:
+    """The unit of an expression in every case, each once; empty where one has none."""
+    found = [case.of(e, by) for case in cases]
+    return [] if None in found else list(dict.fromkeys(found))  # type: ignore[arg-type]
+
+
+def law_faults(d: Derived, coordinates: Mapping[str, str] | None = None) -> list[str]:
+    """What a law states in wrong units, in words; nothing of laws whose units are not known."""
+    found = [case.faults() for case in dimensions(d, coordinates)]
+    return found[0] if found and all(found) else []
+
+

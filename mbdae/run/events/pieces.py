@@ -1,0 +1,134 @@
+"""Functions of time as polynomials: Chebyshev series on intervals, halved until they reproduce the function to round-off.
+
+Arguments of functions that act within a width of their own (exp(-(x/w)^2), tanh(x/w)) are followed too: no interval is longer
+than a few widths, so that nothing hides between the points of a polynomial.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+import symengine as se
+from numpy.polynomial import chebyshev
+
+from mbdae.integrators.watched.arguments import LOGARITHMS, TINIEST
+from mbdae.symbolic.functions import KINDS, limited, scales
+from mbdae.symbolic.rebuild import nodes
+from mbdae.symbolic.switches import LOCAL_POWER
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.base import Array
+
+DEGREE = 16
+RESOLVED = 1e-13  #: last coefficients of a polynomial over the largest value of the function from which on it is accurate
+NOISE = 64 * float(np.finfo(float).eps)  #: round-off of a function over its largest terms
+LEVELS = 42  #: halvings of a step at most: a kink or jump inside is then located to round-off
+#: last coefficients that halving does not lower and that are below this part of the largest value are round-off of the function
+ROUGH, AMPLIFIED = 1e-5, 8.0
+MOST = 200_000  #: intervals that are halved at a time; more are taken as they are
+WIDTHS = 2.5  #: largest change of an argument over an interval, in widths of its function
+POOR = 1e-3  #: of an argument's change over an interval: last coefficients below show it well enough
+NODES = np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
+FIT = np.linalg.inv(chebyshev.chebvander(NODES, DEGREE))
+
+#: beyond these arguments nothing changes in double precision
+_SCALES = {**scales(19.0, 745.0), "decaying": limited(-745.0, 745.0)}
+
+
+class Pieces(NamedTuple):
+    """Intervals (m,) with the coefficients (m, DEGREE + 1) of the polynomials on them; size: sum of the largest terms of the
+    function, noise: its round-off."""
+
+    low: Array
+    high: Array
+    c: Array
+    size: float
+    noise: float
+
+
+class Steep(NamedTuple):
+    """Functions inside an expression that have a width: their arguments, and how each counts its widths."""
+
+    arguments: tuple[Expr, ...]
+    scales: tuple[Callable[[Any], Any], ...]
+
+    def changes(self, c: Array) -> Array:
+        """(m,) largest change, in widths, of arguments with coefficients (m, DEGREE + 1, na); infinite where these do not show
+        an argument well."""
+        middle, reach = c[:, 0], np.abs(c[:, 1:]).sum(axis=1)
+        poor = np.abs(c[:, -3:]).max(axis=1) > POOR * reach + NOISE * np.abs(middle)
+        found = np.zeros(len(c))
+        for i, scale in enumerate(self.scales):
+            change = np.abs(scale(middle[:, i] + reach[:, i]) - scale(middle[:, i] - reach[:, i]))
+            found = np.fmax(found, np.where(poor[:, i], np.inf, change))
+        return found
+
+
+def steep_functions(e: Expr) -> Steep:
+    """Those of an expression in which floors and conditions are symbols."""
+    found = list(dict.fromkeys(pair for node in nodes(e) for pair in _steep(node)))
+    scales_of = (_logarithm(weight) if weight else _SCALES[kind] for _, (kind, weight) in found)
+    return Steep(tuple(u for u, _ in found), tuple(scales_of))
+
+
+def _steep(node: Expr) -> Iterator[tuple[Expr, tuple[str, float]]]:
+    kind = KINDS.get(type(node).__name__)
+    if isinstance(node, se.Pow):
+        yield from _of_power(*node.args)
+    elif kind is not None and kind != "kink" and node.args[0].free_symbols:
+        yield node.args[0], (kind, 1.0 if kind == "power" else 0.0)
+
+
+def _of_power(base: Expr, exponent: Expr) -> Iterator[tuple[Expr, tuple[str, float]]]:
+    if exponent.free_symbols:
+        yield exponent * se.log(base), ("decaying", 0.0)
+    elif base.free_symbols and float(exponent) >= LOCAL_POWER:
+        yield base, ("power", float(exponent))
+    elif base.free_symbols and not (float(exponent).is_integer() and float(exponent) > 0):
+        yield base, ("power", abs(float(exponent)))
+
+
+def _logarithm(weight: float) -> Callable[[Any], Any]:
+    """Widths of |u|^weight: an interval with 0 in it holds many."""
+    bounded = limited(*LOGARITHMS)
+    return lambda u: np.sign(u) * weight * (bounded(np.log(np.abs(u) + TINIEST)) - LOGARITHMS[0])
+
+
+def resolved(function: Callable[[Array], Array], edges: Array, steep: Steep | None = None, least: float = 0.0) -> Pieces:
+    """Polynomials that reproduce a function between edges (n+1,), in the order of time. function: times (k,) -> (k,) its values,
+    or (k, 1 + na) with the arguments of `steep` behind them; least: a value that counts as reached."""
+    low, high, done, size, noise = edges[:-1], edges[1:], list[tuple[Array, ...]](), least, 0.0
+    before = np.full(len(low), np.inf)
+    for level in range(LEVELS + 1):
+        middle, half = (low + high) / 2, (high - low) / 2
+        values = function((middle[:, None] + half[:, None] * NODES).ravel()).reshape(len(low), DEGREE + 1, -1)
+        known = np.isfinite(values[:, :, 0]).any(axis=1)
+        c = np.einsum("kn,mnf->mkf", FIT, values)
+        size = max(size, float(np.nanmax(np.abs(values[known, :, 0]), initial=0.0)))
+        tail = np.max(np.abs(c[:, -3:, 0]), axis=1)
+        smooth = tail <= RESOLVED * size
+        stays = _stays(tail, before, size) if level > 2 else np.zeros(len(low), dtype=bool)
+        noise = max(noise, AMPLIFIED * float(np.max(tail[stays & ~smooth], initial=0.0)))
+        smooth |= stays
+        if steep is not None and steep.arguments:
+            smooth &= steep.changes(c[:, :, 1:]) <= WIDTHS
+        short = half < 4 * np.spacing(np.maximum(np.abs(low), np.abs(high)))
+        good = smooth | short | ~known | (level == LEVELS) | (np.count_nonzero(~smooth) > MOST)
+        done.append((low[good], high[good], c[good][:, :, 0]))
+        low, high = (np.concatenate(ends) for ends in ((low[~good], middle[~good]), (middle[~good], high[~good])))
+        before = np.tile(tail[~good], 2)
+        if not len(low):
+            break
+    joined = [np.concatenate(parts) for parts in zip(*done, strict=True)]
+    order = np.argsort(joined[0])
+    most = max(least, float(np.nanmax(np.abs(joined[2]).sum(axis=1), initial=0.0)))
+    return Pieces(joined[0][order], joined[1][order], joined[2][order], most, max(noise, NOISE * most))
+
+
+def _stays(tail: Array, before: Array, size: float) -> Any:
+    """(2n,) whether halving n intervals has lowered the last coefficients of neither part: the function is not smoother."""
+    n = len(tail) // 2
+    same = (tail > 0.25 * before) & (tail <= ROUGH * size)
+    both = same[:n] & same[n:]
+    return np.concatenate([both, both])

@@ -1,0 +1,148 @@
+"""A drawn run and its verdict: right, told, silent, refused or crashed."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from dataclasses import dataclass
+from math import inf, nan
+from typing import Any
+
+import numpy as np
+from strangers.bodies import Array, NotStatedError
+from strangers.dense import Reference
+from strangers.elastic import elastic_truth
+from strangers.story import Story, build, options, scene_text
+from timed_inputs.judge import FACTOR, error_of, told
+
+import mbdae as mb
+from mbdae.results.result import Result
+
+WALL = 8.0  #: of a run, s
+RTOL = 3e-10  #: of the reference; a hundredth where a run seems wrong
+START = 1e-7  #: a start that violates joints or stated rates by more is wrong
+WRONG = ("silent", "refused", "crashed", "wrong start")
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of a story: verdict, error over what is claimed, remark."""
+
+    verdict: str
+    ratio: float = nan
+    note: str = ""
+    cpu: float = 0.0
+
+    @property
+    def wrong(self) -> bool:
+        """Whether nobody was told."""
+        return self.verdict in WRONG
+
+    def __str__(self) -> str:
+        return f"{self.verdict}: error {self.ratio:.3g} x accuracy; {self.note}"
+
+
+def simulate(story: Story, scene: mb.Scene | None = None, **more: Any) -> Result:
+    """The run as the script makes it, within WALL."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return (scene or build(story)).simulate(story.t_end, **{"accuracy": story.accuracy, "max_wall": WALL, **options(story),
+                                                                **more})  # fmt: skip
+
+
+def claims(result: Result) -> bool:
+    """Whether a result claims an accuracy of its motion, and says nothing against itself."""
+    return "motion" in result.accuracy.covers and not told(result)
+
+
+def attempt(story: Story, **more: Any) -> Result | Verdict:
+    """A result, or the verdict on a run that returned none."""
+    try:
+        return simulate(story, **more)
+    except (mb.SceneError, mb.LawError) as error:
+        return Verdict("refused", note=text(error))
+    except mb.MbdaeError as error:
+        return Verdict("told", note=text(error))
+    except Exception as error:  # a verdict too
+        return Verdict("crashed", note=text(error))
+
+
+def text(error: Exception) -> str:
+    """In one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())[:400]
+
+
+def instants(story: Story, ends: list[float]) -> Array:
+    """Times at which a run is judged: equal ones and some inside every piece."""
+    narrow = sorted(zip(ends, ends[1:], strict=False), key=lambda e: e[1] - e[0])[:40]
+    inside = [np.linspace(a, b, 4) for a, b in narrow]
+    times = np.unique(np.concatenate([np.linspace(0, story.t_end, 61), *inside]))
+    return np.asarray(times[(times >= 0) & (times <= story.t_end)])
+
+
+def judge(story: Story) -> Verdict:
+    """One run against the reference."""
+    begin = time.process_time()
+    found = _judged(story)
+    return Verdict(found.verdict, found.ratio, found.note, time.process_time() - begin)
+
+
+def _judged(story: Story) -> Verdict:
+    result = attempt(story)
+    if isinstance(result, Verdict):
+        return result
+    if not claims(result):
+        return Verdict("told", note=told(result) or "claims no accuracy of its motion")
+    try:
+        return elastic_truth(story, result) if story.of("beam") else _compared(story, result)
+    except NotStatedError as error:
+        return Verdict("not judged", note=str(error))
+    except ArithmeticError as error:
+        return Verdict("not judged", note=text(error))
+
+
+@dataclass(frozen=True)
+class _Truth:
+    """A reference that serves every run of a scene: the scene, its start, times (nt,) and sensors there."""
+
+    scene: str
+    start: Array
+    times: Array
+    values: Any
+
+
+_last: list[_Truth] = []  #: the one before, because a scene is run in several ways
+
+
+def _truth(story: Story, result: Result) -> _Truth | Verdict:
+    reference, scene = Reference(story), f"{story.t_end} {scene_text(story.but(model=''))}"
+    y = reference.start(result(0.0))
+    wrong = reference.wrong_start(y)
+    if wrong > START:
+        return Verdict("wrong start", wrong / story.accuracy, f"joints or stated rates are violated by {wrong:.2e}")
+    if not (_last and _last[0].scene == scene and np.allclose(_last[0].start, y, rtol=0, atol=1e-9)):
+        times = instants(story, reference.instants())
+        _last[:] = [_Truth(scene, y, times, reference.shown(reference.solve(y, times, RTOL)))]
+    return _last[0]
+
+
+def _compared(story: Story, result: Result) -> Verdict:
+    truth = _truth(story, result)
+    if isinstance(truth, Verdict):
+        return truth
+    contact = bool(result.prepared.contacts)
+    error = error_of(result, truth.times, truth.values, contact, story.t_end)
+    if error <= FACTOR * story.accuracy:
+        return Verdict("right", error / story.accuracy)
+    again = Reference(story)
+    finer = again.shown(again.solve(truth.start, truth.times, RTOL / 100))
+    return settled(story, result, error, error_of(result, truth.times, finer, contact, story.t_end))
+
+
+def settled(story: Story, result: Result, error: float, finer: float) -> Verdict:
+    """The verdict on an error that a finer reference finds too, or does not."""
+    if abs(finer - error) > 0.3 * max(finer, error) or finer == inf:
+        return Verdict("not judged", finer / story.accuracy, f"references differ: errors {error:.2e} and {finer:.2e}")
+    return Verdict("silent" if finer > FACTOR * story.accuracy else "right", finer / story.accuracy, f"asked {story.accuracy:.0e}; "
+                   f"{result.info.choice or result.info.solver}")  # fmt: skip
+
