@@ -13,7 +13,7 @@ import symengine as se
 import mbdae as mb
 from mbdae.laws import couplings, forces, joints
 from mbdae.reports.letters import worded
-from mbdae.reports.statement import Statement, structure_of
+from mbdae.reports.statement import structure_of
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -23,7 +23,6 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from reading import holds_and_defines
 
-
 LONG = ("journalcontact", "cylinderonplane", "balloncylinder")  #: contacts that take ten seconds and more; others are like them
 
 
