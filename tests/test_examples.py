@@ -227,7 +227,7 @@ def test_clearance_rotor_runs_on_the_orbit_of_its_reference_with_either_friction
 def test_clearance_rotor_draws_its_pictures(tmp_path):
     import clearance_rotor
 
-    clearance_rotor.pictures(tmp_path / "out", t_end=0.04, solver=mb.RadauIIA(3, rtol=3e-7))
+    clearance_rotor.pictures(tmp_path / "out", t_end=0.102, solver=mb.RadauIIA(3, rtol=3e-7))
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {"rotor.png", "orbits.png", "friction_force.png", "friction_coefficient.png"}
 

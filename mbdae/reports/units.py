@@ -17,6 +17,7 @@ from mbdae.reports.letters import specs_of_coordinates, unit_on
 from mbdae.reports.states import State, random_state
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind
+from mbdae.symbolic.joint import SLIGHT
 from mbdae.symbolic.vectors import Expr
 
 BASIC = ("m", "kg", "s")
@@ -24,6 +25,7 @@ FACTOR = 1.25  #: by which a basic unit changes its size
 _KNOWN = {"m": (1, 0, 0), "kg": (0, 1, 0), "s": (0, 0, 1), "rad": (0, 0, 0), "1": (0, 0, 0), "N": (1, 1, -2), "J": (2, 1, -2),
           "W": (2, 1, -3), "Pa": (-1, 1, -2), "Hz": (0, 0, -1)}  # fmt: skip
 _POINTS = 5  #: random states in which a unit is found
+_NOTHING = 100 * SLIGHT  #: what is 0 but for a smoothed reaction is below this; values of random states are near 1
 
 
 class UnitError(MbdaeError):
@@ -92,7 +94,7 @@ def powers_of(before: Any, after: Sequence[Any]) -> NDArray[np.float64] | None:
     found = []
     with np.errstate(all="ignore"):
         for later in after:
-            p = np.log(np.where(np.abs(before) > 1e-9, np.abs(np.divide(later, before)), np.nan)) / np.log(FACTOR)
+            p = np.log(np.where(np.abs(before) > _NOTHING, np.abs(np.divide(later, before)), np.nan)) / np.log(FACTOR)
             mean = np.array([np.mean(c[~np.isnan(c)]) if np.any(~np.isnan(c)) else np.nan for c in p.T])
             if np.nanmax(np.abs(p - mean), initial=0.0) > 1e-6:
                 return None

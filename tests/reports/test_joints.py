@@ -13,7 +13,7 @@ import symengine as se
 import mbdae as mb
 from mbdae.laws import couplings, forces, joints
 from mbdae.reports.letters import worded
-from mbdae.reports.statement import Statement, structure_of
+from mbdae.reports.statement import structure_of
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -211,8 +211,10 @@ class Rows(mb.Joint):
 
 def test_units_of_multipliers():
     """Force times row is an energy: powers of a length are counted, not guessed from what appears."""
-    s = Statement(Rows, structure_of(Rows, {}))
-    assert {name: s.multiplier_unit(name) for name in s.rows} == {
+    from mbdae.reports.pages.joint import JointReport
+
+    r = JointReport(Rows, structure_of(Rows, {}))
+    assert {name: r.effort(row) for name, row in r.s.rows.items()} == {
         "cosine": "N m", "length": "N", "norm": "N", "area": "N m^-1", "thread": "N", "ratio": "N m", "sine": "N m"}  # fmt: skip
 
 
