@@ -14,6 +14,7 @@ from strangers import laws
 from strangers.arguments import Change, changed
 from strangers.bodies import Array, rods
 from strangers.dense import Reference
+from strangers.elastic import pieces
 from strangers.judge import WRONG, Verdict, attempt, claims
 from strangers.story import Along, Feed, Input, Said, Story
 from timed_inputs.judge import error_of, told
@@ -186,7 +187,7 @@ def _compared(story: Story, base: Result, name: str, found: Other | None) -> Ver
     if name == "later":
         later, change = float(change.by[2]), NONE
     times = np.linspace((float(other.solution.t[0]) - later) / change.time, story.t_end, 31)
-    jumps = np.array(Reference(story).instants())  # where reactions may have two values
+    jumps = np.array(pieces(story) if story.of("beam") else Reference(story).instants())  # where reactions may have two values
     times = times[np.min(np.abs(times[:, None] - jumps), axis=1) > 1e-6 * story.t_end]
     motion = moved(story, base, other, change, times, later)
     pushed = reactions(story, base, other, change, times, later, name == "lifted")

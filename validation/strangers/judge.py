@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from strangers.bodies import Array, NotStatedError
+from strangers.closing import can_close
 from strangers.dense import Reference
 from strangers.elastic import elastic_truth
 from strangers.story import Story, build, options, scene_text
@@ -98,7 +99,8 @@ def judge(story: Story) -> Verdict:
 def _judged(story: Story) -> Verdict:
     result = attempt(story)
     if isinstance(result, Verdict):
-        return result
+        apart = result.verdict == "refused" and "cannot close" in result.note and not can_close(story)
+        return Verdict("not judged", note="the loop cannot close: least squares find no pose either") if apart else result
     if not claims(result):
         return Verdict("told", note=told(result) or "claims no accuracy of its motion")
     try:

@@ -106,19 +106,21 @@ def block(kind: str, family: str, seed: int, counts: Counts, out: Path, end: flo
     begun: list[Failure] = []
 
     def fails(story: Story) -> bool:
-        if begun:
-            return begun[0].again(story)
         mark = hashlib.sha256(f"{kind}{script(story)}".encode()).hexdigest()[:12]
-        if mark in counts.seen or time.monotonic() > end:
+        if begun or mark in counts.seen or time.monotonic() > end:
             return False
         counts.seen.add(mark)
-        begun[:] = list(_failures(kind, family, story, counts))[:1]
-        return bool(begun)
+        begun.extend(list(_failures(kind, family, story, counts))[:1])
+        return False
 
-    drawn = settings(QUIET, max_examples=BLOCK[kind])
-    with suppress(NoSuchExample):
-        find(FAMILIES[family], fails, settings=drawn, random=random.Random(f"{kind} {family} {seed}"))
+    def draw(asked: Callable[[Story], bool]) -> None:
+        drawn = settings(QUIET, max_examples=BLOCK[kind])
+        with suppress(NoSuchExample):
+            find(FAMILIES[family], asked, settings=drawn, random=random.Random(f"{kind} {family} {seed}"))
+
+    draw(fails)
     for failure in begun:
+        draw(failure.again)
         counts.failures.append(failure.write(out, f"{kind}_{family}_{seed}"))
         say(f"{counts.failures[-1]}: {failure.verdict}")
 
