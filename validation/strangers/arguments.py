@@ -22,7 +22,8 @@ PLAIN: dict[str, Unit] = {
     "normal_force": FORCE, "length": LENGTH, "every": (0, 0, 1), "v_c": (0, 1, -1), "EA": FORCE, "GA2": FORCE, "GA3": FORCE,
     "GJ": (1, 3, -2), "EI2": (1, 3, -2), "EI3": (1, 3, -2), "mass_per_length": (1, -1, 0), "rotary_inertia": (1, 1, 0),
     "outer": LENGTH, "inner": LENGTH}  # fmt: skip
-LAWS: dict[str, dict[str, Unit]] = {"Hertz": {"stiffness": (1, -0.5, -2), "damping": (0, -1, 1)}, "Section": {"damping": (0, 0, 1)}}
+LAWS: dict[str, dict[str, Unit]] = {"Hertz": {"stiffness": (1, -0.5, -2), "damping": (0, -1, 1)},
+                                    "Section": {"damping": (0, 0, 1)}}  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -51,14 +51,16 @@ def in_units(story: Story, _: Result) -> Other | None:
     return _stated(changed(story, UNITS), UNITS)
 
 
-RANK = {"controller": 1, "gear": 3, "rack": 3, "couple": 3}
-
-
 def reordered(story: Story, _: Result) -> Other | None:
     """Statements come in the opposite order, bodies before joints before couplings."""
     if story.family == "loop" and any(key in a.args for a in story.statements for key in ("angle0", "position0")):
         return None  # loops that start elsewhere than drawn may close in two ways, and the order of joints decides: README
-    return _stated(story.but(statements=tuple(sorted(story.statements[::-1], key=lambda a: 0 if a.verb in BODIES else RANK.get(a.verb, 2)))))
+    backwards = tuple(a for rank in range(4) for a in story.statements[::-1] if _rank(a) == rank)
+    return _stated(story.but(statements=backwards))
+
+
+def _rank(a: Said) -> int:
+    return 0 if a.verb in BODIES else {"controller": 1, "gear": 3, "rack": 3, "couple": 3}.get(a.verb, 2)
 
 
 def modelled(word: str) -> Way:

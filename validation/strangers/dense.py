@@ -235,7 +235,8 @@ class Reference:
 
 def quaternion(R: Array) -> Array:
     """Of a rotation matrix: the eigenvector for 1 of Bar-Itzhack's matrix, without cases."""
-    K = np.array([[np.trace(R), R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]])
+    K = np.zeros((4, 4))
+    K[0] = np.trace(R), R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
     K[1:, 1:] = R + R.T - np.trace(R) * np.eye(3)
     K[1:, 0] = K[0, 1:]
     return np.asarray(np.linalg.eigh(K / 3)[1][:, -1])

@@ -14,14 +14,16 @@ from strangers.story import Along, Made, Said, Story, script
 Draw = Any
 GRAVITY = (0.0, -9.81, 0.0)
 PLANE = [(1.0, 0.0), (0.0, -1.0), (0.8, 0.6), (-0.6, 0.8), (-1.0, 0.0), (0.6, -0.8), (0.0, 1.0), (-0.28, -0.96)]
-SPACE = [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (0.48, 0.6, 0.64), (-0.36, 0.48, -0.8), (0.0, -0.6, 0.8), (0.8, -0.6, 0.0)]
+SPACE = [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (0.48, 0.6, 0.64), (-0.36, 0.48, -0.8), (0.0, -0.6, 0.8),
+         (0.8, -0.6, 0.0)]  # fmt: skip
 LENGTHS = [0.5, 1.0, 0.3, 0.7]
 ENDS = [0.5, 0.3, 1.0]
 ACCURACIES = [1e-5, 1e-4, 1e-3, 1e-6, 1e-7]
 PLANAR_JOINTS = ["revolute", "revolute", "revolute", "prismatic", "weld", "planar", "fixed_orientation", "distance", "bushing"]
 JOINTS = ["revolute", "revolute", "spherical", "prismatic", "cylindrical", "screw", "universal", "planar", "point_on_line",
           "point_on_plane", "fixed_orientation", "weld", "distance", "bushing"]  # fmt: skip
-SOLVERS: list[dict[str, str]] = [{}, {}, {}, {}, {"solver": "'radau3'"}, {"solver": "'radau2'"}, {"solver": "'radau5'"}, {"solver": "'ida'"},
+SOLVERS: list[dict[str, str]] = [
+           {}, {}, {}, {}, {"solver": "'radau3'"}, {"solver": "'radau2'"}, {"solver": "'radau5'"}, {"solver": "'ida'"},
            {"solver": "'dop853'", "form": "'index1'"}, {"solver": "'cvode'", "form": "'index1'"}, {"form": "'ggl'"},
            {"solver": "'radau3'", "form": "'index1'"}, {"solver": "'radau3'", "form": "'index3'"},
            {"solver": "mb.CVODE(method='BDF')", "form": "'index1'"}, {"solver": "mb.HHT()"}, {"verify": "True"},
@@ -29,6 +31,7 @@ SOLVERS: list[dict[str, str]] = [{}, {}, {}, {}, {"solver": "'radau3'"}, {"solve
 
 BEAM_WAYS: list[dict[str, str]] = [{}, {}, {"solver": "'radau3'"}, {"solver": "'radau2'"}, {"solver": "'radau5'"}]
 MODELS = ["", "", "", "kinematic", "classical", "recursive"]
+IN_SPACE = [["revolute"], ["universal", "spherical"], ["spherical", "cylindrical"], ["revolute"]]  #: joints of a loop
 
 
 def shifted(a: Any, b: Any, factor: float = 1.0) -> tuple[float, ...]:
@@ -134,7 +137,8 @@ def with_loads(draw: Draw, names: list[str], ends: dict[str, Any], planar: bool,
         kind = draw(st.sampled_from(["force", "spring", "torque", "own", "force"]))
         end = ends[name]
         if kind == "force":
-            args = {"name": f"F{i}", "body": name, "value": Along(draw(loads(T, 5.0)), (*draw(directions(planar)), 0.0)[:3]), "at": end}
+            value = Along(draw(loads(T, 5.0)), (*draw(directions(planar)), 0.0)[:3])
+            args = {"name": f"F{i}", "body": name, "value": value, "at": end}
             found.append(Said("force", {**args, "frame": "body"} if maybe(draw, 3) else args))
         elif kind == "torque":
             e = (0.0, 0.0, 1.0) if planar else draw(directions(False))
@@ -187,22 +191,23 @@ def told(draw: Draw, family: str, statements: list[Said], planar: bool, T: float
     return Story(family, tuple(statements), T, draw(st.sampled_from(coarse)), g, model=model, options=way)
 
 
+@st.composite
+def _limb(draw: Draw, i: int, ends: dict[str, Any], planar: bool, T: float, kinds: list[str] | None) -> list[Said]:
+    """The next body of a tree and its joint; a strategy of its own, so that shrinking may leave out the one before."""
+    name, earlier = f"b{i + 1}", draw(st.booleans())
+    parent = list(ends)[-2:][0 if earlier else -1]
+    a = ends[parent]
+    b = shifted(a, draw(directions(planar)), draw(st.sampled_from(LENGTHS)))
+    if maybe(draw, 8) and kinds is None:
+        return [Said("point_mass", {"name": name, "mass": 0.5, "at": b}),
+                Said("distance", {"name": f"J{i + 1}", "k": parent, "l": name, "at_k": a, "at_l": b})]  # fmt: skip
+    ends[name] = b
+    return [body(draw, name, a, b, planar), joint(draw, f"J{i + 1}", parent, name, a, b, planar, T, kinds)]
+
+
 def _tree(draw: Draw, planar: bool, T: float, most: int = 4, kinds: list[str] | None = None) -> tuple[list[Said], Any, list[str]]:
     ends: dict[str, Any] = {"ground": (0.0,) * (2 if planar else 3)}
-    found: list[Said] = []
-    points: set[str] = set()
-    for i in range(draw(st.integers(1, most))):
-        name = f"b{i + 1}"
-        parent = draw(st.sampled_from(list(ends)[-2:][::-1]))
-        a = ends[parent]
-        b = shifted(a, draw(directions(planar)), draw(st.sampled_from(LENGTHS)))
-        if kinds is None and maybe(draw, 8):
-            found += [Said("point_mass", {"name": name, "mass": 0.5, "at": b}),
-                      Said("distance", {"name": f"J{i + 1}", "k": parent, "l": name, "at_k": a, "at_l": b})]  # fmt: skip
-            points.add(name)
-            continue
-        found += [body(draw, name, a, b, planar), joint(draw, f"J{i + 1}", parent, name, a, b, planar, T, kinds)]
-        ends[name] = b
+    found = [a for i in range(draw(st.integers(1, most))) for a in draw(_limb(i, ends, planar, T, kinds))]
     return found, ends, [n for n in ends if n != "ground"]
 
 
@@ -220,18 +225,17 @@ def trees(draw: Draw) -> Story:
 def loops(draw: Draw) -> Story:
     """Chains whose end is joined to the ground where it is: four-bars, five-bars, slider-cranks, and loops in space."""
     planar, T = draw(st.booleans()), draw(st.sampled_from(ENDS))
-    n = draw(st.integers(3, 4)) if planar else draw(st.integers(3, 4))
     found: list[Said] = []
     a: Any = (0.0, 0.0) if planar else (0.0, 0.0, 0.0)
     parent, ends = "ground", {}
     turn = 0
-    for i in range(n):
+    for i in range(draw(st.integers(3, 4))):
         turn += draw(st.integers(1, 2)) if planar else draw(st.integers(1, 3))
         step = [(1.0, 0.0), (0.6, 0.8), (0.0, 1.0), (-0.6, 0.8), (-1.0, 0.0), (-0.6, -0.8), (0.0, -1.0), (0.6, -0.8)][turn % 8]
         step = step if planar else SPACE[turn % len(SPACE)]
         b = shifted(a, step, draw(st.sampled_from([0.4, 0.7, 1.0])))
         name = f"b{i + 1}"
-        kinds = ["revolute"] if planar else [["revolute"], ["universal", "spherical"], ["spherical", "cylindrical"], ["revolute"]][i]
+        kinds = ["revolute"] if planar else IN_SPACE[i]
         found += [body(draw, name, a, b, planar), joint(draw, f"J{i + 1}", parent, name, a, b, planar, T, kinds, i > 0)]
         parent, ends[name], a = name, b, b
     closing = ["revolute", "revolute", "point_on_line", "distance"] if planar else ["spherical", "spherical", "distance"]
@@ -304,10 +308,12 @@ def beams(draw: Draw) -> Story:
         found.append(Said("line_load", {"name": "q", "beam": "beam", "per_length": value}))
     way = draw(st.sampled_from(BEAM_WAYS))
     model = draw(st.sampled_from(["", "", "classical"])) if hold == "revolute" else ""
-    return Story("beam", tuple(found), T, draw(st.sampled_from([1e-4, 1e-3, 1e-5])), gravity(draw, planar), model=model, options=way)
+    accuracy = draw(st.sampled_from([1e-4, 1e-3, 1e-5]))
+    return Story("beam", tuple(found), T, accuracy, gravity(draw, planar), model=model, options=way)
 
 
-FAMILIES = {"tree": trees(), "loop": loops(), "coupling": couplings(), "contact": contacts(), "control": controlled(), "beam": beams()}
+FAMILIES = {"tree": trees(), "loop": loops(), "coupling": couplings(), "contact": contacts(), "control": controlled(),
+            "beam": beams()}  # fmt: skip
 
 
 def stories(*families: str) -> st.SearchStrategy[Story]:

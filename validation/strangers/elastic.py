@@ -1,4 +1,4 @@
-"""The reference of scenes with beams: accelerations of mbdae, stated anew for every smooth piece of the inputs, steps by SciPy."""
+"""The reference of scenes with beams: accelerations of mbdae, stated anew for every smooth piece of inputs, steps by SciPy."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 import warnings
 from dataclasses import dataclass
@@ -74,7 +75,7 @@ def text(error: Exception) -> str:
 
 def instants(story: Story, ends: list[float]) -> Array:
     """Times at which a run is judged: equal ones and some inside every piece."""
-    narrow = sorted(zip(ends, ends[1:], strict=False), key=lambda e: e[1] - e[0])[:40]
+    narrow = sorted(itertools.pairwise(ends), key=lambda e: e[1] - e[0])[:40]
     inside = [np.linspace(a, b, 4) for a, b in narrow]
     times = np.unique(np.concatenate([np.linspace(0, story.t_end, 61), *inside]))
     return np.asarray(times[(times >= 0) & (times <= story.t_end)])
@@ -143,6 +144,6 @@ def settled(story: Story, result: Result, error: float, finer: float) -> Verdict
     """The verdict on an error that a finer reference finds too, or does not."""
     if abs(finer - error) > 0.3 * max(finer, error) or finer == inf:
         return Verdict("not judged", finer / story.accuracy, f"references differ: errors {error:.2e} and {finer:.2e}")
-    return Verdict("silent" if finer > FACTOR * story.accuracy else "right", finer / story.accuracy, f"asked {story.accuracy:.0e}; "
-                   f"{result.info.choice or result.info.solver}")  # fmt: skip
+    note = f"asked {story.accuracy:.0e}; {result.info.choice or result.info.solver}"
+    return Verdict("silent" if finer > FACTOR * story.accuracy else "right", finer / story.accuracy, note)
 

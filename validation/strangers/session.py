@@ -1,4 +1,4 @@
-"""A session of drawn runs and checks: block by block, every block from its seed, resumable, failures shrunk and written as scripts."""
+"""A session of drawn runs and checks: blocks from their seeds, resumable; failures are made smaller and written as scripts."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ QUIET = settings(deadline=None, database=None, phases=[Phase.generate, Phase.shr
 
 @dataclass
 class Counts:
-    """What a session found: verdicts by kind and family (of checks "way: verdict"), scenes seen, blocks done, files of failures."""
+    """What a session found: verdicts by kind and family (of checks "way: verdict"), scenes seen, blocks done, files of
+    failures."""
 
     verdicts: dict[str, Counter[str]] = field(default_factory=dict)
     seen: set[str] = field(default_factory=set)
