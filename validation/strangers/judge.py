@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import itertools
 import time
+import traceback
 import warnings
 from dataclasses import dataclass
 from math import inf, nan
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -69,8 +71,10 @@ def attempt(story: Story, **more: Any) -> Result | Verdict:
 
 
 def text(error: Exception) -> str:
-    """In one line."""
-    return " ".join(f"{type(error).__name__}: {error}".split())[:400]
+    """In one line, with the place that raised it."""
+    place = traceback.extract_tb(error.__traceback__)[-1:]
+    where = "".join(f" ({Path(f.filename).name}:{f.lineno})" for f in place)
+    return " ".join(f"{type(error).__name__}: {error}".split())[:400] + where
 
 
 def instants(story: Story, ends: list[float]) -> Array:
@@ -84,7 +88,10 @@ def instants(story: Story, ends: list[float]) -> Array:
 def judge(story: Story) -> Verdict:
     """One run against the reference."""
     begin = time.process_time()
-    found = _judged(story)
+    try:
+        found = _judged(story)
+    except Exception as error:  # of a result that is looked at
+        found = Verdict("crashed", note=text(error))
     return Verdict(found.verdict, found.ratio, found.note, time.process_time() - begin)
 
 
