@@ -137,7 +137,7 @@ def test_another_call_is_refused(change, told, tmp_path):
 
 def test_another_scene_or_version_is_refused(tmp_path):
     scenes.chain().simulate(0.2, checkpoint=tmp_path)
-    with pytest.raises(mb.OptionError, match="holds another run: scene.name is \"two rods\" there"):
+    with pytest.raises(mb.OptionError, match=r"holds another run: scene\.name is \"two rods\" there"):
         scenes.stick_slip().simulate(0.2, checkpoint=tmp_path)
     place = tmp_path / "statement.json"
     stated = json.loads(place.read_text(encoding="utf-8"))
