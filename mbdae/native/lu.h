@@ -13,7 +13,8 @@ WIDE static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, 
     double own = 0, product = 0, row = 0;
     for (I k = b; k < e; k++) {
       const T x = w[col[k]] = p->from[k] < 0 ? NAME(of)(0) : a[p->from[k]];
-      own = fmax(own, NAME(size)(x));
+      const double size = NAME(size)(x);
+      if (size > own) own = size;
     }
     for (I k = b; k < diag[i]; k++) {
       const I j = col[k], r = p->run[j], end = p->ptr[j + 1];
