@@ -97,9 +97,9 @@ def first_difference(there: Any, here: Any, where: str = "") -> str | None:
         return None
     if isinstance(there, Mapping) and isinstance(here, Mapping):
         names = [(f"{where}.{key}" if where else str(key), there[key], here[key]) for key in there if key in here]
-        alone = next(((key, "there" if key in there else "here") for key in (*there, *here) if (key in there) != (key in here)), None)
+        alone = next((key for key in (*there, *here) if (key in there) != (key in here)), None)
         if alone is not None:
-            return f"{where}.{alone[0]} is {alone[1]} alone" if where else f"{alone[0]} is {alone[1]} alone"
+            return f"{where}.{alone}".lstrip(".") + f" is {'there' if alone in there else 'here'} alone"
     elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
         names = [(f"{where}[{i}]", a, b) for i, (a, b) in enumerate(zip(there, here, strict=True))]
     else:

@@ -84,7 +84,8 @@ def statement_of(scene: SceneData, every: int, solver: Solver | None, form: Form
         raise OptionError(f"checkpoint: the scene cannot be stored, so a folder could not be told from that of another one: "
                           f"{error}") from error  # fmt: skip
     found = environment()
-    return {"scene": by_item(stated), "laws": own_laws(modelled(scene)[0]), "solver": repr(solver), "form": repr(form), "every": every,
+    return {"scene": by_item(stated), "laws": own_laws(modelled(scene)[0]),
+            "solver": repr(solver), "form": repr(form), "every": every,
             "start": None if start is None else _digest(start.solution.t[-1:], start.solution.y[-1], start.solution.yp[-1]),
             "versions": {name: found[name] for name in HERE},
             **{name: _told(value) for name, value in options.items()}}  # fmt: skip

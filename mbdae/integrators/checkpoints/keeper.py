@@ -50,8 +50,8 @@ class Keeper:
         return True, found
 
     def keep_value(self, plain: Tree) -> None:
-        """Keep what the evaluation asked for last returned. SIGTERM waits for the file: an archive that is left in the middle of a
-        member raises another error."""
+        """Keep what the evaluation asked for last returned. SIGTERM waits for the file: an archive that is left in the middle
+        of a member raises another error."""
         self.inside += 1
         try:
             write_tree(self._place, [plain, self._runs])

@@ -31,8 +31,8 @@ MANY = 50_000  #: times that are evaluated at once
 SHOWN = ("force", "torque", "power", "gap", "gap_rate", "penetration", "normal_force", "friction_force", "slip", "length", "rate",
          "friction_power", "wear")  # fmt: skip
 #: those of bodies
-MOTION = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration", "rotation", "strain", "fibre_stress",
-          "von_mises")  # fmt: skip
+MOTION = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration", "rotation", "strain",
+          "fibre_stress", "von_mises")  # fmt: skip
 
 
 def check(scene: Any, path: str) -> None:
