@@ -21,7 +21,8 @@ INPUTS = {
     "break and sample": 3 * sp.sin(20 * mb.t) * sp.Piecewise((0, mb.t < 0.15), (1, True)),
 }
 WAYS = {"by default": {}, "RadauIIA": {"solver": "radau3"}, "DOP853": {"solver": "dop853", "form": "index1"},
-        "generalised alpha": {"solver": mb.GeneralizedAlpha()}, "HHT": {"solver": mb.HHT()}, "IDA": {"solver": "ida"}}  # fmt: skip
+        "generalised alpha": {"solver": mb.GeneralizedAlpha()}, "HHT": {"solver": mb.HHT()},
+        "IDA": {"solver": "ida"}}  # fmt: skip
 
 
 def test_distinct():
