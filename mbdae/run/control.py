@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbdae.errors import AccuracyWarning, SolverError, WallClockError, keeping
+from mbdae.errors import FINAL, AccuracyWarning, ChatteringError, SolverError, WallClockError, keeping
 from mbdae.integrators.base import SHARE, Asked, Solver
 from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.halving import halved
@@ -140,6 +140,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
                 f"max_wall = {asked.max_wall:g} s of wall time is used up while the error was measured: "
                 f"{UNKNOWN.format(best.solver.rtol)}; raise max_wall or loosen the accuracy",
                 error.time, error.culprit, best.solution) from error  # fmt: skip
+        except ChatteringError:
+            raise
         except SolverError as error:
             best = replace(best, notes=(*best.notes, f"a tighter run failed: {error}")).after(1, cpu_of(error))
             tight = _with_rtol(tight, (tight.tolerance * loose) ** 0.5)
@@ -196,7 +198,7 @@ def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controll
         try:
             run = solver.run(system, replace(asked, share=CLOSER ** len(made)))
         except SolverError as error:
-            if rtol == rtols[-1] or isinstance(error, WallClockError):
+            if rtol == rtols[-1] or isinstance(error, FINAL):
                 raise
             continue
         cpu += run.stats.cpu_s
