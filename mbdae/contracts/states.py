@@ -152,7 +152,7 @@ def moved(d: Derived, values: Values, step: complex, u: dict[str, NDArray[Any]],
 
 
 def rigidly_moved(d: Derived, values: Values, rng: np.random.Generator) -> Values:
-    """Both sides turned and shifted together, velocities with them."""
+    """All sides turned and shifted together as one rigid body, velocities with them."""
     flat = any(f.kind.flat for f in d.frames)
     P = quaternion(turn(rng.uniform(-2, 2, 3) * ([0, 0, 1] if flat else [1, 1, 1])))
     A, c = rotation_matrices(P), rng.normal(size=3) * ([1, 1, 0] if flat else [1, 1, 1])

@@ -18,7 +18,7 @@ from mbdae.files import replacing
 from mbdae.system.base import Array
 from mbdae.values import BadValueError, shown
 
-FREE, DENSEST = 2**28, 100  #: bytes that any file may unpack to; larger ones up to this multiple of their size
+FREE, DENSEST = 2**28, 100  #: bytes that any file may unpack to; larger files may unpack to this multiple of their size
 CHUNK = 2**22  #: bytes read at once
 _HEAD = re.compile(rb"\{'descr': '([<>])(f8|U\d{1,9})', 'fortran_order': (True|False), 'shape': \(([\d, ]{0,60})\), \}\s*\Z")
 
@@ -76,7 +76,7 @@ class Archive:
         return {name: self._member(name, info) for name, info in zip(names, infos, strict=True)}
 
     def _member(self, name: str, info: zipfile.ZipInfo) -> _Member:
-        """A member as its first bytes describe it, checked."""
+        """A member of the file as its first bytes describe it, checked."""
         plain = info.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) and not info.flag_bits & 1
         if not (info.filename == f"{name}.npy" and name.isidentifier() and plain):
             raise BadValueError(f"its member {shown(info.filename)} is no array of mbdae")

@@ -1,4 +1,4 @@
-"""Statements of joints: one path for every joint, `joint`; the others are shorter words for it."""
+"""Statements of joints: `joint` takes every joint; the others are short forms of it."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ from mbdae.symbolic.law import TwoBodyLaw
 OPTIONS = ("prescribed", "start", "start_rate", "spring", "damper", "load", "limits", "stop", "friction")
 BODIES = {"name": reading.name, "k": reading.body, "l": reading.body, "at": reading.point}
 PLACED = {**BODIES, "axis": reading.direction}
-#: of laws with a statement that finds their parameters
+#: law -> what to use instead of `joint`, where a statement of its own measures the parameters
 MEASURED: dict[type[Joint], str] = {Distance: "use s.distance(...), which measures it"}
-EACH = dict.fromkeys(OPTIONS, reading.as_given)  #: options by coordinate, read where these are known
+EACH = dict.fromkeys(OPTIONS, reading.as_given)  #: readers of options by coordinate: checked when the coordinates are known
 FURTHER = {"model": joint_model, **EACH, "further": reading.as_given}
 
 
@@ -153,19 +153,19 @@ class JointStatements(ConnectionStatements):
     @reads(**BODIES, model=joint_model)
     @statement
     def spherical(self, name: str, k: Any, l: Any, at: Any, model: Any = None) -> Connection:
-        """The points of k and l at `at` stay together."""
+        """The points of k and l at `at` (3,), m, as drawn, stay together; all rotations are free."""
         return self._joint("spherical", Spherical, name, k, l, at, (0, 0, 1), None, model, {}, {})
 
     @reads(name=reading.name, k=reading.body, l=reading.body, at=reading.point)
     @statement
     def weld(self, name: str, k: Any, l: Any, at: Any = None) -> Connection:
-        """l moves with k."""
+        """l is fixed to k: no relative displacement or rotation."""
         return self.add(Weld(name, k, l, at))
 
     @reads(name=reading.name, k=reading.body, l=reading.body, at_k=reading.point, at_l=reading.point)
     @statement
     def distance(self, name: str, k: Any, l: Any, at_k: Any, at_l: Any) -> Connection:
-        """Two points keep their distance: a massless rod with ball ends."""
+        """Two points, m as drawn, keep their distance: a massless rod with ball ends."""
         length = float(np.linalg.norm(at_l - at_k))
         if length == 0:
             self.problems.append(f"distance '{name}': the two points coincide (distance 0 m); use s.spherical")

@@ -33,7 +33,7 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
     """Bodies, joints and forces by name. Lengths in m, angles in rad, SI throughout; inertial frame, right-handed."""
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """In another process its tables are made known first."""
+        """Unpickle: the tables of its expressions are registered first, because another process does not know them."""
         for stored in tables_in(state["statements"]):
             from_data(*stored)
         vars(self).update(state)
@@ -62,7 +62,7 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
     @statement
     def point_mass(self, name: str, mass: float, at: Any, velocity: Any = (0, 0, 0), shape: Any = None,
                    color: Any = None) -> Body:  # fmt: skip
-        """A mass point: no orientation, rotation rows of joints on it fall away. `shape` and `color` as in `rigid_body`."""
+        """A point mass without orientation, so that joints on it constrain no rotation. `shape`, `color` as in `rigid_body`."""
         speed = np.array(velocity, dtype=float)
         body = Body(name, mass, None, at, np.eye(3), speed, np.zeros(3), given_velocity=bool(np.any(speed)), outline=at[None],
                     is_point=True)  # fmt: skip
@@ -126,13 +126,14 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
     @reads(name=reading.name, body=reading.body, value=reading.components("N", sensors=True), at=reading.point, frame=FRAME)
     @statement
     def force(self, name: str, body: Any, value: Any, at: Any = None, frame: str = "inertial") -> Connection:
-        """Applied force, N, three numbers or expressions of mb.t and sensors, in the inertial frame or along the body's axes."""
+        """Applied force, N, three numbers or expressions of mb.t and sensors, in the inertial frame or along the body's axes; at
+        the point `at`, m as drawn, by default the centre of mass."""
         return self._load("force", AppliedForce, ("fx", "fy", "fz"), name, body, value, at, frame)
 
     @reads(name=reading.name, body=reading.body, value=reading.components("N m", sensors=True), frame=FRAME)
     @statement
     def torque(self, name: str, body: Any, value: Any, frame: str = "inertial") -> Connection:
-        """Applied torque, N m, three numbers or expressions of mb.t and sensors."""
+        """Applied torque, N m, three numbers or expressions of mb.t and sensors, inertial or along the body's axes."""
         return self._load("torque", AppliedTorque, ("mx", "my", "mz"), name, body, value, None, frame)
 
     def _load(self, kind: str, law: type[Force], names: tuple[str, ...], name: str, body: Any, value: Any, at: Any,
@@ -143,8 +144,8 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
         return self._connect(Connection(name, kind, self.ground, body, [load]))
 
     def replace(self, *names: str, model: JointModel) -> Any:
-        """A new scene with another model of the named joints, without names of all joints of one or two coordinates
-        that admit it."""
+        """A new scene with another model of the named joints; without names, of all joints of one or two coordinates that admit
+        it. Raises SceneError where a name is no joint, or a joint does not admit the model."""
         return replaced(self, names, model)
 
     def recursive(self) -> Any:

@@ -27,7 +27,7 @@ class ResumeFile:
     path: Path | None
     identity: dict[str, Any]
 
-    kind: ClassVar[str]  #: what is kept, in messages
+    kind: ClassVar[str]  #: word for what is kept, in messages
     file_format: ClassVar[str]
 
     @contextmanager
@@ -70,7 +70,7 @@ def interruption(path: Any, done: int, total: int, what: str) -> str:
 
 @contextmanager
 def damage_refused(path: Path) -> Iterator[None]:
-    """What goes wrong inside, where a file is read, is told as damage of the file."""
+    """Context in which a file is read: any error inside is raised as OptionError, that the file is damaged."""
     try:
         yield
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, zlib.error) as error:
@@ -101,7 +101,7 @@ def _fits(value: Any, declared: str) -> bool:
 
 
 def check_same(path: Path, what: str, there: Any, here: Any) -> None:
-    """Refuse a file that holds something else, the first difference named."""
+    """OptionError where a file holds something else, with the first difference."""
     difference = first_difference(there, json.loads(json.dumps(here)))
     if difference:
         raise OptionError(f"resume = '{path}' holds another {what}: {difference}; ask for the same one, or name another file")

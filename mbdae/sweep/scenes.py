@@ -25,11 +25,11 @@ from mbdae.sweep.statements import changed
 from mbdae.system.base import Array
 from mbdae.system.prepare import modelled
 
-SAMPLED = 7  #: values of a name at which the numbers of laws are looked at
-TOGETHER = 6  #: names of one item whose least and largest values are checked together
-STRAIGHT = 1e-12  #: deviation of a number from a straight line over the value, over its size
-BESIDE = 1.0009  #: the scene of a batch has other numbers than 0 and 1, which would be compiled in
-SAME = 1e-9  #: difference of start and equations of a point in a batch from its own, above which batches are not taken
+SAMPLED = 7  #: largest number of values of a name at which the numbers of laws are compared
+TOGETHER = 6  #: largest number of names of one item, all combinations of whose extreme values are checked
+STRAIGHT = 1e-12  #: largest deviation of a number of a law from a straight line, relative to its size
+BESIDE = 1.0009  #: factor on the values with which a batch is compiled, because numbers equal to 1 would be compiled in
+SAME = 1e-9  #: largest relative difference of start and equations between a batch and a scene of a point's own
 Line = tuple[float, float]  #: a number of a law at value 0, and its slope over the value
 
 
@@ -50,7 +50,7 @@ class SceneJob:
 
     @cached_property
     def key(self) -> str:
-        """The same for equal jobs, in every process."""
+        """A hash of the job, the same for equal jobs in every process."""
         options = self.names, self.t_end, self.accuracy, self.outputs.tobytes(), self.middle, repr(self.lines)
         return hashlib.sha256(pickle.dumps((self.scene.name, self.scene.statements, *options))).hexdigest()
 
@@ -189,7 +189,7 @@ def solved(job: SceneJob, values: Array) -> dict[str, Any]:
 
 
 def _each(job: SceneJob, values: Array) -> dict[str, Any]:
-    """The same by a scene and a call of `simulate` per point."""
+    """Results as those of `solved`, by a scene and a call of `simulate` per point."""
     names: tuple[str, ...] = ()
     found: list[Any] = []
     for point in values:

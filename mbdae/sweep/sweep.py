@@ -94,7 +94,7 @@ class Sweep(ListsAttributes):
             rows.append([*(_cell(row.point.get(name)) for name in names), *values])
         cells = [rows[0], *(line for line, row in zip(rows[1:], self.rows, strict=True) if row.error is None)]
         widths = [max(len(line[j]) for line in (cells if j >= len(names) else rows)) for j in range(len(rows[0]))]
-        widths += [0] * (len(names) + 1 - len(widths))  # where every point failed
+        widths += [0] * (len(names) + 1 - len(widths))  # for the errors, where every point failed
         return "\n".join("  ".join(f"{c:>{w}}" for c, w in zip(line, widths, strict=False)) for line in rows)
 
     def to_json(self, path: Any = None) -> str:

@@ -49,7 +49,7 @@ class NodeKind(Enum):
 
     @property
     def by_quaternion(self) -> bool:
-        """Whether they are a quaternion, behind the translations."""
+        """Whether the rotational unknowns are a quaternion, after the translations."""
         return self in (NodeKind.SPATIAL, NodeKind.ROTATION)
 
     @property

@@ -84,7 +84,7 @@ def python(functions: Sequence[str]) -> Language:
 
 
 def python_function(symbols: Sequence[Expr], expressions: Sequence[Expr], space: Mapping[str, object]) -> Callable[..., list]:  # type: ignore[type-arg]
-    """The function of a sequence of inputs that returns the list of outputs; space: what the functions are by name."""
+    """The function of a sequence of inputs that returns the list of outputs; space: the functions by name."""
     found, outputs = steps(expressions, {s: f"x[{i}]" for i, s in enumerate(symbols)}, python(tuple(space)))
     lines = ["def function(x):", *(f"    {name} = {text}" for name, text in found), f"    return [{', '.join(outputs)}]"]
     made = dict(space)

@@ -54,7 +54,7 @@ class TreeProgram:
             self.nodes.append(self._carried(j, link))
         self.force = self._projected("wu", self._members())
         self.correction = self._projected("wq", {}) if structure.loaded else {}
-        self.size = len(self.program.steps)  #: before it is differentiated
+        self.size = len(self.program.steps)  #: number of steps before the program is differentiated
 
     @staticmethod
     def _program() -> Program:

@@ -198,8 +198,8 @@ class Variation:
     def insertion(self, shared: bool = False) -> dict[Expr, Expr]:
         """Every name and frame symbol as a function of unknowns and parameters.
 
-        shared: names stay one node each, an unevaluated expression: flattened into their users they would make the
-        compilation of a large law explode."""
+        shared: names stay one node each, an unevaluated expression: expanded wherever they are used, they would make the
+        expressions of a large law grow exponentially."""
         table = self._tables.setdefault(shared, {})
         for f in self.frames if not table else ():
             for symbol, value in f.meaning.items():

@@ -123,8 +123,8 @@ def test_a_run_that_failed_fails_in_the_same_way(tmp_path):
 
 
 @pytest.mark.parametrize(("change", "told"), [
-    ({"accuracy": 1e-5}, r"holds another run: accuracy is 1e-06 there and 1e-05 here"),
-    ({"every": 7}, r"holds another run: every is 1000 there and 7 here"),
+    ({"accuracy": 1e-5}, r"holds another run: accuracy is 1e-06 as stored and 1e-05 in this call"),
+    ({"every": 7}, r"holds another run: every is 1000 as stored and 7 in this call"),
     ({"solver": mb.IDA()}, r"holds another run: solver is .* there and \"IDA"),
     ({"form": mb.Index3()}, r"holds another run: form is"), ({"t_end": 0.3}, "holds another run: t_end is 0.2 there and 0.3"),
     ({"outputs": 7}, "holds another run: outputs is"), ({"verify": True}, "holds another run: verify is false there"),

@@ -20,7 +20,7 @@ from mbdae.laws.elements.line_frames import headings, quaternions, relative, sec
 from mbdae.laws.elements.line_shape import Array, Table, mass_points, node_positions
 from mbdae.ties import largest
 
-NEAR = 1e-9  #: of a segment: what counts as the same place
+NEAR = 1e-9  #: distance, relative to a segment, up to which two places count as one
 SHORTEST = 1e-3  #: smallest length of an element cut by an attachment, over its neighbours'
 Curve = Callable[[float], Any]  #: position (3,) by a parameter from 0 to 1
 
@@ -35,7 +35,7 @@ class LineMesh:
     headings: Array  #: (n,) angle of axis 1 in the plane z = 0, rad, continuous along the line
     elements: NDArray[np.intp]  #: (m, p + 1) nodes of every element
     turns: Array  #: (m, p + 1, 4) rotation from the node's axes to the section's; (1, 0, 0, 0) where they are equal
-    offsets: Array  #: (m, p + 1) the same in the plane, rad
+    offsets: Array  #: (m, p + 1) angle from the node's axes to the section's in the plane z = 0, rad
     places: Array  #: (n,) of the nodes on the line as it is stated: length along the polyline, m, or parameter of the curve
 
     @property
