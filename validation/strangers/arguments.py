@@ -78,6 +78,8 @@ def _argument(a: Said, key: str, value: Any, c: Change, kinds: dict[str, str]) -
         return c.point(value)
     if key == "points":
         return tuple(c.point(p) for p in value)
+    if key == "axis2":
+        return c.vector(value)
     if key in ("axis", "pin"):
         return c.vector(value, axial=a.verb not in SLIDES)
     if key == "rotation":

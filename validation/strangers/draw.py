@@ -296,7 +296,8 @@ def beams(draw: Draw) -> Story:
     a: Any = (0.0, 0.0) if planar else (0.0, 0.0, 0.0)
     b: Any = (1.0, 0.0) if planar else (0.8, 0.6, 0.0)
     found = [Said("beam", {"name": "beam", "points": (a, b), "section": section, "elements": draw(st.integers(1, 3)),
-                           "order": draw(st.sampled_from([2, 1, 3]))})]  # fmt: skip
+                           "order": draw(st.sampled_from([2, 1, 3])), "axis2": (-0.6, 0.8, 0.0)})]  # fmt: skip
+    found = [Said("beam", {k: v for k, v in found[0].args.items() if k != "axis2"})] if planar else found
     hold = draw(st.sampled_from(["weld", "revolute", "spherical", "free"]))
     if hold == "revolute":
         args: dict[str, Any] = {"name": "J", "k": "ground", "l": "beam", "at": a, "axis": axes(draw, planar)}
@@ -316,7 +317,8 @@ def beams(draw: Draw) -> Story:
     way = draw(st.sampled_from(BEAM_WAYS))
     model = draw(st.sampled_from(["", "", "classical"])) if hold == "revolute" else ""
     accuracy = draw(st.sampled_from([1e-4, 1e-3, 1e-5]))
-    return Story("beam", tuple(found), T, accuracy, gravity(draw, planar), model=model, options=way)
+    space = "auto" if planar else "spatial"  # elements in space differ from those in the plane until they are many
+    return Story("beam", tuple(found), T, accuracy, gravity(draw, planar), space, model, way)
 
 
 FAMILIES = {"tree": trees(), "loop": loops(), "coupling": couplings(), "contact": contacts(), "control": controlled(),
