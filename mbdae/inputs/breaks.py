@@ -90,15 +90,22 @@ def _sizes(edges: Array) -> Array:
 
 def _merged(edges: Array, found: Array, same: float) -> Array:
     """Edges and further ones, those that differ by round-off once; the ends stay."""
-    inside = np.sort(found[(found > edges[0]) & (found < edges[-1])])
-    both = np.sort(np.concatenate([edges, inside]))
-    near = same * _sizes(both)
-    keep = np.concatenate([[True], np.diff(both) > near[1:]])
-    keep[1:-1] &= both[-1] - both[1:-1] > near[1:-1]
-    keep[-1] = True
+    both = np.concatenate([edges, found[(found > edges[0]) & (found < edges[-1])]])
     if len(both) > MOST:
         raise TooManyError(f"switches more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
-    return np.asarray(both[keep])
+    return distinct(both, same)
+
+
+def distinct(times: Array, same: float = SAME) -> Array:
+    """Times (k,) in their order, those that differ by round-off once; the first and the last stay."""
+    if len(times) < 2:
+        return times
+    times = np.sort(times)
+    near = same * _sizes(times)
+    keep = np.concatenate([[True], np.diff(times) > near[1:]])
+    keep[1:-1] &= times[-1] - times[1:-1] > near[1:-1]
+    keep[-1] = times[-1] > times[0]
+    return np.asarray(times[keep])
 
 
 def _zeros(u: Expr, edges: Array) -> Array:

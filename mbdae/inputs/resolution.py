@@ -15,7 +15,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.inputs.breaks import TOLERANCE, TooManyError, breaks, tables_within
+from mbdae.inputs.breaks import TOLERANCE, TooManyError, breaks, distinct, tables_within
 from mbdae.inputs.enclosure import Bounds, Enclosure, Node, halves
 from mbdae.inputs.tables import SIDED
 from mbdae.inputs.timed import TIME, rate, sided
@@ -82,7 +82,7 @@ def stretches(expressions: Sequence[Expr], edges: Array, tolerance: float = TOLE
     t0, t1 = float(edges[0]), float(edges[-1])
     varying = [e for e in expressions if getattr(e, "free_symbols", None)]
     found = [part for e in varying for part in tables_within(e, t0, t1, tolerance)]
-    kinks, done = np.unique(np.concatenate([NONE, *(part.kinks for part in found)])), [part.edges for part in found]
+    kinks, done = distinct(np.concatenate([NONE, *(part.kinks for part in found)])), [part.edges for part in found]
     trees = [tree for tree in map(_Tree, {sided(e) for e in varying}) if tree.functions]
     low, high = edges[:-1], edges[1:]
     side = (low + high) / 2
@@ -103,7 +103,7 @@ def stretches(expressions: Sequence[Expr], edges: Array, tolerance: float = TOLE
         if len(low) > MOST:
             raise TooManyError(f"varies by more than {MOST} times its own width between {edges[0]:g} and {edges[-1]:g} s")
         low, high, side = halves(low, high, side)
-    return Stretches(np.unique(np.concatenate([*done, edges])), tuple(poles), kinks)
+    return Stretches(distinct(np.concatenate([*done, edges])), tuple(poles), kinks)
 
 
 @lru_cache(maxsize=64)

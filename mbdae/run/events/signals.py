@@ -10,7 +10,7 @@ import symengine as se
 
 from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs import tables, timed
-from mbdae.inputs.breaks import breaks
+from mbdae.inputs.breaks import breaks, distinct
 from mbdae.inputs.sensed import path_of, symbol
 from mbdae.inputs.text import TIME
 from mbdae.integrators.solution import Solution
@@ -99,7 +99,7 @@ class Signals:
         """Times (m+1,) between which sensors are smooth: ends of steps, and jumps of tables."""
         t = self.solution.t
         jumps = breaks(self._tables, float(t[0]), float(t[-1])) if self._tables else np.zeros(0)
-        return np.unique(np.concatenate([t, jumps]))
+        return distinct(np.concatenate([t, jumps]))
 
     def __call__(self, t: Array) -> Array:
         """(k, symbols) at times (k,)."""
