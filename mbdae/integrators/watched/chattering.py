@@ -17,9 +17,9 @@ from mbdae.system.base import Array, System
 
 #: changes of sign in a row, and the part of the run in which so many have to happen: rarer ones cost less than 1e4 of them do
 MOST, PART = 100, 1e-2
-#: an argument stays where it vanishes while it is below so many times the change that the tolerance makes in it (measured: 3 times,
-#: in one step of some hundred 12), else half of the count is forgotten; crossings by less than a part of that change (round-off of
-#: a body at rest) do not count
+#: an argument stays where it vanishes while it is below so many times the change that the tolerance makes in it (measured: 3,
+#: in one step of some hundred 12), else half of the count is forgotten; crossings by less than a part of that change (round-off
+#: of a body at rest) do not count
 STAYS, LEAST = 30.0, 1e-4
 #: halvings of the step to either side of a change of sign; change of the equations across that place, over their change in the
 #: whole step, above which they jump
