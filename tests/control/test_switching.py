@@ -86,3 +86,15 @@ def test_others_are_not(force):
     r = slide(force).simulate(2.0)
     assert r.complete
     assert np.isfinite(r["P"].displacement).all()
+
+
+@pytest.mark.parametrize("solver", [None, "ida", "radau3", "cvode"])
+def test_instants_that_differ_by_round_off_are_one(solver):
+    """A table, a Piecewise, a sign and a controller switch at 0.3 s, some of them one bit later."""
+    late = float(np.nextafter(0.3, 1))
+    table = mb.table([0, 0.1, 0.2, late, 1], [0, 1, 0, 1, 0], kind="step")
+    force = table + sp.Piecewise((0, mb.t < 0.3), (1, True)) + sp.sign(sp.sin(10 * sp.pi * mb.t))
+    r = slide(lambda t, x, v: force, rate0=0, sampled=True).simulate(1.0, solver=solver)
+    sampled = sum(0.1 * 0.01 * k * 0.01 for k in range(100))
+    assert r["P"].rate[-1] == pytest.approx(0.8 + 0.7 + 0.0 + sampled, abs=1e-6)  # of the table, the Piecewise, the sign
+    assert not r.warnings

@@ -17,9 +17,10 @@ from mbdae.system.base import Array, System
 
 #: changes of sign in a row, and the part of the run in which so many have to happen: rarer ones cost less than 1e4 of them do
 MOST, PART = 100, 1e-2
-#: an argument stays where it vanishes while it is below so many times the change that the tolerance makes in it; crossings by
-#: less than a part of that change (round-off of a body at rest) do not count
-STAYS, LEAST = 100.0, 1e-4
+#: an argument stays where it vanishes while it is below so many times the change that the tolerance makes in it (measured: 3,
+#: in one step of some hundred 12), else half of the count is forgotten; crossings by less than a part of that change (round-off
+#: of a body at rest) do not count
+STAYS, LEAST = 30.0, 1e-4
 #: halvings of the step to either side of a change of sign; change of the equations across that place, over their change in the
 #: whole step, above which they jump
 HALVINGS, JUMPS = 40, 1e-3
@@ -58,10 +59,9 @@ class Chattering:
         for i in sorted({*np.flatnonzero(crossed).tolist(), *counts}):
             noise, largest = arguments.noise(i, self.tolerance)[0], float(np.max(np.abs(arguments.at_nodes[:, i])))
             count, since = counts.pop(i, (0, arguments.t))
-            if largest > STAYS * noise:
-                continue
-            count += int(crossed[i] and largest > LEAST * noise)
-            if count >= MOST:
+            leaves = largest > STAYS * noise
+            count = count // 2 if leaves else count + int(crossed[i] and largest > LEAST * noise)
+            if count >= MOST:  # the last step crossed
                 if arguments.t + arguments.h - since < PART * span and self._jumps(i):
                     return Endless(arguments.switches.names[i], count, arguments.t + arguments.h - since)
             elif count:
