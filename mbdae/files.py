@@ -1,14 +1,16 @@
-"""Files written as a whole: under another name first, then renamed, so that the old file stays until the new one is complete."""
+"""Files written as a whole: under another name first, then renamed, so that the old file stays until the new one is complete.
+Files that go on with what was interrupted are read where they are regular ones."""
 
 from __future__ import annotations
 
 import json
 import os
 import secrets
+import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from mbdae.errors import OptionError
 
@@ -58,6 +60,21 @@ def write_file(path: Any, content: str | bytes) -> Path:
     with replacing(path) as part:
         part.write_bytes(content if isinstance(content, bytes) else content.encode("utf-8", "backslashreplace"))
     return Path(path)
+
+
+def regular(path: Any) -> BinaryIO:
+    """A file to be read; OSError where it is no regular one, without waiting for the other end of a pipe."""
+    number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0))
+    if not stat.S_ISREG(os.fstat(number).st_mode):
+        os.close(number)
+        raise OSError(f"'{path}' is no regular file")
+    return open(number, "rb")
+
+
+def read_file(path: Any) -> str:
+    """The text (UTF-8) of a regular file."""
+    with regular(path) as file:
+        return file.read().decode("utf-8")
 
 
 def _begin(part: Path, place: Path) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 from mbdae.errors import OptionError
-from mbdae.files import first_difference, write_file
+from mbdae.files import first_difference, read_file, write_file
 from mbdae.values import BadValueError, file_to_write, optional, shown
 
 T = TypeVar("T")
@@ -37,7 +37,7 @@ class ResumeFile:
             yield None
             return
         try:
-            data = json.loads(self.path.read_text(encoding="utf-8"))
+            data = json.loads(read_file(self.path))
         except (OSError, ValueError, RecursionError) as error:
             raise OptionError(f"resume = '{self.path}' cannot be read: {error}; delete it, or name another file") from error
         if not isinstance(data, dict) or data.get("format") != self.file_format:

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError, interrupted
-from mbdae.files import first_difference, path_of, write_file
+from mbdae.files import first_difference, path_of, read_file, write_file
 from mbdae.integrators.base import end_after, output_times
-from mbdae.integrators.checkpoints.trees import read_tree, write_tree
+from mbdae.integrators.checkpoints.trees import DamagedError, read_tree, write_tree
 from mbdae.results.storable import by_item
 from mbdae.results.storage import own_laws
 from mbdae.run.control import plausible
@@ -172,7 +172,7 @@ class SceneSweep(ListsAttributes):
 
     def _read(self, place: tuple[int, int]) -> Any:
         kept = self._parts[place]
-        return read_tree(kept) if isinstance(kept, Path) else kept
+        return _part(kept) if isinstance(kept, Path) else kept
 
     def add(self, place: tuple[int, int], part: dict[str, Any]) -> None:
         """Keep the results of the points place[0] to place[1] - 1."""
@@ -190,7 +190,7 @@ class SceneSweep(ListsAttributes):
             named = _NAME.fullmatch(path.name)
             if named is None:
                 continue
-            part = read_tree(path)
+            part = _part(path)
             if part.get("sweep") != self._key:
                 raise OptionError(f"resume = '{self._folder}' holds another sweep: {path.name} is not of this one; "
                                   f"delete the folder, or name another one")  # fmt: skip
@@ -202,6 +202,14 @@ class SceneSweep(ListsAttributes):
     def __repr__(self) -> str:
         how = "in batches" if self.batched else f"one by one ({self.why})"
         return f"<SceneSweep: {self.done} of {len(self.grid)} points done {how}, {len(self.failures)} failed>"
+
+
+def _part(path: Path) -> Any:
+    """A part of a sweep from its file; OptionError where that is damaged."""
+    try:
+        return read_tree(path)
+    except DamagedError as error:
+        raise OptionError(f"resume: {error}") from error
 
 
 def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers: int | None, resume: Any, again: bool, tell: Any,
@@ -265,7 +273,7 @@ def _folder(resume: Any, job: SceneJob, points: Points) -> tuple[Path | None, st
     place, statement = folder / STATEMENT, json.dumps(said)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        there = json.loads(place.read_text(encoding="utf-8")) if place.exists() else None
+        there = json.loads(read_file(place)) if place.exists() else None
     except (OSError, ValueError) as error:
         raise OptionError(f"resume = '{folder}' cannot be used ({error}): {FOLDER}") from error
     if there is not None and (difference := first_difference(there, json.loads(statement))):

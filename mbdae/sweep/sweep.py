@@ -18,7 +18,7 @@ from typing import Any, TextIO, overload
 import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError, interrupted
-from mbdae.files import write_file
+from mbdae.files import read_file, write_file
 from mbdae.scene.scene import SceneData
 from mbdae.sweep.resume import check_same, damage_refused, interruption, resume_path
 from mbdae.sweep.scene_sweep import SceneSweep, sweep_scene
@@ -279,7 +279,7 @@ class _Kept:
         except TypeError as error:
             raise OptionError(f"resume = '{path}': points cannot be written to a file: {error}; give numbers or texts") from error
         try:
-            lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
+            lines = read_file(path).splitlines(keepends=True) if path.exists() else []
         except (OSError, ValueError) as error:
             raise OptionError(f"resume = '{path}' cannot be read: {error}; delete it, or name another file") from error
         if lines:

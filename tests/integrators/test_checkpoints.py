@@ -163,12 +163,15 @@ def test_bad_folders(tmp_path):
         scenes.chain().simulate(0.2, checkpoint=tmp_path / "new", every=0)
 
 
-def test_a_damaged_file_is_told(tmp_path):
-    scenes.chain().simulate(0.2, solver=mb.RadauIIA(3), checkpoint=tmp_path)
-    state = tmp_path / "run00001.state.npz"
+@pytest.mark.parametrize("solver", [mb.RadauIIA(3), None], ids=["named", "chosen"])
+@pytest.mark.parametrize("name", ["run00001.state", "value00001"])
+def test_a_damaged_file_is_told(name, solver, tmp_path):
+    """Also by a call that tries another solver where one fails: a damaged file is no failure of a solver."""
+    scenes.chain().simulate(0.2, solver=solver, checkpoint=tmp_path)
+    state = tmp_path / f"{name}.npz"
     state.write_bytes(state.read_bytes()[:100])
-    with pytest.raises(mb.OptionError, match=r"run00001.state.npz' is damaged"):
-        scenes.chain().simulate(0.2, solver=mb.RadauIIA(3), checkpoint=tmp_path)
+    with pytest.raises(mb.OptionError, match=rf"{name}.npz' is damaged"):
+        scenes.chain().simulate(0.2, solver=solver, checkpoint=tmp_path)
 
 
 def test_files_of_a_killed_process_are_removed(tmp_path):
