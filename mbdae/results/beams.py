@@ -66,7 +66,7 @@ class Fields:
         self.nodes = Nodes(line.kind, line.mesh.order + 1, given)
 
     def _nodal(self, head: str, values: Array) -> Array:
-        """(nt * elements, p + 1, size) of all q or u (nt, n)."""
+        """Values at the nodes of the elements (nt * elements, p + 1, size), from q or u (nt, n)."""
         at = self.line.places(head)[self.elements]
         return np.asarray(values[:, at].reshape(-1, *at.shape[1:]))
 

@@ -52,7 +52,7 @@ class BeamStatements(SceneItems):
     @statement
     def beam(self, name: str, *points: Any, section: Any, elements: Any = 4, order: int = 2, curve: Any = None, axis2: Any = None,
              velocity: Any = None, angular_velocity: Any = None) -> Beam:  # fmt: skip
-        """A flexible beam through `points` (corners are rigid) with a `section` (mb.Section), in `elements` of an `order` from
+        """A flexible beam through `points` (m; corners are rigid) with a `section` (mb.Section), in `elements` of an `order` from
         1 to 4: a number per segment, or one number spread by length.
 
         curve: "arc" for the circular arc through three points, or a function of a parameter from 0 to 1 that returns a point

@@ -104,7 +104,7 @@ def read_by(item: Any) -> list[str]:
 
 
 def fed(scene: Any) -> list[tuple[str, list[str]]]:
-    """What depends on sensors: the item in words, and the paths."""
+    """Items that depend on sensors: each in words, with the paths of its sensors."""
     out = [(f"controller '{one.name}'" if isinstance(one, Controller) else f"{one.kind} '{one.name}'", read_by(one))
            for one in (*scene.connections, *scene.signals, *scene.controllers)]  # fmt: skip
     return [(item, read) for item, read in out if read]

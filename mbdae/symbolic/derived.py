@@ -77,7 +77,7 @@ class Derived:
         if found is None:
             try:
                 keep(key, found := tuple(self._derivation[0]))
-            # a scene in space comes to it in every process, because it is tried in the plane first
+            # cached too, because every process tries a scene in space in the plane first
             except NotPlanarError as refused:
                 keep(key, refused.what)
                 raise

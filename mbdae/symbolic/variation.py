@@ -164,7 +164,7 @@ class Variation:
         return Vec(*(_diff(e, c) for c in f.center)), turn
 
     def velocity_gradient(self, f: Frame, e: Expr) -> tuple[Vec, Vec]:
-        """(de/dv, de/dw)."""
+        """Derivatives (de/dv, de/dw) by the velocity of a node and its angular velocity, inertial."""
         if not f.kind.moves:
             return ZERO, ZERO
         move, turn = Vec(*(_diff(e, c) for c in f.center_velocity)), Vec(*(_diff(e, c) for c in f.w))
