@@ -72,7 +72,7 @@ class Archive:
             raise BadValueError(f"it has {len(infos)} members, {len(set(names))} of them of different names")
         total = sum(info.file_size for info in infos)
         if total > max(FREE, DENSEST * size):
-            raise BadValueError(f"its {size} bytes would become {total}: that is no result")
+            raise BadValueError(f"its {size} bytes would become {total}, too many for a result")
         return {name: self._member(name, info) for name, info in zip(names, infos, strict=True)}
 
     def _member(self, name: str, info: zipfile.ZipInfo) -> _Member:
@@ -130,4 +130,4 @@ class Archive:
                 into[at : at + len(piece)] = np.frombuffer(piece, np.uint8)
                 at += len(piece)
             if file.read(1):
-                raise BadValueError("it has more than it says")
+                raise BadValueError("it is longer than its header says")

@@ -58,7 +58,8 @@ class Joint(TwoBodyLaw):
         super().__init_subclass__(**kwargs)
         for name, entry in cls.coordinates.items():
             if name in SENSORS or name.endswith("_rate"):
-                raise LawError(f"{cls.__name__}: the coordinate '{name}' has the name of another sensor of joints; choose one")
+                raise LawError(f"{cls.__name__}: the coordinate '{name}' has the name of another sensor of joints; choose "
+                               f"another name")
             if entry.unit not in UNITS:
                 raise LawError(f"{cls.__name__}: the coordinate '{name}' has the unit '{entry.unit}'; give 'rad', 'm' or "
                                f"'rotation'")  # fmt: skip
