@@ -9,7 +9,8 @@
     ├── OptionError         an option has a value that cannot be used (also a ValueError)
     │   └── ExpressionError an expression of mb.t where only a number has a meaning (also a TypeError)
     ├── SolverError         the integration stopped; with the time, the culprit and the solution so far
-    │   └── WallClockError  its wall-clock time was used up
+    │   ├── WallClockError  its wall-clock time was used up
+    │   └── ChatteringError the motion switches back and forth without end
     ├── StoppedError        a run kept in a folder was ended by SIGTERM; the same call goes on with it
     ├── EquilibriumError    no state at rest was found; with the last one under a part of the loads, and its load factor
     ├── SteadyError         the linearised equations depend on time; with their coefficients at that instant
@@ -101,6 +102,14 @@ class ControllerError(MbdaeError):
 
 class WallClockError(SolverError):
     """The wall-clock time allowed for a run was used up."""
+
+
+class ChatteringError(SolverError):
+    """The motion switches back and forth without end: a force jumps where it is driven back from either side."""
+
+
+#: failures of a run that no other solver or tolerance mends
+FINAL = (WallClockError, ChatteringError)
 
 
 class StoppedError(MbdaeError):

@@ -156,7 +156,8 @@ class Store:
         """One line in place of many; what another process adds meanwhile may be lost, which harms statistics alone."""
         hits, misses = self._counts()
         part = Path(f"{self.folder}/{secrets.token_hex(8)}{PART}")
-        part.write_text(f"{hits} {misses}\n")
+        with open(opened(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL), "wb") as file:
+            file.write(f"{hits} {misses}\n".encode())
         os.replace(part, Path(f"{self.folder}/{COUNTS}"))
 
     def _counts(self) -> tuple[int, int]:

@@ -223,6 +223,13 @@ def test_counts_of_all_processes_are_added(store):
     assert store.content() == (0, 0, 0, 0)
 
 
+def test_counts_go_on_after_their_file_was_shortened(store):
+    for _ in range(2):
+        store.read(KEY)
+        store._count()
+        store._shorten()
+    assert store.content().misses == 3  # the second process of a store counts all that it missed
+
 @pytest.mark.parametrize(("variables", "found"), [
     ({"MBDAE_CACHE": "off"}, None), ({"MBDAE_CACHE": "OFF"}, None), ({"MBDAE_CACHE": "/a/b"}, "/a/b"),
     ({"MBDAE_CACHE": "~/a", "HOME": "/h"}, "/h/a"), ({"MBDAE_CACHE": "~", "HOME": "/h"}, "/h"),

@@ -25,6 +25,7 @@ from mbdae.system.rank import rows_in_force
 OWN = [name for name, (_, _, options) in scenes.RUNS.items() if not ("solver" in options and options["solver"].restarts)]
 SHORT = ["Radau IIA", "Radau IIA, impacts", "Radau IIA, stops", "Radau IIA, breaks and friction", "DOP853, breaks and friction",
          "DOP853, rows in force", "generalised-alpha", "CVODE"]
+LONG = ("Radau IIA, stops", "DOP853, breaks and friction", "Radau IIA")  # another run has the same kinds of values to keep
 
 
 class Killed(BaseException):
@@ -61,7 +62,7 @@ def content(state):
     return hashlib.sha256(text.encode() + b"".join(np.ascontiguousarray(a).tobytes() for a in arrays.values())).hexdigest()
 
 
-@pytest.mark.parametrize("name", SHORT)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in SHORT])
 def test_after_any_file_the_run_goes_on_with_the_same_bits(name, tmp_path, written):
     """The result, and every state kept on the way: masses of impacts and positions at which rows were looked at are among them,
     which change the result of few runs."""

@@ -18,7 +18,7 @@ from strangers.session import Counts, session, verdict_of
 from strangers.story import Input, Said, Story, build, script
 
 FOUND = sorted((Path(__file__).parent / "found").glob("*.py"))
-FEW = settings(max_examples=4, derandomize=True, deadline=None, database=None, phases=[Phase.generate],
+FEW = settings(max_examples=2, derandomize=True, deadline=None, database=None, phases=[Phase.generate],
                suppress_health_check=list(HealthCheck))  # fmt: skip
 
 

@@ -67,6 +67,7 @@ def changed(story: Story, c: Change) -> Story:
 
 
 def _said(a: Said, c: Change, kinds: dict[str, str]) -> Said:
+    a = Said(a.verb, {"axis": (0, 0, 1), **a.args}) if a.verb == "revolute" else a  # the axis where none is said
     return Said(a.verb, {key: _argument(a, key, value, c, kinds) for key, value in a.args.items()})
 
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import itertools
 import time
+import traceback
 import warnings
 from dataclasses import dataclass
 from math import inf, nan
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from strangers.bodies import Array, NotStatedError
+from strangers.closing import can_close
 from strangers.dense import Reference
 from strangers.elastic import elastic_truth
 from strangers.story import Story, build, options, scene_text
@@ -69,8 +72,10 @@ def attempt(story: Story, **more: Any) -> Result | Verdict:
 
 
 def text(error: Exception) -> str:
-    """In one line."""
-    return " ".join(f"{type(error).__name__}: {error}".split())[:400]
+    """In one line, with the place that raised it."""
+    place = traceback.extract_tb(error.__traceback__)[-1:]
+    where = "".join(f" ({Path(f.filename).name}:{f.lineno})" for f in place)
+    return " ".join(f"{type(error).__name__}: {error}".split())[:400] + where
 
 
 def instants(story: Story, ends: list[float]) -> Array:
@@ -84,14 +89,18 @@ def instants(story: Story, ends: list[float]) -> Array:
 def judge(story: Story) -> Verdict:
     """One run against the reference."""
     begin = time.process_time()
-    found = _judged(story)
+    try:
+        found = _judged(story)
+    except Exception as error:  # of a result that is looked at
+        found = Verdict("crashed", note=text(error))
     return Verdict(found.verdict, found.ratio, found.note, time.process_time() - begin)
 
 
 def _judged(story: Story) -> Verdict:
     result = attempt(story)
     if isinstance(result, Verdict):
-        return result
+        apart = result.verdict == "refused" and "cannot close" in result.note and not can_close(story)
+        return Verdict("not judged", note="the loop cannot close: least squares find no pose either") if apart else result
     if not claims(result):
         return Verdict("told", note=told(result) or "claims no accuracy of its motion")
     try:
