@@ -1,4 +1,4 @@
-"""Axes along and about which a joint lets l move, from its motion: what its reactions do not hold."""
+"""Axes along and about which a joint lets l move, from its motion: its reactions do no work along and about them."""
 
 from __future__ import annotations
 
