@@ -43,7 +43,7 @@ OFF = 1e-6  #: a redundant row with a larger error, in the scene's length or rad
 SOLVED = "not estimated: the equations are solved until `residual` of the state at rest remains"
 CLAIMED = {"motion": SOLVED, "reactions": SOLVED,
            "mesh": "not measured: compare with beams of one order more"}  #: texts of `accuracy` of the result  # fmt: skip
-Progress = Callable[[float, int], None]  #: load factor reached, corrections so far
+Progress = Callable[[float, int], None]  #: called with the load factor reached and the corrections so far
 
 
 class Equilibrium(Result):

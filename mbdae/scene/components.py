@@ -56,7 +56,7 @@ class Body:
     principal_plane: bool = False  #: inertia given as one number: about z only
     scene: Any = field(default=None, repr=False)  #: the scene it was stated in
     shapes: tuple[Shape, ...] | None = None  #: shapes to draw; None: not stated, drawn from mass and attachments
-    color: str | None = None  #: "#rrggbb"
+    color: str | None = None  #: "#rrggbb", None: chosen by the drawing
     drawn: Drawn = field(init=False)
 
     def __post_init__(self, position: Array, rotation: Array, velocity: Array, angular_velocity: Array) -> None:

@@ -30,7 +30,7 @@ from mbdae.values import BadValueError, flag, function, option, optional, sequen
 FORMAT = "mbdae sweep 1"
 MOST_WORKERS = 1024
 GRID = "give a mapping of names to lists of values, or a list of points (dicts)"
-Progress = Callable[[int, int], None]  #: points done, points in all
+Progress = Callable[[int, int], None]  #: called with the number of points done and of all points
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,7 @@ class Facts(NamedTuple):
     vanished: tuple[str, ...]  #: rows that vanish identically, or are undefined
     undefined: tuple[str, ...]  #: rows left out because they need axes that a point mass does not have
     states: tuple[str, ...]
-    forced: bool  #: whether it states forces
+    forced: bool  #: whether the law states forces
 
 
 class Derived:

@@ -113,9 +113,9 @@ class Frame:
     y: Vec
     z: Vec
     w: Vec  #: angular velocity, inertial components, rad/s
-    center: Vec  #: position of the node
+    center: Vec  #: position of the node, m
     center_velocity: Vec
-    arm: Vec  #: from the node to the point
+    arm: Vec  #: from the node to the point, m
     body: tuple[Vec, Vec, Vec]  #: columns of R
     heading: Expr  #: planar: rotation since the drawing, rad
     spin: Vec  #: angular velocity in body components

@@ -55,7 +55,7 @@ class LinePoint:
 
     kind: NodeKind
     r: Vec  #: position, m
-    r_s: Vec  #: dr/ds
+    r_s: Vec  #: dr/ds, s: length along the reference curve
     axes: tuple[Vec, Vec, Vec]  #: axes of the section, axis 1 along the line; inertial
     curvature: Vec  #: twist and curvatures in section axes: d(axis)/ds = curvature x axis, 1/m
     v: Vec  #: velocity, inertial, m/s

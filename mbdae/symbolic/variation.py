@@ -90,7 +90,7 @@ class Variation:
         if isinstance(e, se.Piecewise):
             args = [self.name(a) for a in e.args]
             return se.Piecewise(*zip(args[::2], args[1::2], strict=True))
-        if not hasattr(e, "func"):  # a comparison
+        if not hasattr(e, "func"):  # a comparison has none
             return e.subs({a: self.name(a) for a in e.args})
         function = se.Function(e.get_name()) if isinstance(e, se.FunctionSymbol) else e.func
         inner = function(*map(self.name, e.args))

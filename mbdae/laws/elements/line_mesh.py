@@ -30,7 +30,7 @@ class LineMesh:
     """Nodes and elements of a line, as drawn. n nodes, m elements of p + 1 nodes."""
 
     order: int
-    positions: Array  #: (n, 3) of the nodes, m
+    positions: Array  #: positions of the nodes (n, 3), m
     quaternions: Array  #: (n, 4) axes of the nodes, unit length
     headings: Array  #: (n,) angle of axis 1 in the plane z = 0, rad, continuous along the line
     elements: NDArray[np.intp]  #: (m, p + 1) nodes of every element
