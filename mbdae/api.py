@@ -105,7 +105,7 @@ class Scene(SceneData):
         accuracy: bound asked for the error over the run (positions relative to the scene's length, angles in rad,
         velocities relative to length / characteristic time). With beams only positions and angles count, because their
         velocities contain fast vibrations; likewise while a joint with clearance touches, because a small shift in the time of
-        an impact changes velocities by much. The run estimates its error and is repeated with a tighter tolerance where needed;
+        an impact changes velocities a lot. The run estimates its error and is repeated with a tighter tolerance where needed;
         `accuracy.covers` of the result says whether the accuracy also covers reactions and the mesh of beams. A solver with its
         own tolerance or step runs once.
         solver, form: an object, a class or a name, such as mb.RadauIIA(3), mb.IDA, "radau3", "ggl"; by default chosen.

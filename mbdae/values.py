@@ -177,7 +177,8 @@ def instance(value: Any, base: type[T], known: Mapping[str, T]) -> T:
 
 def array(value: Any, *shapes: tuple[int, ...]) -> Array:
     """Finite numbers in an array of one of some shapes (any where none is given); no text, no truth values, no complex."""
-    if "numpy.ma" in sys.modules and isinstance(value, np.ma.MaskedArray) and np.any(value.mask):  # else none exist
+    # a masked array exists only where numpy.ma has been imported
+    if "numpy.ma" in sys.modules and isinstance(value, np.ma.MaskedArray) and np.any(value.mask):
         raise BadValueError(f"{shown(value)} has masked entries")
     found = entries(value)
     try:

@@ -40,10 +40,10 @@ ASIDE = 0.02  #: distance from an unstable state at which a stable one is looked
 FAR = 30.0  #: total displacement, in the scene's length and rad, beyond which a search has diverged
 SEARCHES = 200  #: largest number of corrections of the search for a stable state
 OFF = 1e-6  #: a redundant row with a larger error, in the scene's length or rad, is not satisfied
-SOLVED = "no error is estimated: the equations are solved to the residual that the state at rest has"
+SOLVED = "not estimated: the equations are solved until `residual` of the state at rest remains"
 CLAIMED = {"motion": SOLVED, "reactions": SOLVED,
-           "mesh": "not measured: the same beams with one order more show it"}  #: texts of `accuracy` of the result  # fmt: skip
-Progress = Callable[[float, int], None]  #: load factor reached, corrections so far
+           "mesh": "not measured: compare with beams of one order more"}  #: texts of `accuracy` of the result  # fmt: skip
+Progress = Callable[[float, int], None]  #: called with the load factor reached and the corrections so far
 
 
 class Equilibrium(Result):

@@ -174,9 +174,9 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     beams = (system, z) if m.model.lines else None
     reason = reason_not_steady(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
     if reason:
-        raise SteadyError(f"the linearised equations depend on t in the frame of '{axes.name}': {reason}; periodic, use floquet: "
-                          f"s.floquet(period), where the motion or its equations repeat; otherwise resolve in the frame of a "
-                          f"body that turns steadily (frame=...), or start from s.equilibrium(frame=...)", found)  # fmt: skip
+        raise SteadyError(f"the linearised equations depend on t in the frame of '{axes.name}': {reason}; where they are "
+                          f"periodic, use s.floquet(period); otherwise resolve in the frame of a body that turns steadily "
+                          f"(frame=...), or start from s.equilibrium(frame=...)", found)  # fmt: skip
     return found
 
 

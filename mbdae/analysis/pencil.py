@@ -196,7 +196,7 @@ def derivatives(system: Assembly | System, t: float, y: Array, yp: Array) -> tup
 
 
 def _places(system: Assembly, mechanics: Mechanics, A: Any) -> dict[str, Array]:
-    """Where each kind stands in x; algebraic unknowns without compliance are multipliers."""
+    """Indices of each kind of unknowns in x; algebraic unknowns without compliance are multipliers."""
     nu, shift = mechanics.nu, mechanics.nu - mechanics.nq
     kinds = np.array(system.kinds)
     at = {k: np.flatnonzero(kinds == k) + shift for k in ("s", "z", "lambda")}

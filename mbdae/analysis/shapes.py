@@ -50,7 +50,7 @@ class Mode(ListsAttributes):
     """
 
     eigenvalue: complex
-    vector: Array  #: (nu,) complex
+    vector: Array  #: shape of the mode over all nodes (nu,), complex
     owner: Owner
 
     @property

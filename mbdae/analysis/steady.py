@@ -212,8 +212,8 @@ class Rest:
         return bool(np.max(off, initial=0.0) <= 1e-9 * (1e-9 + float(np.max(np.abs(u), initial=0.0))))
 
     def _spin(self, q: Array, u: Array) -> None:
-        """From the roots of the tree outwards: where a joint does not allow the frame's rotation, its body turns with the body
-        before it, or as the joint is driven."""
+        """Write spins into u, from the roots of the tree outwards: where a joint does not allow the frame's rotation, its body
+        turns with the body before it, or as the joint is driven."""
         spin: dict[Body, Array] = {self.model.scene.ground: np.zeros(3)}
         nodes: dict[Body, list[Node]] = {}
         for node, body in self.model.bodies:

@@ -21,9 +21,9 @@ from mbdae.symbolic.vectors import ZERO, Expr
 from mbdae.system.base import Array
 from mbdae.system.model.rotations import turned
 
-POINTS = 4  #: random states of every variant
+POINTS = 4  #: number of random states of every variant
 STEP = 1e-30  #: imaginary increment of the complex-step derivative
-Measured = tuple[str, float]  #: entry and its relative error
+Measured = tuple[str, float]  #: name of an entry and its relative error
 
 
 def statement(d: Derived) -> list[tuple[Target, Expr]]:

@@ -122,7 +122,7 @@ class _Moving:
     # -- placing and evaluating
 
     def numbers(self, values: Values, c: dict[str, Any], i: int) -> dict[str, float]:
-        """Parameters and coordinates at a point."""
+        """Parameters and coordinates in state number i, by name."""
         return {p: float(values[p][i].real) for p in self.law.params if p in values} | {n: float(a[i]) for n, a in c.items()}
 
     def axes(self, f: Frame, values: Values) -> tuple[Array, Array]:
@@ -133,7 +133,7 @@ class _Moving:
         return columns(f.q, values)[:, :3] + np.einsum("pij,pj->pi", R, arm), R @ Q
 
     def pose(self, values: Values, i: int) -> Pose:
-        """Where l is at a point."""
+        """Pose of l relative to k in state number i."""
         (rk, K), (rl, L) = (self.axes(f, values) for f in self.d.sides)
         return Pose(K[i].T @ (rl[i] - rk[i]), K[i].T @ L[i], np.zeros(3), np.zeros(3))
 

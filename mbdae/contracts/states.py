@@ -64,7 +64,7 @@ class States:
             values |= {f"{name}_dot": float(rng.normal()), f"{name}_ddot": float(rng.normal())}
         free = np.array([0.0, 0.0, 1.0]) if flat else np.ones(3)
         abouts = [relative * J[:, 2] if np.ndim(relative) == 0 else np.roll(relative, i) for i, _ in enumerate(d.sides[1:])]
-        turns = [np.eye(3), *(turn(free * about) for about in abouts)]  # of every side relative to the first
+        turns = [np.eye(3), *(turn(free * about) for about in abouts)]  # rotation of every side relative to the first
         common = turn(rng.uniform(-1.5, 1.5, 3) * free)
         for f, R in zip(d.sides, turns, strict=False):
             if not f.kind.moves:

@@ -17,7 +17,7 @@ from mbdae.symbolic.motion import symbolic_motion
 Variant = tuple[str, Structure, tuple[Side, ...]]
 _SPATIAL = (NodeKind.SPATIAL, NodeKind.GROUND, NodeKind.POINT)
 _PLANAR = (NodeKind.PLANAR, NodeKind.PLANAR_GROUND, NodeKind.PLANAR_POINT)
-_OF_JOINTS = {False: NodeKind.COORDINATE, True: NodeKind.ROTATION}  #: by whether the coordinate is a free rotation
+_OF_JOINTS = {False: NodeKind.COORDINATE, True: NodeKind.ROTATION}  #: is it a free rotation -> kind of a coordinate
 
 
 def sides_of(law: type[Law], structure: Structure) -> list[tuple[Side, ...]]:

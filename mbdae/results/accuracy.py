@@ -10,7 +10,7 @@ from typing import Any
 WORDS = ("motion", "reactions", "mesh")  #: the three errors of a run
 #: reasons why an error is not known; `RUN_ONCE`: the solver had a tolerance or a step of its own
 RUN_ONCE = "not estimated: the solver ran once, as it was given; leave out its rtol or step, or give verify=True"
-NO_RUN_BESIDE = "not estimated: no other run came to an end beside this one"
+NO_RUN_BESIDE = "not estimated: no second run for comparison was completed"
 NOT_REPEATED = "not measured: verify=True repeats the run on a finer mesh"
 MODEL = ("how far the model itself (rigid bodies, ideal joints, laws and their numbers) differs from the real system cannot be "
          "estimated by a solver")  # fmt: skip

@@ -25,8 +25,8 @@ from mbdae.system.model.rotations import rotation_matrices
 
 STRESSES = ("N1", "N2", "N3", "M1", "M2", "M3")
 NEAR = 1e-9  #: distances from the axis that differ by less, relative to the longest element, count as equal
-CHUNK = 20_000  #: elements evaluated at once
-Foot = tuple[int, float]  #: element and place in it, 0..1
+CHUNK = 20_000  #: number of elements evaluated at once
+Foot = tuple[int, float]  #: number of an element, and the place xi in it from 0 to 1
 
 
 def foot(mesh: LineMesh, point: Array) -> Foot:
@@ -66,7 +66,7 @@ class Fields:
         self.nodes = Nodes(line.kind, line.mesh.order + 1, given)
 
     def _nodal(self, head: str, values: Array) -> Array:
-        """(nt * elements, p + 1, size) of all q or u (nt, n)."""
+        """Values at the nodes of the elements (nt * elements, p + 1, size), from q or u (nt, n)."""
         at = self.line.places(head)[self.elements]
         return np.asarray(values[:, at].reshape(-1, *at.shape[1:]))
 
@@ -184,8 +184,8 @@ class BeamPlace(_OnBeam):
         super().__init__(result, beam, point)
         line = self._line
         self.arm: Array  #: (3,) from the axis to the place in section axes, m
-        self.drawn_position: Array  #: (3,), m
-        self.drawn_rotation: Array  #: (3, 3), section axes to inertial frame
+        self.drawn_position: Array  #: position of the place as drawn (3,), m
+        self.drawn_rotation: Array  #: as drawn (3, 3), section axes to inertial frame
         self._element, self._xi = foot(line.mesh, point)
         self._fields = Fields(line, table(line.mesh.order, np.array([self._xi])), self._element)
         q = np.zeros((1, sum(n.kind.sizes[0] for n in result.prepared.model.nodes)))

@@ -18,8 +18,8 @@ from mbdae.system.motion.mechanics import Mechanics
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 TRANSFERS = ("dissipated", "work", "impact", "friction")  #: energies that are integrals over time
-_CHUNK = 3000  #: states evaluated at once, where there are no beams
-_ELEMENTS = 20_000  #: elements of beams evaluated at once
+_CHUNK = 3000  #: number of states evaluated at once, where there are no beams
+_ELEMENTS = 20_000  #: number of elements of beams evaluated at once
 
 
 def energy_outputs(d: Derived) -> list[tuple[Target, Expr]]:

@@ -63,7 +63,7 @@ class RunInfo:
     accuracy: Accuracy
     stats: Stats
     runs: int = 1
-    cpu_s: float = 0.0  #: of all runs together
+    cpu_s: float = 0.0  #: CPU time of all runs together, s
     warnings: tuple[str, ...] = ()
     choice: str = ""  #: why this solver, where mbdae chose it
     reliable: bool = True  #: see `Result.reliable`

@@ -52,7 +52,7 @@ class BeamStatements(SceneItems):
     @statement
     def beam(self, name: str, *points: Any, section: Any, elements: Any = 4, order: int = 2, curve: Any = None, axis2: Any = None,
              velocity: Any = None, angular_velocity: Any = None) -> Beam:  # fmt: skip
-        """A flexible beam through `points` (corners are rigid) with a `section` (mb.Section), in `elements` of an `order` from
+        """A flexible beam through `points` (m; corners are rigid) with a `section` (mb.Section), in `elements` of an `order` from
         1 to 4: a number per segment, or one number spread by length.
 
         curve: "arc" for the circular arc through three points, or a function of a parameter from 0 to 1 that returns a point
@@ -97,7 +97,7 @@ class BeamStatements(SceneItems):
     def _line(self, name: str, points: Any, curve: Any) -> tuple[Array, Any]:
         """Outline (k, 3), m, and the curve; None in its place for a polyline."""
         outline, head = np.array(points).reshape(-1, 3), Argument(self, f"beam '{name}'", "curve")
-        if isinstance(curve, str):  # "arc", the only word there is
+        if isinstance(curve, str):  # it is "arc", the only word that is accepted
             if len(outline) == 3:
                 try:
                     return self._sampled(head, arc(*outline))
@@ -207,7 +207,7 @@ def nearest_place(beam: Beam, point: Array) -> float:
     a, b = beam.outline[:-1], beam.outline[1:]
     d = b - a
     share = np.clip(np.einsum("ij,ij->i", point - a, d) / np.einsum("ij,ij->i", d, d), 0, 1)
-    # the first, where the line closes
+    # the first of equally near pieces, as where the line closes
     i = nearest(np.linalg.norm(a + share[:, None] * d - point, axis=1), float(np.max(np.abs(d))))
     if beam.curve is None:
         lengths = np.linalg.norm(d, axis=1)

@@ -23,7 +23,7 @@ from mbdae.values import BadValueError, array, number, shown
 
 Array = NDArray[np.float64]
 FINE = 2048  #: number of chords by which the length along a curve is measured
-MOVING = ("position", "rotation", "velocity", "angular_velocity")  #: what changes in a run: no attributes of bodies
+MOVING = ("position", "rotation", "velocity", "angular_velocity")  #: of the motion, no attributes of bodies
 
 
 @dataclass(eq=False)
@@ -56,7 +56,7 @@ class Body:
     principal_plane: bool = False  #: inertia given as one number: about z only
     scene: Any = field(default=None, repr=False)  #: the scene it was stated in
     shapes: tuple[Shape, ...] | None = None  #: shapes to draw; None: not stated, drawn from mass and attachments
-    color: str | None = None  #: "#rrggbb"
+    color: str | None = None  #: "#rrggbb", None: chosen by the drawing
     drawn: Drawn = field(init=False)
 
     def __post_init__(self, position: Array, rotation: Array, velocity: Array, angular_velocity: Array) -> None:
@@ -293,7 +293,7 @@ class Connection:
     left_open: bool = False  #: whether the user named no joint model
     as_kinematic: list[TwoBodyLaw] = field(default_factory=list)  #: laws of the ideal kinematic joint, for models that need it
     others: dict[str, Any] = field(default_factory=dict)  #: bodies of frames beside k and l, by name of the frame
-    shapes: tuple[Shape, ...] = ()  #: of k and of l, of a contact
+    shapes: tuple[Shape, ...] = ()  #: the two shapes of a contact, of k and of l
     places: dict[str, Array] = field(default_factory=dict)  #: side "k" or "l" -> the point of that body the user named, as drawn
 
     @property

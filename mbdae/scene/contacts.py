@@ -65,7 +65,7 @@ def _rank(one: Shape) -> int:
     return next((i for i, kind in enumerate((Plane, Cylinder)) if isinstance(one, kind)), 2)
 
 
-Made = list[tuple[type[Contact], dict[str, Any]]]  #: laws with their places and numbers
+Made = list[tuple[type[Contact], dict[str, Any]]]  #: classes of laws, each with its places and numbers by name
 
 
 def _ball_on_plane(plane: Plane, ball: Any) -> Made:

@@ -47,7 +47,7 @@ def _not_called(f: Any, values: int, remembers: bool) -> str:
     except TypeError as error:
         takes = ", ".join(["t", *(f"value {n + 1}" for n in range(values)), *(["memory"] if remembers else [])])
         return f"f cannot be called with ({takes}): {error}"
-    except ValueError:  # no signature is known
+    except ValueError:  # functions written in C may have no signature to check
         pass
     return ""
 

@@ -37,5 +37,5 @@ def problems(name: str, J: Array, planar: bool) -> list[str]:
         return [f"body '{name}': inertia has the negative principal moment {moments[0]:.6g} kg m^2"]
     if not planar and moments[0] + moments[1] < moments[2] * (1 - 1e-9):
         return [f"body '{name}': principal moments {moments[0]:.6g}, {moments[1]:.6g}, {moments[2]:.6g} kg m^2 violate the "
-                f"triangle inequality (the two smaller must reach the largest)"]  # fmt: skip
+                f"triangle inequality (the sum of the two smaller must be at least the largest)"]  # fmt: skip
     return []

@@ -50,7 +50,7 @@ class JointStatements(ConnectionStatements):
               model: Any = None, prescribed: Any = None, start: Any = None, start_rate: Any = None, spring: Any = None,
               damper: Any = None, load: Any = None, limits: Any = None, stop: Any = None, friction: Any = None,
               **further: Any) -> Connection:  # fmt: skip
-        """A joint of a class derived from mb.Joint between k and l at a point, with its parameters by name.
+        """A joint of a class derived from mb.Joint between k and l at a point (m, as drawn), with its parameters by name.
 
         `model`: mb.Kinematic(), mb.Classical(), mb.Recursive() or, for joints with a pin, mb.Clearance(...). The other options
         belong to a coordinate: one value where the joint has one coordinate, else a mapping by coordinate name. `prescribed`: its
@@ -73,7 +73,7 @@ class JointStatements(ConnectionStatements):
                  angle0: float | None = None, rate0: float | None = None, spring: float | None = None,
                  damper: float | None = None, torque: Any = None, friction: Any = None, radius: float | None = None,
                  limits: Any = None, stop: Any = None, normal_force: float | None = None) -> Connection:  # fmt: skip
-        """l turns relative to k about `axis` through `at`; the angle is 0 as drawn, positive about the axis.
+        """l turns relative to k about `axis` through `at` (m, as drawn); the angle is 0 as drawn, positive about the axis.
 
         `angle` prescribes it (rad, number or expression of mb.t); `angle0` rad and `rate0` rad/s hold its start;
         `spring` N m/rad, `damper` N m s/rad and `torque` N m (on l) act about the axis. `friction` (mb.Coulomb, mb.LuGre or
@@ -94,10 +94,10 @@ class JointStatements(ConnectionStatements):
                   rate0: float | None = None, spring: float | None = None, damper: float | None = None,
                   force: Any = None, model: Any = None, friction: Any = None, normal_force: float | None = None,
                   limits: Any = None, stop: Any = None) -> Connection:  # fmt: skip
-        """l slides relative to k along `axis` without turning; 0 as drawn. `position` m prescribes the displacement;
-        `spring` N/m, `damper` N s/m, `force` N (on l) act along the axis. `friction` (mb.Coulomb, mb.LuGre or one's own) is
-        pressed by `normal_force` N, by default the joint's reaction normal to the axis (its moments do not count). `limits`
-        (lowest, highest) m with `stop=mb.Stop(stiffness, damping)`."""
+        """l slides relative to k along `axis` through `at` (m) without turning; 0 as drawn. `position` m prescribes the
+        displacement; `spring` N/m, `damper` N s/m, `force` N (on l) act along the axis. `friction` (mb.Coulomb, mb.LuGre or one's
+        own) is pressed by `normal_force` N, by default the joint's reaction normal to the axis (its moments do not count).
+        `limits` (lowest, highest) m with `stop=mb.Stop(stiffness, damping)`."""
         words = {"prescribed": "position", "start": "position0", "start_rate": "rate0", "load": "force"}
         options = {"prescribed": position, "start": position0, "start_rate": rate0, "spring": spring, "damper": damper,
                    "load": force, "friction": friction, "normal_force": normal_force, "limits": limits, "stop": stop}  # fmt: skip

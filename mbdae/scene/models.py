@@ -12,7 +12,7 @@ from mbdae.scene.reading import Argument, instance, quantity
 from mbdae.symbolic.joint import Joint
 from mbdae.values import shown
 
-MODELS = "mb.Kinematic(), mb.Classical(), mb.Recursive() or mb.Clearance(outer, inner, normal)"  #: for messages
+MODELS = "mb.Kinematic(), mb.Classical(), mb.Recursive() or mb.Clearance(outer, inner, normal)"  #: joint models, in messages
 a_friction = instance(Friction, "friction law", "give mb.Coulomb(mu, v_c), mb.LuGre(...) or None", Coulomb(0.0, 1.0))
 normal_law = instance(Normal, "normal law", "give mb.Hertz(stiffness, damping)")
 

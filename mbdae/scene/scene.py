@@ -30,7 +30,9 @@ FRAME = reading.one_of("inertial", "body")
 
 
 class SceneData(BeamStatements, JointStatements, ContactStatements, ControlStatements):
-    """Bodies, joints and forces by name. Lengths in m, angles in rad, SI throughout; inertial frame, right-handed."""
+    """Bodies, joints and forces by name. Lengths in m, angles in rad, SI throughout; inertial frame, right-handed.
+
+    A mistake in a statement raises nothing at once: `check`, `simulate` and the other analyses raise SceneError with all."""
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Unpickle: the tables of its expressions are registered first, because another process does not know them."""
@@ -73,8 +75,8 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
     @statement
     def link(self, name: str, *points: Any, mass: float | None = None, mass_per_length: float | None = None, shape: Any = None,
              color: Any = None) -> Body:  # fmt: skip
-        """A rigid polyline of slender rods through `points`; `mass` kg in all, or `mass_per_length` kg/m. `shape` and `color` as
-        in `rigid_body`."""
+        """A rigid polyline of slender rods through `points` (m); `mass` kg in all, or `mass_per_length` kg/m. `shape` and `color`
+        as in `rigid_body`."""
         outline = np.array(points)
         if len(points) < 2 or not np.all(np.linalg.norm(np.diff(outline, axis=0), axis=1) > 0):
             self.problems.append(f"link '{name}': needs at least two points, each different from the one before")
@@ -96,7 +98,7 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
     @statement
     def spring(self, name: str, k: Any, l: Any, at_k: Any, at_l: Any, stiffness: float, damping: float = 0.0,
                length: float | None = None) -> Connection:  # fmt: skip
-        """Spring (N/m) and damper (N s/m) between two points; natural `length` m (default: as drawn)."""
+        """Spring (N/m) and damper (N s/m) between two points (m, as drawn); natural `length` m (default: as drawn)."""
         natural = float(np.linalg.norm(at_l - at_k)) if length is None else length
         if damping and natural == 0:
             self.problems.append(f"spring '{name}': its natural length is 0 m, so its damper has no direction where the points "

@@ -104,7 +104,7 @@ def read_by(item: Any) -> list[str]:
 
 
 def fed(scene: Any) -> list[tuple[str, list[str]]]:
-    """What depends on sensors: the item in words, and the paths."""
+    """Items that depend on sensors: each in words, with the paths of its sensors."""
     out = [(f"controller '{one.name}'" if isinstance(one, Controller) else f"{one.kind} '{one.name}'", read_by(one))
            for one in (*scene.connections, *scene.signals, *scene.controllers)]  # fmt: skip
     return [(item, read) for item, read in out if read]
@@ -138,7 +138,7 @@ def _circles(scene: Any) -> list[str]:
 
 def keep_read_coordinates(scene: Any, read: Iterable[str]) -> None:
     """Angles that are read by these paths, and coordinates that bodies do not show, become unknowns of their own: whole turns
-    count. Joints may be stated later: `_wanted` of the scene has what is read of every name, and each joint asks for its own."""
+    count. A joint may be stated after what reads it: `_wanted` of the scene keeps what is read by name for `keep_wanted`."""
     names = dict[str, None]()
     for path in read:
         name, quantity, _ = parsed(path)

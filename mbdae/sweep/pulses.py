@@ -20,7 +20,7 @@ from mbdae.scene.record import encode, read
 
 NUMBERS = ("begin", "width", "strength")  #: quantities of a pulse that can be varied
 SAMPLES = 20001  #: times of the run at which inputs are sampled to find pulses
-CONSTANT = 1e-12  #: relative to the largest change of an input: smaller changes count as none
+CONSTANT = 1e-12  #: change of an input that counts as none, relative to its largest change
 BISECTIONS = 60
 PARTS = 8  #: number of parts of a pulse: a reference run restarts at each, so that it does not step over a smooth pulse
 

@@ -134,8 +134,8 @@ def _law_numbers(scene: SceneData) -> tuple[list[Any], list[float], dict[str, fl
 
 
 def _check_together(job: SceneJob, values: Array) -> None:
-    """Refuse points (k, names) at which a statement is wrong by several of its numbers together: what it refuses is beyond bounds
-    of numbers and of their sums, so that all points are right where those of least and largest values are."""
+    """Refuse points (k, names) at which numbers of a statement are wrong together. Only their least and largest values are
+    combined: statements have bounds of numbers and of sums of them, which all points keep where these combinations do."""
     items = [name.partition(".")[0] for name in job.names]
     for item in dict.fromkeys(items):
         of_item = [i for i, other in enumerate(items) if other == item]
@@ -148,8 +148,8 @@ def _check_together(job: SceneJob, values: Array) -> None:
 
 
 def _compare(job: SceneJob, values: Array) -> None:
-    """Equations and start of some points (k, names) in a batch against those of scenes of their own: what a name does besides may
-    not be seen in the laws, and numbers that the equations do not read are left out."""
+    """Equations and start of some points (k, names) in a batch against those of scenes of their own: a name may
+    change more than the numbers of laws, and numbers that the equations do not read are left out."""
     batch = _batches(job)
     for point in values:
         own = Batches(job.at(point), job.t_end, job.accuracy, job.outputs).system

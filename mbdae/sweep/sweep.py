@@ -30,7 +30,7 @@ from mbdae.values import BadValueError, flag, function, option, optional, sequen
 FORMAT = "mbdae sweep 1"
 MOST_WORKERS = 1024
 GRID = "give a mapping of names to lists of values, or a list of points (dicts)"
-Progress = Callable[[int, int], None]  #: points done, points in all
+Progress = Callable[[int, int], None]  #: called with the number of points done and of all points
 
 
 @dataclass(frozen=True)
@@ -285,7 +285,7 @@ class _Kept:
         if lines:
             self._read(path, lines, json.loads(head))
         rows = [_json(_line(i, row)) for i, row in self.rows.items()]
-        write_file(path, "\n".join([head, *rows]) + "\n")  # without an incomplete line, and rows to be computed again
+        write_file(path, "\n".join([head, *rows]) + "\n")  # drops an incomplete line, and rows to be computed again
         self.file = path.open("a", encoding="utf-8")
 
     def _read(self, path: Path, lines: list[str], meant: dict[str, Any]) -> None:

@@ -56,7 +56,7 @@ class Facts(NamedTuple):
     vanished: tuple[str, ...]  #: rows that vanish identically, or are undefined
     undefined: tuple[str, ...]  #: rows left out because they need axes that a point mass does not have
     states: tuple[str, ...]
-    forced: bool  #: whether it states forces
+    forced: bool  #: whether the law states forces
 
 
 class Derived:
@@ -77,7 +77,7 @@ class Derived:
         if found is None:
             try:
                 keep(key, found := tuple(self._derivation[0]))
-            # a scene in space comes to it in every process, because it is tried in the plane first
+            # cached too, because every process tries a scene in space in the plane first
             except NotPlanarError as refused:
                 keep(key, refused.what)
                 raise

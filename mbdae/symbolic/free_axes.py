@@ -1,4 +1,4 @@
-"""Axes along and about which a joint lets l move, from its motion: what its reactions do not hold."""
+"""Axes along and about which a joint lets l move, from its motion: its reactions do no work along and about them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def free_axes(law: Any, k: Frame, l: Frame, coordinate: str) -> list[Vec]:
         axis = _axis(law, k, l, motion.steps, i)
         if not any(all(a == b for a, b in zip(axis, other, strict=True)) for other in found):
             found.append(axis)
-    # in a planar joint the thrust along its axis of rotation presses
+    # a planar joint is pressed by the reaction along its axis of rotation
     return found[1:] if len(found) > 2 and motion.steps[own[0]].turns else found
 
 

@@ -200,7 +200,7 @@ class TwoBodyLaw(Law):
         self.k, self.l, self.at, self.axis, self.at_l, self.axis_x = k, l, at, axis, at_l, axis_x
 
     def point_on(self, side: str) -> Any:
-        """Where it acts on the body of a frame as drawn, (3,), m."""
+        """The point (3,), m, as drawn, at which the law acts on the body of a frame."""
         if side in self.points:
             return self.points[side]
         return self.at_l if side == "l" and self.at_l is not None else self.at

@@ -42,7 +42,7 @@ class Rotation:
 
     @classmethod
     def of(cls, P: Sequence[Expr], spin: Vec) -> Rotation:
-        """By its quaternion and angular velocity."""
+        """A free rotation by its quaternion and angular velocity."""
         return cls(tuple(P), rotation_columns(P), spin)
 
     @property

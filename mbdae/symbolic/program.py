@@ -49,7 +49,7 @@ class Program:
             return self._named(e.func(*args))
         if isinstance(e, se.Piecewise):
             return se.Piecewise(*zip(args[::2], args[1::2], strict=True))
-        return e.func(*args) if hasattr(e, "func") else e.subs(dict(zip(e.args, args, strict=True)))  # a comparison
+        return e.func(*args) if hasattr(e, "func") else e.subs(dict(zip(e.args, args, strict=True)))  # a comparison has no `func`
 
     def vec(self, v: Vec) -> Vec:
         """A vector of named components."""

@@ -40,7 +40,7 @@ def steps(expressions: Sequence[Expr], names: dict[Expr, str], language: Languag
 
 
 def reached(pairs: Sequence[tuple[Expr, Expr]], outputs: Sequence[Expr]) -> list[tuple[Expr, Expr]]:
-    """Those of the pairs (name, expression of earlier names) on which outputs depend."""
+    """The pairs (name, expression of earlier names) on which outputs depend."""
     live = set[Expr]().union(*(e.free_symbols for e in outputs))
     found = []
     for name, e in reversed(pairs):

@@ -26,7 +26,7 @@ EQUAL = 1e-12  #: relative difference up to which two branches of a Piecewise co
 NEARBY = (-1e-2, 0.0, 1e-2)  #: where branches are compared, relative to the place where the condition changes
 ONE = se.Integer(1)
 LOCAL_POWER = 8  #: from this exponent on a power is noticeable only near the largest base, as cos(x)^2000 is
-TINIEST = se.RealDouble(1e-300)  #: keeps logarithms finite
+TINIEST = se.RealDouble(1e-300)  #: added to arguments of logarithms, which keeps them finite
 
 
 class Switch(NamedTuple):
@@ -138,7 +138,7 @@ class _Search:
         return e.is_Number or isinstance(e, se.atan2) or e in self.angles or (-e) in self.angles or isinstance(-e, se.atan2)
 
     def _power(self, base: Expr, exponent: Expr) -> Iterator[Switch]:
-        if not base.free_symbols:  # exp(u), 2^u
+        if not base.free_symbols:  # such as exp(u) or 2^u
             if exponent.free_symbols:
                 yield Switch("decaying", exponent * (ONE if base == se.E else se.log(base)))
             return

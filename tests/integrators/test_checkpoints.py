@@ -125,9 +125,9 @@ def test_a_run_that_failed_fails_in_the_same_way(tmp_path):
 @pytest.mark.parametrize(("change", "told"), [
     ({"accuracy": 1e-5}, r"holds another run: accuracy is 1e-06 as stored and 1e-05 in this call"),
     ({"every": 7}, r"holds another run: every is 1000 as stored and 7 in this call"),
-    ({"solver": mb.IDA()}, r"holds another run: solver is .* there and \"IDA"),
-    ({"form": mb.Index3()}, r"holds another run: form is"), ({"t_end": 0.3}, "holds another run: t_end is 0.2 there and 0.3"),
-    ({"outputs": 7}, "holds another run: outputs is"), ({"verify": True}, "holds another run: verify is false there"),
+    ({"solver": mb.IDA()}, r"holds another run: solver is .* as stored and \"IDA"),
+    ({"form": mb.Index3()}, r"holds another run: form is"), ({"t_end": 0.3}, "holds another run: t_end is 0.2 as stored and 0.3"),
+    ({"outputs": 7}, "holds another run: outputs is"), ({"verify": True}, "holds another run: verify is false as stored"),
 ])  # fmt: skip
 def test_another_call_is_refused(change, told, tmp_path):
     call = {"t_end": 0.2, "solver": mb.RadauIIA(3)}
@@ -138,13 +138,13 @@ def test_another_call_is_refused(change, told, tmp_path):
 
 def test_another_scene_or_version_is_refused(tmp_path):
     scenes.chain().simulate(0.2, checkpoint=tmp_path)
-    with pytest.raises(mb.OptionError, match=r"holds another run: scene\.name is \"two rods\" there"):
+    with pytest.raises(mb.OptionError, match=r"holds another run: scene\.name is \"two rods\" as stored"):
         scenes.stick_slip().simulate(0.2, checkpoint=tmp_path)
     place = tmp_path / "statement.json"
     stated = json.loads(place.read_text(encoding="utf-8"))
     stated["call"]["versions"]["mbdae"] = "0.0.9"
     place.write_text(json.dumps(stated), encoding="utf-8")
-    with pytest.raises(mb.OptionError, match=r'versions.mbdae is "0.0.9" there'):
+    with pytest.raises(mb.OptionError, match=r'versions.mbdae is "0.0.9" as stored'):
         scenes.chain().simulate(0.2, checkpoint=tmp_path)
     place.write_text("{", encoding="utf-8")
     with pytest.raises(mb.OptionError, match="cannot be read"):

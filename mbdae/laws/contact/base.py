@@ -24,7 +24,7 @@ CENTRED = 1e-40  #: m^2, keeps a distance differentiable where it is 0
 class Station:
     """A place where the bodies may touch. Expressions of the frames; SI units."""
 
-    penetration: Expr  #: > 0 in contact
+    penetration: Expr  #: m, positive in contact
     rate: Expr  #: time derivative of the penetration
     overlap: Expr  #: penetration where positive, else 0
     inward: Vec  #: unit vector along which penetration grows with the motion of l: the normal force on l is against it

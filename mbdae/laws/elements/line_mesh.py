@@ -30,7 +30,7 @@ class LineMesh:
     """Nodes and elements of a line, as drawn. n nodes, m elements of p + 1 nodes."""
 
     order: int
-    positions: Array  #: (n, 3) of the nodes, m
+    positions: Array  #: positions of the nodes (n, 3), m
     quaternions: Array  #: (n, 4) axes of the nodes, unit length
     headings: Array  #: (n,) angle of axis 1 in the plane z = 0, rad, continuous along the line
     elements: NDArray[np.intp]  #: (m, p + 1) nodes of every element
@@ -184,8 +184,9 @@ def _with_nodes(edges: Array, order: int, wanted: Array) -> Array:
         at = int(np.searchsorted(cut, place))
         smallest = min(sizes[at - 1], sizes[at])
         if smallest < SHORTEST * max(sizes[max(at - 2, 0) : at + 2]):
-            raise OptionError(f"an attachment at {place:.9g} of its segment would leave an element of {smallest:.3g} of it: "
-                              f"attach at the node at {nearest:.9g}, or move it away from there")  # fmt: skip
+            raise OptionError(f"an attachment at {place:.9g} of the length of its segment would leave an element of "
+                              f"{smallest:.3g} of that length: attach at the node at {nearest:.9g}, or move it away from "
+                              f"there")  # fmt: skip
         edges = cut
     return edges
 
