@@ -147,3 +147,11 @@ def test_what_accuracy_leaves_undecided_is_said():
         r = s.simulate(2.0, until=f"b.position[1] > {limit!r}")
     assert r.t[-1] == 2.0
     assert not r.events
+
+
+def test_what_is_recorded_shortly_before_the_end_of_a_short_run_stays_there():
+    """At 100 km/s, 1 m is reached after 10 us, 0.9 m before: instants are told apart by the length of the run."""
+    s = mb.Scene("fast")
+    s.point_mass("b", 1.0, at=(0, 0), velocity=(1e5, 0))
+    r = s.simulate(1.0, until="b.position[0] > 1", record=["b.position[0] > 0.9", "b.position[0] > 1"])
+    assert [event.time for event in r.events] == pytest.approx([0.9e-5, 1e-5], rel=1e-8)
