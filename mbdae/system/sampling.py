@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import ControllerError
+from mbdae.inputs.breaks import SAME as ROUND_OFF
 from mbdae.inputs.sensed import symbol
 from mbdae.scene.components import Controller
 from mbdae.system.assembled.observed import Observer
@@ -43,7 +44,15 @@ class _Called:
     @property
     def next(self) -> float:
         """Its next instant, s."""
-        return self.begin + self.count * self.controller.every
+        return self.instant(self.count)
+
+    def instant(self, n: int) -> float:
+        """The instant (s) of its call with a number."""
+        return self.begin + n * self.controller.every
+
+    def near(self, t: float) -> float:
+        """Difference of times (s) at t within which one of its instants is another instant of the run."""
+        return max(SAME * self.controller.every, ROUND_OFF * abs(t))
 
     def call(self, t: float, values: Sequence[float]) -> list[float]:
         """Its outputs at an instant; ControllerError with time and inputs where it fails or is not pure."""
@@ -134,9 +143,9 @@ class Sampler:
     def parts(self, begin: float, end: float) -> Iterator[tuple[float, float]]:
         """Begin and end (s) of the parts of an interval between instants; `due` holds the controllers of each begin."""
         while begin < end:
-            self.due = [c for c in self.called if c.next - begin <= SAME * c.controller.every]
-            coming = [c.next + (c.controller.every if c in self.due else 0.0) for c in self.called]
-            later = min((t for t, c in zip(coming, self.called, strict=True) if end - t > SAME * c.controller.every), default=end)
+            self.due = [c for c in self.called if c.next - begin <= c.near(begin)]
+            coming = [(c.instant(c.count + 1) if c in self.due else c.next, c) for c in self.called]
+            later = min((t for t, c in coming if end - t > c.near(end)), default=end)
             yield begin, later
             begin = later
 
