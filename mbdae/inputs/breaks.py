@@ -105,7 +105,7 @@ def distinct(times: Array, same: float = SAME) -> Array:
     near = same * _sizes(both)
     keep = np.concatenate([[True], np.diff(both) > near[1:]])
     keep[1:-1] &= both[-1] - both[1:-1] > near[1:-1]
-    keep[-1] = True
+    keep[-1] = both[-1] > both[0]
     return np.asarray(both[keep])
 
 

@@ -80,7 +80,13 @@ def increments_of(states: Array, inner: Array) -> Array:
 
 def inside_of(table: CollocationTable, starts: Array, increments: Array) -> Callable[[Array], Array]:
     """y (m, k, n) after parts (k,) of steps that begin with starts (m, n)."""
-    return lambda parts: np.asarray(starts[:, None] + table.values(parts) @ increments)
+
+    def inside(parts: Array) -> Array:
+        found = np.asarray(table.values(parts) @ increments)
+        found += starts[:, None]
+        return found
+
+    return inside
 
 
 def cubic(stages: int, h: float, start: tuple[Array, Array], end: tuple[Array, Array]) -> Array:

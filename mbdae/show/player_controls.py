@@ -1,4 +1,4 @@
-"""The script of the player for sensors, time and hands: it follows that of the view in the page."""
+"""JavaScript of the player for charts, time and user input; in the page it follows the script of the view."""
 
 CONTROLS = r"""// ---- sensors over time, beside the motion
 const DASH = [[], [7, 4], [8, 3, 2, 3], [2, 3]], LEFT = 62;

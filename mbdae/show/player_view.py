@@ -1,4 +1,4 @@
-"""The script of the player that draws the motion: `player.page` puts it into the page."""
+"""JavaScript of the player that draws the motion; `player.page` inserts it into the page."""
 
 VIEW = r""""use strict";
 const film = JSON.parse(document.getElementById("film").textContent);

@@ -223,6 +223,16 @@ def test_counts_of_all_processes_are_added(store):
     assert store.content() == (0, 0, 0, 0)
 
 
+def test_entries_are_few_enough_to_look_through(store, monkeypatch):
+    monkeypatch.setattr("mbdae.disk.store.MOST", 10)
+    for i in range(30):
+        store.write(f"{i:064x}", b"content")
+        os.utime(file_of(store, f"{i:064x}"), (i, i))
+        assert store.content().entries <= 10
+    assert store.read(f"{29:064x}") == b"content"
+    assert Store(store.folder).read(f"{0:064x}") is None
+
+
 def test_counts_go_on_after_their_file_was_shortened(store):
     for _ in range(2):
         store.read(KEY)

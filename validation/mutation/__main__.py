@@ -12,6 +12,8 @@ import json
 import sys
 import tempfile
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from itertools import accumulate
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +38,8 @@ def main() -> int:
     p.add_argument("--keep", type=Path, default=Path("mutants.json"), help="what was judged; a run goes on from there")
     p.add_argument("--covers", type=Path, default=Path("mutants.covers"), help="folder of the lines that tests execute")
     p.add_argument("--processes", type=int, default=2, help="mutants side by side")
+    p.add_argument("--at-most", type=float, default=inf, metavar="S",
+                   help="CPU s of tests after which a mutant counts as a survivor until it is judged --again")
     p.add_argument("--again", action="store_true", help="judge the survivors among those kept once more")
     suites = sorted({one["suite"] for one in STATED})
     p.add_argument("--stated", nargs="*", choices=suites, help="judge the mistakes of stated.json instead")
@@ -60,7 +64,8 @@ def judge(a: argparse.Namespace, kept: dict[str, Any]) -> None:
     measure(ROOT, a.covers, dict.fromkeys(name for one in areas for name in one.test_files(ROOT)), a.processes)
     covers = Covers(ROOT, a.covers)
     with ProcessPoolExecutor(a.processes, initializer=_begin) as pool:
-        jobs = [pool.submit(_judged, one.name, file, mutant, *_chosen(covers, one, file, mutant)) for one, file, mutant in left]
+        jobs = [pool.submit(_judged, one.name, file, mutant, *_chosen(covers, one, file, mutant, a.at_most))
+                for one, file, mutant in left]  # fmt: skip
         for job in as_completed(jobs):
             v = job.result()
             kept["judged"].append(v.to_dict())
@@ -69,9 +74,11 @@ def judge(a: argparse.Namespace, kept: dict[str, Any]) -> None:
             print(f"{place}: {v.killed or 'SURVIVED'} ({v.tests} tests, {v.cpu_s:.0f} s)", flush=True)
 
 
-def _chosen(covers: Covers, one: Area, file: Path, mutant: Mutant) -> tuple[list[str], float]:
+def _chosen(covers: Covers, one: Area, file: Path, mutant: Mutant, most: float) -> tuple[list[str], float]:
     """Tests of an area that may see a mutant, and CPU seconds after which they do not end."""
     tests = covers.order(one, file, mutant)
+    spent = list(accumulate(map(covers.cpu, tests)))
+    tests = tests[: sum(s <= most for s in spent)]
     return tests, 60 + 4 * sum(map(covers.cpu, tests))
 
 

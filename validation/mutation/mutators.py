@@ -22,6 +22,7 @@ IN_C = (  # what stands there, what takes its place
     (r" \+= ", " -= "), (r" -= ", " += "), (r"(?<=[=(,] )-(?=\w)", ""), (r"\breturn 0;", "return 1;"),
     (r"\breturn 1;", "return 0;"),
 )  # fmt: skip
+LARGE = 20  #: whole numbers above it: one more of them would change next to nothing
 LEFT_OUT_IN_C = re.compile(r"^( +)([\w>.\[\]*+-]+ [-+*/]?= [^;]*|\w+\([^;]*\)|continue|break);", re.MULTILINE)
 
 
@@ -70,15 +71,18 @@ def _of_c(text: str) -> Iterator[Mutant]:
 
 
 def _more(number: str) -> str:
-    return repr(float(number) + 1) if any(c in number for c in ".e") else str(int(number) + 1)
+    """One more, of a large whole number twice as many."""
+    if any(c in number for c in ".e"):
+        return repr(float(number) + 1)
+    return str(int(number) + 1 if int(number) < LARGE else 2 * int(number))
 
 
 class _Places(ast.NodeVisitor):
     """Mutants of a module: not of what it says in errors, nor of annotations, decorators, texts, of `strict` in
-    `zip`, and of what shows an object (`__repr__`)."""
+    `zip`, of bounds at which both pieces of a law are 0, and of what shows an object (`__repr__`)."""
 
     def __init__(self, text: str) -> None:
-        self.text, self.found = text, list[Mutant]()
+        self.text, self.found, self.meeting = text, list[Mutant](), set[ast.AST]()
         self.lines = [0]
         for line in text.splitlines(keepends=True):
             self.lines.append(self.lines[-1] + len(line))
@@ -121,12 +125,18 @@ class _Places(ast.NodeVisitor):
         for part in node.body:
             self.visit(part)
 
+    def visit_Call(self, node: ast.Call) -> None:
+        self.meeting |= set(_meeting(node))
+        self.generic_visit(node)
+
     def visit_keyword(self, node: ast.keyword) -> None:
         if node.arg != "strict":  # of zip: lengths that are equal anyway
             self.visit(node.value)
 
     def visit_Compare(self, node: ast.Compare) -> None:
         for left, op, right in zip([node.left, *node.comparators], node.ops, node.comparators, strict=False):
+            if node in self.meeting:
+                continue
             self.between(left, right, COMPARED[type(op)])
         self.generic_visit(node)
 
@@ -174,6 +184,16 @@ class _Places(ast.NodeVisitor):
         if all(isinstance(target, ast.Subscript) for target in node.targets):
             self.put(*self.span(node), "pass")
         self.generic_visit(node)
+
+
+def _meeting(node: ast.Call) -> Iterator[ast.AST]:
+    """Conditions of a Piecewise((x, x > 0), (0 or -x, True)): at the bound itself both pieces are 0."""
+    pairs = [a.elts for a in node.args if isinstance(a, ast.Tuple) and len(a.elts) == 2]
+    if ast.unparse(node.func).endswith("Piecewise") and len(pairs) == len(node.args) == 2:
+        (value, condition), (other, _) = pairs
+        x = ast.unparse(value)
+        if ast.unparse(condition) == f"{x} > 0" and ast.unparse(other) in ("0", f"-{x}"):
+            yield condition
 
 
 def _is_text(node: ast.AST) -> bool:
