@@ -65,8 +65,8 @@ class Job:
     accuracy: float
     asked: Asked  #: end, wall time and progress
     times: Array  #: of the result, s
+    continued: bool  #: it begins where another run ended
     choice: str = ""
-    continued: bool = False  #: it begins where another run ended
     begin: float = field(default_factory=time.perf_counter)
     _systems: dict[tuple[Form, int], SceneSystem] = field(default_factory=dict)
 
