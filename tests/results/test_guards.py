@@ -243,3 +243,9 @@ def test_a_leaf_without_mass_is_refused_by_name(model):
     s.revolute("ankle", root, leaf, at=(1, 0), model=model)
     with pytest.raises(mb.SceneError, match=r"ankle|leaf"):
         s.simulate(0.1)
+
+
+def test_constant_steps_tell_a_singular_position_and_suspect_no_regular_one():
+    """Without a tolerance, what lies within a millionth is one position."""
+    assert not told(parallelogram(0.1).simulate(1.5, solver=mb.RadauIIA(3, step=0.01)), "passes a singular position")
+    assert told(parallelogram(0.0).simulate(1.5, solver=mb.RadauIIA(3, step=0.01)), "passes a singular position")
