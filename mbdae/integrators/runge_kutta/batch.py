@@ -54,6 +54,19 @@ class Batch(ListsAttributes):
         return f"<Batch: {len(self.errors)} points, {len(self.failures)} failed, {self.cpu_s:.3g} s CPU>"
 
 
+def is_watched(s: System, t_end: float) -> bool:
+    """Whether something is watched between the steps of a run to t_end, s."""
+    line = s.timeline(s.t0, t_end) if s.timeline is not None else None
+    return any(part is not None for part in (line, s.guards, s.switches, s.longest_step, s.sampled))
+
+
+def refuse_watched(system: System, t_end: float) -> None:
+    """Raise OptionError where numbers of laws may not vary in a batch of runs to t_end, s."""
+    if is_watched(system, t_end):
+        raise OptionError("numbers: contacts, switching laws, sampled controllers and breaks of inputs are watched with "
+                          "numbers of their own; build a scene for every value, and solve them one by one")  # fmt: skip
+
+
 def solve_batch(system: System, t_end: float, solver: Any = None, *, starts: Any = None,
                 numbers: Mapping[str, Any] | None = None, outputs: Any = None, max_wall: float | None = None,
                 progress: Progress | None = None) -> Batch:  # fmt: skip
@@ -169,13 +182,9 @@ class _Run:
 
     def _plain(self) -> bool:
         """Whether nothing is watched between the steps of a run."""
-        s = self.system
-        line = s.timeline(s.t0, self.asked.t_end) if s.timeline is not None else None
-        watched = any(part is not None for part in (line, s.guards, s.switches, s.longest_step, s.sampled))
-        if watched and self.points.at is not None:
-            raise OptionError("numbers: contacts, switching laws, sampled controllers and breaks of inputs are watched with "
-                              "numbers of their own; build a scene for every value, and solve them one by one")  # fmt: skip
-        return not (watched or s.looks_at_steps)
+        if self.points.at is not None:
+            refuse_watched(self.system, self.asked.t_end)
+        return not (is_watched(self.system, self.asked.t_end) or self.system.looks_at_steps)
 
     def _native(self) -> None:
         equations, p, rtol = rates_of(self.system), self.points, self.solver.tolerance
