@@ -141,7 +141,7 @@ def _in_product(node: Node) -> Iterator[Edited]:
             yield Edit("no bracket around {}", (factor,), resizes=True), made("sum", head, *factor.parts[1:])
         if i + 1 < len(parts):
             swapped = (*parts[:i], parts[i + 1], factor, *parts[i + 2 :])
-            edit = Edit("{} and {} the other way round", (factor, parts[i + 1]), resizes=True, size=1.3)
+            edit = Edit("factors {} and {} exchanged", (factor, parts[i + 1]), resizes=True, size=1.3)
             yield edit, node.with_parts(swapped)
 
 

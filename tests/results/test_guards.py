@@ -48,7 +48,7 @@ def test_energy_that_bdf_feeds_is_told(solver, drifts):
     if drifts:
         (note,) = told(r, "the energy balance drifts")
         assert "gained without a cause" in note
-        assert "BDF of order above 2 feeds undamped motion: use mb.RadauIIA(3)" in note
+        assert "BDF of order above 2 adds energy to undamped motion: use mb.RadauIIA(3)" in note
     else:
         assert off < 1e-5 * 30
 
