@@ -22,7 +22,8 @@ from typing import NamedTuple
 from mbdae.disk.place import chosen_folder, made, opened
 
 LIMIT = 500_000_000  #: largest size of all entries, bytes; the least recently used are removed first
-KEPT = 0.8  #: fraction of the limit to which entries are reduced
+MOST = 10_000  #: largest number of entries: a folder with more takes longer to look through than a scene takes to derive
+KEPT = 0.8  #: fraction of both limits to which entries are reduced
 SUFFIX, PART, COUNTS = ".kept", ".part", "counts"
 HASH = 32  #: length of the hash, bytes
 DAY, HOUR = 86400.0, 3600.0
@@ -44,7 +45,7 @@ class Store:
         self.folder, self.limit = folder, limit
         self.why = why or ("there is no folder" if folder is None else made(folder))
         self.hits = self.misses = 0
-        self._size: int | None = None  #: size of all entries as far as this process knows, bytes
+        self._held: tuple[int, int] | None = None  #: size (bytes) and number of all entries as far as this process knows
         self._full = False
         if self.used:
             atexit.register(self._count)
@@ -107,22 +108,23 @@ class Store:
             self._path(key).unlink()
 
     def _bounded(self, added: int) -> None:
-        """Remove the least recently used entries where all together exceed the limit."""
-        if self._size is None:
-            self._size = sum(size for _, size, _ in self._files())
+        """Remove the least recently used entries where all together exceed the limit, or are more than MOST."""
+        if self._held is None:
+            files = self._files()
+            self._held = sum(size for _, size, _ in files), len(files)
         else:
-            self._size += added
-        if self._size <= self.limit:
+            self._held = self._held[0] + added, self._held[1] + 1
+        if self._held[0] <= self.limit and self._held[1] <= MOST:
             return
         files = sorted(self._files())
-        left = sum(size for _, size, _ in files)
+        left, count = sum(size for _, size, _ in files), len(files)
         for _, size, path in files:
-            if left <= KEPT * self.limit:
+            if left <= KEPT * self.limit and count <= KEPT * MOST:
                 break
             with contextlib.suppress(OSError):
                 os.unlink(path)
-                left -= size
-        self._size = left
+                left, count = left - size, count - 1
+        self._held = left, count
 
     def _files(self) -> list[tuple[float, int, str]]:
         """Time of last use, size (bytes) and path of every entry; removes files left by interrupted writing."""
@@ -156,7 +158,8 @@ class Store:
         """Replace the lines of the file of counts by their sum; counts added meanwhile may be lost, which is harmless."""
         hits, misses = self._counts()
         part = Path(f"{self.folder}/{secrets.token_hex(8)}{PART}")
-        part.write_text(f"{hits} {misses}\n")
+        with open(opened(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL), "wb") as file:
+            file.write(f"{hits} {misses}\n".encode())
         os.replace(part, Path(f"{self.folder}/{COUNTS}"))
 
     def _counts(self) -> tuple[int, int]:
@@ -178,7 +181,7 @@ class Store:
         for path in [path for *_, path in files] + [f"{self.folder}/{COUNTS}"] * self.used:
             with contextlib.suppress(OSError):
                 os.unlink(path)
-        self._size = None
+        self._held = None
         return len(files)
 
 

@@ -90,14 +90,22 @@ def _sizes(edges: Array) -> Array:
 
 def _merged(edges: Array, found: Array, same: float) -> Array:
     """Edges and further ones, those that differ by round-off once; the ends stay."""
-    inside = np.sort(found[(found > edges[0]) & (found < edges[-1])])
-    both = np.sort(np.concatenate([edges, inside]))
+    inside = found[(found > edges[0]) & (found < edges[-1])]
+    if len(edges) + len(inside) > MOST:
+        raise TooManyError(f"switches more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
+    return distinct(np.concatenate([edges, inside]), same)
+
+
+def distinct(times: Array, same: float = SAME) -> Array:
+    """Times (k,) rising, those once that differ by round-off; the first and the last stay. A step between two that are one
+    instant would be too short to be taken."""
+    both = np.sort(times)
+    if len(both) < 2:
+        return np.asarray(both)
     near = same * _sizes(both)
     keep = np.concatenate([[True], np.diff(both) > near[1:]])
     keep[1:-1] &= both[-1] - both[1:-1] > near[1:-1]
-    keep[-1] = True
-    if len(both) > MOST:
-        raise TooManyError(f"switches more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
+    keep[-1] = both[-1] > both[0]
     return np.asarray(both[keep])
 
 

@@ -143,8 +143,7 @@ def _with_plain_numbers(e: Expr) -> Expr:
 
 @lru_cache(maxsize=512)
 def sided(e: Expr) -> Expr:
-    """The expression with `SIDE` for the time in its conditions and floors, and as second argument of its tables; unchanged where
-    that is done already."""
+    """The expression with `SIDE` for the time in its conditions and floors, and as second argument of its tables; once."""
     if not any(isinstance(node, se.Piecewise | se.FunctionSymbol) or type(node).__name__ == "floor" for node in nodes(e)):
         return e
 
@@ -162,8 +161,7 @@ def sided(e: Expr) -> Expr:
 @lru_cache(maxsize=512)
 def derivatives(e: Expr) -> tuple[Expr, Expr, Expr]:
     """The expression and its first two time derivatives, with sides."""
-    e = sided(e)
-    d = rate(e)
+    d = rate(e := sided(e))
     return e, d, rate(d)
 
 

@@ -18,6 +18,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from mbdae.errors import OptionError
+from mbdae.inputs.breaks import distinct
 from mbdae.inputs.resolution import LongestStep
 from mbdae.integrators.checkpoints.keeper import active
 from mbdae.integrators.checkpoints.record import Record
@@ -186,7 +187,7 @@ class Solver(ABC):
         longest = None if line is None else line.longest_step(SHARE if share is None and self.fixed else share or 1.0)
         if sampler is not None and share is not None and share < 1:  # steps that instants alone bound have to differ too
             inputs = np.zeros(0) if longest is None else longest.edges
-            longest = LongestStep(np.unique(np.concatenate([inputs, sampler.instants(loop.run_end)])), share)
+            longest = LongestStep(distinct(np.concatenate([inputs, sampler.instants(loop.run_end)])), share)
         edges = [system.t0, loop.run_end] if line is None else line.edges.tolist()
         try:
             for a, b in pairwise(edges):

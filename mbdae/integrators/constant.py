@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from math import ceil, inf
+from math import ceil
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,6 +16,8 @@ from mbdae.system.base import Array
 
 #: changes of an unknown over its magnitude that constant steps are not expected to follow
 FOLLOWED = 1e-9
+#: parts of a step: lengths that differ by less are equal; a kink so near to the end of a step ends it in its stead
+SAME, CLOSE = 1e-6, 1e-3
 
 
 class StepFailedError(Exception):
@@ -80,16 +82,17 @@ def constant_steps(loop: StepLoop, h: float, step: Stepping, solve: Callable[[fl
 
 def _steps(loop: StepLoop, h: float, step: Stepping, t0: float) -> Iterator[tuple[float, float, bool]]:
     """(end, width, whether it is a step of h) of every step that is left of those from t0; those longer than an input of time
-    allows are divided."""
+    allows are divided, and end at kinks of tables."""
     longest = loop.system.longest_step
-    count = max(1, ceil((loop.t_end - t0) / h - 1e-6))
+    count = max(1, ceil((loop.t_end - t0) / h - SAME))
     for k in range(1, count + 1):
-        goal = loop.t_end if k == count else t0 + k * h
-        if goal <= step.t:
-            continue
-        while (bound := inf if longest is None else longest(step.t)) < (goal - step.t) * (1 - 1e-6):
-            width = (goal - step.t) / ceil((goal - step.t) / bound)
-            yield step.t + width, width, False
-        rest = goal - step.t
-        whole = abs(rest - h) <= 1e-6 * h
-        yield goal, h if whole else rest, whole
+        goal, least = (loop.t_end, 0.0) if k == count else (t0 + k * h, CLOSE * h)
+        while goal - step.t > least:
+            end, parts = goal, 1
+            if longest is not None:
+                kink = longest.kink_after(step.t, SAME * h)
+                end = kink if kink < goal + (least or -SAME * h) else goal
+                parts = max(1, ceil((end - step.t) / longest.of_stretches(step.t) - SAME))
+            width = (end - step.t) / parts
+            whole = abs(width - h) <= SAME * h
+            yield end if parts == 1 else step.t + width, h if whole else width, whole

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mbdae.integrators.runge_kutta.tables import CollocationTable, radau_table
 from mbdae.system.base import Array
 
+FEW = 64  #: times that are evaluated together: memory that stays in the caches of a processor
 BLOCK = 1000  #: steps that are kept, or interpolated, together
 EVEN = 0.5  #: shortest of neighbouring steps over a step, above which one polynomial goes through all of them
 
@@ -38,7 +39,7 @@ class Collocation:
     def value(self, times: Array) -> Array:
         """y (k, n) at times (k,)."""
         i, theta = self._locate(times)
-        found = self.y[i] + self._combine(i, self.table.values(theta))
+        found = self._combine(i, self.table.values(theta), self.y)
         last = theta == 1  # the end of a step exactly: polynomials of high degree have some round-off there
         if last.any() and len(self.t) > 1:
             found[last] = self.ends[i[last]]
@@ -56,13 +57,19 @@ class Collocation:
         i = interval(self.t, times)
         return i, (times - self.t[i]) / self._widths()[i]
 
-    def _combine(self, i: NDArray[np.intp], weights: Array) -> Array:
-        """Sum of the increments (k, n) with weights (k, s)."""
+    def _combine(self, i: NDArray[np.intp], weights: Array, start: Array | None = None) -> Array:
+        """Sum of the increments (k, n) with weights (k, s), on top of the values `start` at the steps."""
+        total = np.zeros((len(i), self.y.shape[1])) if start is None else start[i]
         if len(self.t) == 1:
-            return np.zeros((len(i), self.y.shape[1]))
-        total = weights[:, -1:] * (self.ends[i] - self.y[i])
-        for j in range(self.inner.shape[1]):
-            total += weights[:, j : j + 1] * self.inner[i, j]
+            return total
+        for first in range(0, len(i), FEW):
+            some, w = i[first : first + FEW], weights[first : first + FEW]
+            at, part = total[first : first + FEW], self.ends[some]
+            part -= self.y[some]
+            part *= w[:, -1:]
+            at += part
+            for j in range(self.inner.shape[1]):
+                at += w[:, j : j + 1] * self.inner[some, j]
         return total
 
 
@@ -73,7 +80,13 @@ def increments_of(states: Array, inner: Array) -> Array:
 
 def inside_of(table: CollocationTable, starts: Array, increments: Array) -> Callable[[Array], Array]:
     """y (m, k, n) after parts (k,) of steps that begin with starts (m, n)."""
-    return lambda parts: np.asarray(starts[:, None] + table.values(parts) @ increments)
+
+    def inside(parts: Array) -> Array:
+        found = np.asarray(table.values(parts) @ increments)
+        found += starts[:, None]
+        return found
+
+    return inside
 
 
 def cubic(stages: int, h: float, start: tuple[Array, Array], end: tuple[Array, Array]) -> Array:

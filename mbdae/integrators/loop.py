@@ -62,6 +62,7 @@ class StepLoop:
         self._systems: list[tuple[float, System]] = [(float(system.t0), system)]
         self._restarted = 0  # number of the step at which the run was restarted last
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the run was restarted there
+        self.switched: dict[int, tuple[int, float]] = {}  #: see `watched.chattering`
         self._anew: dict[int, tuple[Array, Array]] = {}  # the same after it, of restarts in an earlier process
 
     @property

@@ -15,8 +15,8 @@ from mbdae.integrators.solution import Stats
 from mbdae.values import BadValueError, shown
 
 FORMAT, VERSION = "mbdae result", 1
-DEEPEST = 60  #: lists and tables inside each other
-MOST = 2**53  #: of counts
+DEEPEST = 60  #: largest depth of lists and tables inside each other
+MOST = 2**53  #: largest count that a header may state
 Kind = Callable[[Any, str], None]
 
 

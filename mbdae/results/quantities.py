@@ -44,12 +44,12 @@ def value(result: Any, quantity: Quantity) -> Array:
 
 
 def named(quantity: Any) -> str:
-    """What a quantity is called."""
+    """The name of a quantity in messages and tables."""
     return quantity if isinstance(quantity, str) else str(getattr(quantity, "__name__", "a function"))
 
 
 def unit_of(result: Any, quantity: Any) -> str:
-    """Unit of a sensor; "" of expressions and functions."""
+    """Unit of a sensor; "" for expressions and functions, whose unit is not known."""
     try:
         return measured(result.prepared.model.scene, quantity)[1]
     except (SceneError, AttributeError, TypeError):

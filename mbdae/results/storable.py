@@ -29,7 +29,7 @@ def statements(scene: SceneData) -> dict[str, Any]:
 
 
 def by_item(data: dict[str, Any]) -> dict[str, Any]:
-    """The same data with statements by kind and item, and their arguments by name, so that a difference can be told in words."""
+    """Data of a scene with statements by kind and item, and their arguments by name, to describe a difference in words."""
     said: dict[str, Any] = {}
     for method, args, kwargs in data["statements"]:
         names = list(signature(STATEMENTS[method]).parameters)[1:]

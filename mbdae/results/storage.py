@@ -186,7 +186,7 @@ def _scene(header: dict[str, Any], known: Known) -> SceneData:
     _check_elements(header["scene"]["statements"], len(header["run"]["names"]))
     scene: SceneData = replay(header["scene"], SceneData, known)
     if scene.problems or not scene.bodies:
-        raise BadValueError(f"its scene cannot be: {scene.problems[0] if scene.problems else 'it has no bodies'}")
+        raise BadValueError(f"its scene is wrong: {scene.problems[0] if scene.problems else 'it has no bodies'}")
     return scene
 
 
@@ -324,7 +324,7 @@ def _check_shapes(header: dict[str, Any], shapes: dict[str, tuple[int, ...]]) ->
     meant |= {"t": (None,), "steps": (steps,), "y": (steps, n), "yp": (steps, n)}
     if dense["kind"] == "collocation":
         meant |= {"inner": (steps - 1, dense["stages"] - 1, n)}
-        meant |= {"ends": (steps - 1, n)} if "ends" in shapes else {}  # earlier versions had none
+        meant |= {"ends": (steps - 1, n)} if "ends" in shapes else {}  # files of earlier versions have none
     if dense["kind"] == "joined":
         inside = sum(dense["steps"])
         meant |= {"part_t": (inside,), "part_y": (inside, n), "part_yp": (inside, n)}

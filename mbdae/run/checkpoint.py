@@ -18,10 +18,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mbdae.errors import OptionError, StoppedError
-from mbdae.files import first_difference, write_file
+from mbdae.files import first_difference, read_file, write_file
 from mbdae.formulations import Form
 from mbdae.integrators.base import Solver
 from mbdae.integrators.checkpoints.keeper import Keeper, Stopping, active, keeping_runs
+from mbdae.integrators.checkpoints.trees import DamagedError
 from mbdae.results.result import Result
 from mbdae.results.storable import by_item, statements
 from mbdae.results.storage import own_laws
@@ -70,6 +71,8 @@ def kept(keeper: Keeper | None, statement: Callable[[], dict[str, Any]]) -> Iter
     try:
         with _ended_by_sigterm(keeper), keeping_runs(keeper):
             yield
+    except DamagedError as error:
+        raise OptionError(f"checkpoint: {error}") from error
     except Stopping:
         raise StoppedError(f"stopped by SIGTERM: what was computed is kept in '{keeper.folder}'; the same call goes on from "
                            f"there") from None  # fmt: skip
@@ -108,7 +111,7 @@ def _check(folder: Path, here: dict[str, Any]) -> None:
         write_file(place, json.dumps({"format": FORMAT, "call": here}, indent=1) + "\n")
         return
     try:
-        there = json.loads(place.read_text(encoding="utf-8"))
+        there = json.loads(read_file(place))
         call = there["call"] if there["format"] == FORMAT else None
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise OptionError(f"checkpoint: '{place}' cannot be read ({error}): delete the folder, or name another one") from error

@@ -8,6 +8,7 @@ rtol (`Solver.factors`) only choose the first tolerance.
 
 from __future__ import annotations
 
+import math
 import time
 import warnings
 from dataclasses import dataclass, replace
@@ -16,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbdae.errors import AccuracyWarning, SolverError, WallClockError, keeping
+from mbdae.errors import FINAL, AccuracyWarning, ChatteringError, SolverError, WallClockError, keeping
 from mbdae.integrators.base import SHARE, Asked, Solver
 from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.halving import halved
@@ -47,6 +48,7 @@ CUT = 100  #: residual evaluations allowed in addition for every step that input
 CHAOTIC = 2.0  #: with contact: a run is not repeated after two repeats lowered its estimate by less than this factor
 CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic and not predictable beyond "
          "some time; rely on energies, forces and statistics, or on a shorter run")  # fmt: skip
+FALL, SLOW = 0.9, 0.4  #: power of the tolerance with which errors are taken to fall, and the smallest power assumed
 #: smallest and largest ratio of the tolerance of a repeated run to that of the run before
 FINER, FINER_WITH_IMPACTS = (1e-3, 0.3), (0.1, 0.3)
 COARSE = 3.0  #: a run is repeated if its tolerance is above this many times the one that resolves its penetrations
@@ -126,7 +128,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     tight = solver.at_accuracy(accuracy, system.label)
     tight = _with_rtol(tight, min(tight.tolerance, LOOSEST / 2, max(ceiling, limit)))
     best, made = companions_of(system, tight, asked)
-    most, estimates, count, kept = ATTEMPTS - 1 + best.runs, list[float](), len(made), len(companions(system, solver))
+    most, count, kept = ATTEMPTS - 1 + best.runs, len(made), len(companions(system, solver))
+    told: list[tuple[float, float]] = []  # tolerances and estimates
     while best.runs < most:
         loose, coarse = made[-1]
         try:
@@ -138,6 +141,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
                 f"max_wall = {asked.max_wall:g} s of wall time is used up while the error was measured: "
                 f"{UNKNOWN.format(best.solver.rtol)}; raise max_wall or loosen the accuracy",
                 error.time, error.culprit, best.solution) from error  # fmt: skip
+        except ChatteringError:
+            raise
         except SolverError as error:
             best = replace(best, notes=(*best.notes, f"a tighter run failed: {error}")).after(1, cpu_of(error))
             tight = _with_rtol(tight, (tight.tolerance * loose) ** 0.5)
@@ -146,7 +151,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
         made, count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are large and no longer needed
-        estimates.append(estimated(system, solver, made, measure, outputs))
+        told.append((tight.tolerance, estimated(system, solver, made, measure, outputs)))
+        estimates = [estimate for _, estimate in told]
         share = share_of(system, solver, tight.tolerance / loose)
         others = other_run(system, prepared, coarse, check_times(coarse, outputs), share)
         best = Controlled(fine, tight, estimates[-1], runs, cpu, best.notes, others)
@@ -159,10 +165,19 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             continue
         if system.guards is not None and len(estimates) > 2 and best.estimate > max(estimates[:-1]) / CHAOTIC:
             return replace(best, notes=(*best.notes, CHAOS.format(max(estimates[:-1]), best.estimate)))
-        least = (0.5 * accuracy / best.estimate) ** (1 / 0.9)
+        least = (0.5 * accuracy / best.estimate) ** (1 / _fall(told))
         wanted = tight.tolerance * float(np.clip(least, *(FINER if system.guards is None else FINER_WITH_IMPACTS)))
         tight = _with_rtol(tight, max(wanted, limit))
     return best
+
+
+def _fall(told: list[tuple[float, float]]) -> float:
+    """The power of the tolerance with which the error is taken to fall, from tolerances and estimates: FALL, or what the last two
+    runs showed where that is less. It may be far less where runs leave out vibrations that tighter ones resolve."""
+    if len(told) < 2:
+        return FALL
+    (loose, before), (tight, now) = told[-2:]
+    return min(max(math.log(before / now) / math.log(loose / tight), SLOW), FALL) if 0 < now < before else SLOW
 
 
 def _cuts(system: System, solver: Solver, end: float) -> int:
@@ -184,7 +199,7 @@ def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controll
         try:
             run = solver.run(system, replace(asked, share=CLOSER ** len(made)))
         except SolverError as error:
-            if rtol == rtols[-1] or isinstance(error, WallClockError):
+            if rtol == rtols[-1] or isinstance(error, FINAL):
                 raise
             continue
         cpu += run.stats.cpu_s

@@ -24,7 +24,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
-from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError, keeping
+from mbdae.errors import FINAL, AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError, keeping
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.checkpoints.keeper import keeping_runs
@@ -155,7 +155,7 @@ class Job:
             job = replace(self, form=own, choice=f"{solver.label}, {own.label}: {why}" if why else str(choice))
             try:
                 run = job.run(solver, strict=True)
-            except WallClockError:
+            except FINAL:
                 raise
             except (SolverError, OptionError) as error:
                 said = str(error)
@@ -230,7 +230,7 @@ def _better(run: Controlled, attempt: Callable[[], Controlled]) -> Controlled:
     """The run, or that of an attempt if its estimate is smaller; with the cost of both."""
     try:
         again = attempt()
-    except WallClockError:
+    except FINAL:
         raise
     except OptionError:  # round-off does not allow the smaller tolerance
         return run

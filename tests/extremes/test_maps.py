@@ -114,7 +114,7 @@ def test_a_stopped_map_goes_on(tmp_path):
     m = mb.extremes(**asked, progress=lambda done, total, label: begun.append(label), resume=tmp_path / "m.json")
     assert begun == ["rod.mass = 2: reference", "rod.mass = 2: IDA GGL", "rod.mass = 2: chosen by mbdae"]
     assert len(m.cells) == 4
-    with pytest.raises(mb.OptionError, match=r"holds another map: accuracies\[0\] is 0.001 there and 0.0001 here"):
+    with pytest.raises(mb.OptionError, match=r"holds another map: accuracies\[0\] is 0.001 as stored and 0.0001 in this call"):
         mb.extremes(**(asked | {"accuracy": 1e-4}), resume=tmp_path / "m.json")
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import mbdae as mb
+from mbdae.integrators.halving import _order as shown_order
 from mbdae.run.estimate import companions, estimated
 
 SMOOTH, TOUCHING = SimpleNamespace(guards=None), SimpleNamespace(guards=object())
@@ -40,3 +41,11 @@ def test_errors_that_happen_to_be_alike_are_not_trusted_with_impacts():
     assert told(TOUCHING, solver, errors) > 4.8e-4
     assert told(SMOOTH, solver, errors) < 4.8e-4 / 3
     assert [len(companions(system, solver)) for system in (SMOOTH, TOUCHING)] == [1, 2]
+
+
+@pytest.mark.parametrize(("gaps", "expected"), [
+    ((16e-6, 1e-6), 4.0), ((1e-6, 16e-6), 2.0), ((2e-6, 1e-6), 2.0), ((1e-6, 0.0), 2.0), ((np.inf, 1e-6), 2.0),
+    ((1.0, 1e-6), 5.0), ((8.0, 2.0), 2.0), ((80.0, 2.5), 5.0), ((8.0, 1.0), 3.0)])  # fmt: skip
+def test_the_order_that_runs_with_halved_steps_show(gaps, expected):
+    """Their distances fall by 2 to the order: of no less than 2, which is believed, and no more than 5, which is stated."""
+    assert shown_order(2.0, 5.0, (gaps[0], 0.2), (gaps[1], 0.1)) == pytest.approx(expected)

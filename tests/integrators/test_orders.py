@@ -33,7 +33,8 @@ def test_the_reference_and_the_closed_form_tell_the_same(stages):
     known = mb.measure_order(mb.RadauIIA(stages), circle("ggl"), 1.0, exact=circle_exact)
     found = mb.measure_order(mb.RadauIIA(stages), circle("ggl"), 1.0)
     assert found.orders["multipliers"] == pytest.approx(known.orders["multipliers"], abs=0.1)
-    assert found.errors["multipliers"][:5] == pytest.approx(known.errors["multipliers"][:5], rel=5e-2)
+    seen, close = (5, 5e-2) if stages == 5 else (None, 1e-4)  # 3 stages are the reference of 5, 5 stages that of all others
+    assert found.errors["multipliers"][:seen] == pytest.approx(known.errors["multipliers"][:seen], rel=close)
 
 
 def test_round_off_is_no_order():

@@ -211,9 +211,9 @@ def test_a_folder_keeps_parts_and_goes_on(tmp_path, monkeypatch):
     assert seen == [6]
     assert again.array("A.rate").tobytes() == whole.tobytes()
     assert all(isinstance(part, Path) for part in again._parts.values())  # on the disk, not in memory
-    with pytest.raises(mb.OptionError, match=r"holds another sweep: grid.b.mass\[1\] is 0.7 there and 0.8 here"):
+    with pytest.raises(mb.OptionError, match=r"holds another sweep: grid.b.mass\[1\] is 0.7 as stored and 0.8 in this call"):
         here(arm(), GRID | {"b.mass": [0.4, 0.8]}, resume=tmp_path / "kept")
-    with pytest.raises(mb.OptionError, match=r"sweep: scene.statements.revolute 'A', number 3.damper is 0.3 there and 0.9 here"):
+    with pytest.raises(mb.OptionError, match=r"revolute 'A', number 3.damper is 0.3 as stored and 0.9 in this call"):
         here(arm(damper=0.9), GRID, resume=tmp_path / "kept")
 
 

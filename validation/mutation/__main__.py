@@ -11,6 +11,9 @@ import argparse
 import json
 import sys
 import tempfile
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from itertools import accumulate
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +21,8 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "validation"))
 
 from mutation.areas import AREAS, Area, area  # noqa: E402
-from mutation.judge import Copy, drawn  # noqa: E402
+from mutation.covers import Covers, measure  # noqa: E402
+from mutation.judge import Copy, Verdict, drawn  # noqa: E402
 from mutation.mutators import Mutant  # noqa: E402
 from mutation.page import write  # noqa: E402
 
@@ -32,6 +36,10 @@ def main() -> int:
     p.add_argument("--seed", type=int, default=0)
     p.add_argument("--area", choices=[a.name for a in AREAS], action="append", help="these areas alone")
     p.add_argument("--keep", type=Path, default=Path("mutants.json"), help="what was judged; a run goes on from there")
+    p.add_argument("--covers", type=Path, default=Path("mutants.covers"), help="folder of the lines that tests execute")
+    p.add_argument("--processes", type=int, default=2, help="mutants side by side")
+    p.add_argument("--at-most", type=float, default=inf, metavar="S",
+                   help="CPU s of tests after which a mutant counts as a survivor until it is judged --again")
     p.add_argument("--again", action="store_true", help="judge the survivors among those kept once more")
     suites = sorted({one["suite"] for one in STATED})
     p.add_argument("--stated", nargs="*", choices=suites, help="judge the mistakes of stated.json instead")
@@ -48,21 +56,43 @@ def main() -> int:
 def judge(a: argparse.Namespace, kept: dict[str, Any]) -> None:
     """Judge what is not judged yet; every verdict is kept at once."""
     areas = [area(name) for name in a.area] if a.area else list(AREAS)
-    if a.again:
-        kept["judged"] = [one for one in kept["judged"] if one["killed"]]
-    seen = {_key(one) for one in kept["judged"]}
-    with tempfile.TemporaryDirectory(prefix="mbdae-mutants-") as folder:
-        copy = Copy(ROOT, Path(folder))
-        for one, file, mutant in drawn(list(AREAS), ROOT, a.mutants, a.seed):
-            said = {"file": str(file.relative_to(ROOT)), "line": mutant.line(file.read_text(encoding="utf-8")),
-                    "old": mutant.old, "new": mutant.new, "area": one.name}  # fmt: skip
-            if one not in areas or _key(said) in seen:
-                continue
-            verdict = copy.judged(one, file, mutant)
-            kept["judged"].append(verdict.to_dict())
+    every = [(one, file, mutant, _key(one, file, mutant)) for one, file, mutant in drawn(list(AREAS), ROOT, a.mutants, a.seed)]
+    keys = {key for *_, key in every}
+    kept["judged"] = [one for one in kept["judged"] if _kept_key(one) in keys and (one["killed"] or not a.again)]
+    seen = {_kept_key(one) for one in kept["judged"]}
+    left = [(one, file, mutant) for one, file, mutant, key in every if one in areas and key not in seen]
+    measure(ROOT, a.covers, dict.fromkeys(name for one in areas for name in one.test_files(ROOT)), a.processes)
+    covers = Covers(ROOT, a.covers)
+    with ProcessPoolExecutor(a.processes, initializer=_begin) as pool:
+        jobs = [pool.submit(_judged, one.name, file, mutant, *_chosen(covers, one, file, mutant, a.at_most))
+                for one, file, mutant in left]  # fmt: skip
+        for job in as_completed(jobs):
+            v = job.result()
+            kept["judged"].append(v.to_dict())
             a.keep.write_text(json.dumps(kept, indent=1), encoding="utf-8")
-            print(f"{len(kept['judged']):4d} {one.name:12s} {verdict.file}:{verdict.line} {verdict.old!r} -> {verdict.new!r}: "
-                  f"{verdict.killed or 'SURVIVED'} ({verdict.cpu_s:.0f} s)", flush=True)  # fmt: skip
+            place = f"{len(kept['judged']):4d} {v.area:12s} {v.file}:{v.line} {v.old!r} -> {v.new!r}"
+            print(f"{place}: {v.killed or 'SURVIVED'} ({v.tests} tests, {v.cpu_s:.0f} s)", flush=True)
+
+
+def _chosen(covers: Covers, one: Area, file: Path, mutant: Mutant, most: float) -> tuple[list[str], float]:
+    """Tests of an area that may see a mutant, and CPU seconds after which they do not end."""
+    tests = covers.order(one, file, mutant)
+    spent = list(accumulate(map(covers.cpu, tests)))
+    tests = tests[: sum(s <= most for s in spent)]
+    return tests, 60 + 4 * sum(map(covers.cpu, tests))
+
+
+_copy: list[Copy] = []  #: of this process
+
+
+def _begin() -> None:
+    folder = tempfile.TemporaryDirectory(prefix="mbdae-mutants-")
+    _copy.append(Copy(ROOT, Path(folder.name)))
+    _copy[0].ends_with = folder  # type: ignore[attr-defined]
+
+
+def _judged(name: str, file: Path, mutant: Mutant, tests: list[str], cpu: float) -> Verdict:
+    return _copy[0].judged(name, file, mutant, tests, cpu)
 
 
 def judge_stated(a: argparse.Namespace, kept: dict[str, Any]) -> None:
@@ -73,15 +103,20 @@ def judge_stated(a: argparse.Namespace, kept: dict[str, Any]) -> None:
         for one in (one for one in STATED if one["suite"] in a.stated and not done.get(one["name"])):
             file = ROOT / one["file"]
             at = file.read_text(encoding="utf-8").index(one["old"])
-            tests = Area(one["suite"], 0, (), tuple(one["tests"]))
-            verdict = copy.judged(tests, file, Mutant(at, at + len(one["old"]), one["old"], one["new"]))
+            tests = [f"tests/{name}" for name in one["tests"]]
+            verdict = copy.judged(one["suite"], file, Mutant(at, at + len(one["old"]), one["old"], one["new"]), tests)
             done[one["name"]] = verdict.killed
             a.keep.write_text(json.dumps(kept, indent=1), encoding="utf-8")
             print(f"{one['suite']}: {one['name']}: {verdict.killed or 'SURVIVED'} ({verdict.cpu_s:.0f} s)", flush=True)
 
 
-def _key(said: dict[str, Any]) -> tuple[Any, ...]:
-    return said["file"], said["line"], said["old"], said["new"]
+def _key(one: Area, file: Path, mutant: Mutant) -> tuple[Any, ...]:
+    code = mutant.code(file.read_text(encoding="utf-8"))
+    return one.name, file.relative_to(ROOT).as_posix(), *code, mutant.old, mutant.new
+
+
+def _kept_key(said: dict[str, Any]) -> tuple[Any, ...]:
+    return tuple(said.get(name) for name in ("area", "file", "code", "column", "old", "new"))
 
 
 if __name__ == "__main__":

@@ -5,8 +5,12 @@ from __future__ import annotations
 
 import ast
 import re
+import shutil
+import subprocess
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 COMPARED = {ast.Lt: ("<", "<="), ast.LtE: ("<=", "<"), ast.Gt: (">", ">="), ast.GtE: (">=", ">"), ast.Eq: ("==", "!="),
             ast.NotEq: ("!=", "=="), ast.Is: ("is", "is not"), ast.IsNot: ("is not", "is"), ast.In: ("in", "not in"),
@@ -40,6 +44,12 @@ class Mutant:
         """Number of its first line."""
         return text.count("\n", 0, self.start) + 1
 
+    def code(self, text: str) -> tuple[str, int]:
+        """Its first line without indentation, and where in it the mistake begins."""
+        begin, end = text.rfind("\n", 0, self.start) + 1, text.find("\n", self.start)
+        line = text[begin : end if end >= 0 else len(text)]
+        return line.strip(), self.start - begin - (len(line) - len(line.lstrip()))
+
 
 def mutants(text: str, name: str) -> list[Mutant]:
     """All mutants of a file, in the order of their places."""
@@ -64,10 +74,11 @@ def _more(number: str) -> str:
 
 
 class _Places(ast.NodeVisitor):
-    """Mutants of a module: not of what it says in errors, nor of annotations, decorators and texts."""
+    """Mutants of a module: not of what it says in errors, nor of annotations, decorators, texts, of `strict` in
+    `zip`, of bounds at which both pieces of a law are 0, and of what shows an object (`__repr__`)."""
 
     def __init__(self, text: str) -> None:
-        self.text, self.found = text, list[Mutant]()
+        self.text, self.found, self.meeting = text, list[Mutant](), set[ast.AST]()
         self.lines = [0]
         for line in text.splitlines(keepends=True):
             self.lines.append(self.lines[-1] + len(line))
@@ -101,11 +112,27 @@ class _Places(ast.NodeVisitor):
             self.visit(node.value)
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
+        if node.name in ("__repr__", "__str__"):
+            return
         for part in (*node.args.defaults, *(d for d in node.args.kw_defaults if d), *node.body):
             self.visit(part)
 
+    def visit_ClassDef(self, node: ast.ClassDef) -> None:
+        for part in node.body:
+            self.visit(part)
+
+    def visit_Call(self, node: ast.Call) -> None:
+        self.meeting |= set(_meeting(node))
+        self.generic_visit(node)
+
+    def visit_keyword(self, node: ast.keyword) -> None:
+        if node.arg != "strict":  # of zip: lengths that are equal anyway
+            self.visit(node.value)
+
     def visit_Compare(self, node: ast.Compare) -> None:
         for left, op, right in zip([node.left, *node.comparators], node.ops, node.comparators, strict=False):
+            if node in self.meeting:
+                continue
             self.between(left, right, COMPARED[type(op)])
         self.generic_visit(node)
 
@@ -155,6 +182,16 @@ class _Places(ast.NodeVisitor):
         self.generic_visit(node)
 
 
+def _meeting(node: ast.Call) -> Iterator[ast.AST]:
+    """Conditions of a Piecewise((x, x > 0), (0 or -x, True)): at the bound itself both pieces are 0."""
+    pairs = [a.elts for a in node.args if isinstance(a, ast.Tuple) and len(a.elts) == 2]
+    if ast.unparse(node.func).endswith("Piecewise") and len(pairs) == len(node.args) == 2:
+        (value, condition), (other, _) = pairs
+        x = ast.unparse(value)
+        if ast.unparse(condition) == f"{x} > 0" and ast.unparse(other) in ("0", f"-{x}"):
+            yield condition
+
+
 def _is_text(node: ast.AST) -> bool:
     return isinstance(node, ast.Constant) and isinstance(node.value, str)
 
@@ -165,9 +202,22 @@ def _of_python(text: str) -> list[Mutant]:
     return places.found
 
 
-def is_valid(text: str, name: str) -> bool:
-    """Whether a mutant is a program at all; of C the compiler says so."""
+def is_valid(text: str, path: Path) -> bool:
+    """Whether a file with this text is a program; of C the compiler says so, where there is one."""
+    if path.suffix != ".py":
+        return _compiles(text, path)
     try:
-        return not name.endswith(".py") or bool(ast.parse(text))
+        return bool(ast.parse(text))
     except SyntaxError:
         return False
+
+
+def _compiles(text: str, path: Path) -> bool:
+    with tempfile.TemporaryDirectory(prefix="mbdae-mutants-") as folder:
+        for beside in path.parent.iterdir():
+            if beside.suffix in (".c", ".h", ".inc"):
+                shutil.copy(beside, folder)
+        (Path(folder) / path.name).write_text(text, encoding="utf-8")
+        units = [path.name] if path.suffix == ".c" else [p.name for p in Path(folder).glob("*.c")]
+        command = ["cc", "-std=c11", "-fsyntax-only", '-DMBDAE_SOURCES=""', *(str(Path(folder) / unit) for unit in units)]
+        return shutil.which("cc") is None or not subprocess.run(command, capture_output=True, check=False).returncode

@@ -67,6 +67,7 @@ def changed(story: Story, c: Change) -> Story:
 
 
 def _said(a: Said, c: Change, kinds: dict[str, str]) -> Said:
+    a = Said(a.verb, {"axis": (0, 0, 1), **a.args}) if a.verb == "revolute" else a  # the axis where none is said
     return Said(a.verb, {key: _argument(a, key, value, c, kinds) for key, value in a.args.items()})
 
 
@@ -77,6 +78,8 @@ def _argument(a: Said, key: str, value: Any, c: Change, kinds: dict[str, str]) -
         return c.point(value)
     if key == "points":
         return tuple(c.point(p) for p in value)
+    if key == "axis2":
+        return c.vector(value)
     if key in ("axis", "pin"):
         return c.vector(value, axial=a.verb not in SLIDES)
     if key == "rotation":

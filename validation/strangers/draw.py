@@ -29,6 +29,7 @@ SOLVERS: list[dict[str, str]] = [
            {"solver": "mb.CVODE(method='BDF')", "form": "'index1'"}, {"solver": "mb.HHT()"}, {"verify": "True"},
            {"solver": "mb.GeneralizedAlpha()"}, {"outputs": "7"}]  # fmt: skip
 
+BODIES, LOADS = ("rigid_body", "link", "point_mass"), ("force", "torque", "spring", "own")
 BEAM_WAYS: list[dict[str, str]] = [{}, {}, {"solver": "'radau3'"}, {"solver": "'radau2'"}, {"solver": "'radau5'"}]
 MODELS = ["", "", "", "kinematic", "classical", "recursive"]
 IN_SPACE = [["revolute"], ["universal", "spherical"], ["spherical", "cylindrical"], ["revolute"]]  #: joints of a loop
@@ -171,22 +172,28 @@ def ways(story: Story, count: int) -> list[Story]:
         if slow and story.family == "contact":
             continue
         least = 1e-4 if slow else 1e-5 if story.family in ("contact", "beam") else 1e-7
-        model = rng.choice(MODELS) if models(story.statements) else ""
+        model = rng.choice(models(story.statements))
         found.append(story.but(options=dict(options), accuracy=rng.choice([a for a in ACCURACIES if a >= least]), model=model))
     return found
 
 
-def models(statements: Any) -> bool:
-    """Whether there are joints whose model may be replaced: all but those with clearance."""
-    return any(a.verb in ("revolute", "prismatic", "cylindrical", "screw") for a in statements) and not any(
-        "model" in a.args for a in statements)
+def models(statements: Any) -> list[str]:
+    """Models for all joints: none for those with clearance; recursive where that leaves something to solve for, and where no
+    slender rod gets into space by it (recursive joints of fixed orientation have a displacement out of the plane)."""
+    if not any(a.verb in ("revolute", "prismatic", "cylindrical", "screw") for a in statements) or any(
+            "model" in a.args for a in statements):  # fmt: skip
+        return [""]
+    joints = [a for a in statements if a.verb not in (*BODIES, *LOADS, "weld")]
+    moves = any("angle" not in a.args and "position" not in a.args for a in joints)
+    loose = any(a.verb == "fixed_orientation" for a in joints) and any(a.verb == "link" for a in statements)
+    return [m for m in MODELS if m != "recursive" or (moves and not loose)]
 
 
 def told(draw: Draw, family: str, statements: list[Said], planar: bool, T: float, finest: float = 1e-7) -> Story:
     """The story with a way to run it."""
     way = dict(draw(st.sampled_from(SOLVERS)))
     coarse = [a for a in ACCURACIES if a >= (1e-4 if "HHT" in str(way) or "Alpha" in str(way) else finest)]
-    model = draw(st.sampled_from(MODELS)) if models(statements) else ""
+    model = draw(st.sampled_from(models(statements)))
     g = gravity(draw, planar)
     return Story(family, tuple(statements), T, draw(st.sampled_from(coarse)), g, model=model, options=way)
 
@@ -289,7 +296,8 @@ def beams(draw: Draw) -> Story:
     a: Any = (0.0, 0.0) if planar else (0.0, 0.0, 0.0)
     b: Any = (1.0, 0.0) if planar else (0.8, 0.6, 0.0)
     found = [Said("beam", {"name": "beam", "points": (a, b), "section": section, "elements": draw(st.integers(1, 3)),
-                           "order": draw(st.sampled_from([2, 1, 3]))})]  # fmt: skip
+                           "order": draw(st.sampled_from([2, 1, 3])), "axis2": (-0.6, 0.8, 0.0)})]  # fmt: skip
+    found = [Said("beam", {k: v for k, v in found[0].args.items() if k != "axis2"})] if planar else found
     hold = draw(st.sampled_from(["weld", "revolute", "spherical", "free"]))
     if hold == "revolute":
         args: dict[str, Any] = {"name": "J", "k": "ground", "l": "beam", "at": a, "axis": axes(draw, planar)}
@@ -309,7 +317,8 @@ def beams(draw: Draw) -> Story:
     way = draw(st.sampled_from(BEAM_WAYS))
     model = draw(st.sampled_from(["", "", "classical"])) if hold == "revolute" else ""
     accuracy = draw(st.sampled_from([1e-4, 1e-3, 1e-5]))
-    return Story("beam", tuple(found), T, accuracy, gravity(draw, planar), model=model, options=way)
+    space = "auto" if planar else "spatial"  # elements in space differ from those in the plane until they are many
+    return Story("beam", tuple(found), T, accuracy, gravity(draw, planar), space, model, way)
 
 
 FAMILIES = {"tree": trees(), "loop": loops(), "coupling": couplings(), "contact": contacts(), "control": controlled(),

@@ -25,7 +25,8 @@ def elastic_truth(story: Story, result: Result) -> Any:
     if len(ends) > MOST:
         return Verdict("not judged", note=f"{len(ends)} pieces")
     times = np.unique(np.concatenate([np.linspace(0, story.t_end, 41), ends]))
-    scene, run = build(story.but(model="")), result(times)
+    story = story.but(model="", space="planar" if result.prepared.model.planar else "spatial")  # pieces without a load across too
+    scene, run = build(story), result(times)
     shown = [run.state_for(scene, float(t)).q for t in times]
     first = result.state_for(scene, 0.0)
     errors = []

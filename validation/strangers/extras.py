@@ -60,7 +60,7 @@ def fed(draw: Draw, found: list[Said]) -> list[Said]:
 
 
 def _laws(draw: Draw) -> dict[str, Any]:
-    normal = Made("Hertz", {"stiffness": draw(st.sampled_from([1e6, 3e5, 1e7])), "damping": draw(st.sampled_from([0.0, 0.3]))})
+    normal = Made("Hertz", {"stiffness": draw(st.sampled_from([1e7, 3e6, 1e8])), "damping": draw(st.sampled_from([0.0, 0.3]))})
     friction = draw(st.sampled_from([None, Made("Coulomb", {"mu": 0.3, "v_c": 0.05})]))
     return {"normal": normal, "friction": friction}
 

@@ -14,8 +14,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import TypeVar
 
-from mbdae.errors import OptionError
-from mbdae.integrators.checkpoints.trees import Tree, read_tree, write_tree
+from mbdae.integrators.checkpoints.trees import DamagedError, Tree, read_tree, write_tree
 
 T = TypeVar("T")
 PAUSE = 1.0  #: s of wall time between two times a run is kept, at least
@@ -89,7 +88,7 @@ class RunFiles:
         try:
             state["steps"] = [read_tree(self._chunk(i)) for i in range(state["chunks"])] + [state["steps"]]
         except KeyError as error:
-            raise OptionError(f"checkpoint file '{self._state}' is damaged: delete its folder, or name another one") from error
+            raise DamagedError(f"file '{self._state}' is damaged: delete it with its folder, or name another folder") from error
         return state
 
     def write(self, state: dict[str, Tree], chunks: int, steps: Tree) -> None:

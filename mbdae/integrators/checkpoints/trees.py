@@ -10,11 +10,14 @@ from typing import Any
 import numpy as np
 
 from mbdae.deferred import csc_matrix, issparse
-from mbdae.errors import OptionError
-from mbdae.files import replacing
+from mbdae.files import regular, replacing
 
 TEXT = "tree"
 Tree = Any  #: None, flags, numbers, texts, arrays, sparse matrices by columns, and lists, tuples and dictionaries of these
+
+
+class DamagedError(Exception):
+    """A file that is kept cannot be read. The call fails with it: no other solver is tried, as where a run fails."""
 
 
 class NotPlainError(Exception):
@@ -30,14 +33,14 @@ def write_tree(path: Path, tree: Tree) -> None:
 
 
 def read_tree(path: Path) -> Tree:
-    """The tree in a file; OptionError where it is damaged."""
+    """The tree in a file; DamagedError where it is damaged."""
     from zipfile import BadZipFile
 
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+        with regular(path) as file, np.load(file, allow_pickle=False) as stored:
             return unpacked(json.loads(stored[TEXT].tobytes().decode()), stored)
     except (OSError, ValueError, KeyError, TypeError, BadZipFile, zlib.error, EOFError) as error:
-        raise OptionError(f"checkpoint file '{path}' is damaged ({error}): delete its folder, or name another one") from error
+        raise DamagedError(f"file '{path}' is damaged ({error}): delete it with its folder, or name another folder") from error
 
 
 def packed(value: Tree, arrays: dict[str, Any]) -> Any:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import connected_components, csc_matrix, identity, splu
-from mbdae.native.sparse import Entries, Order, Searches, by_counts, largest_pivots, pivoted
+from mbdae.native.pivots import by_counts, largest_pivots, pivoted
+from mbdae.native.sparse import Entries, Order, Searches
 
 #: unknowns with an easily inverted block of their own: stresses by their compliance, positions by q' = H u
 FIRST = ("z", "q")
@@ -30,7 +31,7 @@ def searches(kinds: Sequence[str]) -> Searches:
     that of the largest."""
 
     def cheaper(entries: Entries, values: NDArray[Any]) -> Order | None:
-        small = by_counts(entries, values, LARGE) if entries.n <= SMALL and "z" not in kinds else None
+        small = by_counts(entries, values) if entries.n <= SMALL and "z" not in kinds else None
         if small is not None and small.work <= CHEAP:  # cheap enough without SciPy
             return small
         by_pivots = None if "z" in kinds and entries.n > FEW else largest_pivots(entries, values)

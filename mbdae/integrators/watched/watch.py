@@ -8,8 +8,10 @@ from typing import Self
 
 import numpy as np
 
+from mbdae.errors import ChatteringError
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.watched.arguments import Inside, cubic_of_step
+from mbdae.integrators.watched.chattering import Chattering
 from mbdae.integrators.watched.contact_steps import IMPACT, ROUND, ContactSteps
 from mbdae.integrators.watched.switching import SwitchingSteps
 from mbdae.system.base import Array
@@ -31,6 +33,8 @@ class StepWatch:
         self.loop, system = loop, loop.system
         self.contacts = None if system.guards is None else ContactSteps(system, loop.stats, self.impact)
         self.switching = None if system.switches is None else SwitchingSteps(system, loop.stats, tolerance)
+        arguments = None if self.switching is None else self.switching.arguments
+        self.chattering = None if arguments is None else Chattering(system, arguments, tolerance, loop.switched)
 
     @classmethod
     def of(cls, loop: StepLoop, tolerance: Tolerance) -> Self | None:
@@ -81,7 +85,7 @@ class StepWatch:
         shorter = self.shorter(float(t[1] - t[0]), single)
         if shorter is not None:
             return 0, shorter
-        self.keep()
+        self.keep_adaptive()
         return 1, inf
 
     def keep(self) -> None:
@@ -89,6 +93,14 @@ class StepWatch:
         for part in (self.contacts, self.switching):
             if part is not None:
                 part.keep()
+
+    def keep_adaptive(self) -> None:
+        """The same of a solver that shortens its steps where equations switch; raises ChatteringError where that has no end."""
+        self.keep()
+        loop = self.loop
+        found = None if self.chattering is None else self.chattering.endless(loop.run_end - float(loop.first_system.t0))
+        if found is not None:
+            raise loop.failure(found.told(), "", ChatteringError)
 
     def count_hidden(self, inner: Callable[[], list[tuple[float, Array]]]) -> None:
         """Count what is hidden inside a constant step; inner: times (s) and states between its ends."""
@@ -136,7 +148,7 @@ class SundialsWatch(StepWatch):
         shorter = None if self.switching is None else self.switching.shorter()
         times = [time for time in (hidden, None if shorter is None else self.loop.t + shorter) if time is not None]
         if not times:
-            self.keep()
+            self.keep_adaptive()
             return False
         self._until = min(times)
         return True

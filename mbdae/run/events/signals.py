@@ -10,7 +10,7 @@ import symengine as se
 
 from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs import tables, timed
-from mbdae.inputs.breaks import breaks
+from mbdae.inputs.breaks import TOLERANCE, distinct, tables_within
 from mbdae.inputs.sensed import path_of, symbol
 from mbdae.inputs.text import TIME
 from mbdae.integrators.solution import Solution
@@ -96,10 +96,11 @@ class Signals:
 
     @property
     def edges(self) -> Array:
-        """Times (m+1,) between which sensors are smooth: ends of steps, and jumps of tables."""
+        """Times (m+1,) between which sensors are smooth: ends of steps, jumps and kinks of tables, and edges between which their
+        polynomials are."""
         t = self.solution.t
-        jumps = breaks(self._tables, float(t[0]), float(t[-1])) if self._tables else np.zeros(0)
-        return np.unique(np.concatenate([t, jumps]))
+        found = [part for e in self._tables for part in tables_within(e, float(t[0]), float(t[-1]), TOLERANCE)]
+        return distinct(np.concatenate([t, *(times for part in found for times in part)]))
 
     def __call__(self, t: Array) -> Array:
         """(k, symbols) at times (k,)."""

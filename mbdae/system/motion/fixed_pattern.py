@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import sp
-from mbdae.native.sparse import Entries, Factors, Orders, SingularMatrixError, largest_pivots
+from mbdae.native.pivots import largest_pivots
+from mbdae.native.sparse import Entries, Factors, Orders, SingularMatrixError
 from mbdae.system.base import Array
 
 GIVE = 1e-10  #: compliance of constraints, over that of a unit mass at a unit displacement, then corrected
@@ -75,9 +76,8 @@ class FixedPattern:
         return True
 
     def _solved(self, values: Array, right: Array) -> Array | None:
-        """With one correction; None where K is singular."""
+        """None where K is singular."""
         x = self._exact.solve(right)
-        x = x + self._exact.solve(right - self._product(values, x))
         left = np.linalg.norm(self._product(values, x) - right)
         return x if left <= CLOSE * (np.linalg.norm(right) + 1e-300) else None
 

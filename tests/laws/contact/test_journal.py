@@ -17,6 +17,7 @@ from mbdae.laws.contact import JournalContact
 from mbdae.results.energy import power_outputs
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, NodeKind
+from mbdae.symbolic.law import Impact
 from mbdae.symbolic.vectors import Vec
 from mbdae.system.prepare import prepare
 
@@ -135,3 +136,47 @@ def test_friction_acts_where_pin_and_race_touch() -> None:
     assert abs(across) > 0.2 * abs(along)
     assert J * of_pin[2] == pytest.approx((outer - d) * across, rel=1e-9)
     assert J_race * of_race[2] == pytest.approx(-outer * across, rel=1e-9)
+
+
+class LinearDamped(mb.Normal):
+    """A spring and a damper."""
+
+    params = mb.params(stiffness="N/m", damping="N s/m")
+
+    def energy(self, p: Any) -> Any:
+        return self.stiffness * p**2 / 2
+
+    def damping_force(self, p: Any, rate: Any) -> Any:
+        return self.damping * rate
+
+
+@pytest.mark.parametrize("damping", [0.0, 4.0])
+def test_growth_of_flutter_is_that_of_a_mass_with_two_freedoms(damping: float) -> None:
+    """A mass in contact moves along the normal (stiffness k, damping) and across it (f / d); either force is turned by friction,
+    mu times it, into the other direction. Eigenvalues to first order in growth over frequency."""
+    k, mass, depth, play, mu = 1e7, 2.0, 1e-3, 2e-5, 0.02
+    law = JournalContact("D", None, None, outer=0.05 + play, inner=0.05, normal=LinearDamped(stiffness=k, damping=damping),
+                         friction=mb.Coulomb(mu, 1e-3))  # fmt: skip
+    f = k * depth
+    across = f / (play + depth)
+    K, C = np.array([[k, -mu * across], [mu * k, across]]), np.diag([damping, 0.0])
+    roots = np.linalg.eigvals(np.block([[np.zeros((2, 2)), np.eye(2)], [-K / mass, -C / mass]]))
+    fastest = roots[np.argmax(roots.real)]
+    growth, rate = law.instability(mass, np.array([depth, -depth, depth]), np.array([f, f, 0.0]), np.full(3, mu * f))
+    assert growth[0] == pytest.approx(fastest.real, rel=2e-3)
+    assert rate[0] == pytest.approx(abs(fastest.imag), rel=2e-3)
+    assert not growth[1:].any()
+    assert not rate[1:].any()
+
+
+@pytest.mark.parametrize(("play", "force", "speed"), [(1e-3, 50.0, 0.0), (1e-8, 50.0, 0.0), (1e-3, 1e-9, 0.0), (1e-3, 50.0, 0.4)])
+def test_expected_depth_is_that_of_a_fall_through_the_play(play: float, force: float, speed: float) -> None:
+    """A speed that is known counts alone. Else a force F works F play before the first touch, and presses at rest; a hundredth of
+    the play and a millionth of the pin are the least."""
+    k, m, radius = 1e9, 3.0, 0.05
+    law = JournalContact("D", None, None, outer=radius + play, inner=radius, normal=mb.Hertz(k))
+    of_energy = lambda energy: (2.5 * energy / k) ** 0.4  # noqa: E731
+    rest = (force / k) ** (2 / 3)
+    expected = of_energy(m * speed**2 / 2) if speed else max(of_energy(force * play), rest, 1e-2 * play, 1e-6 * radius)
+    found = law.expected_depth(Impact(mass=m, speed=speed, force=force, gap=play, size=1.0, time=1.0))
+    assert found == pytest.approx(expected, rel=1e-6)

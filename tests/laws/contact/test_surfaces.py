@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -166,3 +167,46 @@ def test_bristles_hold_a_mass_on_a_planar_slope() -> None:
     assert abs(r["b"].velocity[-1, 0]) < 1e-6
     assert 0.2 / 1e5 < r["b"].position[-1, 0] < 1e-5  # the bristles give way by load over stiffness, and a little at first
     assert r["floor"].friction_force[-1] == pytest.approx(0.2 * G, rel=1e-3)
+
+
+@pytest.mark.parametrize("shape", [
+    mb.Plane(), mb.Sphere(at=(0, 0, -0.3), radius=0.3), mb.Cylinder(at=(0, 0, -0.3), axis=(0, 1, 0), radius=0.3, length=2.0),
+    mb.Cylinder(at=(0, 0, -0.5), axis=(0, 0, 1), radius=0.3, length=1.0)])  # fmt: skip
+def test_forces_act_in_the_middle_of_the_overlap(shape: object) -> None:
+    """A ball slides: the moment of friction about its centre over the friction is the distance of the place where both act."""
+    R, depth, m, J = 0.1, 8e-3, 2.0, 0.01
+    s = mb.Scene("slides")
+    b = s.rigid_body("b", m, (J, J, J), at=(0, 0, R - depth), velocity=(0, 1, 0))
+    s.contact("c", s.ground, b, shape, mb.Sphere(radius=R), normal=mb.Hertz(1e4, 0.3), friction=mb.Coulomb(0.3, 1e-3))
+    r = s.simulate(1e-6)
+    friction, moment = m * r["b"].acceleration[0, 1], J * r["b"].angular_acceleration[0, 0]
+    assert friction == pytest.approx(-0.3 * 1e4 * depth**1.5, rel=1e-6)
+    assert moment / friction == pytest.approx(R - depth / 2, rel=1e-6)
+    assert r["c"].friction_power[0] == pytest.approx(-friction * 1.0, rel=1e-6)  # W, lost at 1 m/s
+
+
+class Spring(mb.Normal):
+    """A law of one's own that states no damping, and so loses nothing."""
+
+    params = mb.params(stiffness="N/m")
+
+    def energy(self, p: Any) -> Any:
+        return self.stiffness * p**2 / 2
+
+    def penetration(self, force: float) -> float:
+        return force / float(self.stiffness)
+
+    def impact(self, mass: float, speed: Any) -> tuple[Any, Any]:
+        return np.abs(speed) * math.sqrt(mass / self.stiffness), math.pi * math.sqrt(mass / self.stiffness)
+
+
+def test_an_elastic_law_of_ones_own_returns_the_speed_after_half_a_period() -> None:
+    m, k = 2.0, 5e4
+    s = mb.Scene("bounce")
+    s.point_mass("b", m, at=(0, 0, 0.1), velocity=(0, 0, -3.0))
+    s.contact("floor", s.ground, "b", mb.Plane(), mb.Point(), normal=Spring(stiffness=k))
+    r = s.simulate(0.1)
+    assert r["b"].velocity[-1, 2] == pytest.approx(3.0, rel=1e-6)
+    assert r.energy.impact[-1] == pytest.approx(0.0, abs=1e-9)
+    begin, end = r["floor"].contacts.begin, r["floor"].contacts.end
+    assert end - begin == pytest.approx(math.pi * math.sqrt(m / k), rel=1e-4)

@@ -188,6 +188,45 @@ class Stribeck(mb.Friction):
         return (self.mu_k + (self.mu_s - self.mu_k) * se.exp(-((v / self.v_s) ** 2))) * se.tanh(v / self.v_c)
 
 
+class Peaked(mb.Friction):
+    """Largest, mu / 2, at v_s."""
+
+    params = mb.params(mu="1", v_s="m/s")
+
+    def coefficient(self, v: Any) -> Any:
+        return self.mu * v / (self.v_s + v**2 / self.v_s)
+
+
+def test_the_largest_coefficient_of_a_law_is_sought_over_nine_decades_of_speed() -> None:
+    """From 1e-6 m/s to 1 km/s; with states nothing is known but what the law states."""
+    assert Peaked(mu=0.4, v_s=1e-6).largest() == pytest.approx(0.2)
+    assert Peaked(mu=0.4, v_s=1e3).largest() == pytest.approx(0.2)
+    assert mb.LuGre(0.2, 0.3, 1e-2, 1e5, 31.0).largest() == 0.3
+
+
+class Bristles(mb.Friction):
+    """Dahl's law: bristles that bend, and slip at mu."""
+
+    params, states = mb.params(mu="1", stiffness="1/m"), mb.params(z="m")
+
+    def rate(self, v: Any) -> dict[str, Any]:
+        return {"z": v - mb.laws.friction.base.magnitude(v) * self.z * self.stiffness / self.mu}
+
+    def coefficient(self, v: Any) -> Any:
+        return self.stiffness * self.z
+
+
+def test_a_nut_with_bristles_of_ones_own_is_held_by_them() -> None:
+    """Their largest coefficient is not known, so nothing is said of locking. The weight of the nut bends them, no more."""
+    law = Bristles(mu=0.3, stiffness=1e4)
+    assert law.largest() is None
+    s = mb.Scene("nut", gravity=(0, 0, -9.81))
+    nut = s.rigid_body("nut", 1.0, (1e-3,) * 3, at=(0, 0, 0))
+    s.screw("thread", s.ground, nut, at=(0, 0, 0), axis=(0, 0, 1), lead=2e-3, friction=law, radius=0.01)
+    r = s.simulate(0.5)
+    assert abs(r["thread"].angle).max() < 2 * 0.3 / 1e4 / 0.01
+
+
 def test_a_law_of_ones_own_rubs_in_a_scene() -> None:
     def scene(friction: Any) -> Any:
         s = mb.Scene("pressed pin")
