@@ -66,7 +66,9 @@ class FineRun:
         q, u, s = p.states(at, y[None])
         a, multipliers = p.mechanics.accelerations(at, q, u, s)
         start = Start(t, q[0], u[0], s[0], a[0], multipliers[0])
-        return system_for(replace(p, start=start), self.form, self.solver.highest_index)
+        system = system_for(replace(p, start=start), self.form, self.solver.highest_index)
+        system.sampled = None  # inside of a step outputs of controllers are held
+        return system
 
     def _stops(self, suspect: Suspect) -> Array:
         """Times (s) at which the fine run stops: points with a large defect, their neighbours, the end of the step."""

@@ -265,7 +265,8 @@ def _continued(mechanics: Mechanics, start: Start) -> Start:
         s = np.array([known.get(name, value) for name, value in zip(wanted, s, strict=True)])
     u, changes = _joined_suddenly(mechanics, start)
     a, multipliers = mechanics.accelerations(t, start.q[None], u[None], s[None])
-    return Start(start.t, start.q, u, s, a[0], multipliers[0], changes, coordinates=start.coordinates)
+    return Start(start.t, start.q, u, s, a[0], multipliers[0], changes, coordinates=start.coordinates,
+                 controllers=start.controllers)  # fmt: skip
 
 
 def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[str]]:

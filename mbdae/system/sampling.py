@@ -7,14 +7,15 @@ goes on from the state with the new outputs.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mbdae.errors import ControllerError
+from mbdae.inputs.breaks import SAME as ROUND_OFF
 from mbdae.inputs.sensed import symbol
 from mbdae.scene.components import Controller
 from mbdae.system.assembled.observed import Observer
@@ -25,6 +26,14 @@ from mbdae.values import shown
 
 SAME = 1e-9  #: part of a period within which two instants are one
 FIRST, THEN = 4, 64  #: calls that are repeated to see whether a controller is pure: the first, and one in so many of the others
+
+
+class UnderWay(NamedTuple):
+    """A controller in the middle of a run: its first instant (s), how often it was called since, and what it remembers."""
+
+    begin: float
+    calls: int
+    memory: Any
 
 
 @dataclass
@@ -43,7 +52,15 @@ class _Called:
     @property
     def next(self) -> float:
         """Its next instant, s."""
-        return self.begin + self.count * self.controller.every
+        return self.instant(self.count)
+
+    def instant(self, n: int) -> float:
+        """The instant (s) of its call with a number."""
+        return self.begin + n * self.controller.every
+
+    def near(self, t: float) -> float:
+        """Difference of times (s) at t within which one of its instants is another instant of the run."""
+        return max(SAME * self.controller.every, ROUND_OFF * abs(t))
 
     def call(self, t: float, values: Sequence[float]) -> list[float]:
         """Its outputs at an instant; ControllerError with time and inputs where it fails or is not pure."""
@@ -120,7 +137,7 @@ def _same(a: Any, b: Any) -> bool:
 
 @dataclass
 class Sampler:
-    """The controllers of one run, with what they remember; `last`: the memories at its end by name of the controller."""
+    """The controllers of one run, with what they remember."""
 
     observer: Observer
     called: list[_Called]
@@ -128,15 +145,15 @@ class Sampler:
 
     def instants(self, end: float) -> Array:
         """Begin, instants and end (s) of the run."""
-        times = [np.arange(c.begin, end, c.controller.every) for c in self.called]
+        times = [np.arange(c.next, end, c.controller.every) for c in self.called]
         return np.concatenate([*times, [end]])
 
     def parts(self, begin: float, end: float) -> Iterator[tuple[float, float]]:
         """Begin and end (s) of the parts of an interval between instants; `due` holds the controllers of each begin."""
         while begin < end:
-            self.due = [c for c in self.called if c.next - begin <= SAME * c.controller.every]
-            coming = [c.next + (c.controller.every if c in self.due else 0.0) for c in self.called]
-            later = min((t for t, c in zip(coming, self.called, strict=True) if end - t > SAME * c.controller.every), default=end)
+            self.due = [c for c in self.called if c.next - begin <= c.near(begin)]
+            coming = [(c.instant(c.count + 1) if c in self.due else c.next, c) for c in self.called]
+            later = min((t for t, c in coming if end - t > c.near(end)), default=end)
             yield begin, later
             begin = later
 
@@ -153,9 +170,12 @@ class Sampler:
 
 
 class Sampling:
-    """The controllers of a scene for equations with a numbering of unknowns; a call makes the sampler of one run."""
+    """The controllers of a scene for equations with a numbering of unknowns; a call makes the sampler of one run. under_way: by
+    name, those that go on from an earlier part of it."""
 
-    def __init__(self, prepared: Prepared, numbering: Numbering) -> None:
+    def __init__(self, prepared: Prepared, numbering: Numbering, under_way: Mapping[str, UnderWay] | None = None) -> None:
+        self._given = prepared, numbering
+        self._under_way = prepared.start.controllers if under_way is None else under_way
         self._controllers: list[Controller] = prepared.model.scene.controllers
         read = [symbol(path) for c in self._controllers for path in c.reads]
         self._observer = Observer(prepared.model, prepared.all_bodies.moved, read)
@@ -165,6 +185,23 @@ class Sampling:
         called, first = [], 0
         for c in self._controllers:
             inputs = slice(first, first := first + len(c.reads))
-            memory = None if c.memory is None else deepcopy(c.memory.value)
-            called.append(_Called(c, inputs, [self._slots[name] for name in c.sets], begin, memory))
+            anew = UnderWay(begin, 0, None if c.memory is None else c.memory.value)
+            at = self._under_way.get(c.name, anew)
+            called.append(_Called(c, inputs, [self._slots[name] for name in c.sets], at.begin, deepcopy(at.memory), at.calls))
         return Sampler(self._observer, called)
+
+    def until(self, end: float, t: Array, y: Array) -> dict[str, UnderWay]:
+        """The controllers by name before the instant `end` (s) of a run with steps to t (m,) and y (m, n): they are called again
+        for what they remember. ControllerError where they return other outputs than those of the run."""
+        (prepared, numbering), columns = self._given, list(self._slots.values())
+        sampler, held = self(float(t[0])), prepared.start.s[np.array(columns) - numbering.start["s"]]
+        for begin, _ in sampler.parts(float(t[0]), end):
+            k = int(np.argmin(np.abs(t - begin)))
+            before = y[k].copy()
+            before[columns] = y[k - 1, columns] if k else held
+            sampler.at(float(t[k]), before)
+        return {c.controller.name: UnderWay(c.begin, c.count, c.memory) for c in sampler.called}
+
+    def going_on(self, end: float, t: Array, y: Array) -> Sampling:
+        """For a part of the run that begins at `end`."""
+        return Sampling(*self._given, under_way=self.until(end, t, y))

@@ -22,6 +22,7 @@ IN_C = (  # what stands there, what takes its place
     (r" \+= ", " -= "), (r" -= ", " += "), (r"(?<=[=(,] )-(?=\w)", ""), (r"\breturn 0;", "return 1;"),
     (r"\breturn 1;", "return 0;"),
 )  # fmt: skip
+LARGE = 20  #: whole numbers above it: one more of them would change next to nothing
 LEFT_OUT_IN_C = re.compile(r"^( +)([\w>.\[\]*+-]+ [-+*/]?= [^;]*|\w+\([^;]*\)|continue|break);", re.MULTILINE)
 
 
@@ -70,7 +71,10 @@ def _of_c(text: str) -> Iterator[Mutant]:
 
 
 def _more(number: str) -> str:
-    return repr(float(number) + 1) if any(c in number for c in ".e") else str(int(number) + 1)
+    """One more, of a large whole number twice as many."""
+    if any(c in number for c in ".e"):
+        return repr(float(number) + 1)
+    return str(int(number) + 1 if int(number) < LARGE else 2 * int(number))
 
 
 class _Places(ast.NodeVisitor):

@@ -29,10 +29,10 @@ from mbdae.values import BadValueError
 MANY = 50_000  #: times that are evaluated at once
 #: quantities of joints, forces and contacts that results show beside their coordinates
 SHOWN = ("force", "torque", "power", "gap", "gap_rate", "penetration", "normal_force", "friction_force", "slip", "length", "rate",
-         "friction_power", "wear")  # fmt: skip
+         "friction_power", "wear_rate", "orbit")  # fmt: skip
 #: those of bodies
 MOTION = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration", "rotation", "strain",
-          "fibre_stress", "von_mises")  # fmt: skip
+          "stress_resultants", "fibre_stress", "von_mises")  # fmt: skip
 
 
 def check(scene: Any, path: str) -> None:

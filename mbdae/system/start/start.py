@@ -30,8 +30,8 @@ ROUNDING = 1e-11  #: of the largest speed: what velocities along a tree miss tho
 @dataclass
 class Start:
     """Consistent start of a scene: q, u, s, accelerations, multipliers; `changes` in sentences. Of a run to be continued with
-    other joint models also the names of its internal states `s`, and by joint and name the coordinates (rad or m, turns
-    counted)."""
+    other joint models also the names of its internal states `s`, by joint and name the coordinates (rad or m, turns
+    counted), and by name the controllers that are under way (`system.sampling.UnderWay`)."""
 
     t: float
     q: Array
@@ -42,6 +42,7 @@ class Start:
     changes: list[str] = field(default_factory=list)
     names: tuple[str, ...] | None = None
     coordinates: dict[tuple[str, str], float] = field(default_factory=dict)
+    controllers: dict[str, Any] = field(default_factory=dict)
 
 
 def state_start_outputs(d: Derived) -> list[tuple[Target, Expr]]:
