@@ -195,7 +195,8 @@ class StepLoop:
             advice = f"raise max_wall, loosen the accuracy, or look at what makes the step small{other}"
             raise self.failure(f"max_wall = {self._max_wall:g} s of wall time is used up: {advice}", "", WallClockError)
         if self.stats.residuals > self._max_residuals:
-            raise self.failure(f"the budget of {self._max_residuals:.0f} residual evaluations is used up: the step crawls", "")
+            raise self.failure(f"the budget of {self._max_residuals:.0f} residual evaluations is used up: the steps are "
+                               f"too small to reach the end; loosen the accuracy, or raise max_residuals", "")  # fmt: skip
         if self._progress is not None and now - self._wall >= self._next_progress:
             self._next_progress = now - self._wall + PROGRESS_PERIOD
             self._clock()

@@ -61,7 +61,7 @@ class Orders(ListsAttributes):
 
 
 def _slopes(steps: tuple[int, ...], errors: Array) -> Array:
-    """Observed order (k,) from each run to the next finer one; nan for the first."""
+    """Observed order (k,) of every run, from the coarser run before it; nan for the first."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.concatenate([[np.nan], -np.diff(np.log(errors)) / np.diff(np.log(steps))])
 

@@ -212,7 +212,7 @@ def exact_reaction(angle):
 def test_a_run_that_crawls_is_stopped(solver):
     scene = pendulum().replace(model=mb.Recursive())
     system = system_for(prepare(scene), None, solver.highest_index)
-    with pytest.raises(mb.SolverError, match="the budget of 200 residual evaluations is used up: the step crawls") as stopped:
+    with pytest.raises(mb.SolverError, match="the budget of 200 residual evaluations is used up: the steps are") as stopped:
         solver.solve(system, 100.0, max_residuals=200)
     assert 0 < stopped.value.solution.t[-1] < 100.0
 
@@ -243,3 +243,9 @@ def test_a_leaf_without_mass_is_refused_by_name(model):
     s.revolute("ankle", root, leaf, at=(1, 0), model=model)
     with pytest.raises(mb.SceneError, match=r"ankle|leaf"):
         s.simulate(0.1)
+
+
+def test_constant_steps_tell_a_singular_position_and_suspect_no_regular_one():
+    """Without a tolerance, what lies within a millionth is one position."""
+    assert not told(parallelogram(0.1).simulate(1.5, solver=mb.RadauIIA(3, step=0.01)), "passes a singular position")
+    assert told(parallelogram(0.0).simulate(1.5, solver=mb.RadauIIA(3, step=0.01)), "passes a singular position")

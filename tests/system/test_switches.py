@@ -82,3 +82,19 @@ def test_values_on_carried_bodies(model):
     assert switches.names == ("far",)
     assert values.shape == (len(r.t), 1)
     np.testing.assert_allclose(values[:2, 0], distance[:2], rtol=1e-3)
+
+
+def test_a_row_of_a_joint_is_searched_too():
+    """A pin in a slot whose height follows a steep step."""
+
+    class Slot(mb.Joint):
+        params = mb.params(w=("m", "width of the step"), h=("m", "its height"))
+
+        def constraints(self, k, l):
+            return {"height": (l.r - k.r) @ k.y - self.h * se.tanh((l.r - k.r) @ k.x / self.w)}
+
+    s = mb.Scene("slot")
+    pin = s.rigid_body("pin", 1.0, (1, 1, 1), at=(0, 0, 0), velocity=(1.0, 0, 0))
+    s.add(Slot("slot", s.ground, pin, at=(0, 0, 0), at_l=(0, 0, 0), w=1e-3, h=0.1))
+    kinds = [w.kind for g in prepare(s).model.groups if g.key[0] is Slot for w in known_switches(g.derived)]
+    assert kinds == ["saturating"]

@@ -33,7 +33,7 @@ NOT_RUN = "not run"
 class Batch(ListsAttributes):
     """Runs of k points: t (m,) s, y (k, m, n) the unknowns there, last (k, n) those at the end of each run; nan after a failure.
 
-    errors: message of every point that failed, None for all others; steps, rejected, evaluations (k,); cpu_s, wall_s of all."""
+    errors: message of every point that failed or was not run, else None; steps, rejected, evaluations (k,); cpu_s, wall_s."""
 
     t: Array
     y: Array
@@ -54,6 +54,19 @@ class Batch(ListsAttributes):
         return f"<Batch: {len(self.errors)} points, {len(self.failures)} failed, {self.cpu_s:.3g} s CPU>"
 
 
+def is_watched(s: System, t_end: float) -> bool:
+    """Whether contacts, switches, controllers or inputs have to be watched in a run to t_end, s."""
+    line = s.timeline(s.t0, t_end) if s.timeline is not None else None
+    return any(part is not None for part in (line, s.guards, s.switches, s.longest_step, s.sampled))
+
+
+def refuse_watched(system: System, t_end: float) -> None:
+    """Raise OptionError where numbers of laws may not vary in a batch of runs to t_end, s."""
+    if is_watched(system, t_end):
+        raise OptionError("numbers: contacts, switching laws, sampled controllers and breaks of inputs are watched with "
+                          "numbers of their own; build a scene for every value, and solve them one by one")  # fmt: skip
+
+
 def solve_batch(system: System, t_end: float, solver: Any = None, *, starts: Any = None,
                 numbers: Mapping[str, Any] | None = None, outputs: Any = None, max_wall: float | None = None,
                 progress: Progress | None = None) -> Batch:  # fmt: skip
@@ -63,7 +76,7 @@ def solve_batch(system: System, t_end: float, solver: Any = None, *, starts: Any
     system; numbers: values (k,) or one of numbers of laws by name ("elbow.mass", those of all laws of the item); outputs: number
     of equally spaced times, or the times, by default the end; max_wall: s of wall time of all points before a WallClockError;
     progress(done, all): called at most 10 times per second.
-    A point that fails has its message in `errors`; the others go on. Ctrl-C, and the end of max_wall, raise
+    A point that fails has its message in `errors`; all others are run. Ctrl-C, and the end of max_wall, raise
     exceptions whose attribute `solution` is the Batch so far. OptionError where the system has no right-hand side, or a number
     cannot be varied. Starts have to satisfy the constraints of the system, if it has some.
     Systems with contacts, switching laws, sampled controllers or breaks of inputs run point by point, as by `solver.solve`.
@@ -122,7 +135,7 @@ class _Points:
                 self.at.W[self.at.slots] = before
 
     def take(self, i: int) -> None:
-        """Set the numbers of laws to those of point i."""
+        """Set the numbers of laws for point i."""
         if self.at is not None and i < len(self):
             self.at.W[self.at.slots] = self.values[i]
 
@@ -169,13 +182,9 @@ class _Run:
 
     def _plain(self) -> bool:
         """Whether nothing has to be watched between the steps of a run, so that C makes all points."""
-        s = self.system
-        line = s.timeline(s.t0, self.asked.t_end) if s.timeline is not None else None
-        watched = any(part is not None for part in (line, s.guards, s.switches, s.longest_step, s.sampled))
-        if watched and self.points.at is not None:
-            raise OptionError("numbers: contacts, switching laws, sampled controllers and breaks of inputs are watched with "
-                              "numbers of their own; build a scene for every value, and solve them one by one")  # fmt: skip
-        return not (watched or s.looks_at_steps)
+        if self.points.at is not None:
+            refuse_watched(self.system, self.asked.t_end)
+        return not (is_watched(self.system, self.asked.t_end) or self.system.looks_at_steps)
 
     def _native(self) -> None:
         equations, p, rtol = rates_of(self.system), self.points, self.solver.tolerance

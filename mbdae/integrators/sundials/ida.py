@@ -21,7 +21,6 @@ from mbdae.ties import largest
 from mbdae.values import set_option, whole
 
 #: number of neighbouring steps in the interpolant; 4 lose all digits where the step jumps (start, last step), 2 gain nothing
-
 POINTS = 3
 #: angle (rad) in the motion's characteristic time up to which a beam may vibrate with tolerances above LOOSE: orders above 2
 #: excite vibrations that they do not resolve (errors 0.1 to 0.5 without warning at 1e-3, 2e-3 or no end at 1e-4, no end at 1e-5)
