@@ -281,7 +281,7 @@ def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[st
     if np.max(np.abs(g), initial=0.0) > FITS * max(1.0, mechanics.model.length):
         off = int(np.argmax(np.abs(g)))
         raise StartError([f"start: row {mechanics.rows[off].name} is off by {g[off]:.3g} (m or rad) where that run ended: "
-                          f"the joints of this scene do not fit there; draw or prescribe them as they are then"])  # fmt: skip
+                          f"the joints of this scene do not fit that position; draw or prescribe them to fit it"])  # fmt: skip
     if np.max(np.abs(rate), initial=0.0) <= FITS * speed / max(1.0, mechanics.model.length):
         return start.u, []
     G, M = mechanics.constraint_matrix(t, start.q), mechanics.mass

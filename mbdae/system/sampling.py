@@ -81,9 +81,10 @@ class _Called:
         """Raise ControllerError where the outputs `there` in the state differ from those returned last: when a run is continued
         from a folder its steps are read, and the controller is called again only to restore its memory."""
         if self.held and not np.allclose(there, self.held, rtol=SAME, atol=SAME):
-            raise self._error(t, values, f"returned {shown(self.held)} at its instant before, but {shown(there.tolist())} when "
-                                         f"the steps were made: a run goes on with the function, and the numbers it uses, that "
-                                         f"it began with; name another folder by checkpoint= for a new one")  # fmt: skip
+            raise self._error(t, values, f"returned {shown(self.held)} at its last sampling instant, but {shown(there.tolist())} "
+                                         f"when the steps were made: a stored run continues only with the function it began "
+                                         f"with and the numbers this uses; name another folder by checkpoint= for a new "
+                                         f"run")  # fmt: skip
 
     def _outputs(self, t: float, values: Sequence[float], memory: Any) -> tuple[list[float], Any]:
         names, function, remembers = self.controller.sets, self.controller.function, self.controller.memory is not None

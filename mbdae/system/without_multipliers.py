@@ -137,7 +137,7 @@ class WithoutMultipliers(SceneSystem):
             self._warned = True
             name = self.full.numbering.rows[weakest].name
             text = (f"a singular position is near or passed at t = {t:.6g} s: {name} depends on the other constraints there; the "
-                    f"index-1 form may go on in another branch without a sign: compare with mb.GGL()")  # fmt: skip
+                    f"index-1 form may continue on another branch of the motion unnoticed; compare with mb.GGL()")  # fmt: skip
             warnings.warn(text, AccuracyWarning, stacklevel=4)
 
     def _own_memory(self) -> dict[str, Any]:

@@ -214,7 +214,7 @@ def exact_reaction(angle):
 def test_a_run_that_crawls_is_stopped(solver):
     scene = pendulum().replace(model=mb.Recursive())
     system = system_for(prepare(scene), None, solver.highest_index)
-    with pytest.raises(mb.SolverError, match="the budget of 200 residual evaluations is used up: the step crawls") as stopped:
+    with pytest.raises(mb.SolverError, match="the budget of 200 residual evaluations is used up: the steps are") as stopped:
         solver.solve(system, 100.0, max_residuals=200)
     assert 0 < stopped.value.solution.t[-1] < 100.0
 
