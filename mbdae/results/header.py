@@ -188,7 +188,8 @@ HEADER = _record({
     "rank": _record({**dict.fromkeys(("kept", "dropped", "singular_here", "not_unique"), _TEXTS),
                      "doubtful": _many(_row(_text, _real(0.0))), "degrees_of_freedom": _whole(-MOST),
                      "smallest": _real(0.0, finite=False)}),
-    "start": _record({"t": _real(), "changes": _TEXTS}, {"coordinates": _coordinates, "controllers": _controllers}), "time": _real(0.0),
+    "start": _record({"t": _real(), "changes": _TEXTS}, {"coordinates": _coordinates, "controllers": _controllers}),
+    "time": _real(0.0),
     "info": _record(_INFO, {"choice": _text, "reliable": _flag, "events": _many(_row(_real(), _text, _whole(-1, 1)))}),
     "run": _record({"names": _TEXTS, "complete": _flag, "dense": _dense}),
 }, {"laws": _each(_text)})  # fmt: skip

@@ -166,6 +166,13 @@ class System:
         other.t0, other.y0, other.yp0, other.longest_step = t, y, yp, longest_step
         return other
 
+    def sampling(self, by: Any) -> Self:
+        """These equations with other sampled controllers (`system.sampling.Sampling`), or with None, so that outputs stay as they
+        are: a new System that shares everything else with this one."""
+        other = copy(self)
+        other.sampled = by
+        return other
+
     def renewed(self, t: float, y: Array) -> System | None:
         """A system of the same unknowns to go on with from y (n,), because some of these equations are about to depend on each
         other; None: go on with this one. Asked after every accepted step."""
