@@ -14,10 +14,10 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from typing import Any, Protocol
 
-from mbdae.errors import AccuracyWarning, OptionError, SolverError, WallClockError
+from mbdae.errors import AccuracyWarning, SolverError, WallClockError
 from mbdae.integrators.checkpoints.keeper import Keeper, Stopping
 from mbdae.integrators.checkpoints.snapshot import go_back, snapshot
-from mbdae.integrators.checkpoints.trees import Tree
+from mbdae.integrators.checkpoints.trees import DamagedError, Tree
 from mbdae.integrators.matrices.iteration import keep_order, kept_order
 from mbdae.integrators.solution import Stats
 from mbdae.system.base import System
@@ -75,8 +75,8 @@ class Record:
         self._files = keeper.next_run()
         self._stored = stored = self._files.read()
         if stored is not None and stored["what"] != what:
-            raise OptionError(f"checkpoint: the folder holds the run {stored['what']} where {what} begins: it was written by "
-                              f"another version, or damaged; delete it, or name another one")  # fmt: skip
+            raise DamagedError(f"the folder holds the run {stored['what']} where {what} begins: it was written by another "
+                               f"version, or damaged; delete it, or name another one")  # fmt: skip
         self._pending = list(stored["ends"]) if stored is not None else []
         self._ends: list[tuple[int, str]] = []
         self._chunks: int = 0 if stored is None else stored["chunks"]
