@@ -210,7 +210,7 @@ class StepLoop:
         text = f"{self.solver.label} stopped at t = {t:.9g} of {self.run_end:.9g}: {message}{resists}"
         return kind(text, t, culprit, self.solution())
 
-    # -- runs that are kept on disk
+    # -- runs that are stored on disk
 
     @property
     def count(self) -> int:
@@ -229,7 +229,7 @@ class StepLoop:
 
     @property
     def room(self) -> int:
-        """Number of steps until the method is to begin anew; practically unlimited where it does not."""
+        """Number of steps until the method is restarted; practically unlimited where it is not."""
         return sys.maxsize if self.record is None or not self.record.restarts else max(self.record.room - self.count, 1)
 
     def goes_on(self, method: Any) -> None:

@@ -47,7 +47,7 @@ class Accelerations(Rates):
         self._start = start
 
     def __getstate__(self) -> dict[str, Any]:
-        """Of a copy: it makes its own tables, which contain addresses of its arrays."""
+        """For copies: a copy makes its own tables, because they contain addresses of arrays."""
         return {name: value for name, value in self.__dict__.items() if name != "kernel"}
 
     @cached_property
@@ -129,7 +129,7 @@ class WithoutMultipliers(SceneSystem):
         self._seen = *self._seen[1:], (t, here)
         if self._warned or (here**2 > NEAR and abs(here + expected) > PASSED * abs(expected)):
             return
-        shares = self._rates.shares(t, y)  # by geometry alone, without the masses
+        shares = self._rates.shares(t, y)  # these depend on the geometry alone, not on the masses
         weakest = int(np.argmin(shares))
         if (expected < 0 or shares[weakest] < NEAR) and not self._determined(t, y):
             if self.strict:
