@@ -102,6 +102,8 @@ def test_statements_of_a_force(methods: dict[str, Any], words: str) -> None:
         (lambda: force(states=mb.params(stiffness="m")), "'stiffness' in states is taken by its params"),
         (lambda: force(params={"stiffness": "N/m"}), "Pull: params = {'stiffness': 'N/m'}: write params = mb.params(name="),
         (lambda: force(options="friction"), "Pull: options = 'friction': give a tuple of names"),
+        (lambda: joint(coordinates=mb.params(rate=("rad", "angle"))), "Bowl: the coordinate 'rate' has the name of another sensor"),
+        (lambda: joint(coordinates=mb.params(tilt_rate=("rad", "angle"))), "the coordinate 'tilt_rate' has the name of another"),
         (lambda: mb.params(radius=5), "params: radius = 5 is neither a unit nor a pair (unit, meaning)"),
         (lambda: mb.params(radius=""), "params: radius = '' has no unit; give one, '1' for a pure number"),
         (lambda: mb.params(radius=("m", "a", "b")), "params: radius = ('m', 'a', 'b') is neither"),

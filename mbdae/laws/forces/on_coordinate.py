@@ -15,7 +15,6 @@ class OnCoordinate(Force):
     options: joint (its class), coordinate (the name), kept."""
 
     options: ClassVar[tuple[str, ...]] = ("joint", "coordinate", "kept")
-    loads: ClassVar[bool] = False  #: whether it is a load: joints show it as their drive
 
     @property
     def own_coordinates(self) -> tuple[str, ...]:
