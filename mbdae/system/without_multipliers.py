@@ -33,7 +33,7 @@ from mbdae.system.rank.rows import Rows
 from mbdae.system.scene_system import SceneSystem
 
 NEAR = 1e-7  #: independent part of a constraint row, squared, below which reactions and accelerations are inaccurate
-#: relative difference from minus the extrapolated value, below which the last step passed a singular position
+#: relative difference of a row's independent part from minus its extrapolation, below which a step passed a singular position
 PASSED = 0.3
 SOUND = 0.3  #: smallest singular value of all rows, over that at the start, above which a position is not singular
 UNSEEN = ((-inf, 1.0),) * 3
