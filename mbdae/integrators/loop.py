@@ -285,7 +285,8 @@ class StepLoop:
         pieces = self._pieces.since(first)[: last - first]
         have = np.array([piece is not None for piece in pieces], dtype=bool)
         if not all(isinstance(piece, np.ndarray) for piece in pieces if piece is not None):
-            raise OptionError(f"checkpoint: what {self.solver.label} keeps of a step is no array, so its runs cannot be kept")
+            raise OptionError(f"checkpoint: {self.solver.label} returns step data that are not arrays, which "
+                              f"cannot be stored: run it without checkpoint=")
         inner = np.array([piece for piece in pieces if piece is not None])
         return {"t": np.array(self._t[first + 1 : last + 1]), "y": y, "yp": yp, "have": have, "inner": inner,
                 "anew": anew, "after": after}  # fmt: skip

@@ -294,4 +294,4 @@ def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[st
     worst = mechanics.rows[int(np.argmax(np.abs(rate)))].name
     lost = float(-(change @ (M @ (start.u + change / 2))))
     return start.u + change, [f"joints that the run before did not have stop motions suddenly (most: {worst}): an impact without "
-                              f"rebound that takes {lost:.4g} J"]  # fmt: skip
+                              f"rebound that dissipates {lost:.4g} J"]  # fmt: skip
