@@ -167,8 +167,8 @@ class System:
         return other
 
     def sampling(self, by: Any) -> Self:
-        """These equations with other sampled controllers (`system.sampling.Sampling`), or with none (None), whose outputs then
-        stay as they are: a new System that shares all else with this one."""
+        """These equations with other sampled controllers (`system.sampling.Sampling`), or with None, so that outputs stay as they
+        are: a new System that shares everything else with this one."""
         other = copy(self)
         other.sampled = by
         return other
