@@ -68,7 +68,7 @@ class StepLoop(Protocol):
 
 
 class Record:
-    """One run in the folder of a keeper. restarts: whether its method begins anew at checkpoints; what: text for the run."""
+    """One run in the folder of a keeper. restarts: whether checkpoints restart its method; what: description of the run."""
 
     def __init__(self, keeper: Keeper, restarts: bool, what: str) -> None:
         self.keeper, self.restarts, self.what = keeper, restarts, what
@@ -156,12 +156,12 @@ class Record:
 
     @property
     def room(self) -> int:
-        """Number of accepted steps at which the method begins anew."""
+        """Number of accepted steps after which the method is restarted."""
         begin = self._ends[-1][0] if self._ends else 0
         return begin + self.keeper.every
 
     def planned(self, loop: StepLoop) -> bool:
-        """Whether the method is to begin anew after the step just accepted."""
+        """Whether the method is to be restarted after the step just accepted."""
         if not self.restarts:
             return False
         if self.keeper.stop:
