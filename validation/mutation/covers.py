@@ -92,8 +92,10 @@ class Covers:
     def _by_place(self, area: Area, file: Path, mutant: Mutant) -> tuple[set[str], set[str], bool]:
         names = area.test_files(self.root)
         if file.suffix != ".py":
-            beside = [p for p in (file.with_suffix(".py"), file.with_name("program.py")) if p.exists()][:1]
-            return {t for p in beside for n in names for ran in self.lines(n, p).values() for t in ran if t}, set(), True
+            within = [p for p in file.parent.glob("*.c") if f'"{file.name}"' in p.read_text(encoding="utf-8")]
+            beside = [p.with_suffix(".py") for p in (file, *within)] + [file.with_name("program.py")]
+            calls = next((p for p in beside if p.exists()), file)
+            return {t for n in names for ran in self.lines(n, calls).values() for t in ran if t}, set(), True
         statement = Enclosing(file.read_text(encoding="utf-8"), mutant)
         near, far, on_import = set[str](), set[str](), False
         for name in names:
