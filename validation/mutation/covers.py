@@ -128,14 +128,16 @@ class Covers:
 
 
 class Enclosing:
-    """lines: of the innermost statement around a mutant, of a compound one without its body; names: what it assigns."""
+    """lines: of the innermost statement around a mutant, of a compound one other than a function without its body; names: what it
+    assigns."""
 
     def __init__(self, text: str, mutant: Mutant) -> None:
         first, last = (text.count("\n", 0, at) + 1 for at in (mutant.start, max(mutant.start, mutant.end - 1)))
         every = [n for n in ast.walk(ast.parse(text)) if isinstance(n, ast.stmt)]
         around = [n for n in every if n.lineno <= first and last <= (n.end_lineno or 0)]
         inner = max(around, key=lambda n: (n.lineno, -(n.end_lineno or 0)))
-        body, end = getattr(inner, "body", None), (inner.end_lineno or inner.lineno) + 1
+        whole = isinstance(inner, ast.FunctionDef)  # a default value is used where the function is
+        body, end = None if whole else getattr(inner, "body", None), (inner.end_lineno or inner.lineno) + 1
         self.lines = range(inner.lineno, max(body[0].lineno, inner.lineno + 1) if body else end)
         targets = inner.targets if isinstance(inner, ast.Assign) else [inner.target] if isinstance(inner, ast.AnnAssign) else []
         self.names = {n.id for target in targets for n in ast.walk(target) if isinstance(n, ast.Name)}
