@@ -30,7 +30,7 @@ SECTIONS, ROUNDS, PLACES = 9, 20, 9
 EXACT = 1e-3
 SMALL = 1e-3  #: part of the step over which the rate of PHI is a difference quotient
 ROUND_OFF = 1e-10  #: difference of an argument, over its magnitude, that may be round-off
-TINIEST = 1e-300  #: keeps logarithms finite
+TINIEST = 1e-300  #: added to a magnitude before its logarithm is taken, so that it is finite
 
 
 _between_logarithms = limited(*LOGARITHMS)
