@@ -38,7 +38,7 @@ class Edit:
 
     @property
     def words(self) -> str:
-        """What is changed."""
+        """The change in words."""
         return self.form.format(*self.pieces) + (f" in {self.where}" if self.where is not None else "")
 
     def tex(self, letters: Mapping[str, str]) -> str:

@@ -63,7 +63,7 @@ class Row:
 
     @property
     def said(self) -> str:
-        """Repair and remark."""
+        """Repair and remark in one text."""
         return told(self.repair, self.remark)
 
     @property

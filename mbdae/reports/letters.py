@@ -36,7 +36,7 @@ class Letter:
 
     @property
     def row(self) -> list[str]:
-        """Its row in a table of symbols."""
+        """The row of the letter in a table of symbols."""
         return [f"${self.latex}$", unit_text(self.unit), worded(self.meaning)]
 
 

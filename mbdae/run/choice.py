@@ -127,9 +127,9 @@ def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[So
 def _hard(prepared: Prepared) -> str:
     """Why a scene needs Radau IIA at every accuracy; "" where it does not."""
     if prepared.model.lines:
-        return "elastic beams, to whose fast modes BDF adds energy or takes very many steps"
+        return "elastic beams: BDF adds energy to their fast modes, or takes very many steps to follow them"
     if prepared.contacts:
-        return "contacts, at whose begin its steps end; BDF gains or loses more energy there"
+        return "contacts: its steps end where they begin, and BDF gains or loses more energy in them"
     if prepared.mechanics.reactive:
         return FRICTION
     for group in prepared.model.groups:

@@ -67,6 +67,4 @@ def beginning_at(system: System, run: Solution, t: float) -> System:
     values = system.restarted(t, run(t))
     system.read_at(None)
     other = system.starting(t, *values)
-    if system.sampled is not None:
-        other.sampled = system.sampled.going_on(t, run.t, run.y)
-    return other
+    return other if system.sampled is None else other.sampling(system.sampled.going_on(t, run.t, run.y))

@@ -67,8 +67,7 @@ class FineRun:
         a, multipliers = p.mechanics.accelerations(at, q, u, s)
         start = Start(t, q[0], u[0], s[0], a[0], multipliers[0])
         system = system_for(replace(p, start=start), self.form, self.solver.highest_index)
-        system.sampled = None  # inside of a step outputs of controllers are held
-        return system
+        return system.sampling(None)  # controllers hold their outputs inside of a step
 
     def _stops(self, suspect: Suspect) -> Array:
         """Times (s) at which the fine run stops: points with a large defect, their neighbours, the end of the step."""

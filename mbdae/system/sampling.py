@@ -1,7 +1,7 @@
-"""Sampled controllers in a run: called at their instants with values of sensors, their outputs held in between.
+"""Sampled controllers in a run: called at sampling instants with values of sensors; their outputs are held in between.
 
-The outputs are internal states without a rate, so that they are part of every solution. A run ends a step at every instant and
-goes on from the state with the new outputs.
+The outputs are internal states without a rate, so that they are part of every solution. A run ends a step at every sampling
+instant and continues from the state with the new outputs.
 """
 
 from __future__ import annotations
@@ -24,12 +24,13 @@ from mbdae.system.model.numbering import Numbering
 from mbdae.system.prepare import Prepared
 from mbdae.values import shown
 
-SAME = 1e-9  #: part of a period within which two instants are one
-FIRST, THEN = 4, 64  #: calls that are repeated to see whether a controller is pure: the first, and one in so many of the others
+SAME = 1e-9  #: part of a sampling period within which two instants count as one
+#: calls that are made twice to check that a controller is a pure function: the first 4, and then every 64th
+FIRST, THEN = 4, 64
 
 
 class UnderWay(NamedTuple):
-    """A controller in the middle of a run: its first instant (s), how often it was called since, and what it remembers."""
+    """A controller in the middle of a run: its first sampling instant (s), the number of its calls, and its memory."""
 
     begin: float
     calls: int
@@ -38,8 +39,8 @@ class UnderWay(NamedTuple):
 
 @dataclass
 class _Called:
-    """A controller in one run: where its inputs and outputs stand, what it remembers, how often it was called, what it returned
-    last."""
+    """A controller in one run: the places of its inputs and outputs, its memory, the number of its calls, and the outputs of the
+    last call."""
 
     controller: Controller
     inputs: slice
@@ -51,19 +52,19 @@ class _Called:
 
     @property
     def next(self) -> float:
-        """Its next instant, s."""
+        """The next sampling instant, s."""
         return self.instant(self.count)
 
     def instant(self, n: int) -> float:
-        """The instant (s) of its call with a number."""
+        """The sampling instant (s) of call n, counted from 0."""
         return self.begin + n * self.controller.every
 
     def near(self, t: float) -> float:
-        """Difference of times (s) at t within which one of its instants is another instant of the run."""
+        """Difference (s) from another instant of the run at time t, within which both count as one."""
         return max(SAME * self.controller.every, ROUND_OFF * abs(t))
 
     def call(self, t: float, values: Sequence[float]) -> list[float]:
-        """Its outputs at an instant; ControllerError with time and inputs where it fails or is not pure."""
+        """Outputs at a sampling instant; raises ControllerError with time and inputs where the function fails or is not pure."""
         self.count += 1
         again = self.count <= FIRST or self.count % THEN == 0
         before = deepcopy(self.memory) if again else None
@@ -77,12 +78,13 @@ class _Called:
         return found
 
     def check_held(self, t: float, values: Sequence[float], there: Array) -> None:
-        """ControllerError where the run up to here was made with other outputs: of a run that goes on from a folder the steps are
-        read, and the controller is called again for what it remembers."""
+        """Raise ControllerError where the outputs `there` in the state differ from those returned last: when a run is continued
+        from a folder its steps are read, and the controller is called again only to restore its memory."""
         if self.held and not np.allclose(there, self.held, rtol=SAME, atol=SAME):
-            raise self._error(t, values, f"returned {shown(self.held)} at its instant before, but {shown(there.tolist())} when "
-                                         f"the steps were made: a run goes on with the function, and the numbers it uses, that "
-                                         f"it began with; name another folder by checkpoint= for a new one")  # fmt: skip
+            raise self._error(t, values, f"returned {shown(self.held)} at its last sampling instant, but {shown(there.tolist())} "
+                                         f"when the steps were made: a stored run continues only with the function it began "
+                                         f"with and the numbers this uses; name another folder by checkpoint= for a new "
+                                         f"run")  # fmt: skip
 
     def _outputs(self, t: float, values: Sequence[float], memory: Any) -> tuple[list[float], Any]:
         names, function, remembers = self.controller.sets, self.controller.function, self.controller.memory is not None
@@ -117,14 +119,14 @@ class _Called:
 
 
 def _number(value: Any) -> float:
-    """A number; a text of one is none."""
+    """A number as a float; raises TypeError for texts, even of numbers."""
     if isinstance(value, str | bytes):
         raise TypeError
     return float(value)
 
 
 def _same(a: Any, b: Any) -> bool:
-    """Whether two outputs or memories are equal to the last bit; what cannot be compared counts as equal."""
+    """Whether two outputs or memories are equal to the last bit; values that cannot be compared count as equal."""
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
         return np.array_equal(a, b, equal_nan=True)
     if isinstance(a, list | tuple) and isinstance(b, list | tuple):
@@ -137,19 +139,19 @@ def _same(a: Any, b: Any) -> bool:
 
 @dataclass
 class Sampler:
-    """The controllers of one run, with what they remember."""
+    """The controllers of one run, with their memories."""
 
     observer: Observer
     called: list[_Called]
     due: list[_Called] = field(default_factory=list)
 
     def instants(self, end: float) -> Array:
-        """Begin, instants and end (s) of the run."""
+        """Begin, sampling instants and end (s) of the run."""
         times = [np.arange(c.next, end, c.controller.every) for c in self.called]
         return np.concatenate([*times, [end]])
 
     def parts(self, begin: float, end: float) -> Iterator[tuple[float, float]]:
-        """Begin and end (s) of the parts of an interval between instants; `due` holds the controllers of each begin."""
+        """Begin and end (s) of the parts of an interval between sampling instants; `due`: controllers called at their begin."""
         while begin < end:
             self.due = [c for c in self.called if c.next - begin <= c.near(begin)]
             coming = [(c.instant(c.count + 1) if c in self.due else c.next, c) for c in self.called]
@@ -158,7 +160,7 @@ class Sampler:
             begin = later
 
     def at(self, t: float, y: Array) -> Array:
-        """y (n,) with the outputs that act from t on; y itself where they stay as they are."""
+        """y (n,) with the outputs that are held from t on; y itself where none changes."""
         if not self.due:
             return y
         values = self.observer(np.array([t]), y[None])[0].tolist()
@@ -170,8 +172,8 @@ class Sampler:
 
 
 class Sampling:
-    """The controllers of a scene for equations with a numbering of unknowns; a call makes the sampler of one run. under_way: by
-    name, those that go on from an earlier part of it."""
+    """The controllers of a scene, for equations with some numbering of unknowns; a call returns the `Sampler` of one run.
+    under_way: by name, the state of controllers that an earlier part of the run has called."""
 
     def __init__(self, prepared: Prepared, numbering: Numbering, under_way: Mapping[str, UnderWay] | None = None) -> None:
         self._given = prepared, numbering

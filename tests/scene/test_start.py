@@ -201,16 +201,22 @@ def test_rows_that_contradict_later(t0: float) -> None:
 
 @pytest.mark.parametrize(("crank", "named"), [({"rate0": 1.0}, "rate of A"), ({"angle": mb.t}, r"A\.drive")])
 def test_rates_of_both_cranks_that_contradict_are_named(crank: dict[str, Any], named: str) -> None:
-    """The loop closes with one rate alone; what is named is the one that is missed most."""
-    s = mb.Scene("four-bar")
-    for name, a, b in (("crank", A, B), ("coupler", B, C), ("rocker", C, D)):
-        s.link(name, a, b, mass=0.3)
-    s.revolute("A", s.ground, "crank", at=A, **crank)
-    s.revolute("D", "rocker", s.ground, at=D, rate0=5.0)
-    s.revolute("B", "crank", "coupler", at=B)
-    s.revolute("C", "coupler", "rocker", at=C)
-    with pytest.raises(mb.StartError, match=f"contradict the joints: {named} stays off"):
-        s.check()
+    """The loop closes with one rate alone, to a millionth of the speeds; what is named is the one that is missed most."""
+    def scene(**rocker: float) -> mb.Scene:
+        s = mb.Scene("four-bar")
+        for name, a, b in (("crank", A, B), ("coupler", B, C), ("rocker", C, D)):
+            s.link(name, a, b, mass=0.3)
+        s.revolute("A", s.ground, "crank", at=A, **crank)
+        s.revolute("D", "rocker", s.ground, at=D, **rocker)
+        s.revolute("B", "crank", "coupler", at=B)
+        s.revolute("C", "coupler", "rocker", at=C)
+        return s
+
+    fits = float(scene().simulate(1e-3)["D"].rate[0])
+    assert scene(rate0=fits).check().degrees_of_freedom == (0 if "angle" in crank else 1)
+    for wrong in (5.0, fits * (1 + 1e-6)):
+        with pytest.raises(mb.StartError, match=f"contradict the joints: ({named}|rate of D) stays off"):
+            scene(rate0=wrong).check()
 
 
 def test_redundant_rows_with_a_drive_that_agrees() -> None:

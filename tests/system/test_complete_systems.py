@@ -17,7 +17,7 @@ from mbdae.system.base import Array, System
 from mbdae.system.prepare import prepare
 
 #: methods that assign the attributes of a System that they make
-MAKING = {"__init__", "starting", "strictly", "taking_over"}
+MAKING = {"__init__", "starting", "strictly", "taking_over", "sampling"}
 
 
 @pytest.fixture

@@ -343,7 +343,7 @@ def total(row: Row) -> Expr:
 
 
 def determinant(A: list[list[Expr]]) -> Expr:
-    """By minors."""
+    """Determinant of a square matrix, by expansion in minors."""
     if len(A) == 1:
         return A[0][0]
     minors = [[row[:j] + row[j + 1 :] for row in A[1:]] for j in range(len(A))]

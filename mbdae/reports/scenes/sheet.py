@@ -113,7 +113,7 @@ class Sheet:
         return Section("Joints", [Table(head, rows)] if rows else [Paragraph("There are none.")])
 
     def forces(self) -> Section:
-        """Laws of force."""
+        """Section with a table of the force laws."""
         joints, rows = {c.name for c in self.scene.joints}, []
         for group in self.prepared.model.groups:
             for i in group.instances if group.derived.force else ():

@@ -212,3 +212,13 @@ def test_quaternions_of_any_axes_are_continuous_and_begin_with_a_positive_scalar
     np.testing.assert_allclose(Rotation.from_quat(P[:, [1, 2, 3, 0]]).as_matrix(), axes, atol=1e-14)
     assert P[0, 0] >= 0
     assert (np.einsum("ki,ki->k", P[1:], P[:-1]) > 0).all()
+
+
+def test_nodes_stand_where_they_are_asked_for():
+    """Lengths along two segments, of 2 and 3 m."""
+    mesh = polyline([(0, 0, 0), (2, 0, 0), (2, 3, 0)], [2, 2], through=[0.3, 4.7])
+    assert mesh.order == 2
+    for length, place in ((0.3, (0.3, 0, 0)), (4.7, (2, 2.7, 0))):
+        node = int(np.argmin(abs(mesh.places - length)))
+        assert mesh.places[node] == pytest.approx(length, abs=1e-12)
+        assert mesh.positions[node] == pytest.approx(place, abs=1e-12)
