@@ -31,7 +31,7 @@ FACTORS: dict[str, dict[str, float]] = {
 }  # fmt: skip
 SI = {other: si for si, factors in FACTORS.items() for other in factors}
 _HEAD = re.compile(r"\s*(?P<name>.*?)\s*(?:[\[(](?P<unit>[^\])]*)[\])])?\s*")
-LONGEST_LIST = 12  #: columns that a message names
+LONGEST_LIST = 12  #: most columns that a message lists
 
 
 def table(t: Any, values: Any, kind: str = "linear", outside: str = "hold") -> Any:
@@ -75,7 +75,7 @@ def read_table(file: Any, t: str, value: str, kind: str = "linear", outside: str
 
 
 def _rows(place: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """Names of the columns, and lines with their numbers in the file."""
+    """Names of the columns, and the entries of each row with the number of its line in the file."""
     try:
         lines = place.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -92,7 +92,7 @@ def _rows(place: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
 
 
 def _with_units(words: list[str]) -> list[str]:
-    """Names divided by blanks, each with the unit in brackets behind it."""
+    """Names of columns from words, where a word in brackets is the unit of the name before it."""
     found: list[str] = []
     for word in words:
         if found and word.startswith(("[", "(")):
@@ -103,7 +103,7 @@ def _with_units(words: list[str]) -> list[str]:
 
 
 def _column(place: Path, head: Sequence[str], name: str) -> int:
-    """The number of the column with a name, with its unit or without."""
+    """Index of the column with a name, which may be given with its unit or without."""
     found = [i for i, h in enumerate(head) if name.strip() in (h, _HEAD.fullmatch(h)["name"])]  # type: ignore[index]
     if len(found) == 1:
         return found[0]
@@ -144,7 +144,7 @@ def _function(name: str, order: int) -> Any:
     from sympy.core.function import AppliedUndef, UndefinedFunction
 
     class AppliedTable(AppliedUndef):  # type: ignore[misc]
-        """A table at a time: it has derivatives and, at a number, a value."""
+        """A table as a function in SymPy: with derivatives and, where the argument is a number, a value."""
 
         def fdiff(self, argindex: int = 1) -> Any:
             return _function(name, order + 1)(*self.args)
