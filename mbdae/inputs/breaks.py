@@ -68,8 +68,8 @@ def tables_within(e: Expr, t0: float, t1: float, tolerance: float) -> tuple[Piec
 
 
 def tables_read(e: Expr, t0: float, t1: float) -> list[tuple[Table, float, float]]:
-    """Tables that an expression reads within a run, with the least and the largest of their own times at which it does: cases of
-    a Piecewise that do not hold are not read. Raises TooManyError."""
+    """Tables that an expression reads within a run, each with the first and last of the table's own times at which it is read;
+    cases of a Piecewise that do not hold are not read. Raises TooManyError."""
     edges, e = np.r_[t0, breaks((e,), t0, t1), t1], sided(e)
     middle = (edges[1:] + edges[:-1]) / 2
     known = Enclosure(e)

@@ -133,5 +133,5 @@ _TIME = Timed()
 
 
 def time_symbol() -> Any:
-    """What `mb.t` is: SymPy's symbol as soon as SymPy has been imported."""
+    """The object `mb.t`: SymPy's symbol as soon as SymPy has been imported, before that one of `Timed`."""
     return sympy_time() if "sympy" in sys.modules else _TIME
