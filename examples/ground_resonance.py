@@ -22,12 +22,9 @@ blades start unstretched; they stretch by a few mm, whereby all of them lag by s
 grow.
 
 Run it:  mbdae compare examples/ground_resonance.py --out out
-         python examples/ground_resonance.py out       (the rotor and its lag angles, blades flexible: Figs. 8 and 9)
 """
 
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 
@@ -70,17 +67,6 @@ def scene(axes=2, free=False, model=None, flexible=False, space="auto", lag0=LAG
     return s
 
 
-def pictures(out, accuracy=1e-4, **options):
-    """Our own versions of the paper's Figs. 8 and 9, flexible blades, as .png files in a folder."""
-    folder = Path(out)
-    folder.mkdir(parents=True, exist_ok=True)
-    s = scene(**{"axes": 1, "flexible": True} | options)
-    s.draw(folder / "rotor.png")
-    r = s.simulate(t_end, accuracy=accuracy)
-    r.plot(*(f"lag {i + 1}.angle" for i in range(BLADES)), path=folder / "lag_angles.png")
-    return r
-
-
 def growth():
     """Largest growth rate (1/s) by Coleman's transformation, both axes: hub z = x + i y, lag eta = sum of zeta_i exp(i psi_i)."""
     S, inertia, total = M * L / 2, M * L**2 / 3, BLOCK + BLADES * M
@@ -104,7 +90,3 @@ def number(r):
 def picture(r):
     """Lag angles, and the path of the hub."""
     return r.plot(*(f"lag {i + 1}.angle" for i in range(BLADES)), "hub.position")
-
-
-if __name__ == "__main__":
-    print(pictures(sys.argv[1] if len(sys.argv) > 1 else "out"))

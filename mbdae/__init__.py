@@ -115,7 +115,7 @@ def __getattr__(name: str) -> Any:
 
 
 class _Package(ModuleType):
-    """Keeps public names public: importing the package `mbdae.compare` must not hide the function of that name."""
+    """The class of the module mbdae: importing the subpackage `mbdae.compare` does not replace the function `mbdae.compare`."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         if not (name in _HOME and isinstance(value, ModuleType)):

@@ -42,13 +42,13 @@ class Scene(SceneData):
     """A mechanism: bodies, joints and forces. See `SceneData` for the statements."""
 
     def check(self, accuracy: float = 1e-6) -> Check:
-        """What is known before solving: freedoms, unknowns, redundant rows, and what `simulate` to this accuracy will choose;
-        raises SceneError with all problems at once."""
+        """Count degrees of freedom, unknowns and redundant constraints before anything is solved, and name the solver and form
+        that `simulate` would choose for this accuracy. Raises SceneError with all problems of the scene at once."""
         return check_scene(self, plausible(accuracy))
 
     def system(self, form: Form | type[Form] | str | None = None, start: Start | Result | None = None) -> SceneSystem:
-        """The equations F(t, y, y') = 0 of the scene in a form (an object, a class or a name such as "ggl"), with a consistent
-        start: that of the scene, the end of a Result, or a Start."""
+        """The equations F(t, y, y') = 0 of the scene, y (n,), in a form (an object, a class or a name such as "ggl"), with a
+        consistent start: that of the scene, the end of a Result, or a Start. Raises SceneError and OptionError."""
         chosen = form_of(form) if form is not None else None
         begin = start if start is None or isinstance(start, Start) else option("start", start, of_class, START, base=Result)
         return system_for(prepare(self, begin.state_for(self) if isinstance(begin, Result) else begin), chosen)
@@ -75,7 +75,8 @@ class Scene(SceneData):
             return titled(f"scene '{self.name}'", rows([("problem", text) for text in error.problems]), table)
 
     def equilibrium(self, frame: Any = None, progress: Callable[[float, int], None] | None = None) -> Equilibrium:
-        """A state at rest in a frame: s.ground (default), or a body that turns steadily; see `mbdae.analysis.equilibrium`."""
+        """A state at rest in a frame: s.ground (default), or a body that turns steadily; see `mbdae.analysis.equilibrium`. Raises
+        EquilibriumError where none is found. progress: a function, called as progress(load_factor, iterations)."""
         from mbdae.analysis import equilibrium
 
         return equilibrium(self, frame, progress)
@@ -99,25 +100,28 @@ class Scene(SceneData):
                  start: Result | None = None, verify: bool = False, max_wall: float | None = None,
                  progress: Callable[..., None] | bool | None = None, checkpoint: Any = None, every: int | None = None,
                  until: Any = None, record: Any = None) -> Result:  # fmt: skip
-        """Run to t_end (s), or to the event `until`.
+        """Integrate the equations of motion to t_end (s), or to the event `until`.
 
         accuracy: bound asked for the error over the run (positions relative to the scene's length, angles in rad,
-        velocities relative to length / characteristic time; with beams only positions and angles, because their velocities
-        contain fast vibrations, and the same while a joint with clearance touches, because an impact a moment later is no error);
-        the run estimates its error and is repeated with a tighter tolerance where needed; `accuracy.covers` of the result says
-        whether the accuracy also covers reactions and the mesh of beams. A solver with its own tolerance or step runs once.
+        velocities relative to length / characteristic time). With beams only positions and angles count, because their
+        velocities contain fast vibrations; likewise while a joint with clearance touches, because a small shift in the time of
+        an impact changes velocities a lot. The run estimates its error and is repeated with a tighter tolerance where needed;
+        `accuracy.covers` of the result says whether the accuracy also covers reactions and the mesh of beams. A solver with its
+        own tolerance or step runs once.
         solver, form: an object, a class or a name, such as mb.RadauIIA(3), mb.IDA, "radau3", "ggl"; by default chosen.
-        outputs: a number of equally spaced times, or the times. start: a Result to continue. verify: measure the
-        error by a repeat at a tenth with another method, and that of the mesh of beams by a finer mesh. max_wall: s of wall
-        time. progress: True shows a bar; a function is called as progress(t, t_end, stats), ten times per second at most.
+        outputs: a number of equally spaced times, or the times (s). start: a Result to continue. verify: measure the error by a
+        second run with another method at a tenth of the accuracy, and that of the mesh of beams by a finer mesh. max_wall: limit
+        of wall-clock time (s), after which WallClockError is raised.
+        progress: True shows a bar; a function is called as progress(t, t_end, stats), ten times per second at most.
         checkpoint: a folder in which the call keeps its runs: after it was killed, at whatever time, the same call with the same
         folder goes on and returns the same bits; SIGTERM ends it after the step under way with StoppedError. every: accepted
         steps between two checkpoints (default 1000). IDA and CVODE begin anew at each. Sampled controllers are refused.
         until: a condition on sensors that ends the run where it begins to hold, "J.angle > 1.0"; record: conditions whose
         instants are kept, "J.angle == 0" or a list; both as text or symbols (`sensor`), results in `events`.
-        An option that cannot be used raises OptionError before anything is solved.
+        An option that cannot be used raises OptionError before anything is solved, a mistake in the scene SceneError, a start
+        that does not satisfy the joints StartError, a solver that cannot go on SolverError.
 
-        Ctrl-C comes out as KeyboardInterrupt; its attribute `solution` is the Result until then, as that of a SolverError is.
+        Ctrl-C raises KeyboardInterrupt; its attribute `solution`, like that of a SolverError, is the Result until then.
         """
         accuracy = plausible(accuracy)
         method, own = solver_of(solver) if solver is not None else None, form_of(form) if form is not None else None
@@ -139,7 +143,7 @@ class Scene(SceneData):
 
     def _simulated(self, end: float, accuracy: float, method: Solver | None, own: Form | None, times: Array,
                    start: Result | None, verify: bool, asked: Asked, watched: Watched, outputs: Any) -> Result:  # fmt: skip
-        """`simulate` with options that are read."""
+        """`simulate` after its options have been checked."""
         prepared = with_recursive_joints(self, start, end) if method is None and own is None else None
         prepared = prepared if prepared is not None else prepared_from(self, start, end)
         prepared = watched.with_turns(prepared, lambda scene: prepared_from(scene, start, end))

@@ -1,4 +1,4 @@
-"""CPU seconds by what they are spent on, and what is made once per process: laws derived, kernels planned and compiled."""
+"""CPU time (s) by kind of work, and caches of what is made once per process: derived laws, planned and compiled kernels."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from typing import Any, ParamSpec, TypeVar
 P = ParamSpec("P")
 T = TypeVar("T")
 _local = threading.local()
-_made: list[tuple[list[Any], Callable[[], Any]]] = []  #: caches in use, and how an empty one is made
+_made: list[tuple[list[Any], Callable[[], Any]]] = []  #: of every cache: a list with it, and how to make an empty one
 
 
 def spends(kind: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Decorator: CPU s of the calls count as `kind` in `measured`, without those of other kinds inside."""
+    """Decorator: the CPU time (s) of the calls is added to `kind` in `measured`, less the time of other kinds inside of them."""
 
     def decorated(function: Callable[P, T]) -> Callable[P, T]:
         @wraps(function)
@@ -39,7 +39,7 @@ def spends(kind: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
 
 
 def made_once(kind: str, most: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Decorator: results are kept, at most so many, and count as `kind` where they are made."""
+    """Decorator: a cache of at most `most` results; the CPU time of computing a result counts as `kind`."""
 
     def decorated(function: Callable[P, T]) -> Callable[P, T]:
         body = spends(kind)(function)
@@ -58,7 +58,7 @@ def made_once(kind: str, most: int) -> Callable[[Callable[P, T]], Callable[P, T]
 
 @contextmanager
 def measured() -> Iterator[dict[str, float]]:
-    """CPU s by kind of what is done inside in this thread; the rest of it is "other"."""
+    """CPU time (s) by kind of the work in this thread inside of the context; "other" is the rest."""
     found: dict[str, float] = {}
     _local.found, _local.inside, begin = found, 0.0, time.process_time()
     try:
@@ -70,7 +70,7 @@ def measured() -> Iterator[dict[str, float]]:
 
 @contextmanager
 def cold() -> Iterator[None]:
-    """Inside, nothing is made yet, as in a new process; afterwards everything is as it was."""
+    """Context that begins with empty caches, as a new process does; afterwards the earlier caches are in use again."""
     before = [cell[0] for cell, _ in _made]
     for cell, empty in _made:
         cell[0] = empty()

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 else:
 
     class _Deferred:
-        """A module, or what it has by a name."""
+        """A module, or an object in it, that is imported at its first use."""
 
         def __init__(self, module: str, name: str = "") -> None:
             self._place = module, name
@@ -50,7 +50,7 @@ else:
     eigsh, LinearOperator = _Deferred("scipy.sparse.linalg", "eigsh"), _Deferred("scipy.sparse.linalg", "LinearOperator")
 
     def issparse(matrix: Any) -> bool:
-        """Whether a matrix is sparse; none is before SciPy's module has been imported."""
+        """Whether a matrix is sparse; False where SciPy's module of sparse matrices has not been imported yet."""
         return "scipy.sparse" in sys.modules and sp.issparse(matrix)
 
 

@@ -1,4 +1,4 @@
-"""What notebooks show of objects: tables, pictures and whole pages as HTML."""
+"""HTML that notebooks show for objects: tables, pictures and whole pages."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 STYLE = "text-align:left;vertical-align:top;padding:2px 12px 2px 0"
-PLAYER_HEIGHT = 660  #: px, of a page inside of a notebook
+PLAYER_HEIGHT = 660  #: height of a page inside of a notebook, px
 
 
 def titled(title: str, *parts: str) -> str:
@@ -28,7 +28,7 @@ def _cells(tag: str, row: Sequence[Any]) -> str:
 
 
 def lines(text: str) -> str:
-    """Text of lines "name: value" as a table of two columns; what has no name continues the line before."""
+    """Lines "name: value" as a table of two columns; a line without a name continues the one before."""
     found: list[list[str]] = []
     for line in text.splitlines():
         name, colon, rest = line.strip().partition(": ")
@@ -40,15 +40,15 @@ def lines(text: str) -> str:
 
 
 def plain(text: str) -> str:
-    """Text in columns, as it is."""
+    """Text with its line breaks and columns kept."""
     return f'<pre style="white-space:pre;overflow-x:auto">{html.escape(text)}</pre>'
 
 
 def picture(file: bytes, kind: str = "png") -> str:
-    """A picture inside of the page."""
+    """An image inside of the page, its bytes as text (base64)."""
     return f'<img style="max-width:100%" src="data:image/{kind};base64,{base64.b64encode(file).decode("ascii")}">'
 
 
 def framed(page: str, height: int = PLAYER_HEIGHT) -> str:
-    """A whole page with scripts and styles of its own, apart from those around it."""
+    """A whole page in a frame of some height (px), so that its scripts and styles do not mix with those around it."""
     return f'<iframe srcdoc="{html.escape(page)}" style="width:100%;height:{height}px;border:0"></iframe>'

@@ -9,7 +9,8 @@
     ├── OptionError         an option has a value that cannot be used (also a ValueError)
     │   └── ExpressionError an expression of mb.t where only a number has a meaning (also a TypeError)
     ├── SolverError         the integration stopped; with the time, the culprit and the solution so far
-    │   └── WallClockError  its wall-clock time was used up
+    │   ├── WallClockError  its wall-clock time was used up
+    │   └── ChatteringError the motion switches back and forth without end
     ├── StoppedError        a run kept in a folder was ended by SIGTERM; the same call goes on with it
     ├── EquilibriumError    no state at rest was found; with the last one under a part of the loads, and its load factor
     ├── SteadyError         the linearised equations depend on time; with their coefficients at that instant
@@ -33,13 +34,13 @@ T = TypeVar("T")
 
 
 class MbdaeError(Exception):
-    """Base of every error raised on purpose by mbdae. It goes from process to process without the computed states it holds."""
+    """Base of every error raised on purpose by mbdae. A pickled one, from another process, has no computed states."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _raised_elsewhere, (type(self), self.args, {k: v for k, v in vars(self).items() if k not in COMPUTED})
 
 
-#: attributes of errors that hold what was computed
+#: attributes of errors with computed states, which are left out when an error is pickled
 COMPUTED = ("solution", "equilibrium", "frozen")
 
 
@@ -82,7 +83,7 @@ class ExpressionError(OptionError, TypeError):
 class SolverError(MbdaeError):
     """The integration stopped before its end.
 
-    time: where it stopped (s); culprit: name of the unknown or equation that resists;
+    time: where it stopped (s); culprit: name of the unknown or equation that did not converge, if one is known;
     solution: what was computed until then, or None.
     """
 
@@ -101,6 +102,14 @@ class ControllerError(MbdaeError):
 
 class WallClockError(SolverError):
     """The wall-clock time allowed for a run was used up."""
+
+
+class ChatteringError(SolverError):
+    """The motion switches back and forth without end: a force jumps where it is driven back from either side."""
+
+
+#: failures of a run that no other solver or tolerance mends
+FINAL = (WallClockError, ChatteringError)
 
 
 class StoppedError(MbdaeError):
@@ -145,8 +154,8 @@ def with_text_when_interrupted(function: Callable[P, T]) -> Callable[P, T]:
 class EquilibriumError(MbdaeError):
     """No state at rest under the full loads was found.
 
-    equilibrium: the last state at rest that was, under loads times its load factor; None where there is none.
-    load_factor: the load factor it was found at, 0 to 1.
+    equilibrium: the last state at rest that was found, under the loads times `load_factor`; None where there is none.
+    load_factor: share of the loads it belongs to, 0 to 1.
     """
 
     def __init__(self, message: str, equilibrium: Any = None, load_factor: float = 0.0) -> None:
@@ -174,7 +183,7 @@ class AccuracyWarning(UserWarning):
 
 
 def meant(name: str, known: Iterable[str]) -> str:
-    """A question for the known name that is closest to one that is not known, in any case of its letters; empty where none is."""
+    """The question "did you mean ...? " with the known name that is closest to `name`, whatever the case; empty where none is."""
     by_letters = {one.lower(): one for one in known}
     close = get_close_matches(name.lower(), by_letters, 1)
     return f"did you mean '{by_letters[close[0]]}'? " if close else ""
@@ -185,10 +194,10 @@ class ListsAttributes:
 
     @property
     def _called(self) -> str:
-        """Its name in messages."""
+        """What messages call the object."""
         return f"a {type(self).__name__}"
 
-    if not TYPE_CHECKING:  # or every attribute would be one
+    if not TYPE_CHECKING:  # a type checker would take every attribute to exist
 
         def __getattr__(self, name: str) -> Any:
             if hasattr(type(self), name):  # a property that raised AttributeError itself: raise that

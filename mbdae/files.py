@@ -1,20 +1,22 @@
-"""Files written as a whole: under another name first, then renamed, so that the old file stays until the new one is complete."""
+"""Files written as a whole: under another name first, then renamed, so that the old file stays until the new one is complete.
+Files that go on with what was interrupted are read where they are regular ones."""
 
 from __future__ import annotations
 
 import json
 import os
 import secrets
+import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from mbdae.errors import OptionError
 
 
 def path_of(path: Any) -> Path:
-    """A path as users name it; OptionError where it is none."""
+    """The Path of a file name that a user gives; OptionError where it cannot be one."""
     try:
         found = Path(path)
         os.fsencode(found)
@@ -60,8 +62,23 @@ def write_file(path: Any, content: str | bytes) -> Path:
     return Path(path)
 
 
+def regular(path: Any) -> BinaryIO:
+    """A file to be read; OSError where it is no regular one, without waiting for the other end of a pipe."""
+    number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0))
+    if not stat.S_ISREG(os.fstat(number).st_mode):
+        os.close(number)
+        raise OSError(f"'{path}' is no regular file")
+    return open(number, "rb")
+
+
+def read_file(path: Any) -> str:
+    """The text (UTF-8) of a regular file."""
+    with regular(path) as file:
+        return file.read().decode("utf-8")
+
+
 def _begin(part: Path, place: Path) -> None:
-    """An empty file with the rights of the file that is at `place`; OSError where that one may not be replaced."""
+    """Create the empty file `part` with the rights of the file at `place`; OSError where that file may not be replaced."""
     if place.is_dir():
         raise IsADirectoryError("it is a folder")
     there = place.exists()
@@ -92,18 +109,19 @@ def _flush_folder(folder: Path) -> None:
 
 
 def first_difference(there: Any, here: Any, where: str = "") -> str | None:
-    """The first entry in which two plain values differ, in words; None where they are equal."""
+    """The first entry in which plain values of a file (`there`) and of a call (`here`) differ, in words; None where none does."""
     if there == here:
         return None
     if isinstance(there, Mapping) and isinstance(here, Mapping):
         names = [(f"{where}.{key}" if where else str(key), there[key], here[key]) for key in there if key in here]
-        alone = next(((key, "there" if key in there else "here") for key in (*there, *here) if (key in there) != (key in here)), None)
+        alone = next(((key, "what is stored" if key in there else "this call") for key in (*there, *here)
+                      if (key in there) != (key in here)), None)  # fmt: skip
         if alone is not None:
-            return f"{where}.{alone[0]} is {alone[1]} alone" if where else f"{alone[0]} is {alone[1]} alone"
+            return f"{where}.{alone[0]} is part of {alone[1]} only" if where else f"{alone[0]} is part of {alone[1]} only"
     elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
         names = [(f"{where}[{i}]", a, b) for i, (a, b) in enumerate(zip(there, here, strict=True))]
     else:
-        return f"{where or 'it'} is {_short(there)} there and {_short(here)} here"
+        return f"{where or 'it'} is {_short(there)} as stored and {_short(here)} in this call"
     return next(found for name, a, b in names if (found := first_difference(a, b, name)))
 
 

@@ -19,14 +19,14 @@ T = TypeVar("T")
 
 @lru_cache(maxsize=2)
 def _controller(with_scipy: bool) -> Any:
-    """The BLAS libraries loaded so far; SciPy brings one of its own, loaded later."""
+    """Controller of the BLAS libraries loaded so far; SciPy loads one of its own, for which a new controller is made."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
 
 
 class _OneThread:
-    """Contexts inside of each other, in which BLAS uses one thread; what they limit is released at the end of the outermost."""
+    """Nested contexts in which BLAS uses one thread; the limit is removed at the end of the outermost one."""
 
     def __init__(self) -> None:
         self.depth, self.limits, self.lock = 0, list[Any](), Lock()
@@ -46,7 +46,7 @@ class _OneThread:
         """Limit the libraries loaded so far."""
         controller = _controller("scipy.linalg" in sys.modules)
         if any(library.num_threads != 1 for library in controller.lib_controllers if library.user_api == "blas"):
-            self.limits.append(controller.limit(limits=1, user_api="blas"))  # it costs as much as a short run
+            self.limits.append(controller.limit(limits=1, user_api="blas"))  # only where needed: takes as long as a short run
 
 
 _INSIDE = _OneThread()
@@ -58,7 +58,7 @@ def one_thread() -> _OneThread:
 
 
 def limit_what_was_loaded() -> None:
-    """Inside of such a context, limit the BLAS of a library that has just been imported too."""
+    """Inside of `one_thread`, limit the BLAS of a library that has just been imported too."""
     with _INSIDE.lock:
         if _INSIDE.depth:
             _INSIDE.limit()

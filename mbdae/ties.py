@@ -1,4 +1,4 @@
-"""The first of values that are equal up to rounding: messages, meshes and signs of modes do not depend on the last digits."""
+"""The first among values that are equal up to rounding, so that messages, meshes and signs of modes do not depend on rounding."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 #: relative difference up to which magnitudes count as equal: solved or differentiated values have errors up to about 1e-8, and
 #: which of two rows is named the worst does not matter where they differ by less
 ALIKE = 1e-6
-NEAR = 1e-9  #: of a length: places closer together count as one
+NEAR = 1e-9  #: distance over a length up to which two places count as one
 
 
 def largest(sizes: Any) -> int:
-    """Position of the first of the largest of some magnitudes (n,), those within `ALIKE` of each other taken as equal.
+    """Index of the first of the largest of some magnitudes (n,); those within `ALIKE` (relative) of the largest count as equal.
 
-    Where one is not finite, the first such; raises ValueError where there are none.
+    Where some are not finite, the index of the first of them; raises ValueError for an empty array.
     """
     found = np.asarray(sizes, dtype=float)
     top = np.max(found)
@@ -23,6 +23,6 @@ def largest(sizes: Any) -> int:
 
 
 def nearest(distances: Any, length: float) -> int:
-    """Position of the first of the smallest of some distances (n,), those within `NEAR` of a length of each other being equal."""
+    """Index of the first of the smallest of some distances (n,), m; those within `NEAR` times `length` of it count as equal."""
     found = np.asarray(distances, dtype=float)
     return int(np.argmax(found <= np.min(found) + NEAR * length))

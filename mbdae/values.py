@@ -27,8 +27,8 @@ T = TypeVar("T")
 
 #: magnitudes between which products of a few quantities neither overflow nor vanish in double precision
 LARGEST, SMALLEST = 1e100, 1e-100
-MOST_COUNTED = 2**53  #: beyond, floats are not all whole numbers
-SHOWN = 60  #: characters of a value in a message
+MOST_COUNTED = 2**53  #: largest magnitude up to which a double represents every whole number
+SHOWN = 60  #: largest number of characters of a value in a message
 
 
 class BadValueError(ValueError):
@@ -71,14 +71,14 @@ def whole(value: Any, *, least: int | None = None, most: int | None = None) -> i
 
 
 def flag(value: Any) -> bool:
-    """True or False, NumPy's too."""
+    """True or False, Python's or NumPy's."""
     if isinstance(value, bool | np.bool_):
         return bool(value)
     raise BadValueError(f"{shown(value)} is neither True nor False")
 
 
 def word(value: Any, words: Iterable[str]) -> str:
-    """One of some words."""
+    """A text that is one of some words."""
     known = list(words)
     if isinstance(value, str) and value in known:
         return str(value)
@@ -86,7 +86,7 @@ def word(value: Any, words: Iterable[str]) -> str:
 
 
 def function(value: Any, *, takes: str = "") -> Callable[..., Any]:
-    """A function that can be called with so many arguments as `takes` names, such as "t, y"; no class."""
+    """A function, not a class, that can be called with the arguments that `takes` names, such as "t, y"."""
     if not callable(value) or isinstance(value, type):
         raise BadValueError(f"{shown(value)} is not a function")
     arguments = takes.split(", ") if takes else []
@@ -95,7 +95,7 @@ def function(value: Any, *, takes: str = "") -> Callable[..., Any]:
     except TypeError as error:
         raise BadValueError(f"{shown(value)} cannot be called with ({takes}): {error}") from error
     except ValueError:
-        pass  # functions written in C may not tell their arguments
+        pass  # functions written in C may have no signature to check
     return value  # type: ignore[no-any-return]
 
 
@@ -138,7 +138,7 @@ def several(value: Any) -> bool:
 
 
 def sequence(value: Any, each: Callable[..., T], **bounds: Any) -> list[T]:
-    """A list of what `each` takes; a single text is refused, not read letter by letter."""
+    """A list whose entries are read by `each`; a text is refused, not taken as a list of letters."""
     if isinstance(value, Set | Iterator) or not several(value):
         raise BadValueError(f"{shown(value)} is not a list")
     entries = list(value)
@@ -154,7 +154,7 @@ def plain(name: str) -> str:
 
 
 def of_class(value: Any, *, base: type[T]) -> T:
-    """An object of a class."""
+    """The value, which has to be an object of class `base`."""
     if isinstance(value, base):
         return value
     raise BadValueError(f"{shown(value)} is not a {base.__name__}")
@@ -177,7 +177,8 @@ def instance(value: Any, base: type[T], known: Mapping[str, T]) -> T:
 
 def array(value: Any, *shapes: tuple[int, ...]) -> Array:
     """Finite numbers in an array of one of some shapes (any where none is given); no text, no truth values, no complex."""
-    if "numpy.ma" in sys.modules and isinstance(value, np.ma.MaskedArray) and np.any(value.mask):  # else there is none
+    # a masked array exists only where numpy.ma has been imported
+    if "numpy.ma" in sys.modules and isinstance(value, np.ma.MaskedArray) and np.any(value.mask):
         raise BadValueError(f"{shown(value)} has masked entries")
     found = entries(value)
     try:
@@ -202,7 +203,7 @@ def array(value: Any, *shapes: tuple[int, ...]) -> Array:
 
 
 def entries(value: Any) -> NDArray[Any]:
-    """A value as an array of objects, or the array it is; its shape is () where it is no list."""
+    """A value as an array of objects, an array unchanged; the shape is () where the value is no list."""
     if isinstance(value, np.ndarray):
         return value
     if isinstance(value, bytes | bytearray | memoryview):
@@ -223,7 +224,7 @@ def text(value: Any) -> str:
 
 
 def optional(name: str, value: Any, read: Callable[..., T], remedy: str, **bounds: Any) -> T | None:
-    """An option that may be None."""
+    """An option as `option` reads it, or None."""
     return None if value is None else option(name, value, read, remedy, **bounds)
 
 
@@ -264,7 +265,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _range(least: float, above: float, most: float) -> str:
-    """"positive", "0 or more", "between 0 and 1" and the like."""
+    """A range in words: "positive", "0 or more", "between 0 and 1" and the like."""
     if math.isinf(most):
         if above == 0:
             return "positive"

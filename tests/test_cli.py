@@ -132,7 +132,7 @@ def test_compare_stopped_by_ctrl_c_goes_on_from_its_file(file, tmp_path, capsys)
     assert "Traceback" not in err
     assert len(json.loads(kept.read_text(encoding="utf-8"))["rows"]) == 1
     assert main([*command, "--t-end", "0.1"]) == 2
-    assert "t_end is 0.5 there and 0.1 here" in said(capsys)[1]
+    assert "t_end is 0.5 as stored and 0.1 in this call" in said(capsys)[1]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")

@@ -6,6 +6,7 @@ import importlib.util
 import re
 import shlex
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,8 @@ COMMANDS = sorted({line.split("  #")[0].strip() for page in PAGES for text, _ in
 def test_every_command_is_understood(command: str) -> None:
     from mbdae.cli import _parser
 
-    _parser().parse_args(shlex.split(command)[1:])
+    with pytest.raises(SystemExit, match=r"^0$") if command == "mbdae --version" else nullcontext():  # which only prints
+        _parser().parse_args(shlex.split(command)[1:])
 
 
 def headings(page: Path) -> set[str]:

@@ -83,3 +83,42 @@ def test_what_cannot_be_written_is_told_with_its_name(tmp_path: Path) -> None:
         with pytest.raises(mb.OptionError, match="may not be changed"):
             write_file(locked, "new")
     assert locked.read_text() == "old"
+
+
+def chain() -> mb.Scene:
+    s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+    s.revolute("hinge", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0))
+    return s
+
+
+def square(x: float) -> float:
+    return x * x
+
+
+CALLS = {
+    "compare": lambda place: mb.compare(chain(), 0.1, ["IDA"], [1e-3], resume=place),
+    "extremes": lambda place: mb.extremes(chain(), 0.1, vary={"rod.mass": (1.0, 2.0)}, resume=place),
+    "sweep": lambda place: mb.sweep(square, {"x": [1.0]}, resume=place),
+    "run": lambda place: chain().simulate(0.1, checkpoint=place.parent),
+    "sweep of a scene": lambda place: mb.sweep(chain(), {"rod.mass": [1.0]}, t_end=0.1, resume=place.parent),
+}
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes with names")
+@pytest.mark.parametrize("call", CALLS)
+def test_a_pipe_is_not_waited_for(call: str, tmp_path: Path) -> None:
+    """Where a file is expected to go on with; nobody writes to the pipe."""
+    place = tmp_path / ("statement.json" if call in ("run", "sweep of a scene") else "kept")
+    os.mkfifo(place)
+    with pytest.raises(mb.OptionError, match="no regular file"):
+        CALLS[call](place)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes with names")
+def test_a_pipe_among_the_files_of_a_run_is_not_waited_for(tmp_path: Path) -> None:
+    chain().simulate(0.1, checkpoint=tmp_path)
+    place = tmp_path / "run00001.state.npz"
+    place.unlink()
+    os.mkfifo(place)
+    with pytest.raises(mb.OptionError, match="no regular file"):
+        chain().simulate(0.1, checkpoint=tmp_path)

@@ -45,7 +45,7 @@ def test_mutants_of_python():
 
 
 def test_what_changes_nothing_is_no_mutant():
-    assert not changed("@d(1)\nclass A:\n    def __repr__(self):\n        return 1 + 2\n", "f.py")
+    assert not changed("@d(1)\nclass Rod:\n    def __repr__(self):\n        return 1 + 2\n", "f.py")
     assert changed("for a, b in zip(c, d, strict=True):\n    pass\n", "f.py") == set()
     assert (">", ">=") not in changed("se.Piecewise((p, p > 0), (0, True))", "f.py")
     assert (">", ">=") not in changed("se.Piecewise((v, v > 0), (-v, True))", "f.py")

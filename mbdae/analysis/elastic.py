@@ -1,4 +1,4 @@
-"""Accelerations of scenes with beams from given stresses: positions are too rounded to give the strains of stiff beams."""
+"""Accelerations of scenes with beams from given stresses, because rounded positions do not give the strains of stiff beams."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from mbdae.system.assembled.right_hand_side import state_rates
 from mbdae.system.base import Array
 from mbdae.system.motion.mechanics import Mechanics
 
-UNRESOLVED = 1e-10  #: strain that may be a rounding error of positions, over the tolerance of the comparison
+UNRESOLVED = 1e-10  #: strain that rounding errors of positions may cause, divided by the tolerance of the comparison
 
 
 @dataclass(frozen=True)
 class Dynamics:
-    """y and y' of a system in motion, its accelerations (nu,), and the size of its forces (N m, over unit displacements)."""
+    """y and y' of a system in motion, its accelerations (nu,), and its largest force times the unit displacement (N m)."""
 
     y: Array
     yp: Array
@@ -57,13 +57,13 @@ def add_dead_loads(m: Mechanics, force: Array) -> Array:
 
 
 def unresolved(m: Mechanics) -> float:
-    """Size of forces (N m, over unit displacements) that rounding errors of the positions can cause."""
+    """Generalised forces times unit displacements (N m) that rounding errors of the positions can cause."""
     stiffest = [1 / min((v for n, v in line.numbers.items() if n.startswith("compliance_N") and v > 0), default=np.inf)
                 for line in m.model.lines]  # fmt: skip
     return UNRESOLVED * max(stiffest, default=0.0) * m.model.length
 
 
 def forces_off(m: Mechanics, acceleration: Array, found: Dynamics) -> Array:
-    """(nu,) forces that belong to the difference of two accelerations, over the largest force."""
+    """(nu,) generalised forces that belong to the difference of two accelerations, relative to the largest force."""
     off: Any = np.abs(m.mass @ (found.acceleration - acceleration)) * m.velocity_units
     return np.asarray(off / max(found.force, unresolved(m), 1e-300))

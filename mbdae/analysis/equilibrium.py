@@ -30,20 +30,20 @@ from mbdae.system.start.start import Start
 from mbdae.threads import single_threaded
 from mbdae.values import array, function, option, optional, shown
 
-SMALLEST_STEP = 1e-6  #: relative to the load factor reached
-REACH = 0.1  #: largest displacement per step of the loads, in the scene's length and rad: a longer one may skip a limit point
-BENT = 0.7  #: the same for scenes with beams, whose steps are checked by the tangents at both ends
-NEAR = 0.3  #: largest distance of a step from the prediction of its tangent, over the step
+SMALLEST_STEP = 1e-6  #: smallest step of the load factor, relative to the load factor reached
+REACH = 0.1  #: largest displacement per load step, in the scene's length and rad: a longer step may skip a limit point
+BENT = 0.7  #: largest displacement per load step of scenes with beams, whose steps are checked by the tangents at both ends
+NEAR = 0.3  #: largest distance of a step from the prediction of its tangent, relative to the step
 TRUST = 0.5  #: largest step of the search for a stable state, in the scene's length and rad
 REMEDY = "stop that motion with a joint, or give it a spring"
 ASIDE = 0.02  #: distance from an unstable state at which a stable one is looked for, in the scene's length and rad
-FAR = 30.0  #: distance, in the scene's length and rad, after which a search has diverged
-SEARCHES = 200  #: most corrections of that search
-OFF = 1e-6  #: of the scene's length, or rad: a redundant row that is off by more is not satisfied
-SOLVED = "no error is estimated: the equations are solved to the residual that the state at rest has"
+FAR = 30.0  #: total displacement, in the scene's length and rad, beyond which a search has diverged
+SEARCHES = 200  #: largest number of corrections of the search for a stable state
+OFF = 1e-6  #: a redundant row with a larger error, in the scene's length or rad, is not satisfied
+SOLVED = "not estimated: the equations are solved until `residual` of the state at rest remains"
 CLAIMED = {"motion": SOLVED, "reactions": SOLVED,
-           "mesh": "not measured: the same beams with one order more show it"}  #: what its accuracy says  # fmt: skip
-Progress = Callable[[float, int], None]  #: load factor reached, corrections so far
+           "mesh": "not measured: compare with beams of one order more"}  #: texts of `accuracy` of the result  # fmt: skip
+Progress = Callable[[float, int], None]  #: called with the load factor reached and the corrections so far
 
 
 class Equilibrium(Result):
@@ -57,7 +57,7 @@ class Equilibrium(Result):
 
     frame: str
     point: Point  #: all unknowns: stresses and multipliers too
-    kinds: Any  #: their kinds
+    kinds: Any  #: kinds of the unknowns in `point`, such as "q" and "lambda"
     load_factor: float
     residual: float
     iterations: int
@@ -121,7 +121,8 @@ def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None =
 
 def confirmed(statics: Statics, point: Point) -> Equilibrium:
     """The Result of a point at rest; EquilibriumError where it is not the only one nearby, or does not stay at rest."""
-    if statics.mechanics.reactive and not statics.elastic:  # Newton ends as the motion has converged, multipliers follow
+    # Newton's method ends when the motion has converged; multipliers converge later
+    if statics.mechanics.reactive and not statics.elastic:
         point = statics.with_reactions(point)
     result = as_result(statics, point)
     soft = statics.soft_motions(statics.tangent(point))
@@ -184,7 +185,7 @@ class _Path:
                 stable = confirmed(s, self._search(self._beside(found.point) if s.elastic else replace(begin, load_factor=1.0)))
                 return found if stable.unstable else stable
             except (EquilibriumError, OptionError):
-                return found  # a rotor above its critical speed: nothing holds it but its spin
+                return found  # such as a rotor above its critical speed, which only its spin keeps in place
         return found
 
     def _beside(self, point: Point) -> Point:
@@ -262,8 +263,8 @@ class _Path:
     # -- scenes without stiffness of their own
 
     def _search(self, point: Point) -> Point:
-        """A stable state under the full loads, by Newton's method on the stiffness plus the multiple of the mass that makes it
-        positive."""
+        """A stable state under the full loads, by Newton's method on the stiffness plus a multiple of the mass, as large as makes
+        the sum positive definite."""
         s, radius, last, far = self.statics, TRUST, np.zeros(self.statics.mechanics.nu), 0.0
         for _ in range(SEARCHES):
             T = s.tangent(point)
@@ -287,7 +288,7 @@ class _Path:
                                f"nearer to rest")  # fmt: skip
 
     def _downhill(self, T: Tangent, point: Point, radius: float) -> Array:
-        """A correction no longer than the radius; where the loads have a potential, it lowers that."""
+        """A correction no larger than `radius` (scene's length, rad); it lowers the potential energy, where there is one."""
         s, nu = self.statics, self.statics.mechanics.nu
         W = T.p.C.T @ (T.p.C.T @ s.mechanics.weight).T
         found = s.stiffness(T)

@@ -64,7 +64,7 @@ def frame_at(model: Model, frame: Any, q: Array, u: Array) -> RotatingFrame:
         return RotatingFrame("ground", np.eye(3), np.zeros(3))
     rate = angular_velocity(node, q, u)
     size = float(np.max(np.abs(u), initial=0.0))
-    rate = np.where(np.abs(rate) > 1e-10 * size, rate, 0.0)  # rounding errors of a projection
+    rate = np.where(np.abs(rate) > 1e-10 * size, rate, 0.0)  # a smaller rate is a rounding error of the projected start
     return RotatingFrame(body.name, attitude(node, q), rate, node)
 
 
@@ -74,28 +74,28 @@ def attitude(node: Node, q: Array) -> Array:
 
 
 def position(node: Node, q: Array) -> Array:
-    """r (3,) of a node; its plane is z = 0."""
+    """r (3,), m, of a node; a planar one has z = 0."""
     r = np.zeros(3)
     r[: node.kind.translations] = q[node.q : node.q + node.kind.translations]
     return r
 
 
 def velocity(node: Node, u: Array) -> Array:
-    """v (3,) of a node."""
+    """v (3,), m/s, of a node."""
     v = np.zeros(3)
     v[: node.kind.translations] = u[node.u : node.u + node.kind.translations]
     return v
 
 
 def angular_velocity(node: Node, q: Array, u: Array) -> Array:
-    """omega (3,) of a node, inertial components."""
+    """omega (3,), rad/s, of a node, inertial components."""
     if node.kind is NodeKind.SPATIAL:
         return np.asarray(attitude(node, q) @ u[node.u + 3 : node.u + 6])
     return np.array([0.0, 0.0, u[node.u + 2]]) if node.kind is NodeKind.PLANAR else np.zeros(3)
 
 
 def set_velocity(node: Node, q: Array, u: Array, v: Array, omega: Array) -> None:
-    """Write v and omega (inertial) of a node into u (nu,); the same for their rates of change."""
+    """Write v and omega (inertial) of a node into u (nu,); or accelerations of a node into u' (nu,)."""
     n = node.kind.translations
     u[node.u : node.u + n] = v[:n]
     if node.kind is NodeKind.SPATIAL:

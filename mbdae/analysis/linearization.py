@@ -30,7 +30,7 @@ from mbdae.threads import single_threaded
 from mbdae.ties import largest
 from mbdae.values import optional, shown, whole
 
-LARGEST = 1600  #: states up to which all eigenvalues are found
+LARGEST = 1600  #: largest number of states for which all eigenvalues are found
 AT = "give a Result, (Result, t), an equilibrium, or None for the start of the scene"
 RESOLVED = 1e-7  #: eigenvalues below this part of the largest are rounding errors of a double 0
 
@@ -39,7 +39,7 @@ class Linearization(Modes[Mode]):
     """Linear equations of small departures from a steady motion, and their modes by rising frequency.
 
     Arrays over the modes: `eigenvalues` (1/s), `frequencies` (Hz), `angular_frequencies` (rad/s), `damping` (ratios),
-    `growth` (1/s). One mode per conjugate pair, one per real eigenvalue. `M`, `C`, `K`: the second-order equations
+    `growth` (1/s). One mode per conjugate pair, one per real eigenvalue. `M`, `C`, `K` (freedoms, freedoms): the equations
     M x'' + C x' + K x = 0 of the displacements p = `basis` x that the constraints allow, p (nu,) along the frame's axes.
     """
 
@@ -61,32 +61,32 @@ class Linearization(Modes[Mode]):
 
     @property
     def M(self) -> Array:
-        """Mass matrix."""
+        """Mass matrix (freedoms, freedoms)."""
         return self.equations.M
 
     @property
     def C(self) -> Array:
-        """Damping and gyroscopic matrix."""
+        """Damping and gyroscopic matrix (freedoms, freedoms)."""
         return self.equations.C
 
     @property
     def K(self) -> Array:
-        """Stiffness matrix."""
+        """Stiffness matrix (freedoms, freedoms), symmetric where the loads are conservative."""
         return self.equations.K
 
     @property
     def basis(self) -> Array:
-        """(nu, freedoms)."""
+        """Basis (nu, freedoms) of the displacements that the constraints allow."""
         return self.equations.N
 
     @property
     def eigenvalues(self) -> Array:
-        """(modes,) complex, 1/s."""
+        """Eigenvalues (modes,), complex, 1/s."""
         return np.array([mode.eigenvalue for mode in self.modes], dtype=complex)
 
     @property
     def damping(self) -> Array:
-        """(modes,) damping ratios."""
+        """Damping ratios (modes,)."""
         return np.array([mode.damping for mode in self.modes])
 
     @property
@@ -174,9 +174,9 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     beams = (system, z) if m.model.lines else None
     reason = reason_not_steady(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
     if reason:
-        raise SteadyError(f"the linearised equations depend on t in the frame of '{axes.name}': {reason}; periodic, use floquet: "
-                          f"s.floquet(period), where the motion or its equations repeat; otherwise resolve in the frame of a "
-                          f"body that turns steadily (frame=...), or start from s.equilibrium(frame=...)", found)  # fmt: skip
+        raise SteadyError(f"the linearised equations depend on t in the frame of '{axes.name}': {reason}; where they are "
+                          f"periodic, use s.floquet(period); otherwise resolve in the frame of a body that turns steadily "
+                          f"(frame=...), or start from s.equilibrium(frame=...)", found)  # fmt: skip
     return found
 
 
@@ -248,7 +248,7 @@ def _changed(m: Mechanics, a: Pencil, b: Pencil) -> str | None:
 
 
 def _turned_row(m: Mechanics, before: Array, after: Array) -> str | None:
-    """A constraint row that is no linear combination of the rows before."""
+    """A text about a constraint row that is no linear combination of the rows before; None where there is none."""
     if not len(after):
         return None
     span = np.linalg.qr(before.T)[0]

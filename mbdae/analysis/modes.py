@@ -20,12 +20,12 @@ from mbdae.system.model.model import Model
 
 Complex = NDArray[np.complex128]
 
-SYMMETRIC = 1e-9  #: relative to the largest entry
+SYMMETRIC = 1e-9  #: asymmetry that counts as rounding, relative to the largest entry
 ZERO = 3e-4  #: eigenvalues below this part of the lowest frequency of the softest beam count as 0
-ROUND_OFF = 1e-9  #: imaginary part of an eigenvalue, relative to its size
-GROWTH = 1e-8  #: the same for its real part
-FEW = 60  #: freedoms up to which all eigenvalues are found
-FINITE = 1e-12  #: relative to the largest inverse eigenvalue; smaller ones belong to unknowns without inertia
+ROUND_OFF = 1e-9  #: imaginary part of an eigenvalue, relative to its size, that counts as 0
+GROWTH = 1e-8  #: real part of an eigenvalue, relative to its size, that counts as 0
+FEW = 60  #: largest number of freedoms for which all eigenvalues are found
+FINITE = 1e-12  #: inverse eigenvalues smaller than this, relative to the largest, belong to unknowns without inertia
 DEFAULT = 20  #: modes found where the user asks for no number
 
 
@@ -41,7 +41,7 @@ class Quadratic:
 
     @property
     def conservative(self) -> bool:
-        """Without damping, gyroscopic terms or internal states, and symmetric."""
+        """Whether the equations are symmetric and have no damping, gyroscopic terms or internal states."""
         nu, S = self.nu, self.K
         blocks = ((S[:nu, :nu], S[:nu, :nu].T), (S[:nu, nu:], S[nu:, :nu].T), (S[nu:, nu:], S[nu:, nu:].T))
         return not self.C.count_nonzero() and all(_largest(a - b) <= SYMMETRIC * _largest(a) for a, b in blocks)
@@ -110,7 +110,7 @@ def _conservative(q: Quadratic, count: int, scale: float) -> tuple[Complex, Comp
 
 
 def _general(q: Quadratic, count: int, scale: float) -> tuple[Complex, Complex]:
-    """In first order, with the velocities as unknowns of their own: (X, w p)."""
+    """Eigenpairs of the equations in first order, with the velocities as unknowns of their own: (X, w p)."""
     n, nu, shift = q.K.shape[0], q.nu, scale
     factors = splu((q.K + shift * q.C + shift**2 * q.M).tocsc())
     M = q.M[:, :nu]

@@ -105,7 +105,7 @@ def _dense_step(system: SceneSystem, orbit: Orbit, i: int, dy: Array) -> Array:
 
 
 def _sparse_step(system: SceneSystem, orbit: Orbit, i: int, dy: Array) -> Array:
-    """The same with sparse matrices."""
+    """Change of dy over step i, with sparse matrices."""
     s, A = orbit.t.shape[1], orbit.table.A_inv / orbit.h[i]
     parts = [derivatives(system, orbit.t[i, j], orbit.y[i, j], orbit.yp[i, j]) for j in range(s)]
     K = sp.bmat([[A[j, l] * parts[j][1] + (parts[j][0] if j == l else 0 * parts[j][0]) for l in range(s)] for j in range(s)])

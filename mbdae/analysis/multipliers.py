@@ -36,7 +36,7 @@ from mbdae.values import number, option, optional, whole
 
 Complex = NDArray[np.complex128]
 
-FEWEST, MOST = 16, 8192  #: equal steps over a period
+FEWEST, MOST = 16, 8192  #: smallest and largest number of equal steps over a period
 GAIN = 8.0  #: the finer of two runs is off by at most their difference over this (2^5 - 1 without stiffness)
 NEAR = 1e-3  #: relative distance of multipliers that may be one multiple root, whose mean is the most accurate
 LOST = 1e-9  #: multipliers below this part of the largest count as 0
@@ -120,7 +120,7 @@ def exponents(multipliers: Complex, period: float) -> Array:
 @dataclass(frozen=True)
 class Found:
     """The monodromy matrix (k, k) and its eigenvalues by falling size. change: their relative change from half as many steps,
-    over GAIN; errors: the same, and for multiple roots their scatter added."""
+    divided by GAIN; errors: the same plus, for multiple roots, their scatter."""
 
     matrix: Array
     steps: int
@@ -179,12 +179,12 @@ def _of_all_nodes(prepared: Prepared, system: SceneSystem, directions: Departure
     nu, e = directions.velocities, prepared.all_bodies
     p = (directions.units[:, None] * directions.Q)[:nu].T
     t, q, u = (np.repeat(x[None], len(p) + 1, axis=0) for x in (np.array(system.t0), *np.split(system.y0[: e.nq + nu], [e.nq])))
-    a = e.accelerations(t, q, u, np.vstack([np.zeros(nu), p]))  # affine in those of the unknowns
+    a = e.accelerations(t, q, u, np.vstack([np.zeros(nu), p]))  # an affine function of p
     return np.asarray((a[1:] - a[0]).T)
 
 
 def _converged(system: SceneSystem, directions: Departures, period: float, steps: int, count: int, accuracy: float) -> Found:
-    """Steps are doubled until the largest multipliers are as accurate as asked, or more steps do not help."""
+    """Double the steps until the largest multipliers are as accurate as asked, or until more steps do not help."""
     before: Found | None = None
     while True:
         try:

@@ -26,8 +26,8 @@ Numbers = NDArray[np.intp]
 
 SOLVER = RadauIIA(3)
 FIRST = 1e-8  #: tolerance of the run that shows whether the motion repeats
-WHOLE = 16  #: up to this number of steps, a step may cover the whole width of an input
-RETURN = 1e-4  #: relative: a motion that returns this near repeats; exponents change by as little
+WHOLE = 16  #: number of steps per period up to which one step may cover the whole duration of an input
+RETURN = 1e-4  #: relative difference from the start up to which a motion repeats; exponents change by about as much
 SAMPLES = 24  #: times at which the equations are compared with those of a period later
 
 
@@ -47,7 +47,7 @@ class Orbit:
 def followed(system: SceneSystem, period: float, steps: int) -> Orbit:
     """The motion over a period from the system's start; raises SolverError where the steps are too long."""
     h = period / steps
-    share = min(1.0, WHOLE / steps)  # steps that inputs shorten have to become finer with all others
+    share = min(1.0, WHOLE / steps)  # steps that inputs shorten must become finer together with all others
     solution = RadauIIA(SOLVER.stages, step=h).solve(system, system.t0 + period, share=share)
     dense = solution.interpolant
     assert isinstance(dense, Collocation)
@@ -92,7 +92,7 @@ def check_return(prepared: Prepared, system: SceneSystem, period: float) -> Retu
 
 
 def acting_states(system: SceneSystem, run: Solution) -> Numbers:
-    """Numbers of the internal states that other equations depend on along a motion; others have no multiplier."""
+    """Indices of the internal states that other equations depend on along a motion; the others have no multiplier."""
     states = system.numbering.nq + system.numbering.nu + np.arange(len(system.numbering.states))
     if not len(states):
         return states
@@ -103,7 +103,7 @@ def acting_states(system: SceneSystem, run: Solution) -> Numbers:
 
 
 def _some(count: int) -> Numbers:
-    """Some numbers below count, spread over it."""
+    """Indices below `count`, at most SAMPLES, spread evenly."""
     return np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).astype(int))
 
 

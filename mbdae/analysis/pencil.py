@@ -65,7 +65,7 @@ def complete_system(mechanics: Mechanics, spec: FormSpec, sparse: bool | None = 
 
 @dataclass(frozen=True)
 class Basis:
-    """T (n, nx), its rate T', the row transformation L (nx, n), and C (nu, nu): velocities of frame components."""
+    """T (n, nx), its rate T', the row transformation L (nx, n), and C (nu, nu): from velocities in the frame's axes to u."""
 
     T: Any
     rate: Any
@@ -163,7 +163,7 @@ class Pencil:
 
     @cached_property
     def constraints(self) -> Array:
-        """G (m, nu): what the constraint rows change by per displacement."""
+        """Constraint Jacobian G (m, nu) by the displacements p."""
         return np.asarray(self.part(self.A, "c", "p").toarray())
 
     @cached_property
@@ -196,7 +196,7 @@ def derivatives(system: Assembly | System, t: float, y: Array, yp: Array) -> tup
 
 
 def _places(system: Assembly, mechanics: Mechanics, A: Any) -> dict[str, Array]:
-    """Where each kind stands in x; algebraic unknowns without compliance are multipliers."""
+    """Indices of each kind of unknowns in x; algebraic unknowns without compliance are multipliers."""
     nu, shift = mechanics.nu, mechanics.nu - mechanics.nq
     kinds = np.array(system.kinds)
     at = {k: np.flatnonzero(kinds == k) + shift for k in ("s", "z", "lambda")}
@@ -246,7 +246,7 @@ class Reduced:
 
 
 def reduced(p: Pencil, N: Array) -> Reduced:
-    """The pencil on the displacements N x: constraint forces drop out, algebraic unknowns are solved for."""
+    """The pencil on the displacements N x: constraint forces drop out, algebraic unknowns are eliminated."""
     z, s = p.places["z"], acting_states(p)
     out: dict[str, list[Array]] = {}
     for rows, at in (("w", p.places["w"]), ("s", s), ("z", z)):

@@ -50,22 +50,22 @@ class Mode(ListsAttributes):
     """
 
     eigenvalue: complex
-    vector: Array  #: (nu,) complex
+    vector: Array  #: shape of the mode over all nodes (nu,), complex
     owner: Owner
 
     @property
     def frequency(self) -> float:
-        """Hz, of the (damped) oscillation."""
+        """Frequency of the (damped) oscillation, Hz."""
         return self.eigenvalue.imag / (2 * np.pi)
 
     @property
     def angular_frequency(self) -> float:
-        """rad/s, of the (damped) oscillation."""
+        """Angular frequency of the (damped) oscillation, rad/s."""
         return self.eigenvalue.imag
 
     @property
     def growth(self) -> float:
-        """1/s; negative: the mode decays."""
+        """Rate of growth, 1/s; negative: the mode decays."""
         return self.eigenvalue.real
 
     @property
@@ -99,7 +99,7 @@ class Mode(ListsAttributes):
         return Shape(move, turn)
 
     def _at(self, place: Place) -> Shape:
-        """On a rigid body with its arm, on a beam by its shape functions and with the arm to its axis."""
+        """Motion of a place: that of its rigid body, or of a beam by its shape functions, plus rotation x arm."""
         model, start = self.owner.prepared.model, self.owner.prepared.start
         body = model.scene[place.body.name]
         line, node = model.line(body), model.node(body)
@@ -112,7 +112,7 @@ class Mode(ListsAttributes):
             body = bodies[nearest(apart, line.mesh.length)]
             node, origin = model.node(body), at @ line.mesh.curve[e]
         else:
-            shape, origin = self._of(node), body.position
+            shape, origin = self._of(node), body.drawn.position
             move, turn = shape.displacement, shape.rotation
         if node is None or not node.kind.turns:
             return Shape(move, turn)
@@ -135,17 +135,17 @@ class Modes(ListsAttributes, Generic[M]):
 
     @property
     def frequencies(self) -> Array:
-        """(modes,) Hz."""
+        """Frequencies (modes,), Hz."""
         return np.array([mode.frequency for mode in self.modes])
 
     @property
     def angular_frequencies(self) -> Array:
-        """(modes,) rad/s."""
+        """Angular frequencies (modes,), rad/s."""
         return np.array([mode.angular_frequency for mode in self.modes])
 
     @property
     def growth(self) -> Array:
-        """(modes,) 1/s, positive where a mode grows."""
+        """Rates of growth (modes,), 1/s, positive where a mode grows."""
         return np.array([mode.growth for mode in self.modes])
 
     def __iter__(self) -> Iterator[M]:
@@ -164,7 +164,7 @@ def motion(m: Mechanics, vector: Any) -> Array:
     """A motion (nu,), real or complex, as an array; refused where it is none."""
     try:
         found = np.asarray(vector)
-    except ValueError:  # ragged
+    except ValueError:  # lists of different lengths
         found = np.zeros(0)
     if found.shape != (m.nu,) or found.dtype.kind not in "fiuc" or not np.isfinite(found).all():
         raise OptionError(f"vector = {shown(vector)} is no motion: give {m.nu} finite numbers, such as mode.vector")
@@ -185,6 +185,6 @@ def shares(m: Mechanics, metric: Any, vector: Array) -> dict[str, float]:
 
 
 def scaled(vector: Any) -> Any:
-    """The vector over its largest component: the first where several are as large."""
+    """The vector over its largest component; of several equally large ones, over the first."""
     component = vector[largest(np.abs(vector))] if len(vector) else 1.0
     return np.asarray(vector / component) if component else vector

@@ -30,10 +30,10 @@ from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.base import Array
 
 DENSE = 400  #: unknowns up to which dense linear algebra is used
-BANDED = 120  #: the same with beams, whose equations are nearly banded
-FREE = 1e-4  #: stiffness that motions without any get while stresses are found, over that of the softest beam
-LONGEST = 1.0  #: correction of Newton's method, in the scene's length and rad
-FRICTION_ITERATIONS = 100  #: most iterations for reactions and the friction that depends on them
+BANDED = 120  #: largest number of unknowns for dense linear algebra with beams, whose equations are nearly banded
+FREE = 1e-4  #: stiffness given to motions without any while stresses are found, relative to that of the softest beam
+LONGEST = 1.0  #: largest correction of Newton's method, in the scene's length and rad; beyond it there is no convergence
+FRICTION_ITERATIONS = 100  #: largest number of iterations for reactions and the friction that depends on them
 CONVERGED = 1e-10  #: last correction, relative to the scene's length and 1 rad; convergence is quadratic
 
 
@@ -110,7 +110,7 @@ class Statics:
         return out
 
     def _inertia(self, point: Point) -> Array:
-        """(nu,) inertial forces of rest in the frame, left-hand side."""
+        """(nu,) inertial and gyroscopic forces of rest in the frame, as on the left-hand side of the equations."""
         m = self.mechanics
         out = np.asarray(m.mass @ point.yp[m.nq : m.nq + m.nu])
         for g, p, values in m.evaluate(gyroscopic, self.rest.t, self.q(point)[None], self.u(point)[None]):
@@ -132,7 +132,7 @@ class Statics:
         y = point.y.copy()
         y[self.kinds == "lambda"] = 0.0
         point, multipliers = replace(point, y=y), np.zeros(m.m)
-        for _ in range(FRICTION_ITERATIONS if m.reactive else 1):  # friction follows from the multipliers it changes
+        for _ in range(FRICTION_ITERATIONS if m.reactive else 1):  # friction depends on the multipliers, which it changes
             r = self._residual(self.system, point)[m.nq : m.nq + m.nu] if point.load_factor == 1 else self._inertia(point)
             less = r - G.T @ multipliers if point.load_factor == 1 else r
             mobile, before = np.linalg.solve(m.weight, np.column_stack([G.T, less])), multipliers
@@ -143,8 +143,8 @@ class Statics:
         return point
 
     def _with_stresses(self, point: Point) -> Point:
-        """The same with the stresses of beams, both by linear theory. Below load factor 1 the strains of these stresses are
-        part of the unbalanced terms: they develop as the loads are raised."""
+        """The point with the multipliers and stresses of beams that balance its forces, by linear theory. Below load factor 1 the
+        strains of these stresses are part of the unbalanced terms: they develop as the loads are raised."""
         m, nu, n = self.mechanics, self.mechanics.nu, self.system.n
         still = replace(point, y=np.r_[point.y[: m.nq], np.zeros(n - m.nq)], yp=np.zeros(n))
         still.y[self.kinds == "s"] = self.s(point)
@@ -196,7 +196,7 @@ class Statics:
         return Tangent(p, K, self._right(p, point, len(hold)), hold, self.units)
 
     def _right(self, p: Pencil, point: Point, held: int) -> Array:
-        """Minus the residual, row for row of the tangent; states that follow the motion have none."""
+        """Right-hand side (rows of the tangent): minus the residual, 0 for states that follow the motion."""
         m, F = self.mechanics, self.residual(point)
         shift = m.nq - m.nu
         parts = [p.C.T @ F[m.nq : m.nq + m.nu], *(F[p.places[k] + shift] for k in "szc")]
@@ -227,7 +227,7 @@ class Statics:
             return False
         G = self.mechanics.constraint_jacobian(self.rest.t, self.rest.start.q[None])[0]
         angle = self._angle(self.rest.start.q)
-        if self.elastic:  # many displacements, few rows: whether the rows determine the angle
+        if self.elastic:  # with many displacements and few rows, test only whether the rows determine the angle
             rows, wanted = (G * self.units).T, angle * self.units
             return bool(np.linalg.norm(wanted - rows @ np.linalg.lstsq(rows, wanted, rcond=1e-12)[0]) > 1e-9)
         return bool(np.max(np.abs(angle @ free_basis(G, self.units)), initial=0.0) > 1e-9)
@@ -269,8 +269,8 @@ class Statics:
         return self.at_rest(replace(point, y=y, hold=hold, iterations=point.iterations + 1))
 
     def closed(self, point: Point) -> Point:
-        """The point with its joints closed again; raises StartError where they are too far apart. Beams are deformed: their
-        joints are closed by the next correction, as no motion of rigid links could."""
+        """The point with its joints closed again; raises StartError where they are too far apart. With beams nothing is done: the
+        next correction closes their joints, which rigid motions of deformed bodies could not."""
         if self.elastic:
             return point
         y = point.y.copy()

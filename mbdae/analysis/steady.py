@@ -33,7 +33,7 @@ from mbdae.system.prepare import Prepared
 from mbdae.system.start.start import Starter
 from mbdae.ties import largest
 
-STEADY = 1e-4  #: relative: what varies by less is steady; eigenvalues change by as little
+STEADY = 1e-4  #: relative change below which a motion counts as steady; eigenvalues change by about as much
 
 
 def reason_not_steady(prepared: Prepared, frame: RotatingFrame, t: float, q: Array, u: Array, s: Array,
@@ -55,7 +55,7 @@ def reason_not_steady(prepared: Prepared, frame: RotatingFrame, t: float, q: Arr
 
 
 def times_to_compare(m: Mechanics, frame: RotatingFrame, t: float, q: Array, u: Array, s: Array) -> tuple[float, ...]:
-    """Times (s) after which a steady motion is evaluated again: parts of a turn after which no symmetric rotor looks the same."""
+    """Times (s) after which a steady motion is evaluated again: parts of a turn that are no symmetry of a rotor."""
     spins = [float(np.linalg.norm(angular_velocity(node, q, u))) for node in nodes_in_space(m.model)]
     fastest = max([*spins, float(np.linalg.norm(frame.rate))])
     timed = any(instance.timed for group in m.model.groups for instance in group.instances)
@@ -212,8 +212,8 @@ class Rest:
         return bool(np.max(off, initial=0.0) <= 1e-9 * (1e-9 + float(np.max(np.abs(u), initial=0.0))))
 
     def _spin(self, q: Array, u: Array) -> None:
-        """From the roots of the tree outwards: where a joint does not allow the frame's rotation, its body turns with the body
-        before it, or as the joint is driven."""
+        """Write spins into u, from the roots of the tree outwards: where a joint does not allow the frame's rotation, its body
+        turns with the body before it, or as the joint is driven."""
         spin: dict[Body, Array] = {self.model.scene.ground: np.zeros(3)}
         nodes: dict[Body, list[Node]] = {}
         for node, body in self.model.bodies:

@@ -18,11 +18,11 @@ from mbdae.analysis.pencil import Pencil, free_basis
 from mbdae.errors import EquilibriumError
 from mbdae.system.base import Array
 
-SOFT = 1e-11  #: relative to the largest stiffness: less counts as none
-ROUND_OFF = 1e-14  #: relative to the largest entry of the tangent
+SOFT = 1e-11  #: stiffness that counts as none, relative to the largest
+ROUND_OFF = 1e-14  #: rounding error of a stiffness, relative to the largest entry of the tangent
 CLAMP = 3.0  #: stiffness put on constraint rows, relative to the largest of the scene
-SYMMETRIC = 1e-6  #: relative to the largest entry
-PROBES = 6  #: motions searched for at once
+SYMMETRIC = 1e-6  #: asymmetry that counts as rounding, relative to the largest entry
+PROBES = 6  #: number of motions that are searched for at once
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Tangent:
             return (K - beside @ sp.diags(1 / diagonal) @ below).tocsc()
         try:
             return (K - beside @ sp.csc_matrix(spsolve(own, below)).reshape(below.shape)).tocsc()
-        except RuntimeError:  # SciPy's for a singular matrix
+        except RuntimeError:  # which SciPy raises for a singular matrix
             raise EquilibriumError("the internal states have no stiffness of their own: an integrator, whose rate does not "
                                    "depend on its own value, stays where a run has brought it; simulate until the scene rests, "
                                    "and linearize there, s.linearize(at=r)") from None  # fmt: skip
@@ -87,7 +87,7 @@ class DenseStiffness:
 
     @property
     def symmetric(self) -> bool:
-        """True without a test: it decides whether to search, which costs little here."""
+        """True without a test: it only decides whether a stable state is searched for, which costs little for small scenes."""
         return True
 
     def negative(self) -> int:

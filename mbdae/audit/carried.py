@@ -1,4 +1,4 @@
-"""The motion of a body that a joint carries, by the program of a tree: the recursion that runs."""
+"""Motion of a body that a joint connects to another, computed by the compiled recursion of a tree, as simulations use it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _AXES = (Axes.GENERAL, Axes.GENERAL)
 
 
 def joint_class(word: str, own: Any = ()) -> Any:
-    """The joint with coordinates of a name, in any spelling; None where there is none."""
+    """The class of a joint with coordinates by its name, in any upper or lower case; None where there is none."""
     known = {name.lower(): getattr(joints, name) for name in joints.__all__} | {name.lower(): cls for name, cls in own}
     cls = known.get(word.lower().replace(" ", ""))
     return cls if isinstance(cls, type) and issubclass(cls, Joint) and cls.coordinates else None
@@ -27,7 +27,7 @@ def joint_class(word: str, own: Any = ()) -> Any:
 
 @lru_cache(maxsize=16)
 def _program(cls: Any) -> tuple[dict[Any, tuple[Any, ...]], dict[Any, Any], list[Any]]:
-    """Places of the inputs of the program of a free body k with l on the joint; its steps, and the motion q, u, u' of l."""
+    """Place of every input of the recursion program (free body k, l on the joint), its steps and outputs: q, u, u' of l."""
     law = cls("audited", None, None, **dict.fromkeys(cls.params, 1.0))
     of_side = [*("p1", "p2", "p3"), *(f"Q{a}{i}" for a in "xyz" for i in (1, 2, 3)), *(f"P{i}" for i in range(4))]
     structure, names = law.structure(), tuple(cls.coordinates)
@@ -41,7 +41,7 @@ def _program(cls: Any) -> tuple[dict[Any, tuple[Any, ...]], dict[Any, Any], list
 
 
 class Carried:
-    """l on a joint of k, its points and axes those of the bodies."""
+    """Motion of l connected to k by a joint whose points and axes coincide with those of the bodies."""
 
     def __init__(self, word: str, own: Any = ()) -> None:
         cls = joint_class(word, own)
@@ -53,7 +53,7 @@ class Carried:
         self.inputs, self.steps, self.outputs = _program(cls)
 
     def motion(self, k: dict[str, Value], state: Any) -> dict[str, Value]:
-        """Attitude "Q", Euler parameters "P" and the vectors of l for those of k and the coordinates of the state."""
+        """Attitude "Q", Euler parameters "P" and motion vectors of l, from those of k and the coordinates of the state."""
         values = {x: complex(self._input(place, k, state)) for x, place in self.inputs.items()}
         for name, step in self.steps.items():
             values[name] = expression_value(step, values)
@@ -75,7 +75,7 @@ class Carried:
 
 
 def _number(name: str, state: Any) -> float:
-    """Parameters of the joint; its axes are those of the bodies."""
+    """Value of a parameter of the joint; parameters of its points and axes make them coincide with those of the bodies."""
     side, _, what = name.partition("_")
     if side not in ("k", "l") or not what:
         return float(state.positive(f"parameter {name}"))
@@ -83,7 +83,7 @@ def _number(name: str, state: Any) -> float:
 
 
 def _rotation(P: Value) -> Value:
-    """Rotation matrix of Euler parameters (4, 1), whose length is 1."""
+    """Rotation matrix (3, 3) of Euler parameters (4, 1) of unit length."""
     w, e = P[0, 0], P[1:]
     x, y, z = e[:, 0]
     return (2 * w * w - 1) * np.eye(3) + 2 * e @ e.T + 2 * w * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])

@@ -1,4 +1,4 @@
-"""Printed formulas against the derivation in random states: one number per equation, and where it differs."""
+"""Comparison of printed formulas with the derivation in random states: largest difference per equation, states it occurs in."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from mbdae.audit.phrases import Env
 from mbdae.audit.reading import Printed
 from mbdae.errors import MbdaeError
 
-SAME = 1e-9  #: relative difference below which two sides are the same
-STATES = 4  #: random states of every kind
+SAME = 1e-9  #: relative difference below which two sides count as equal
+STATES = 4  #: number of random states of each kind
 INFINITE = float("inf")
 
 
@@ -30,7 +30,7 @@ class States:
     inner: str = "l"
     side: int = 1
     absent: str | None = None
-    neutral: tuple[tuple[str, float], ...] = ()  #: parameters of laws with values at which they do nothing
+    neutral: tuple[tuple[str, float], ...] = ()  #: parameters of laws, each with the value at which it has no effect
     shared: dict[tuple[str, int, str], Motion] = field(default_factory=dict)
     fill: int = 1
 
@@ -53,12 +53,12 @@ class States:
 
     @cached_property
     def free(self) -> list[Env]:
-        """States of two free bodies; those of the joint where the text speaks of no others (`states: ... only`)."""
+        """States of two free bodies; those of the joint where the text says that it speaks of no others (`states: ... only`)."""
         return self.of(self._everywhere)
 
     @cached_property
     def many(self) -> list[Env]:
-        """More of them, to find powers of several numbers at once."""
+        """Four times as many states as `free`, enough to find exponents of several quantities at once."""
         return self.of(self._everywhere, 4 * STATES)
 
     @cached_property
@@ -68,11 +68,11 @@ class States:
 
     @cached_property
     def many_joint(self) -> list[Env]:
-        """More of those."""
+        """Four times as many states of the joint as `joint`."""
         return self.of(self.equation.states, 4 * STATES)
 
     def fitting(self) -> States:
-        """The same with literal zeros of one row or three, whichever fits the sizes of the equation."""
+        """These states with literal zeros of 1 or 3 rows, whichever fits the sizes of the equation."""
         for fill in (1, 3):
             found = replace(self, fill=fill)
             if all(_fits(s, found) for s in self.equation.statements):
@@ -102,9 +102,9 @@ class Compared:
     """Difference of the sides of a statement, and the states it was found in."""
 
     gap: float
-    everywhere: bool = True  #: found in free states; False: in states of the joint alone
-    doubt: str = ""  #: why the difference says nothing
-    mendable: bool = False  #: whether a change of the formula could remove the doubt, as it can where sizes do not fit
+    everywhere: bool = True  #: whether the difference is that in free states; False: in states of the joint only
+    doubt: str = ""  #: why the comparison shows nothing, if so
+    mendable: bool = False  #: whether a change of the formula could remove the doubt, as where sizes do not fit
 
     @property
     def same(self) -> bool:
@@ -122,7 +122,7 @@ def _values(sides: Sequence[Node], env: Env) -> list[Value]:
 
 
 def _in_states(statement: Statement, equation: Printed, envs: Sequence[Env]) -> Compared:
-    """The sides of a statement, and the quantity it is said to be, in some states."""
+    """Compare the sides of a statement, and the quantity its meaning names, in some states."""
     sides = statement.compared
     said = equation.quantity if equation.statements and statement is equation.statements[0] else None
     rows: list[list[Value]] = []
@@ -142,7 +142,7 @@ def _in_states(statement: Statement, equation: Printed, envs: Sequence[Env]) -> 
 
 
 def _bound(rows: list[list[Value]]) -> Compared:
-    """a <= b: holds in all states, and is reached in half of them; else nothing shows that it is the bound meant."""
+    """Check of a <= b: it must hold in all states, with equality in half of them, else another may be meant."""
     if any(np.ndim(x) for x in rows[0]):
         return Compared(INFINITE, doubt="a bound is one of numbers", mendable=True)
     if len(rows[0]) > 2:
@@ -157,7 +157,7 @@ def _bound(rows: list[list[Value]]) -> Compared:
 
 
 def vanishes(statement: Statement, envs: Sequence[Env]) -> float:
-    """Largest value of the other sides of an equation with the side 0; 0.0 for other statements."""
+    """Largest value of the nonzero sides of an equation that has the side 0; 0.0 for other statements."""
     if not statement.ends_at_zero:
         return 0.0
     try:
@@ -167,7 +167,7 @@ def vanishes(statement: Statement, envs: Sequence[Env]) -> float:
 
 
 def compared(statement: Statement, states: States) -> Compared:
-    """The sides compared in free states; in states of the joint where they agree only there."""
+    """Compare the sides in free states; where they differ there and agree in states of the joint, in those."""
     equation = states.equation
     if vanishes(statement, states.joint) > SAME:
         return Compared(vanishes(statement, states.joint))
@@ -182,13 +182,13 @@ def compared(statement: Statement, states: States) -> Compared:
 
 
 def _vanishing(statement: Statement, states: States) -> bool:
-    """Whether a quantity of the statement is zero in the states of the joint alone: agreement there says nothing of its terms."""
+    """Whether a quantity of the statement is zero in the states of the joint but not in free ones: its terms remain untested."""
     symbols = statement.symbols() & set(states.equation.scope.symbols)
     return _smaller(symbols, states.free, states.joint)
 
 
 def vanishing(names: Iterable[str], states: States, others: States) -> bool:
-    """Whether one of some quantities is zero in other states, free or of the joint, and not in those given."""
+    """Whether one of some quantities is zero in the states `others`, free or of the joint, but not in `states`."""
     return _smaller(names, states.free, others.free) or _smaller(names, states.joint, others.joint)
 
 
@@ -199,11 +199,11 @@ def _smaller(names: Iterable[str], before: Sequence[Env], after: Sequence[Env]) 
     return any(size(n, after) < SAME < size(n, before) for n in names)
 
 
-# -- in symbols
+# -- comparison in symbols
 
 
 class SymbolicMotion(Motion):
-    """Two free bodies, their quantities symbols. What needs a complex step or the relative angle has no value (SizeError)."""
+    """Two free bodies whose quantities are symbols. Complex steps and the relative angle have no value here (SizeError)."""
 
     def __init__(self) -> None:
         self.seed, self.kind, self.absent = 0, "free", frozenset()
@@ -235,7 +235,7 @@ class SymbolicMotion(Motion):
 
 
 def identical(equation: Printed, inner: str, side: int = 1) -> bool:
-    """Whether all sides are the same polynomials in the components of free vectors; False where that cannot be said."""
+    """Whether all sides are the same polynomials in the components of free vectors; False where this cannot be decided."""
     env = Env(SymbolicMotion(), equation.scope, inner, side)
     try:
         return all(_identical(equation, i, env) for i in range(len(equation.statements)))

@@ -1,4 +1,4 @@
-"""Units of formulas, found by changing the sizes of m, kg and s: a sum whose terms change differently has no unit."""
+"""Units of formulas, found by scaling m, kg and s: a sum whose terms scale differently has no unit."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mbdae.reports.units import BASIC, law_faults, powers_of, scales, shown, uni
 
 
 def powers(node: Node, envs: Sequence[Env]) -> NDArray[np.float64] | None:
-    """Powers of m, kg and s of every entry (nan where it is 0); None where an entry has no unit."""
+    """Exponents of m, kg and s of every entry (nan where it is 0); None where an entry has no unit."""
     with np.errstate(all="ignore"):
         before = np.array([np.ravel(evaluate(node, env)) for env in envs])
         after = [np.array([np.ravel(evaluate(node, replace(env, scale=scale, store={}))) for env in envs]) for scale in scales()]
@@ -29,7 +29,7 @@ def powers(node: Node, envs: Sequence[Env]) -> NDArray[np.float64] | None:
 
 
 def faults(statement: Statement, envs: Sequence[Env]) -> list[str]:
-    """Errors in the units of a statement, in words; none where they agree."""
+    """Errors in the units of a statement, in words; an empty list where the units agree."""
     try:
         found = [(side, powers(side, envs)) for side in statement.sides if not notation.is_zero(side)]
         sizes = dict.fromkeys(size(evaluate(side, envs[0])) for side, _ in found)
@@ -39,7 +39,7 @@ def faults(statement: Statement, envs: Sequence[Env]) -> list[str]:
         return [str(error)]
     known = []
     for side, p in found:
-        culprit = _culprit(side, envs) if p is None or np.all(np.isnan(p)) else ""  # a sum that is 0 hides those of its terms
+        culprit = _culprit(side, envs) if p is None or np.all(np.isnan(p)) else ""  # a sum that is 0 hides the units of its terms
         if p is None or culprit:
             return [culprit or f"{side} has no unit"]
         known.append((side, p))
@@ -51,7 +51,7 @@ def faults(statement: Statement, envs: Sequence[Env]) -> list[str]:
 
 
 def of_definitions(statement: Statement, envs: Sequence[Env]) -> list[str]:
-    """Definitions of the text whose unit is not the one that their formula has."""
+    """Definitions of the text whose formula has another unit than the declared one."""
     scope, out = envs[0].scope, []
     for name in sorted(scope.reached(statement.symbols())):
         meaning = scope.symbols[name]
@@ -67,7 +67,7 @@ def of_definitions(statement: Statement, envs: Sequence[Env]) -> list[str]:
 
 
 def _culprit(node: Node, envs: Sequence[Env]) -> str:
-    """The innermost sum whose terms have different units."""
+    """The innermost sum whose terms have different units, in words; empty where there is none."""
     for part in node.parts:
         inner = _culprit(part, envs)
         if inner:
@@ -82,7 +82,7 @@ def _culprit(node: Node, envs: Sequence[Env]) -> str:
     return ""
 
 
-# -- laws of the user
+# -- laws given by the user
 
 #: functions of normal laws and friction laws, with the units of their arguments and of what they return
 _FUNCTIONS = {"elastic_force": (("m",), "N"), "damping_force": (("m", "m/s"), "N"), "energy": (("m",), "J"),
@@ -90,7 +90,7 @@ _FUNCTIONS = {"elastic_force": (("m",), "N"), "damping_force": (("m", "m/s"), "N
 
 
 def of_laws(names: Iterable[str], own: Own) -> list[str]:
-    """Laws of the user among some names whose units do not fit; a law with a unit that is not known is left out."""
+    """Those of the named user laws whose units do not fit, in words; laws with an unknown unit are left out."""
     out = []
     for name in sorted(set(names) & set(dict(own))):
         try:
@@ -102,7 +102,7 @@ def of_laws(names: Iterable[str], own: Own) -> list[str]:
 
 
 def _of_part(cls: Any) -> list[str]:
-    """What the functions of a normal law or friction law return in wrong units."""
+    """The functions of a normal law or friction law that return a wrong unit, in words."""
     if getattr(cls, "states", ()):
         return []
     plain = dict.fromkeys(BASIC, 1.0)
@@ -119,7 +119,7 @@ def _of_part(cls: Any) -> list[str]:
 
 
 def _returned(cls: Any, function: str, units: Sequence[str], seed: int, scale: Mapping[str, float]) -> float:
-    """What a function returns in a random state, by the sizes of the basic units."""
+    """What a function of a law returns in a random state, in units of the given sizes (`scale`)."""
     made, motion = object.__new__(cls), Motion(seed)
     vars(made).update(dict.fromkeys(cls.options))
     vars(made).update({p: motion.positive(p) * unit(spec.unit).size(scale) for p, spec in cls.params.items()})

@@ -1,4 +1,4 @@
-"""Small changes of a formula, one at a time, as a misprint makes them: a sign, a symbol for another, a factor more or less."""
+"""Single small changes of a formula, like misprints: a sign, a symbol instead of another, an extra or a missing factor."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ _EXCHANGED = {"sin": "cos", "cos": "sin"}
 
 @dataclass(frozen=True)
 class Edit:
-    """A change: its description (form and pieces, joined on demand), and the pieces it replaces at all places, if it does."""
+    """A change: its description (form and pieces), and, where it acts at all places, a table of the pieces it replaces."""
 
     form: str
     pieces: tuple[object, ...] = ()
     table: tuple[tuple[Node, Node], ...] = ()
-    resizes: bool = False  #: whether sizes may change
-    where: Node | None = None  #: the surrounding piece, where the changed one appears several times
-    size: float = 2.0  #: how far the change goes: among several single ones the smallest is the repair
+    resizes: bool = False  #: whether the change may alter the size (rows, columns) of the formula
+    where: Node | None = None  #: the surrounding piece, named where the changed one appears several times
+    size: float = 2.0  #: rank of the change: of several possible ones the smallest is taken as the repair
 
     @property
     def accent(self) -> bool:
-        """Whether a tilde or a transposition is all that changes."""
+        """Whether the change only adds or removes a tilde or a transposition."""
         marks = ("cross", "transposed")
         return len(self.pieces) == 2 and any(isinstance(a, Node) and a.kind in marks and a.parts == (b,)
                                              for a, b in (self.pieces, self.pieces[::-1]))  # fmt: skip
 
     @property
     def words(self) -> str:
-        """What is changed."""
+        """The change in words."""
         return self.form.format(*self.pieces) + (f" in {self.where}" if self.where is not None else "")
 
     def tex(self, letters: Mapping[str, str]) -> str:
-        """The same with formulas in TeX."""
+        """Description of the change with formulas in TeX."""
         shown = [f"${latex.formula(p, letters) if isinstance(p, Node) else latex.name(str(p), letters)}$"
                  for p in (*self.pieces, *filter(None, [self.where]))]  # fmt: skip
         form = self.form.replace("->", r"$\to$") + (" in {}" if self.where is not None else "")
@@ -50,12 +50,12 @@ class Edit:
 
 
 class Candidates:
-    """Symbols that may replace another: those of its unit and size, and its own derivatives or antiderivatives (dots)."""
+    """Symbols that may replace another: those of equal unit and size, and its own time derivatives or integrals (dots)."""
 
     def __init__(self, scope: Scope, env: Env) -> None:
         self.scope, self.env = scope, env
         self.sizes: dict[str, tuple[int, ...]] = {}
-        self.any_size = self.any_unit = False  #: whether symbols of another size, or unit, may replace one
+        self.any_size = self.any_unit = False  #: whether symbols of another size, or unit, may replace a symbol
 
     def _size(self, name: str) -> tuple[int, ...]:
         if name not in self.sizes:
@@ -64,7 +64,7 @@ class Candidates:
         return self.sizes[name]
 
     def of(self, name: str) -> Iterator[tuple[str, float]]:
-        """Names that may replace `name`, and how far that goes: least with the same letter, most with another unit."""
+        """Names that may replace `name`, each with its rank: lowest for the same letter, highest for another unit."""
         if name not in self.scope.symbols:
             return
         stem, dots = _dots(name)
@@ -79,7 +79,7 @@ class Candidates:
         return [name for name in self.scope.symbols if self._size(name) != (0,)]
 
     def numbers(self) -> list[str]:
-        """Symbols that are numbers."""
+        """Symbols whose values are scalars."""
         return [name for name in self.scope.symbols if self._size(name) == ()]
 
 
@@ -91,7 +91,7 @@ def _dots(name: str) -> tuple[str, int]:
 
 
 def edits(node: Node, candidates: Candidates) -> Iterator[Edited]:
-    """The formula after every single change: first those of single places, then those of all places alike."""
+    """The formula after every single change: first changes at one place, then changes at all places of a piece."""
     counts = Counter(node.walk())
     for piece, rebuilt, around in places(node):
         where = None if counts[piece] == 1 else next((a for a in around if a.kind != "row" and counts[a] == 1), None)
@@ -141,7 +141,7 @@ def _in_product(node: Node) -> Iterator[Edited]:
             yield Edit("no bracket around {}", (factor,), resizes=True), made("sum", head, *factor.parts[1:])
         if i + 1 < len(parts):
             swapped = (*parts[:i], parts[i + 1], factor, *parts[i + 2 :])
-            edit = Edit("{} and {} the other way round", (factor, parts[i + 1]), resizes=True, size=1.3)
+            edit = Edit("factors {} and {} exchanged", (factor, parts[i + 1]), resizes=True, size=1.3)
             yield edit, node.with_parts(swapped)
 
 
@@ -155,7 +155,7 @@ def _in_call(node: Node) -> Iterator[Edited]:
 
 
 def everywhere(node: Node, candidates: Candidates) -> Iterator[Edited]:
-    """Changes of a piece that appears more than once, at all of its places alike."""
+    """The formula after changes made at all places of a piece that appears more than once."""
     counts = Counter(node.walk())
     for piece, count in counts.items():
         if count < 2:
@@ -178,7 +178,7 @@ def _exchanges(node: Node, candidates: Candidates) -> Iterator[Edited]:
 
 
 def supplements(node: Node, candidates: Candidates) -> Iterator[Edited]:
-    """The formula with a factor added that is a vector or a matrix: one that the text left out altogether."""
+    """The formula with a vector or matrix added as a factor, as if the text had left it out."""
     numbers = set(candidates.numbers())
     columns = [symbol(name) for name in candidates.known() if name not in numbers]
     for piece, rebuilt, _ in places(node):
@@ -191,5 +191,5 @@ def supplements(node: Node, candidates: Candidates) -> Iterator[Edited]:
 
 
 def applied(edit: Edit, node: Node) -> Node:
-    """An edit of all places on another formula."""
+    """A change that acts at all places, applied to another formula."""
     return node.replaced(dict(edit.table))

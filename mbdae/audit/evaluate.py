@@ -1,4 +1,4 @@
-"""Values of formulas: complex numbers and matrices, so that derivatives are complex steps; no broadcasting of sizes."""
+"""Values of formulas: complex numbers and matrices, so that derivatives can be complex steps; sizes are never broadcast."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from mbdae.audit.notation import Node
 from mbdae.errors import MbdaeError
 from mbdae.symbolic.functions import complex_atan2
 
-STEP = 1e-30  #: of the complex step
-FINITE = 0.02  #: of the differences by which a derivative of a derivative is taken
+STEP = 1e-30  #: size of the complex step
+FINITE = 0.02  #: spacing of the finite differences by which a derivative of a derivative is taken
 #: coefficients of central differences of order 10 at 1 to 5 steps
 _CENTRAL = (5 / 6, -5 / 21, 5 / 84, -5 / 504, 1 / 1260)
 Value = Any  #: a complex number, or a matrix (rows, columns) of them
-Source = Any  #: where the values of symbols come from, and states that are moved or hold other values: an `Env` of phrases
+Source = Any  #: source of the values of symbols, which can also return shifted states: an `Env` of phrases
 
 
 class SizeError(Exception):
-    """A value that cannot be computed, mostly because sizes do not fit; says where."""
+    """A value that cannot be computed, mostly because sizes do not fit; the message says where."""
 
-    placed = False  #: whether it says where
+    placed = False  #: whether the message already says where
 
 
 class NestedError(SizeError):
-    """A derivative inside of a complex step: the outer derivative is taken by finite differences then."""
+    """A derivative inside of a complex step; the outer derivative is then taken by finite differences."""
 
     placed = True
 
 
-#: causes that numbers have, in words
+#: messages of numerical errors, in words
 _CAUSES = {ZeroDivisionError: "a quantity it divides by is 0", OverflowError: "a number in it grows beyond all bounds",
            np.linalg.LinAlgError: "its matrix has no inverse"}  # fmt: skip
 
@@ -45,12 +45,12 @@ def reason(error: Exception, what: object) -> str:
     return why if isinstance(error, MbdaeError) or getattr(error, "placed", False) else f"{what} has no value: {why}"
 
 
-#: what keeps a formula from having a value in a state
+#: errors that mean that a formula has no value in a state
 NO_VALUE = (SizeError, MbdaeError, ArithmeticError, np.linalg.LinAlgError)
 
 
 def derivative(value_at: Callable[[complex], Value], stepped: bool = False) -> Value:
-    """Derivative of a function of a small step at 0: by a complex step, or by finite differences inside of another step."""
+    """Derivative at h = 0 of a function of h: by a complex step, or by finite differences inside of another complex step."""
     if not stepped:
         try:
             return np.imag(value_at(1j * STEP)) / STEP + 0j
@@ -205,7 +205,7 @@ def _call(node: Node, at: Source) -> Value:
 
 
 def _partial(e: Node, by: Node, at: Source) -> Value:
-    """Derivative by a number; by a column a matrix with one column for each of its entries."""
+    """Partial derivative: by a number, or by a column (n, 1), which gives a matrix with one column for each entry."""
     if by.kind != "symbol":
         raise SizeError("a derivative is taken by a symbol")
 
@@ -219,7 +219,7 @@ def _partial(e: Node, by: Node, at: Source) -> Value:
     return np.hstack(columns)
 
 
-#: nodes and weights of the tanh-sinh rule on (-1, 1), which does not mind roots at the ends
+#: nodes and weights of the tanh-sinh rule on (-1, 1), accurate also for integrands with roots at the ends
 _T = np.arange(-62, 63) * 0.05
 _NODES = np.tanh(np.pi / 2 * np.sinh(_T))
 _WEIGHTS = 0.05 * np.pi / 2 * np.cosh(_T) / np.cosh(np.pi / 2 * np.sinh(_T)) ** 2
@@ -252,7 +252,7 @@ def _block(node: Node, at: Source) -> Value:
 
 
 def _common(sizes: list[int], fill: int = 1) -> int:
-    """The size that all entries of a row or column share; literal zeros take it (`fill` where there is nothing else)."""
+    """The size that all entries of a row or column of blocks share; literal zeros take it (`fill` if all are zeros)."""
     if len(set(sizes)) > 1:
         raise SizeError(f"sizes do not fit: a block of {sizes[0]} beside a block of {next(s for s in sizes if s != sizes[0])}")
     return sizes[0] if sizes else fill
@@ -265,7 +265,7 @@ _BY_KIND: dict[str, Callable[[Node, Source], Value]] = {
 }  # fmt: skip
 
 
-# -- expressions of laws; symengine's own values take powers by logarithms, which spoils complex steps
+# -- expressions of laws, evaluated here because symengine computes powers by logarithms, which makes complex steps inexact
 
 _RELATIONS = {"LessThan": np.less_equal, "StrictLessThan": np.less, "Equality": np.equal, "Unequality": np.not_equal}
 

@@ -1,7 +1,7 @@
-"""What a formula lacks, found by solving for it: a factor (number, powers of quantities) at any place, or a whole term.
+"""Factors and terms missing in a formula, found by solving for them: a number or powers of quantities at any place, or a term.
 
-At a place of the formula an unknown number @ is put in, and solved for in every random state; its values are then fitted by a
-product of powers of quantities of the text, times a simple number.
+An unknown number @ is inserted at a place of the formula and solved for in every random state; its values are then fitted by
+a product of powers of quantities of the text, times a simple number.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from mbdae.audit.phrases import Env
 
 UNKNOWN = symbol("@")
 _ONE = number(1)
-EXACT = 1e-7  #: of fitted exponents and logarithms
-MANY = 6_000  #: products of vectors and matrices that are tried as terms
-LARGE = 64  #: product of numerator and denominator of a number that is missing as a factor
-LONG = 6  #: pieces of a combination of the formula that is missing as a factor
-MOST = 30  #: quantities among which powers are sought
+EXACT = 1e-7  #: tolerance of fitted exponents and logarithms
+MANY = 6_000  #: largest number of products of vectors and matrices tried as terms
+LARGE = 64  #: largest product of numerator and denominator of a missing numerical factor
+LONG = 6  #: largest number of pieces in a missing factor made of a combination of the formula
+MOST = 30  #: largest number of quantities among which powers are sought
 Rebuilt = Callable[[Node], Node]
 Place = tuple[Node, Rebuilt, tuple[Node, ...]]
 
 
 def places(node: Node, rebuilt: Rebuilt = lambda new: new, around: tuple[Node, ...] = ()) -> Iterator[Place]:
-    """Every piece of a formula, the function that puts another in its place, and the pieces around it from the inside out."""
+    """Every piece of a formula, a function that puts another in its place, and the surrounding pieces from the inside out."""
     yield node, rebuilt, around
     for i, part in enumerate(node.parts):
-        if not (node.kind == "call" and i == 1 and node.value in BINDING):  # a name of its own
+        if not (node.kind == "call" and i == 1 and node.value in BINDING):  # the second argument is a bound name
 
             def outer(new: Node, i: int = i) -> Node:
                 return rebuilt(node.with_parts((*node.parts[:i], new, *node.parts[i + 1 :])))
@@ -57,7 +57,7 @@ class Monomial:
 
     @property
     def factors(self) -> list[Node]:
-        """Its factors as pieces of a product."""
+        """The factors of this monomial as pieces of a product."""
         out = _ratio(abs(self.c)) if abs(self.c) != 1 or not self.powers else []
         for piece, p in self.powers:
             shown = piece if abs(p) == 1 else made("power", piece, made("product", *_ratio(abs(p))))
@@ -65,7 +65,7 @@ class Monomial:
         return out
 
     def times(self, node: Node | None = None) -> Node:
-        """The formula times this."""
+        """The formula times this monomial."""
         inside = () if node is None or node == _ONE else node.parts if node.kind == "product" else (node,)
         factors = [f for f in (*self.factors, *inside) if not (f == _ONE and (inside or len(self.factors) > 1))]
         new = made("product", *factors)
@@ -73,13 +73,13 @@ class Monomial:
 
 
 class Fit:
-    """What a formula lacks to have the values in some states, as powers of the scalar quantities of a text."""
+    """Finds what a formula lacks to have given values in some states, as powers of the scalar quantities of a text."""
 
     def __init__(self, envs: Sequence[Env], values: Sequence[Value], pieces: Sequence[Node]) -> None:
         self.envs, self.values, self.pieces = envs, values, pieces
 
     def lacking(self, probe: Node) -> Monomial | None:
-        """The simplest product of powers that @ in a formula must be for it to have the values."""
+        """The simplest monomial that makes the formula have the values when put in the place of @; None where there is none."""
         found = []
         for env, wanted in zip(self.envs, self.values, strict=True):
             r = _solved(probe, env, wanted)
@@ -100,7 +100,7 @@ class Fit:
         return found[:MOST]
 
     def monomial(self, values: Any) -> Monomial | None:
-        """The simplest product of powers with these values."""
+        """The simplest monomial that has these values in the states; None where there is none."""
         r = np.asarray(values)
         if not np.all(np.isfinite(r)) or np.max(np.abs(np.imag(r))) > 1e-9 or np.min(np.abs(r)) < 1e-12:
             return None
@@ -116,7 +116,7 @@ class Fit:
         return None
 
     def _sense(self, r: Any) -> Monomial | None:
-        """A number whose sign is that of a quantity."""
+        """A constant times the sign of a quantity."""
         for piece, v in self._scalars:
             sense = np.sign(r) * np.sign(v)
             if not np.ptp(sense):
@@ -126,7 +126,7 @@ class Fit:
 
     @cached_property
     def _systems(self) -> list[tuple[list[Any], Any, Any]]:
-        """Sets of no, one and two quantities, the equations of their exponents (sets, states, exponents), the solutions."""
+        """Sets of 0, 1 and 2 quantities with the linear equations of their exponents (sets, states, exponents), inverted."""
         out = []
         for count in (0, 1, 2):
             subsets = list(combinations(self._scalars, count))
@@ -149,7 +149,7 @@ class Fit:
 
 
 def _solved(node: Node, env: Env, wanted: Value) -> complex | None:
-    """Linear in @ for most places; else by Newton's method, of a formula that is a number."""
+    """The value of @ that gives the wanted value: directly where @ enters linearly, else by Newton's method."""
     ends = [attempt(node, env.bound("@", x)) for x in (0j, 1 + 0j)]
     if any(e is None or np.shape(e) != np.shape(wanted) or not np.all(np.isfinite(e)) for e in ends[1:]):
         return None
@@ -178,7 +178,7 @@ def _newton(node: Node, env: Env, wanted: Value) -> complex | None:
 
 
 def factors(node: Node, fit: Fit) -> Iterator[tuple[Node, Monomial, Node]]:
-    """Pieces with a factor or an exponent that is missing there, and the formula with it."""
+    """Pieces where a factor or an exponent is missing, that factor, and the formula with it."""
     for piece, rebuilt, _ in places(node):
         if piece.kind in ("block", "row", "neg"):
             continue
@@ -188,20 +188,20 @@ def factors(node: Node, fit: Fit) -> Iterator[tuple[Node, Monomial, Node]]:
             yield piece, found, rebuilt(_merged(found, piece))
         if not np.shape(fit.values[0]) and piece.kind in ("symbol", "call", "sum"):
             found = fit.lacking(rebuilt(made("power", piece, UNKNOWN)))
-            if found is not None and found.powers:  # an exponent that is a quantity of the text
+            if found is not None and found.powers:  # an exponent made of quantities of the text
                 power = made("power", piece, found.times())
                 yield piece, Monomial(Fraction(1), ((power, Fraction(1)), (piece, Fraction(-1)))), rebuilt(power)
 
 
 def _merged(found: Monomial, piece: Node) -> Node:
-    """A piece times a factor: numbers multiplied."""
+    """A piece times a factor, with numbers multiplied out."""
     if piece.kind == "number":
         return Monomial(found.c * Fraction(piece.value).limit_denominator(10**6), found.powers).times()
     return found.times(piece)
 
 
 def terms(node: Node, fit: Fit, vectors: Sequence[Node]) -> Iterator[tuple[Node, Node]]:
-    """Terms that are missing in the formula or in one of its sums, and the formula with them."""
+    """Terms that are missing in the formula or in one of its sums, each with the formula that contains it."""
     for piece, rebuilt, _ in places(node):
         if (piece is not node and piece.kind not in ("sum", "symbol")) or piece.kind in ("block", "row"):
             continue
@@ -217,7 +217,7 @@ def terms(node: Node, fit: Fit, vectors: Sequence[Node]) -> Iterator[tuple[Node,
 
 
 def _shapes(size: tuple[int, ...], vectors: Sequence[Node], env: Env, longest: int) -> Iterator[Node]:
-    """Products of up to so many vectors and matrices of a text that have a size."""
+    """Products of at most `longest` vectors and matrices of a text that have the wanted size."""
     if size == ():
         yield _ONE
     forms: list[Node] = []
@@ -237,7 +237,7 @@ def _shapes(size: tuple[int, ...], vectors: Sequence[Node], env: Env, longest: i
 
 
 def wrapped(node: Node, env: Env) -> Iterator[tuple[Node, Node, Node]]:
-    """Pieces put into a tilde, a transposition, an absolute value, a root or another function; or out of one."""
+    """The formula with one piece put into a tilde, transposition, absolute value, root or other function, or taken out of one."""
     for piece, rebuilt, _ in places(node):
         news = []
         if piece.kind in ("symbol", "cross", "sum", "product"):

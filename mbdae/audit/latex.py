@@ -1,5 +1,5 @@
-"""Formulas of the notation in LaTeX; names such as b3k or zkdot become letters with indices and dots, others stand as they
-are written; the text says otherwise by `NAME [UNIT] $TEX$: MEANING`."""
+"""Formulas of the notation in LaTeX. Names such as b3k or zkdot become letters with indices and dots, others stay as written;
+a text overrides this by `NAME [UNIT] $TEX$: MEANING`."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ _NAME = re.compile(
     r"(?P<figure>\d*)(?P<index>phi|)(?P<last>\d*)(?P<body>k|l)?(?P<dots>ddot|dot)?$"
 )
 _SIGNS = {"delta": r"\delta", "rate": r"\frac{d}{dt}", "slope": r"\frac{d}{ds}"}
-#: functions by their arguments in LaTeX; the others stand as names before brackets
+#: functions with a LaTeX form of their own; the others are written as name and brackets
 _CALLS = {"norm": r"\left\|{0}\right\|", "abs": r"\left|{0}\right|", "sqrt": r"\sqrt{{{0}}}",
           "sum": r"\sum_{{{1}={2}}}^{{{3}}} {0}", "integral": r"\int_{{{2}}}^{{{3}}} {0} \, d{1}",
           "diff": r"\frac{{\partial {0}}}{{\partial {1}}}"}  # fmt: skip
-_LONG = {*_SIGNS, "sum", "integral", "diff"}  #: what a mark behind it would not belong to as a whole
-_KNOWN = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "det"}  #: names that LaTeX has
-Letters = Mapping[str, str]  #: how a text prints a name, in TeX
+_LONG = {*_SIGNS, "sum", "integral", "diff"}  #: functions that need brackets before an exponent or a transposition sign
+_KNOWN = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "det"}  #: names of LaTeX commands
+Letters = Mapping[str, str]  #: TeX that a text gives for a name
 _NONE: Letters = MappingProxyType({})
 
 
 def name(text: str, letters: Letters = _NONE, transposed: bool = False, tilde: bool = False) -> str:
-    """A name in LaTeX: the letter of the text, else its parts as letter, index and dots."""
+    """A name in LaTeX: the TeX given by the text, else its parts as letter, index and dots."""
     match = _NAME.match(text)
     mark = "^{T}" if transposed else ""
     if text in letters:
@@ -41,7 +41,7 @@ def name(text: str, letters: Letters = _NONE, transposed: bool = False, tilde: b
         return (rf"\tilde{{{text}}}" if tilde else text if text == "I" else rf"\mathrm{{{text}}}") + mark
     body, index = match["body"] or "", match["index"]
     if match["letter"] == "mu":
-        body, index = "", index + body  # coefficients of friction
+        body, index = "", index + body  # coefficients of friction: mu with its index
     letter = _LETTERS.get(match["letter"], match["letter"])
     for accent, given in (("tilde", tilde), ("bar", match["bar"]), (match["dots"] or "", match["dots"])):
         letter = rf"\{accent}{{{letter}}}" if given else letter
@@ -58,7 +58,7 @@ def statement(s: Statement, letters: Letters = _NONE) -> str:
 
 
 def formula(node: Node, letters: Letters = _NONE, level: int = 0) -> str:
-    """A formula in LaTeX; level as in the notation: 0 in a sum, 1 in a product, 2 under a mark."""
+    """A formula in LaTeX; level 0: in a sum, 1: in a product, 2: under a tilde, prime or power."""
     kind, parts = node.kind, node.parts
     if kind == "number":
         return f"{node.value:g}"
@@ -98,7 +98,7 @@ def _sum(node: Node, letters: Letters) -> str:
 
 
 def _product(node: Node, letters: Letters) -> str:
-    """A single factor stands above all that divide it; of several, each above those that follow it."""
+    """A product in LaTeX: a single factor stands over all divisors, of several each over those that follow it."""
     above = [formula(p, letters, 1) for p in node.parts if p.kind != "inverse"]
     below = [p.parts[0] for p in node.parts if p.kind == "inverse"]
     if below and len(above) < 2:

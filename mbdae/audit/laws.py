@@ -22,14 +22,14 @@ from mbdae.symbolic.part import Part
 
 _SIDE = (NodeKind.SPATIAL, Axes.GENERAL)
 _COORDINATE = (NodeKind.COORDINATE, Axes.GENERAL)
-Own = tuple[tuple[str, type[Law]], ...]  #: laws of the user by name
+Own = tuple[tuple[str, type[Law]], ...]  #: classes of laws given by the user, by name
 
 
-WITH_COORDINATES = " with coordinates"  #: behind the name of a joint: the one whose coordinates are unknowns
+WITH_COORDINATES = " with coordinates"  #: suffix of the name of a joint, for its model with joint coordinates as unknowns
 
 
 def law_class(name: str, own: Own = ()) -> type[Law] | None:
-    """The class of a law by its name; None where there is none, or none with coordinates where these are asked for."""
+    """The class of a law by its name; None where there is none, or none with coordinates where the name asks for them."""
     plain = name.removesuffix(WITH_COORDINATES)
     known: dict[str, Any] = {n: getattr(m, n) for m in (joints, forces) for n in m.__all__}
     found = (known | {"JournalContact": JournalContact, "Beam": Beam} | dict(own)).get(plain)
@@ -46,13 +46,14 @@ def part_class(name: str, own: Own = ()) -> type[Part] | None:
 
 @lru_cache(maxsize=64)
 def derived(name: str, own: Own = (), declared: frozenset[str] = frozenset()) -> Derived:
-    """A law derived between two bodies in space, with all of its parameters; declared: those that the text names."""
+    """A law derived between two bodies in space with all of its parameters; declared: parameters that the text names."""
     cls: Any = law_class(name, own)
     options: dict[str, Any] = {"joint": joints.Revolute} if "joint" in cls.options else {}
     values = dict.fromkeys(cls.params, 1.0)
     if cls is JournalContact:
         options = {"normal": Hertz(1.0), "friction": Coulomb(1.0, 1e-3)}
-        values = dict.fromkeys({"outer", "inner"} | (declared & set(cls.params)), 1.0)  # no length: one plane of contact
+        # without a length the contact has one plane
+        values = dict.fromkeys({"outer", "inner"} | (declared & set(cls.params)), 1.0)
     if name.endswith(WITH_COORDINATES):
         options["kept"] = True
     law = cls("audited", None, None, **values, **options)
@@ -60,7 +61,7 @@ def derived(name: str, own: Own = (), declared: frozenset[str] = frozenset()) ->
 
 
 class LawState:
-    """A derived law in a state of motion: values of all of its symbols."""
+    """A derived law in one state of motion, with values of all of its symbols."""
 
     def __init__(self, name: str, motion: Motion, given: Mapping[str, float], own: Own = (), sides: str = "kl",
                  declared: frozenset[str] = frozenset()) -> None:  # fmt: skip
@@ -76,7 +77,7 @@ class LawState:
         for row in self.d.rows:
             self._put([se.Symbol(f"lambda_{row}")], [motion.number(f"multiplier {row}")])
         for state in self.d.states:
-            self._put([se.Symbol(f"state_{state}")], [motion.relative_angle()])  # internal states take the relative angle
+            self._put([se.Symbol(f"state_{state}")], [motion.relative_angle()])  # every internal state is the angle
 
     def _frame(self, f: Frame, side: str) -> None:
         m = self.motion
@@ -107,26 +108,26 @@ class LawState:
         return np.array([[self.number(c)] for c in v])
 
     def row(self, row: str) -> Value:
-        """The value of a row."""
+        """The value of a constraint row by its name."""
         return self.number(self.d.g[self.d.rows.index(row)])
 
     def row_gradient(self, row: str, part: str, side: str) -> Value:
-        """Gradient of a row by the displacement ("move") or rotation ("turn") of a side."""
+        """Gradient (3, 1) of a constraint row by the displacement ("move") or rotation ("turn") of the body `side`."""
         return self.vector(self.d.G[self.d.rows.index(row)][side][part == "turn"])
 
     def row_force(self, row: str) -> Value:
-        """Generalised force s lambda + 2 p c of a row with the potential s lambda c + p c^2."""
+        """Generalised force s lambda + 2 p c of a constraint row c with the potential s lambda c + p c^2."""
         s, p = (self.motion.positive(f"parameter {n}") for n in ("scaling", "penalty"))
         return s * self.motion.number(f"multiplier {row}") + 2 * p * np.real(self.row(row))
 
     def force(self, part: str, side: str) -> Value:
-        """Force or torque of a law on a side, as it stands on the left-hand side."""
+        """Force ("move") or torque ("turn") of a law on the body `side` (3, 1), as on the left-hand side."""
         pair = self.d.force.get(side)
         return np.zeros((3, 1)) + 0j if pair is None else self.vector(pair[part == "turn"])
 
 
 def journal(motion: Motion, radii: tuple[float, float], sides: str, rubbing: bool = True) -> LawState:
-    """The contact of a pin in its race; radii outer, inner; sides: the bodies of race and pin; rubbing: with friction."""
+    """Contact of a pin in its race; radii (outer, inner), m; sides: bodies of race and pin; rubbing: whether with friction."""
 
     def made() -> LawState:
         given = dict(zip(("outer", "inner"), radii, strict=True)) | {"friction_v_c": 1e-3, "normal_damping": 0.0}
@@ -142,12 +143,12 @@ def _sensor(contact: LawState, name: str) -> Any:
 
 
 def observed(contact: LawState, name: str) -> Value:
-    """A sensor of the contact."""
+    """The value of a sensor of the contact, by its name."""
     return contact.number(_sensor(contact, name))
 
 
 def outward(contact: LawState) -> Value:
-    """Unit vector from the centre of the race to that of the pin: gradient of the penetration by the displacement of the pin."""
+    """Unit vector from race centre to pin centre: the gradient of the penetration by the displacement of the pin."""
     v = contact.d.variation
     move, _ = v.gradient(contact.d.frames[1], _sensor(contact, "gap"))
     return -contact.vector(map(v.resolve, move))

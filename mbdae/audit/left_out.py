@@ -1,4 +1,4 @@
-"""Parameters of laws that a text does not declare: which of them it leaves out, and which a law refuses at zero."""
+"""Parameters of laws that a text does not declare: those without effect at zero, and those for which a law refuses zero."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ from mbdae.errors import MbdaeError
 from mbdae.symbolic.line import LineLaw
 from mbdae.symbolic.part import Part
 
-OF_ROWS = {"scaling": 1.0, "penalty": 0.0}  #: parameters of every row, at which its force is the multiplier's alone
+#: parameters of every constraint row, with the values that leave lambda as the force of the row
+OF_ROWS = {"scaling": 1.0, "penalty": 0.0}
 
 
 @lru_cache(maxsize=256)
 def refuses_zero(parameter: str, of: str, own: Own = ()) -> bool:
-    """Whether a law takes other numbers for a parameter, and no zero."""
+    """Whether a law accepts some values of a parameter but not zero."""
     cls: Any = part_class(of, own) or law_class(of, own)
 
     def taken(value: float) -> bool:
@@ -38,14 +39,14 @@ def refuses_zero(parameter: str, of: str, own: Own = ()) -> bool:
 
 
 def may_vanish(meaning: Meaning, own: Own) -> bool:
-    """Whether a quantity may be zero where the text speaks of it."""
+    """Whether a quantity may be zero in a state that the text speaks of."""
     parameter = PARAMETER.match(meaning.text)
     return meaning.phrase.vanishes and not (parameter and refuses_zero(parameter[1], parameter[2], own))
 
 
 def left_out(equation: Printed, states: States, laws: set[str]) -> Mapping[str, float]:
-    """The fewest parameters ("damping of PointSpring") that the text declares nowhere, with values at which they do nothing and
-    the sides agree, without a quantity of the text that vanishes there. Empty where there are none.
+    """The smallest set of parameters ("damping of PointSpring") that the text declares nowhere and without whose effect both
+    sides agree, each with the value at which it has no effect; empty if none. No quantity of the text may vanish there.
 
     laws: words of the meanings, among them the names of laws."""
     open_ = _open(equation, laws)
@@ -63,7 +64,7 @@ def left_out(equation: Printed, states: States, laws: set[str]) -> Mapping[str, 
 
 
 def _open(equation: Printed, laws: set[str]) -> dict[str, float]:
-    """Parameters that no line of the text declares for any law, with the values at which they do nothing."""
+    """Parameters that the text declares for no law, each with the value at which it has no effect."""
     own = equation.scope.own
     declared = {match[1] for text in equation.scope.texts if (match := PARAMETER.match(text))}
     found: dict[str, float] = {}

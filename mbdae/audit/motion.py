@@ -1,8 +1,8 @@
 """Random motions of two bodies k and l and of a section of a line, in which the symbols of a printed formula are evaluated.
 
 Kinds of states: "free" (two independent bodies), "clearance" (l turns about k's third axis, the centres apart in the plane normal
-to it) and the name of any joint with coordinates ("revolute", "prismatic", ...): l is carried by the program of a tree that runs.
-A state belongs to a motion: accelerations are constant, so that all time derivatives exist.
+to it) and the name of any joint with coordinates ("revolute", "prismatic", ...), where the compiled recursion moves l.
+Every state belongs to a motion with constant accelerations, so that all time derivatives exist.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ _E3 = np.array([[0.0], [0.0], [1.0]])
 #: independent vectors of each body: position, velocity, acceleration, angular velocity, angular acceleration
 VECTORS = ("x", "v", "a", "w", "alpha")
 T = TypeVar("T")
-_TERMS = 24  #: of the series of a rotation
+_TERMS = 24  #: number of terms of the series of a rotation
 
 
 def turned(vector: Value) -> Value:
-    """Rotation matrix of a (complex) rotation vector, rad: the exponential series, whose small imaginary parts stay exact."""
+    """Rotation matrix of a (complex) rotation vector, rad, by the exponential series, which keeps tiny imaginary parts exact."""
     total, term, n = np.eye(3) + 0j, np.eye(3) + 0j, cross(np.asarray(vector) + 0j)
     for i in range(1, _TERMS):
         term = term @ n / i
@@ -37,7 +37,7 @@ def turned(vector: Value) -> Value:
 
 
 def carried_on(Q: Value, w: Value, alpha: Value, dt: complex) -> Value:
-    """The attitude after dt at angular velocity w + alpha t: the series of Q' = ~(w + alpha t) Q."""
+    """Attitude after the time dt at angular velocity w + alpha t: series solution of Q' = ~(w + alpha t) Q."""
     W, A = cross(w), cross(alpha)
     terms = [Q, dt * W @ Q]
     for i in range(2, _TERMS):
@@ -46,13 +46,13 @@ def carried_on(Q: Value, w: Value, alpha: Value, dt: complex) -> Value:
 
 
 def quaternion(Q: Value) -> Value:
-    """Euler parameters (4, 1) of a rotation matrix, the scalar first and positive."""
+    """Euler parameters (4, 1) of a rotation matrix, scalar part first and positive."""
     e0 = np.sqrt(1 + np.trace(Q) + 0j) / 2
     return np.vstack([[[e0]], axial(Q) / (2 * e0)])
 
 
 def axial(m: Value) -> Value:
-    """The vector of the skew part of a matrix."""
+    """Axial vector (3, 1) of the skew-symmetric part of a matrix."""
     return 0.5 * np.array([[m[2, 1] - m[1, 2]], [m[0, 2] - m[2, 0]], [m[1, 0] - m[0, 1]]])
 
 
@@ -63,7 +63,7 @@ def about_axis(phi: Value) -> Value:
 
 @lru_cache(maxsize=4096)
 def _drawn(seed: int, name: str, kind: str, shape: tuple[int, ...] = ()) -> Value:
-    """A random value, the same for the same name and state."""
+    """A random value, reproducible: equal names in equal states give equal values."""
     rng = np.random.default_rng([seed, crc32(name.encode())])
     if kind == "uniform":
         return rng.uniform(-1.2, 1.2, shape)
@@ -71,77 +71,78 @@ def _drawn(seed: int, name: str, kind: str, shape: tuple[int, ...] = ()) -> Valu
 
 
 class Motion:
-    """One random state, SI units, inertial components. Imaginary parts of its quantities are increments of a complex step."""
+    """One random state in SI units, components in inertial axes. Imaginary parts are increments of a complex step."""
 
-    symbolic = False  #: whether its quantities are symbols
-    neutral: Mapping[str, float] = MappingProxyType({})  #: given values of positive numbers
+    symbolic = False  #: whether the quantities are symbols instead of numbers
+    neutral: Mapping[str, float] = MappingProxyType({})  #: prescribed values of positive numbers, by name
 
     def __init__(self, seed: int, kind: str = "free", own: Any = (), section: str = "") -> None:
         self.seed, self.kind, self.absent = seed, kind, frozenset[str]()
         self.stepped, self.origin = False, None  # type: tuple[bool, Motion | None]
-        self.clock, self.arc, self.virtual = 0j, 0j, 0j  #: time and length along the line since the state, virtual displacement
+        #: time and arc length since the state, parameter of the virtual displacement
+        self.clock, self.arc, self.virtual = 0j, 0j, 0j
         self.memory: dict[Any, Any] = {}
         self.link = None if kind in ("free", "clearance") else Carried(kind, own)
         self.Q = {s: turned(self.vector(f"attitude {s}")) for s in "kl"}
         self.R0 = turned(self.vector("reference attitude"))
         self.x0 = {s: self.vector(f"reference place {s}") for s in "kl"}
         self.vectors: dict[str, dict[str, Value]] = {n: {s: self.vector(f"{n} {s}") + 0j for s in "kl"} for n in VECTORS}
-        #: value, rate and second rate of the coordinates of the joint, of its relative angle alone where it has none
+        #: value, first and second time derivative of every joint coordinate; of free bodies, of stand-ins for them
         names = self.link.coordinates if self.link is not None else free_coordinates(section, own)
         self.coordinates: dict[str, list[Value]] = {
             name: [self.number(n + ("" if i == 0 else f" of {name}")) + 0j for n in ("phi", "phidot", "phiddot")]
             for i, name in enumerate(names)
         }
 
-    # -- random quantities, the same for the same name and state
+    # -- random quantities, reproducible by name and state
 
     def number(self, name: str) -> float:
-        """A number between 0.3 and 1.5 of either sign."""
+        """A random number with absolute value between 0.3 and 1.5 and either sign."""
         return float(_drawn(self.seed, name, "number"))
 
     def positive(self, name: str) -> float:
-        """A number between 0.3 and 1.5, or the one given for it."""
+        """A random number between 0.3 and 1.5, or the value prescribed for it."""
         if name in self.neutral:
             return self.neutral[name]
         return float(_drawn(self.seed, name, "positive"))
 
     def vector(self, name: str) -> Value:
-        """A vector."""
+        """A random vector (3, 1)."""
         return _drawn(self.seed, name, "uniform", (3, 1))
 
     def matrix(self, name: str, symmetric: bool = False) -> Value:
-        """A matrix; symmetric ones are positive definite."""
+        """A random matrix (3, 3); symmetric ones are positive definite."""
         m = _drawn(self.seed, name, "uniform", (3, 3))
         return m @ m.T + np.eye(3) if symmetric else m
 
     def polynomial(self, name: str, x: complex, shape: tuple[int, ...] = ()) -> Value:
-        """A random function of x, its first three derivatives at 0 different from 0."""
+        """A random function of x whose first three derivatives at 0 differ from 0."""
         c = _drawn(self.seed, name, "uniform", (4, *shape))
         return c[0] + x * c[1] + x * x * c[2] / 2 + x**3 * c[3] / 6 + 0j
 
     def ingredient(self, name: str) -> Value:
-        """A vector that a derivation contains, zero where it is taken to be absent."""
+        """A vector contained in a derivation; zero where it is declared absent."""
         return self.vector(name) * (name not in self.absent)
 
     @property
     def base(self) -> Motion:
-        """The state before the complex step."""
+        """The state from which the complex step started."""
         return self.origin or self
 
     def without(self, name: str) -> Motion:
-        """The same state with that vector zero."""
+        """A copy of this state in which that vector is zero."""
         other = copy(self)
         other.absent, other.memory = self.absent | {name}, {}
         return other
 
     def taking(self, values: Mapping[str, float]) -> Motion:
-        """The same state with given values of some positive numbers."""
+        """A copy of this state with prescribed values of some positive numbers."""
         other = copy(self)
         other.neutral, other.memory = values, {}
         return other
 
     def once(self, key: Any, compute: Callable[[], T]) -> T:
-        """What belongs to this state, computed when it is first asked for."""
+        """A value of this state, computed when it is first asked for."""
         if key not in self.memory:
             self.memory[key] = compute()
         found: T = self.memory[key]
@@ -163,7 +164,7 @@ class Motion:
         return self.once("l", carried)
 
     def _apart(self, k: dict[str, Value]) -> dict[str, Value]:
-        """l turned about k's third axis, its centre moved in the plane normal to it."""
+        """Motion of l turned about k's third axis, with its centre displaced in the plane normal to that axis."""
         q, u, up = (np.array([[c[i]] for c in self.coordinates.values()]) for i in range(3))
         W, A = cross(k["w"]), cross(k["alpha"])
         s = [k["Q"] @ np.vstack([p[1:], [[0]]]) for p in (q, u, up)]
@@ -175,11 +176,11 @@ class Motion:
         }  # fmt: skip
 
     def of(self, name: str, side: str) -> Value:
-        """A vector of a body by its name in VECTORS."""
+        """A motion vector of a body (3, 1) by its name in VECTORS."""
         return self._l()[name] if side == "l" and self.joined else self.vectors[name][side]
 
     def rotation(self, side: str) -> Value:
-        """Attitude of a body's axes."""
+        """Rotation matrix of a body's axes (3, 3)."""
         return self._l()["Q"] if side == "l" and self.joined else self.Q[side]
 
     def euler_parameters(self, side: str) -> Value:
@@ -188,20 +189,20 @@ class Motion:
 
     @property
     def first(self) -> list[Value]:
-        """The first coordinate of the joint with its rate and second rate."""
+        """The first coordinate of the joint with its first and second time derivative."""
         return next(iter(self.coordinates.values()))
 
     def relative_angle(self) -> Value:
-        """Angle of l relative to k: the twist about the third axes of free bodies, or the joint's coordinate, rad."""
+        """Angle of l relative to k, rad: the joint's coordinate, or the twist about the third axes of free bodies."""
         if self.joined and "angle" in self.coordinates:
             return self.coordinates["angle"][0]
         A = self.rotation("k").T @ self.rotation("l")
         return complex_atan2(A[1, 0] - A[0, 1], A[0, 0] + A[1, 1])
 
-    # -- the section of a line, at the length s along it
+    # -- the section of a line, at the arc length s along it
 
     def section(self) -> tuple[Value, Value]:
-        """Position and attitude of a section, functions of time and of the length along the line."""
+        """Position (3, 1) and attitude (3, 3) of a section, as functions of time and of arc length along the line."""
         return self.once("section", self._section)
 
     def _section(self) -> tuple[Value, Value]:
@@ -215,10 +216,10 @@ class Motion:
         s, t = self.arc, self.clock
         return c[0] + s * c[1] + t * c[2] + s * t * c[3] + s * s * c[4] / 2 + t * t * c[5] / 2
 
-    # -- increments
+    # -- states reached by a step
 
     def moved(self, how: str, amount: complex = 1j * STEP) -> Motion:
-        """The state after a step: "virtual" displacement, "time", "line", or "linear" (all quantities independently)."""
+        """The state after a step: "virtual" displacement, "time", "line" (arc length), "linear" (each quantity by itself)."""
         return self.once(("moved", how, amount), lambda: self._moved(how, amount))
 
     def _moved(self, how: str, amount: complex) -> Motion:
@@ -263,7 +264,7 @@ class Motion:
         return known
 
     def stepped_by(self, increments: dict[str, Value]) -> Motion:
-        """The state after i STEP times the increments of "turn k" (rotation), "x k", "w k", "alpha k", "phi", ..."""
+        """The state after a complex step along the increments of "turn k" (rotation), "x k", "w k", "alpha k", "phi", ..."""
         other = self._copy(1j * STEP)
         other._step(increments, 1j * STEP)
         return other
@@ -282,11 +283,11 @@ class Motion:
                 self.first[("phi", "phidot", "phiddot").index(what)] += step
 
     def turn_between(self, other: Motion, side: str) -> Value:
-        """Rotation of a body from this state to a state moved by a complex step."""
+        """Rotation vector (3, 1) of a body from this state to a state moved by a complex step, divided by the step."""
         return axial(np.imag(other.rotation(side)) / STEP @ np.real(self.rotation(side)).T) + 0j
 
     def still(self, w: Value, phidot: Value) -> Motion:
-        """The same state with given angular velocity of k and rate of the first coordinate."""
+        """A copy of this state with the given angular velocity of k and rate of the first coordinate, and no other motion."""
         other = self._copy(0j)
         other.vectors["w"]["k"] = w
         other.first[1] = phidot
@@ -294,13 +295,13 @@ class Motion:
 
 
 def free_coordinates(section: str, own: Any) -> tuple[str, ...]:
-    """Names of numbers that stand for coordinates between free bodies: first those of the joint that the section speaks of."""
+    """Names of random numbers that stand for coordinates of free bodies: first those of the joint the section names."""
     stated = tuple(getattr(joint_class(section, own), "coordinates", ()))
     return (*stated, *(name for name in ("angle", "first shift", "second shift") if name not in stated))
 
 
 def checked_kind(kind: str, own: Any = ()) -> str:
-    """What is wrong with the word for states, or nothing."""
+    """What is wrong with a word for a kind of states; empty where nothing is."""
     try:
         Motion(0, kind, own)
     except (SizeError, KeyError) as error:

@@ -28,12 +28,12 @@ from mbdae.errors import MbdaeError
 PLAIN = ("abs", "sign", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")
 FUNCTIONS = dict.fromkeys((*PLAIN, "norm", "trace", "det", "delta", "rate", "slope"), 1) | {
     "atan2": 2, "diff": 2, "sum": 4, "integral": 4}  # fmt: skip
-BINDING = ("sum", "integral")  #: functions whose second argument is a name of their own
+BINDING = ("sum", "integral")  #: functions whose second argument is a bound name
 _TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?)|([^\W\d]\w*)|(<=|[-+*/^'~()\[\],;=]))")
 
 
 class AuditError(MbdaeError):
-    """A file of printed formulas that cannot be read; says the line and what stands there."""
+    """A file of printed formulas that cannot be read; the message names the line and its text."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Node:
         return int(known)
 
     def walk(self) -> Iterator[Node]:
-        """This node and all below."""
+        """This node and all nodes below it."""
         yield self
         for part in self.parts:
             yield from part.walk()
@@ -70,11 +70,11 @@ class Node:
         return set().union(*(p.symbols() for p in self.parts))
 
     def with_parts(self, parts: tuple[Node, ...]) -> Node:
-        """The same with other parts; sums and products of one are that one."""
+        """This node with other parts; a sum or product of a single part becomes that part."""
         return made(self.kind, *parts) if self.value is None else Node(self.kind, self.value, parts)
 
     def replaced(self, table: Mapping[Node, Node]) -> Node:
-        """The same with the pieces in the table replaced, wherever they appear."""
+        """This formula with the pieces in the table replaced, wherever they appear."""
         if self in table:
             return table[self]
         return self.with_parts(tuple(p.replaced(table) for p in self.parts)) if self.parts else self
@@ -93,12 +93,12 @@ class Statement:
 
     @property
     def compared(self) -> tuple[Node, ...]:
-        """The sides that have values to compare: of an equation those that are not the literal 0, of a bound all."""
+        """The sides whose values are compared: of an equation all but the literal 0, of a bound all."""
         return self.sides if self.relation == "<=" else tuple(side for side in self.sides if not is_zero(side))
 
     @property
     def ends_at_zero(self) -> bool:
-        """Whether the other sides of an equation must vanish."""
+        """Whether the statement is an equation with the side 0, so that its other sides must vanish."""
         return self.relation == "=" and any(map(is_zero, self.sides))
 
     @property
@@ -125,7 +125,7 @@ def symbol(name: str) -> Node:
 
 
 def made(kind: str, *parts: Node) -> Node:
-    """A piece of some parts; sums and products of one are that one."""
+    """A piece made of parts; a sum or product of a single part becomes that part."""
     return parts[0] if kind in ("sum", "product") and len(parts) == 1 else Node(kind, None, parts)
 
 
@@ -138,12 +138,12 @@ def is_zero(node: Node) -> bool:
 
 
 def bare(node: Node) -> Node:
-    """The piece without its sign."""
+    """The piece without a leading minus sign."""
     return node.parts[0] if node.kind == "neg" else node
 
 
 def negated(node: Node) -> Node:
-    """The piece with the other sign."""
+    """The piece with the opposite sign."""
     return node.parts[0] if node.kind == "neg" else made("neg", node)
 
 
@@ -157,7 +157,7 @@ class Reader:
         self.text, self.line, self.tokens, self.at = text, line, _tokens(text, line), 0
 
     def statement(self) -> Statement:
-        """Sides and relation."""
+        """The whole text as a statement; AuditError where it is none."""
         sides, relation = [self._sum()], "="
         while found := self._accept("=", "<="):
             if len(sides) > 1 and found != relation:
@@ -182,7 +182,7 @@ class Reader:
         return self.tokens[self.at] if self.at < len(self.tokens) else None
 
     def _accept(self, *wanted: str) -> str:
-        """The next token where it is one of those wanted, else nothing."""
+        """Consume the next token if it is one of those wanted and return it; else return an empty string."""
         token = self._next()
         self.at += token in wanted
         return token if token is not None and token in wanted else ""
@@ -287,7 +287,7 @@ def _tokens(text: str, line: int) -> list[str]:
 
 
 def _text(node: Node, level: int) -> str:
-    """level: 0 in a sum, 1 in a product, 2 under a power, a prime or a tilde."""
+    """Text of a node; level 0: in a sum, 1: in a product, 2: under a power, a prime or a tilde."""
     kind, parts = node.kind, node.parts
     if kind == "number":
         return f"{node.value:g}"
@@ -308,7 +308,7 @@ def _text(node: Node, level: int) -> str:
 
 
 def _compound(node: Node) -> tuple[str, int]:
-    """Text of a sum, a product, a sign or an inverse, and the level it may stand at without brackets."""
+    """Text of a sum, a product, a sign or an inverse, and the highest level at which it needs no brackets."""
     if node.kind == "neg":
         return "-" + _text(node.parts[0], 1), 0
     if node.kind == "inverse":

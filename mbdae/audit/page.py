@@ -28,13 +28,13 @@ HOW = (
 )
 
 
-#: by the words of a claim: a number, or a function that returns one or (number, remark)
+#: for the words of a claim: a number, or a function that returns a number or (number, remark)
 Counts = Mapping[str, int | Callable[[], int | tuple[int, str]]]
 
 
 @dataclass(frozen=True)
 class Count:
-    """A claim with the number that was counted; None where nobody counts it."""
+    """A number the text claims, with the number that was counted; None where nothing counts it."""
 
     claimed: Claimed
     counted: int | None
@@ -42,14 +42,14 @@ class Count:
 
     @property
     def verdict(self) -> str:
-        """RIGHT, MISPRINT where the number is another, CANNOT JUDGE."""
+        """RIGHT, MISPRINT where the two numbers differ, CANNOT JUDGE where nothing counts it."""
         if self.counted is None:
             return "CANNOT JUDGE"
         return "RIGHT" if self.counted == self.claimed.count else "MISPRINT"
 
 
 def counts_something(given: Any) -> bool:
-    """Whether a value is a whole number, or may be a function that counts."""
+    """Whether a value is a whole number or a function, which may count."""
     try:
         return callable(given) or whole(given, least=0) >= 0
     except BadValueError:
@@ -57,7 +57,7 @@ def counts_something(given: Any) -> bool:
 
 
 def count(claimed: Claimed, counts: Counts) -> Count:
-    """The number given for the words of a claim, or what the function given for them returns."""
+    """A claim with the number given for its words, or returned by the function given for them."""
     words = claimed.words
     if words not in counts:
         remedy = f"audit(..., counts={{{words!r}: number, or a function that counts}})"
@@ -78,7 +78,7 @@ class Audit:
     claims: tuple[Count, ...] = ()
 
     def __getitem__(self, number: str | int) -> Row:
-        """The row of an equation by its number."""
+        """The row of an equation by its number; AuditError where there is no such equation."""
         for row in self.equations:
             if row.equation == str(number):
                 return row
@@ -86,7 +86,7 @@ class Audit:
 
     @property
     def holds(self) -> bool:
-        """Whether every formula and every claimed number is right; what cannot be judged is not."""
+        """Whether every formula and every claimed number is RIGHT; CANNOT JUDGE counts as not right."""
         return all(verdict == RIGHT for verdict in (*(r.verdict for r in self.equations), *(c.verdict for c in self.claims)))
 
     def table(self) -> str:
@@ -99,7 +99,7 @@ class Audit:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """Rows as plain data."""
+        """Rows and claims as a dictionary of plain Python values."""
         return {
             "title": self.title,
             "equations": [
@@ -113,7 +113,7 @@ class Audit:
         }  # fmt: skip
 
     def to_json(self, path: str | Path | None = None) -> str:
-        """The same as JSON text, written to a file where one is named."""
+        """`to_dict` as JSON text, also written to the file `path` where one is named."""
         return as_json(self.to_dict(), path).removesuffix("\n")
 
     def document(self) -> Document:
@@ -133,7 +133,7 @@ class Audit:
         return Document(f"Audit: {self.title}" if self.title else "Audit of published formulas", blocks)
 
     def save(self, path: str | Path) -> Path:
-        """Write the document (.html, .md or .tex)."""
+        """Write the document to a file, format by its ending (.html, .md or .tex); returns its path."""
         return self.document().save(path)
 
 
@@ -163,7 +163,7 @@ def _blocks(row: Row) -> list[Block]:
 
 
 def _symbols(rows: list[Row]) -> Table:
-    """The symbols of some equations with their units and the meanings they were compared by."""
+    """The symbols of some equations with their units and the meanings with which they were compared."""
     found: dict[tuple[str, str, str], None] = {}
     for row in rows:
         equation = row.repaired or row.printed
@@ -180,13 +180,13 @@ def _latex(equation: Printed) -> str:
 
 def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Counts | None = None,
           quantities: Mapping[str, Any] | None = None) -> Audit:  # fmt: skip
-    """Compare published formulas with their derivation: those of a file, or of its text.
+    """Compare published formulas, given as a file or as its text, with their derivation; returns an `Audit` of verdicts.
 
-    laws: classes of your own that the text names, {name: class}. counts: what numbers that the text claims are compared with,
-    {words of the claim: number, or a function without arguments that returns it}; claims without one CANNOT be JUDGED.
-    quantities: meanings of your own that the text words, {meaning: expression of SymPy in names of the text; t is the time}.
-    The notation and the wordings of meanings are described in docs/reports.md. A line that cannot be read is a row that says why;
-    AuditError where there is no equation and no claim at all."""
+    laws: classes of your own that the text names, {name: class}. counts: numbers to compare with those that the text claims,
+    {words of the claim: number, or a function without arguments that returns it}; a claim not listed gets CANNOT JUDGE.
+    quantities: further meanings used by the text, {meaning: expression of SymPy in names of the text; t is the time}.
+    The notation and the wordings of meanings are described in docs/reports.md. A line that cannot be read becomes a row with the
+    reason. Raises AuditError where there is neither an equation nor a claim, OptionError for an argument that does not fit."""
     remedy = "give a file of printed formulas, or its text"
     text = source if isinstance(source, str) and "\n" in source else str(option("source", source, path_of, remedy))
     own = _by_name("laws", laws, lambda law: isinstance(law, type), "give {name: class of a law}")
@@ -207,7 +207,7 @@ def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Co
 
 
 def _by_name(name: str, value: Any, fits: Callable[[Any], bool], remedy: str) -> Mapping[str, Any]:
-    """An option that is a mapping from names to values that fit; None is an empty one."""
+    """A checked option that maps names to values for which `fits` holds; None becomes an empty mapping."""
     found: Mapping[str, Any] = option(name, {} if value is None else value, of_class, remedy, base=Mapping)
     for key, entry in found.items():
         if not (isinstance(key, str) and fits(entry)):

@@ -1,7 +1,7 @@
-"""Phrases that say what a symbol stands for ("force of rows tilt_y of Revolute on turn k"), each with the rule that computes it.
+"""Phrases that define a symbol ("force of rows tilt_y of Revolute on turn k"), each with the rule that computes its value.
 
-The modules `rules_*` register a rule for every kind of phrase by `register` or `@phrase`; `reading` loads them all. Nothing here
-knows any printed formula.
+The modules `rules_*` register a rule for every kind of phrase by `register` or `@phrase`; `reading` imports them all. This module
+contains no printed formula.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mbdae.audit.notation import AuditError, Node, Statement
 from mbdae.reports.units import Unit, unit
 
 Rule = Callable[..., Value]
-PARAMETER = re.compile(r"parameter (\w+) of (.+)$")  #: of a law, as a text declares it
+PARAMETER = re.compile(r"parameter (\w+) of (.+)$")  #: declaration of a law's parameter in a text
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,13 @@ class Phrase:
     pattern: re.Pattern[str]
     rule: Rule
     vanishes: bool  #: whether the quantity may be zero in a state the text speaks of
-    side: str  #: side of the equations of motion of a force: "left", "applied", or "open" where texts differ; "" for others
+    #: side of the equations of motion of a force: "left", "applied", or "open" where texts differ; "" for other quantities
+    side: str
     wording: str
-    needs: tuple[tuple[str, str, str], ...] = ()  #: (name, unit, meaning) of quantities of the derivation a text may not name
-    given: bool = False  #: whether the text alone gives the quantity: its rule gets the name of the symbol too
-    drawn: bool = False  #: whether its rule draws the value by its wording
+    #: (name, unit, meaning) of quantities that the derivation contains and a text may leave out
+    needs: tuple[tuple[str, str, str], ...] = ()
+    given: bool = False  #: whether the text alone defines the quantity; its rule then gets the symbol's name too
+    drawn: bool = False  #: whether its rule draws a random value, seeded by the wording
 
 
 PHRASES: list[Phrase] = []
@@ -64,39 +66,39 @@ def phrase(*wordings: str, **how: Any) -> Callable[[Rule], Rule]:
 
 
 def random_number(wording: str) -> Rule:
-    """Register a quantity that the text gives, in every state a random number of either sign; returns its rule."""
+    """Register a quantity given by the text, a random number of either sign in every state; returns its rule."""
     return phrase(wording, drawn=True)(lambda env: env.number(wording))
 
 
 def random_positive(wording: str) -> Rule:
-    """The same with a positive number."""
+    """Register a quantity given by the text, a random positive number in every state; returns its rule."""
     return phrase(wording, vanishes=False, drawn=True)(lambda env: env.positive(wording))
 
 
 def wordings() -> list[str]:
-    """The wordings a meaning may have; {side} is k or l, {i} a figure, the rest names or lists."""
+    """The wordings a meaning may have; {side} is k or l, {i} a digit, other braces are names or lists."""
     return sorted(re.sub(r"\d+\}", "}", p.wording) for p in PHRASES)
 
 
 @dataclass(frozen=True)
 class Meaning:
-    """The printed meaning of a symbol: phrase, unit (one, or one for every block of three rows) and rule."""
+    """The printed meaning of a symbol: phrase, unit (one for all rows, or one for every block of three rows) and rule."""
 
     text: str
     units: tuple[Unit, ...]
     phrase: Phrase
     words: tuple[Any, ...]
-    letter: str = ""  #: in TeX, as the text prints it
+    letter: str = ""  #: how the text prints the symbol, in TeX
 
     def value(self, env: Env) -> Value:
-        """Its value in a state, in SI units."""
+        """Value of the quantity in a state, in SI units."""
         return self.phrase.rule(env, *self.words)
 
 
 def understand(text: str, units: tuple[Unit, ...], line: int = 0, name: str = "", letter: str = "") -> Meaning:
-    """The meaning of a phrase; AuditError where no rule knows it."""
+    """The meaning of a phrase; AuditError where no rule covers it."""
     found = [(known, match) for known in PHRASES if (match := known.pattern.match(text))]
-    if found:  # the most specific wording
+    if found:  # of several matching wordings take the most specific
         known, match = min(found, key=lambda pair: sum(map(len, pair[1].groups())))
         own = (name or text,) if known.given else ()
         return Meaning(f"{text} {name}" if known.given and name else text, units, known, (*own, *match.groups()), letter)
@@ -104,7 +106,8 @@ def understand(text: str, units: tuple[Unit, ...], line: int = 0, name: str = ""
                      "from mbdae.audit import wordings; wordings()")  # fmt: skip
 
 
-OWN = Phrase(re.compile(""), lambda env: None, True, "", "")  #: of a meaning that the text or its reader gives
+#: phrase of a meaning that the text or the caller of `audit` defines
+OWN = Phrase(re.compile(""), lambda env: None, True, "", "")
 
 
 @dataclass(frozen=True)
@@ -125,7 +128,7 @@ class Scope:
     sides: str = ""  #: "left" or "applied": side of the equations of motion that the text declares for its forces
 
     def widened(self, names: Iterable[str]) -> Scope:
-        """The scope with the quantities that the derivations of some symbols contain and the text does not name."""
+        """This scope with the quantities that derivations of the named symbols contain and the text does not declare."""
         table, known = dict(self.symbols), {m.text for m in self.symbols.values()}
         for name in names:
             for new, units, text in self.symbols[name].phrase.needs:
@@ -137,7 +140,7 @@ class Scope:
 
     @cached_property
     def letters(self) -> dict[str, str]:
-        """How the text prints its symbols, in TeX, where it says so; names that would be printed as another one is."""
+        """TeX of the symbols for which the text gives it, and of names whose default letter another symbol already has."""
         found = {n: m.letter for n, m in self.symbols.items() if m.letter}
         taken = set(found.values())
         for n in sorted(self.symbols.keys() - found.keys(), key=len):
@@ -148,7 +151,7 @@ class Scope:
 
     @cached_property
     def texts(self) -> frozenset[str]:
-        """The wordings of all that it declares."""
+        """The wordings of all meanings that the scope declares."""
         return frozenset(m.text for m in self.symbols.values())
 
     def printed_side(self, name: str, number: str) -> Node:
@@ -159,7 +162,7 @@ class Scope:
         raise AuditError(f"equation {number} defines no symbol '{name}'")
 
     def reached(self, names: Iterable[str]) -> set[str]:
-        """Symbols with those that their definitions contain."""
+        """The named symbols and all symbols that their definitions contain."""
         out: set[str] = set()
         for name in names:
             if name in self.symbols and name not in out:
@@ -175,15 +178,18 @@ class Env:
     motion: Motion
     scope: Scope
     inner: str = "l"  #: the body that carries the inner race
-    side: int = 1  #: 1: open sides are what is applied to the bodies, -1: what stands on the left-hand side
-    fill: int = 1  #: rows of a literal 0 beside which nothing says how many they are
-    scale: Mapping[str, float] | None = None  #: sizes of the basic units
+    #: side of forces whose side is open: 1 applied to the bodies, -1 on the left-hand side of the equations of motion
+    side: int = 1
+    fill: int = 1  #: number of rows of a literal 0 where no neighbouring block gives it
+    scale: Mapping[str, float] | None = None  #: sizes of the basic units, for the check of units
     zero: str | None = None  #: a symbol that is set to zero
-    shift: tuple[str, int, Value] | None = None  #: a symbol's wording and entry, and what is added to it
-    complete: bool = False  #: whether a force that acts where the text lists none is an error
-    stated: frozenset[str] = frozenset()  #: wordings that the text declares beyond the scope: a `let` reads an earlier one
-    names: Mapping[str, Value] = field(default_factory=dict)  #: bound by a sum or an integral
-    store: dict[Any, Any] = field(default_factory=dict)  #: values of symbols and of derivatives in this state; stores of others
+    shift: tuple[str, int, Value] | None = None  #: wording and entry of a symbol, and the increment added to it
+    complete: bool = False  #: whether a force on a body that the text does not list raises an error
+    #: wordings declared outside of this scope, which the formula of an earlier `let` may need
+    stated: frozenset[str] = frozenset()
+    names: Mapping[str, Value] = field(default_factory=dict)  #: values of names bound by a sum or an integral
+    #: cached values of symbols and derivatives in this state; caches of states reached from it
+    store: dict[Any, Any] = field(default_factory=dict)
 
     def value(self, name: str) -> Value:
         """The value of a symbol."""
@@ -194,13 +200,13 @@ class Env:
         return self.store[name]
 
     def kept(self, node: Node, compute: Callable[[], Value]) -> Value:
-        """The value of a piece of a formula, computed once."""
+        """The value of a piece of a formula, cached unless names are bound."""
         if not self.names and node not in self.store:
             self.store[node] = compute()
         return compute() if self.names else self.store[node]
 
     def _inner(self, *key: Any) -> Any:
-        """The store of a state that is reached from this one."""
+        """The cache of a state that is reached from this one."""
         return self.store.setdefault(key, {})
 
     def _value(self, name: str) -> Value:
@@ -226,7 +232,7 @@ class Env:
         return self.scope.symbols[name]
 
     def _sign(self, phrase: Phrase) -> int:
-        """Forces on the side that the text declares; where it declares none, on their own side or (open) on that of `side`."""
+        """Sign of a force: that of the side declared by the text, else that of the rule, or of `side` where open."""
         if not phrase.side:
             return 1
         rule = -1 if phrase.side == "left" else 1  # the side on which the rule gives the force
@@ -234,38 +240,38 @@ class Env:
 
     @property
     def stepped(self) -> bool:
-        """Whether its values carry a complex step."""
+        """Whether the values carry the imaginary part of a complex step."""
         return self.motion.stepped or (self.shift is not None and bool(np.imag(self.shift[2])))
 
     def size_of(self, what: str) -> float:
-        """The size of the unit of "time" or "line"."""
+        """Size of the unit of "time" (s) or "line" (m)."""
         return 1.0 if self.scale is None else {"time": self.scale["s"], "line": self.scale["m"]}.get(what, 1.0)
 
     def constant(self, number: float) -> Value:
-        """A number of a formula."""
+        """The value of a number that stands in a formula."""
         if not self.motion.symbolic:
             return complex(number)
         return se.Integer(int(number)) if number == int(number) else se.RealDouble(number)
 
     @cached_property
     def plain(self) -> Env:
-        """The same in SI units and with no symbol set to zero: the rules compute in this."""
+        """This state in SI units with no symbol set to zero, in which the rules compute."""
         return self if self.scale is None and self.zero is None else replace(self, scale=None, zero=None, store={})
 
     def moved(self, how: str, amount: complex = 1j * STEP) -> Env:
-        """The same in the state after a step: "virtual", "time", "line" or "linear"."""
+        """This state after a step: "virtual", "time", "line" or "linear" (see `Motion.moved`)."""
         return replace(self, motion=self.motion.moved(how, amount), store=self._inner(how, amount))
 
     def changes(self, how: str, value: Callable[[Env], Value]) -> Value:
-        """Derivative of a value by such a step."""
+        """Derivative of a value by the step `how` of `moved`."""
         return derivative(lambda h: value(self.moved(how, h)), self.stepped)
 
     def at_base(self) -> Env:
-        """The same in the state before the complex step."""
+        """This state before the complex step."""
         return replace(self, motion=self.motion.base, store={}) if self.motion.stepped else self
 
     def shifted(self, name: str, amount: complex, entry: int = 0) -> Env:
-        """The same with a number, or one entry of a column, increased."""
+        """This state with a number, or one entry of a column, increased."""
         if name in self.names:
             return replace(self, names={**self.names, name: self.names[name] + amount})
         if self.shift is not None:
@@ -278,7 +284,7 @@ class Env:
         return replace(self, shift=(meaning.text, entry, amount / size), store=self._inner(name, entry, amount))
 
     def touching(self) -> Env:
-        """A state, not moved, in which a pin touches its race."""
+        """This state without a step, moved so far that the pin touches its race."""
         base = self.at_base()
         if base.motion.kind == "clearance":
             return base
@@ -287,20 +293,20 @@ class Env:
         return replace(base, motion=memory["touching"], store={})
 
     def bound(self, name: str, value: Value) -> Env:
-        """The same with a name that stands for a value."""
+        """This state with a name that stands for a value."""
         return replace(self, names={**self.names, name: value})
 
     def drawn(self, key: str, draw: Callable[[str], Value]) -> Value:
-        """A random value, the same for the same wording, with its shift."""
+        """A random value, reproducible by its wording, plus its increment if it is the shifted quantity."""
         value = draw(key) + 0j
         return shifted(value, *self.shift[1:]) if self.shift is not None and self.shift[0] == key else value
 
     def number(self, key: str) -> Value:
-        """A random number of either sign, the same for the same wording."""
+        """A random number of either sign, reproducible by its wording."""
         return self.drawn(key, self.motion.number)
 
     def positive(self, key: str) -> Value:
-        """A random positive number, the same for the same wording."""
+        """A random positive number, reproducible by its wording."""
         return self.drawn(key, self.motion.positive)
 
     def parameters(self, of: str) -> frozenset[str]:
@@ -309,7 +315,7 @@ class Env:
         return frozenset(match[1] for match in found if match and match[2] == of)
 
     def declares(self, *wordings: str) -> bool:
-        """Whether the text declares one of some quantities."""
+        """Whether the text declares a quantity with one of these wordings."""
         return bool((self.stated | self.scope.texts) & set(wordings))
 
     def printed(self, name: str, number: str) -> Value:
@@ -317,7 +323,7 @@ class Env:
         return evaluate(self.scope.printed_side(name, number), self)
 
     def of(self, text: str) -> Value:
-        """The value of a quantity by its wording."""
+        """The value of the quantity with a wording."""
         return understand(text, ()).value(self)
 
 
@@ -331,7 +337,7 @@ def shifted(value: Value, entry: int, amount: complex) -> Value:
 
 
 def scaled(units: tuple[Unit, ...], value: Value, scale: Mapping[str, float]) -> Any:
-    """Factors by which a value of those units changes with the sizes of the basic units."""
+    """Factors by which a value of those units changes when the basic units have the sizes in `scale`."""
     factors = np.array([u.size(scale) for u in units])
     if len(factors) == 1 or np.ndim(value) == 0:
         return factors[0]

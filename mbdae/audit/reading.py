@@ -11,7 +11,7 @@
     NUMBER (MEANING): STATEMENT      an equation for a quantity that has no symbol
     claims:                          from here on `NAME: NUMBER = WORDS`
 
-A line that cannot be read spoils itself and what needs it: it becomes an equation that cannot be judged, with the reason.
+A line that cannot be read, and every equation that needs it, gets the verdict CANNOT JUDGE with the reason.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ class Printed:
     section: str = ""
     states: str = "free"
     only: bool = False  #: whether the text speaks of no other states
-    quantity: Meaning | None = None  #: what the sides of the first statement are said to be, if that has no symbol
+    quantity: Meaning | None = None  #: meaning of the sides of the first statement, where no symbol stands for it
     inner: str | None = None
-    trouble: str = ""  #: why it cannot be read
-    raw: str = ""  #: as it stands in the file, where it cannot be read
+    trouble: str = ""  #: why the equation cannot be read
+    raw: str = ""  #: text of the file, where it cannot be read
     before: Mapping[str, str] = field(default_factory=dict)  #: symbols that had another unit and meaning earlier in the text
 
     @property
@@ -66,13 +66,13 @@ class Printed:
 
     @property
     def used(self) -> set[str]:
-        """The symbols that appear, without bound names."""
+        """The symbols that appear, without names bound by sums and integrals."""
         return set().union(*(s.symbols() for s in self.statements)) & set(self.scope.symbols)
 
 
 @dataclass(frozen=True)
 class Claimed:
-    """A number the text claims, and of what."""
+    """A number that the text claims, with the words for what it counts."""
 
     name: str
     count: int
@@ -81,7 +81,7 @@ class Claimed:
 
 @dataclass
 class Text:
-    """What a file of printed formulas holds."""
+    """Contents of a file of printed formulas."""
 
     title: str = ""
     inner: str | None = None
@@ -99,8 +99,8 @@ class _File:
         self.lines, self.own, self.quantities, self.found = text.splitlines(), own, quantities, Text()
         self.symbols: dict[str, Meaning] = {}
         self.before: dict[str, str] = {}
-        self.unread: dict[str, str] = {}  #: why a symbol has no meaning
-        self.places: dict[str, int] = {}  #: the line of every number
+        self.unread: dict[str, str] = {}  #: why a symbol has no meaning, by its name
+        self.places: dict[str, int] = {}  #: the line of every equation, by its number
         self.printed: dict[str, tuple[Statement, ...]] = {}
         self.section, self.states, self.only, self.sides, self.doubt = "", "free", False, "", ""
         self.in_claims = False
@@ -114,13 +114,13 @@ class _File:
         return self.found
 
     def _spoilt(self, at: int, line: str, why: str) -> None:
-        """A line that cannot be read: an equation by its number, any other by its place."""
+        """Record a line that cannot be read: an equation under its number, any other line under its place."""
         match = None if _SYMBOL.match(line) or _LET.match(line) or self._setting(line) else _EQUATION.match(line.split("\n")[0])
         number = match[1] if match else f"line {at}"
         self._add(Printed(number, (), self._scope(), self.section, trouble=why, raw=" ".join(line.split())))
 
     def _items(self) -> list[tuple[int, str]]:
-        """Lines without comments; an indented line continues the one before, after a line end."""
+        """Lines without comments; an indented line is joined to the one before it, with a line end between."""
         items: list[tuple[int, str]] = []
         for at, raw in enumerate(self.lines, 1):
             line = raw.split("#", 1)[0].rstrip()
@@ -251,7 +251,7 @@ def is_expression(e: Any) -> bool:
 
 
 def stated_by_caller(text: str, units: tuple[Unit, ...], e: Any, letter: str = "") -> Meaning:
-    """A meaning that the caller of `audit` gives as a SymPy expression in names of the text, t the time."""
+    """A meaning that the caller of `audit` gives as a SymPy expression in names of the text, with t the time."""
     e = sympy.sympify(e)
     names = sorted({str(s) for s in e.free_symbols})
     by_name = [next(s for s in e.free_symbols if str(s) == n) for n in names]
@@ -285,7 +285,7 @@ def _prints(letter: str) -> bool:
 
 
 def _statements(body: str) -> list[tuple[int, str]]:
-    """Statements of an equation with the lines they start in: a line without a relation continues the one before."""
+    """Statements of an equation with the lines on which they start; a line without a relation continues the one before."""
     found: list[tuple[int, str]] = []
     for shift, line in enumerate(body.split("\n")):
         if found and "=" not in line:

@@ -1,6 +1,6 @@
-"""Rules of contact: geometry of a pin in its race, points and forces of the contact law that runs, normal and friction laws.
+"""Rules of contact: geometry of a pin in its race, forces of the implemented contact law, normal and friction laws.
 
-Directions and senses of forces are those of the contact law; points, speeds and the normal force those of the text.
+Directions and signs of forces are those of the contact law; points, speeds and the normal force those of the text.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ _deflection = random_number("deflection")
 _step = random_positive("time step")
 _before = random_number("deflection at the stage before")
 _before_rate = random_number("rate of deflection at the stage before")
-AT = " at {name}, {name2} of {number}"  #: the points on k and l that an equation of the text prints
+AT = " at {name}, {name2} of {number}"  #: suffix of wordings: contact points on k and l that an equation of the text prints
 
 
-# -- the pin in its race: `env.inner` is the body with the pin
+# -- a pin in its race; `env.inner` is the body of the pin
 
 
 def _sides(env: Env) -> str:
-    """The bodies with the race and with the pin."""
+    """The body of the race, then the body of the pin."""
     return "kl" if env.inner == "l" else "lk"
 
 
@@ -55,11 +55,11 @@ def _radius(env: Env, side: str) -> Value:
 
 
 def _normal(env: Env) -> Value:
-    """Unit vector from k to l."""
+    """Unit vector (3, 1) from the centre on k to that on l, inertial."""
     return outward(_contact(env)) * (1 if env.inner == "l" else -1)
 
 
-# -- material points at the points a text prints
+# -- material points of the bodies at the contact points that a text prints
 
 
 def _printed_at_base(env: Env, name: str, number: str) -> Value:
@@ -95,7 +95,7 @@ def _unit(v: Value) -> Value:
 
 
 def _sense(env: Env) -> float:
-    """Sense of the law's friction force on l along the sliding of l over k: -1 if it brakes."""
+    """Sign of the law's friction force on l along the sliding velocity of l over k: -1 where it brakes."""
     return -float(np.sign(np.real(observed(_contact(env), "friction_power")))) or _no_contact()
 
 
@@ -119,14 +119,14 @@ def _friction_on(env: Env, side: str, k: str, l: str, number: str) -> Value:
     """Force and moment (6, 1) of friction."""
     rubbing = _applied(env, side, rubbing=True) - _applied(env, side, rubbing=False)
     on_l = _applied(env, "l", rubbing=True) - _applied(env, "l", rubbing=False)
-    action = np.sign(np.real((rubbing.T @ on_l)[0, 0]))  # or reaction, as the law has it
+    action = np.sign(np.real((rubbing.T @ on_l)[0, 0]))  # 1 for the force on l, -1 for the reaction on k
     force = _unit(_sliding(env, k, l, number)) * _friction_force(env) * action
     arm = _printed_at_base(env, {"k": k, "l": l}[side], number) - env.motion.of("x", side)
     return np.vstack([force, np.cross(arm, force, axis=0)])
 
 
 def _work(env: Env, force_on: Callable[[str], Value], points: dict[str, str], number: str) -> Value:
-    """Virtual work of the forces on k and l at the material points."""
+    """Virtual work of the forces on k and l at their material points."""
     moved = env.moved("virtual")
     change = {s: np.imag(_material_point(moved, s, name, number)) / STEP for s, name in points.items()}
     return sum((force_on(s)[:3].T @ change[s])[0, 0] for s in points)
@@ -157,7 +157,7 @@ register({
 }, side="open")  # fmt: skip
 
 
-# -- parts of laws
+# -- normal laws and friction laws
 
 
 def part(env: Env, name: str, base: type, options: dict[str, Any] | None = None, **states: Any) -> Any:
@@ -177,7 +177,7 @@ _X, _Y = se.symbols("x y")
 
 
 def number_of(law: Callable[..., Any], *arguments: Value, state: str = "") -> Value:
-    """A function of a law at some arguments; the entry `state` of what it returns."""
+    """Value of a function of a law at some arguments; `state` picks an entry where it returns several by name."""
     stated = law(*(_X, _Y)[: len(arguments)])
     known = dict(zip((_X, _Y), map(complex, arguments), strict=False))
     return expression_value(se.sympify(stated[state] if state else stated), known)
@@ -187,7 +187,7 @@ def number_of(law: Callable[..., Any], *arguments: Value, state: str = "") -> Va
 
 
 def potential(env: Env, name: str) -> Value:
-    """Energy of a normal law at the penetration."""
+    """Elastic energy of a normal law at the penetration of the state, J."""
     return number_of(part(env, name, Normal).energy, _penetration(env))
 
 
@@ -219,8 +219,8 @@ register({
 
 
 def _options(env: Env, name: str) -> dict[str, Any]:
-    """Options of a friction law: its own default where the text does not declare one, such as an exponent, as a parameter;
-    bristle damping that does not fall with the speed, as texts have it."""
+    """Options of a friction law: parameters where the text declares them (such as an exponent), else the law's defaults;
+    bristle damping is taken independent of the speed, as in the published laws."""
     cls = part_class(name, env.scope.own)
     stated = inspect.signature(cls.__init__).parameters if cls is not None else {}
     found = {o: _option(env, o) if env.declares(f"friction parameter {o}", f"parameter {o} of {name}") else stated[o].default
@@ -234,7 +234,7 @@ def _option(env: Env, option: str) -> float:
 
 @phrase("friction parameter {name}", vanishes=False)
 def friction_parameter(env: Env, name: str) -> Value:
-    """Value of a parameter of the friction law; mu_s is above mu_k, whatever was drawn, and mu is another name of mu_k."""
+    """Value of a parameter of the friction law; mu_s is drawn above mu_k, and mu is another name of mu_k."""
     if name == "gamma":
         return complex(_option(env, name))
     above = env.motion.positive("parameter mu_k") if name == "mu_s" else 0.0
@@ -242,7 +242,7 @@ def friction_parameter(env: Env, name: str) -> Value:
 
 
 def _friction(env: Env, name: str, z: Value = 0.0) -> Any:
-    """The law with all of its states at z."""
+    """The friction law with all of its states set to z."""
     law = part(env, name, Friction, _options(env, name))
     for p in law.params:
         setattr(law, p, friction_parameter(env, p).real)
@@ -252,7 +252,7 @@ def _friction(env: Env, name: str, z: Value = 0.0) -> Any:
 
 
 def _along(env: Env, coefficient: Value) -> Value:
-    """Force on l along t, by the contact law's sense of a positive coefficient."""
+    """Friction force on l along t, signed as the contact law signs it for a positive coefficient."""
     return _sense(env.touching()) * coefficient * _normal_force(env)
 
 
@@ -262,7 +262,7 @@ def _coefficient(env: Env, name: str, speed: Value | None = None, z: Value | Non
 
 
 def _start(env: Env, name: str, speed: Value | None = None) -> Value:
-    """Steady value of the first state at a sliding speed."""
+    """Steady-state value of the law's first state at a sliding speed."""
     law = _friction(env, name)
     return number_of(law.initial, _speed(env) if speed is None else speed, state=next(iter(law.states)))
 
@@ -277,16 +277,16 @@ def _steady_coefficient(env: Env, name: str) -> Value:
 
 
 def _sticking(env: Env) -> Value:
-    """Force of bristles at rest, deflected up to break-away; half of the states are at break-away, in both directions."""
+    """Bristle force while sticking, up to break-away; in half of the states it is at break-away, in both directions."""
     breaking = abs(_start(env, "LuGre", 1e-12))
     share = (1.0, -1.0)[env.motion.seed % 2] if env.motion.seed % 4 < 2 else env.motion.number("share") / 1.5
     return _along(env, _coefficient(env, "LuGre", 0.0, share * breaking))
 
 
 def energy_fed(env: Env, name: str) -> float | None:
-    """The lowest of some sliding speeds (m/s) at which a law with a state feeds energy, at a deflection that it may have.
+    """The lowest of some sliding speeds (m/s) at which a friction law with a state supplies energy, at an admissible deflection.
 
-    0.0 where none does; None of a law without states."""
+    0.0 where it never does; None for a law without states."""
     if not _friction(env, name).states:
         return None
     most = abs(_start(env, name, 1e-12))
@@ -300,19 +300,19 @@ def energy_fed(env: Env, name: str) -> float | None:
     return 0.0
 
 
-# -- a law with a state over one stage of Radau IIA by the trapezoidal rule
+# -- a law with a state, integrated over one stage of Radau IIA by the trapezoidal rule
 
 
 @phrase("length of the stage", vanishes=False)
 def _stage(env: Env) -> Value:
-    """(c_i - c_(i-1)) times the step, of one of the stages of Radau IIA with 2 or 3 stages."""
+    """(c_i - c_(i-1)) times the step, for one of the stages of Radau IIA with 2 or 3 stages, s."""
     spacings = [d for s in (2, 3) for d in np.diff(radau_table(s).c, prepend=0.0)]
     return _step(env) * spacings[env.motion.seed % len(spacings)]
 
 
 @phrase("deflection at the stage by the trapezoidal rule", needs=(("hi", "s", "length of the stage"),))
 def _trapezoidal(env: Env) -> Value:
-    """z of (z' + z'_before)/2 = (z - z_before)/length with LuGre's z', which is linear in z."""
+    """Solution z of (z' + z'_before)/2 = (z - z_before)/length, with z' of LuGre, which is linear in z."""
     length = _stage(env)
     at0, at1 = (_rate_at(env, "LuGre", z) for z in (0.0, 1.0))
     return (_before(env) + length / 2 * (_before_rate(env) + at0)) / (1 - length / 2 * (at1 - at0))
@@ -325,7 +325,7 @@ FRICTION: dict[str, Rule] = {
     "friction force of sticking": _sticking,
     "rate of deflection of {name}": lambda env, name: _rate_at(env, name, _deflection(env)),
     "rate of deflection at the stage": lambda env: _rate_at(env, "LuGre", _trapezoidal(env)),
-    "bristle energy of {name}": lambda env, name: (  # over the normal force, m
+    "bristle energy of {name}": lambda env, name: (  # per unit normal force, m
         number_of(_friction(env, name, _deflection(env)).stored, _speed(env))),
     "steady coefficient of {name}": _steady_coefficient,
 }

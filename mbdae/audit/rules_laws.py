@@ -1,5 +1,5 @@
-"""Rules of laws between two bodies: rows, their forces by the virtual work of s lambda c + p c^2, springs and dampers;
-strains, stress resultants and energy of laws on a line.
+"""Rules of laws between two bodies: constraint rows and their forces by the virtual work of s lambda c + p c^2, springs and
+dampers; strains, stress resultants and energy of laws on a line.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from mbdae.symbolic.law import Structure
 from mbdae.symbolic.line import LENGTH, WEIGHT, LineDerived, LineLaw, derive_line, make_point
 from mbdae.symbolic.part import Part
 
-_ZERO = ("rest",)  #: parameters that are zero where the text does not declare them
+_ZERO = ("rest",)  #: parameters that are zero unless the text declares them
 PARTS = ("move k", "turn k", "move l", "turn l")
 
 
 def law(env: Env, name: str) -> LawState:
-    """A law in the state of env; where the bodies are joined, a prescribed angle is the relative angle of the state."""
+    """The law in the state of env; where the bodies are joined, a prescribed angle is the relative angle of the state."""
     cls = law_class(name, env.scope.own)
     part = part_class(name, env.scope.own)
     if cls is None and part is not None:
@@ -62,7 +62,7 @@ def _stack(values: list[Value]) -> Value:
 
 
 def _rows(env: Env, of: str, rows: str) -> tuple[LawState, list[str]]:
-    """A law and its rows by name; AuditError for a row that it does not have."""
+    """A law and the names of its wanted rows; AuditError for a row that it does not have."""
     state, wanted = law(env, of), names(rows)
     for row in wanted:
         if row not in state.d.rows:
@@ -93,7 +93,7 @@ def _parameter(env: Env, parameter: str, of: str) -> Value:
 
 
 def unit_of_parameter(parameter: str, of: str, own: Own) -> str:
-    """The unit of a parameter of a law or part, empty where the law leaves it open; AuditError where there is none."""
+    """Unit of a parameter of a law, empty where the law leaves it open; AuditError where there is no such law or parameter."""
     cls = part_class(of, own) or law_class(of, own)
     if cls is None:
         raise AuditError(f"there is no law '{of}'; give your own class with audit(..., laws={{'{of}': {of}}})")
@@ -125,7 +125,7 @@ def _coordinate_of_states(env: Env, name: str) -> Value:
 
 @phrase("energy of {name}", vanishes=False)
 def _energy(env: Env, of: str) -> Value:
-    """Potential energy of a law between the bodies, or of a normal law at the penetration."""
+    """Potential energy of a law between the bodies, or of a normal law at the penetration of the state, J."""
     if part_class(of, env.scope.own):
         return potential(env, of)
     return law(env, of).number(law(env, of).d.energy)
@@ -133,7 +133,7 @@ def _energy(env: Env, of: str) -> Value:
 
 @phrase("force of rows {rows} of {name} on {parts}", "force of row {rows} of {name} on {parts}", side="left")
 def _row_force(env: Env, rows: str, of: str, parts: str) -> Value:
-    """G' (s lambda + 2 p c); on parts the text does not list it must vanish."""
+    """Generalised force G' (s lambda + 2 p c) on the listed parts; on parts the text does not list it must vanish."""
     state, wanted = _rows(env, of, rows)
 
     def on(part: str) -> Value:
@@ -151,7 +151,7 @@ def _law_force(env: Env, of: str, parts: str) -> Value:
 
 
 class UnlistedError(MbdaeError):
-    """A force acts where the text lists none."""
+    """A force acts on a part of a body that the text does not list."""
 
 
 def _listed(env: Env, parts: str, on: Callable[[str], Value]) -> Value:
@@ -167,7 +167,7 @@ def _listed(env: Env, parts: str, on: Callable[[str], Value]) -> Value:
 
 @phrase("virtual work of rows {rows} of {name}")
 def _row_work(env: Env, rows: str, of: str) -> Value:
-    """Sum over the rows: force times virtual change of the row."""
+    """Sum over the rows of generalised force times virtual change of the row."""
     state, wanted = _rows(env, of, rows)
     moved = env.motion.moved("virtual")
     displacements = {(what, side): np.imag(moved.of("x", side)) / STEP if what == "move" else env.motion.turn_between(moved, side)
@@ -177,13 +177,13 @@ def _row_work(env: Env, rows: str, of: str) -> Value:
 
 
 register({
-    "opposite of row {rows} of {name}": lambda env, rows, of: -_row(env, rows, of),  # and so with the opposite multiplier
+    "opposite of row {rows} of {name}": lambda env, rows, of: -_row(env, rows, of),  # with the opposite multiplier too
     "dissipated power of {name}": lambda env, of: law(env, of).number(law(env, of).d.dissipated_power),
     "applied force of {name} on {parts}": lambda env, of, parts: -_law_force(env, of, parts),
 })  # fmt: skip
 
 
-# -- laws on a line (beams), at the section
+# -- laws on a line (beams), evaluated at the section
 
 
 @lru_cache(maxsize=8)
@@ -193,7 +193,7 @@ def _line(cls: Any) -> tuple[LineDerived, Any]:
 
 
 def _numbers(env: Env, of: str, stated: Callable[[LineDerived, Any], dict[str, Any]], wanted: str) -> Value:
-    """Values of some of the quantities that a law on a line states at the point of the section."""
+    """Values of named quantities that a law on a line states at the section."""
     cls: Any = law_class(of, env.scope.own)
     if cls is None or not issubclass(cls, LineLaw):
         raise AuditError(f"there is no law on a line '{of}'; give your own class with audit(..., laws=...)")
@@ -206,7 +206,7 @@ def _numbers(env: Env, of: str, stated: Callable[[LineDerived, Any], dict[str, A
 
 
 def _point(env: Env, law: Any) -> dict[Any, Any]:
-    """Symbols of a point of a line in the state of the section, ds/dxi = 1; parameters as random positive numbers."""
+    """Values of the symbols at a point of a line in the state of the section, with ds/dxi = 1 and random positive parameters."""
     r, Q = env.motion.section()
     r_s = env.changes("line", lambda e: e.motion.section()[0])
     P, K = quaternion(Q), env.of("curvature of the section")

@@ -1,4 +1,4 @@
-"""Rules of motion: axes, angles, velocities, their changes; the recursive reduction of l's equations to k and the angle."""
+"""Rules of motion: axes, angles, velocities and their changes; reduction of l's equations to unknowns of k and the angle."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mbdae.audit.motion import Motion, axial
 from mbdae.audit.phrases import Env, Rule, register
 from mbdae.symbolic.functions import complex_atan2
 
-#: rotations and other quantities that are not zero, by their wording, and how a state gives them
+#: quantities that are never zero, mostly rotations, by their wording, with the rule that computes them
 ROTATIONS: dict[str, Rule] = {
     "axis {i} of {side}": lambda env, i, side: env.motion.rotation(side)[:, [int(i) - 1]],
     "attitude of {side}": lambda env, side: env.motion.rotation(side),
@@ -20,7 +20,7 @@ ROTATIONS: dict[str, Rule] = {
     "rotation of {side} from its reference": lambda env, side: env.motion.rotation(side) @ env.motion.R0.T,
     "rotation of l relative to k": lambda env: env.motion.rotation("k").T @ env.motion.rotation("l"),
 }
-#: the same of quantities that may be zero
+#: quantities that may be zero, by their wording, with the rule that computes them
 QUANTITIES: dict[str, Rule] = {
     "relative angle": lambda env: env.motion.relative_angle(),
     "rate of the relative angle": lambda env: _angle_rate(env, 1),
@@ -48,7 +48,7 @@ QUANTITIES: dict[str, Rule] = {
     "virtual displacement of the section": lambda env: env.changes("virtual", lambda e: e.motion.section()[0]),
     "virtual rotation of the section": lambda env: _spin(env, "virtual"),
 }  # fmt: skip
-#: quantities that the text alone gives, by the name of their symbol
+#: quantities that the text alone defines, drawn at random by the name of their symbol
 GIVEN: dict[str, Rule] = {
     "number": lambda env, name: env.number(f"number {name}"),
     "positive number": lambda env, name: env.positive(f"positive number {name}"),
@@ -70,7 +70,7 @@ def _in_time(env: Env, key: str, shape: tuple[int, ...] = ()) -> Value:
 
 
 def _angle_rate(env: Env, order: int) -> Value:
-    """Rate or second rate of the relative angle: a coordinate's own, or that of free bodies by derivatives."""
+    """First or second time derivative of the relative angle: that of the coordinate, or of free bodies by complex steps."""
     if env.motion.joined and "angle" in env.motion.coordinates:
         return env.motion.coordinates["angle"][order]
     return env.changes("time", lambda e: e.motion.relative_angle() if order == 1 else _angle_rate(e, 1))
@@ -86,7 +86,7 @@ def _rotation_vector(P: Value) -> Value:
     return P[1:] / sine * 2 * complex_atan2(sine, P[0, 0])
 
 
-# -- the equations of l in the unknowns of k and the relative angle
+# -- the equations of motion of l in the unknowns of k and the relative angle
 
 #: matrices of the equations of l, and the right-hand side of M w' = f
 MATRICES: dict[str, Rule] = {
@@ -103,12 +103,12 @@ FORCES: dict[str, Rule] = {
 
 
 def _map(m: Motion) -> Value:
-    """B (3, 4) of angular velocity l = B (angular velocity k, rate of the angle); virtual rotations follow the same map."""
+    """B (3, 4) of angular velocity of l = B (angular velocity of k, rate of the angle); virtual rotations obey the same map."""
     return np.hstack([m.still(rates[:3, None] + 0j, rates[3] + 0j).of("w", "l") for rates in np.eye(4)])
 
 
 def _reduced(env: Env, m: Motion) -> Value:
-    """B' r in a state m, r the residual of l, linearised about the state of env: M w' + C w + K psi."""
+    """B' r in a state m, with r = M w' + C w + K psi the residual of l, linearised about the state of env."""
     base = env.motion
     M, C, K = (MATRICES[f"{name} of l"](env) for name in ("inertia", "damping", "stiffness"))
     r = FORCES["residual of l"](env) + M @ (m.of("alpha", "l") - base.of("alpha", "l")) + C @ (m.of("w", "l") - base.of("w", "l"))

@@ -1,4 +1,4 @@
-"""The smallest repair of a printed formula: one change, else two, after which its sides agree; or the missing term."""
+"""Search for the smallest repair of a printed formula: one change, else two, or a missing term, after which its sides agree."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from mbdae.audit.notation import BINDING, Node, Statement, made, symbol
 from mbdae.audit.phrases import Env, Scope
 from mbdae.audit.reading import Printed
 
-COLUMNS = 12  #: vectors and matrices of which missing terms are made
-LEVELS = (0, 1, 2)  #: of the search: small changes; factors and terms that are missing; two changes
-PLAIN = 1.6  #: size of a change beside which no factor is looked for that would do the same
-NEAR = 1.85  #: size of a change beside which no bare symbol is changed where units do not fit
-LARGEST = 20_000  #: formulas tried for one place with two changes
+COLUMNS = 12  #: largest number of vectors and matrices combined to missing terms
+LEVELS = (0, 1, 2)  #: stages of the search: single small changes; missing factors and terms; two changes
+PLAIN = 1.6  #: rank of a change up to which no missing factor is sought instead
+NEAR = 1.85  #: rank of a change up to which, where units do not fit, no bare symbol is changed instead
+LARGEST = 20_000  #: largest number of formulas tried per place with two changes
 
 
 @dataclass(frozen=True)
 class Repair:
-    """The changes in words, and the equation after them."""
+    """A repair: the changes in words, and the equation after them."""
 
     words: tuple[str, ...]
     equation: Printed
-    tex: str = ""  #: the changes with the formulas in TeX, in the letters of the text
+    tex: str = ""  #: the changes in TeX, in the letters of the text
     accents: bool = False  #: whether all changes are tildes and transpositions
 
     def __str__(self) -> str:
@@ -39,7 +39,7 @@ class Repair:
 
 
 def repair(equation: Printed, states: States) -> Repair | None:
-    """The smallest change after which an equation is right: of the roles of the races, else of its formulas."""
+    """The smallest change after which an equation is right: exchanged roles of the races, else a change of its formulas."""
     other = _other_roles(equation, states)
     if other is not None:
         return other
@@ -59,7 +59,7 @@ def repair(equation: Printed, states: States) -> Repair | None:
 
 
 def _other_roles(equation: Printed, states: States) -> Repair | None:
-    """The same formulas with the other body in the role of the inner race."""
+    """The equation with the other body in the role of the inner race."""
     if equation.inner is None:
         return None
     inner = "l" if equation.inner == "k" else "k"
@@ -76,7 +76,7 @@ Changed = tuple[Node, list[Edit]]
 
 @dataclass(frozen=True)
 class _Goal:
-    """Values a formula must have in some states; it must not become one of the other sides (a = a says nothing)."""
+    """Values that a formula must have in some states, without becoming equal to another side (a = a shows nothing)."""
 
     envs: Sequence[Env]
     values: Sequence[Value]
@@ -90,30 +90,30 @@ class _Goal:
         return node not in self.banned and all(a is not None and difference(a, v) < SAME for a, v in found)
 
     def sized(self, node: Node) -> bool:
-        """Whether a formula has the size of the values."""
+        """Whether a formula has the size (rows, columns) of the values."""
         found = attempt(node, self.envs[0])
         return found is not None and np.shape(found) == np.shape(self.values[0])
 
     def mended(self, node: Node, new: Node) -> bool:
-        """Whether a changed formula that has the values is one that can have been meant.
+        """Whether a changed formula that has the values can be what was meant.
 
-        That is one whose sums have units where those of the formula have them, and in which nothing new is idle."""
+        Its sums must have units wherever those of the original have, and no new piece may be without effect."""
         if self._idle(new) - self._idle(node):
             return False
         return powers(new, self.envs[:2]) is not None or powers(node, self.envs[:2]) is None
 
     def _idle(self, node: Node) -> set[Node]:
-        """Functions with the same value in all states, as derivatives of constants have, and inner sums that are 0."""
+        """Function calls with the same value in all states, such as derivatives of constants, and inner sums that are 0."""
         return {n for n in node.walk() if (n.kind == "call" and n.value not in BINDING and self._same(n, 1))
                 or (n.kind == "sum" and n is not node and self._same(n, 0))}  # fmt: skip
 
     def _same(self, node: Node, factor: int) -> bool:
-        """Whether a formula has in all states the value of the first one, or 0."""
+        """Whether a formula has in all states its value in the first one (factor 1), or is 0 in all (factor 0)."""
         values = [attempt(node, e) for e in self.envs]
         return all(v is not None and values[0] is not None and difference(v, factor * values[0]) < SAME for v in values)
 
     def rows(self, count: int) -> list[_Goal]:
-        """The goals of the rows of a column of `count` equal blocks; none where the values are no such column."""
+        """Goals for the rows of a column made of `count` equal blocks; empty where the values are no such column."""
         shape = np.shape(self.values[0])
         height = shape[0] // count if len(shape) == 2 and shape[1] == 1 else 0
         if not height or shape[0] != height * count:
@@ -133,7 +133,7 @@ def _at_level(statement: Statement, states: States, known: Sequence[Edit], level
     for i, goal in _places(statement, states):
         least = (1, PLAIN) if statement.sides[i].kind != "symbol" else (1, NEAR) if misfit else (3, 0)
         if best is not None and (_extent(best[1]) <= least or goal.envs is not envs):
-            break  # a repair was found: a bare symbol is changed only instead of a far one, and no states of the joint are tried
+            break  # a repair is found: a bare symbol is changed only if it ranks lower, and states of the joint are not tried
         envs = goal.envs
         candidates = Candidates(states.equation.scope, goal.envs[0])
         candidates.any_unit = misfit and level == 1
@@ -150,10 +150,11 @@ def _extent(done: Sequence[Edit]) -> tuple[int, float]:
 
 
 def _places(statement: Statement, states: States) -> Iterator[tuple[int, _Goal]]:
-    """Sides that may be changed, each with its goal: the values of another side, or of the quantity the sides are said to be."""
+    """Sides that may be changed, each with its goal: the values of another side, or of the quantity that they should equal."""
     said = states.equation.quantity if statement is states.equation.statements[0] else None
     sides = statement.sides
-    order = sorted(range(len(sides)), key=lambda i: (sides[i].kind == "symbol", -i))  # the last first, bare symbols last
+    # try the last side first and bare symbols at the end
+    order = sorted(range(len(sides)), key=lambda i: (sides[i].kind == "symbol", -i))
     for envs in [states.many] if states.equation.only or states.equation.states == "free" else [states.many, states.many_joint]:
         for i in order:
             if sides[i].kind == "number":
@@ -173,7 +174,7 @@ def _places(statement: Statement, states: States) -> Iterator[tuple[int, _Goal]]
 
 
 def _side(side: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit], level: int) -> Changed | None:
-    """A side changed so that it meets its goal; a column of blocks row by row."""
+    """A side changed so that it meets its goal; a column of blocks is treated row by row."""
     rows = side.parts
     goals = goal.rows(len(rows)) if side.kind == "block" and len(rows) > 1 and all(len(r.parts) == 1 for r in rows) else []
     if not goals:
@@ -189,7 +190,7 @@ def _side(side: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]
 
 
 def _node(node: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit], level: int) -> Changed | None:
-    """A formula that meets its goal: as it is, after the changes made elsewhere in the equation, after one change, after two."""
+    """A formula that meets its goal: unchanged, after the changes made elsewhere in the equation, after one change, after two."""
     if goal.met(node):
         return node, []
     again = node
@@ -213,14 +214,14 @@ def _node(node: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]
 
 
 def _smallest(node: Node, tried: Iterator[tuple[Edit, Node]], goal: _Goal) -> Changed | None:
-    """The smallest of the changes of a formula after which it meets its goal."""
+    """The lowest-ranked change of a formula after which it meets its goal."""
     found = [(edit, new) for edit, new in tried if goal.met(new)]
     best = next(((new, edit) for edit, new in sorted(found, key=lambda pair: pair[0].size) if goal.mended(node, new)), None)
     return None if best is None else (best[0], [best[1]])
 
 
 def _fit(node: Node, goal: _Goal, candidates: Candidates) -> tuple[Fit, list[Node]]:
-    """The fit of powers of the quantities of a formula and its text, and their symbols; without the other sides."""
+    """Fit of powers of the quantities of a formula and its text, and the vectors among them; without the other sides."""
     used = [symbol(n) for n in sorted(candidates.scope.reached(node.symbols()))]
     others = [symbol(n) for n in reversed(candidates.known()) if symbol(n) not in used]  # the last declared first
     numbers = set(candidates.numbers())
@@ -233,7 +234,7 @@ def _fit(node: Node, goal: _Goal, candidates: Candidates) -> tuple[Fit, list[Nod
 
 
 def lacking(node: Node, goal: _Goal, candidates: Candidates) -> Iterator[tuple[Edit, Node]]:
-    """The formula with a factor, a power or a function that is missing."""
+    """The formula with a missing factor, exponent or function added."""
     fit, _ = _fit(node, goal, candidates)
     for piece, monomial, new in factors(node, fit):
         sign = monomial.c == -1 and not monomial.powers
@@ -245,16 +246,16 @@ def lacking(node: Node, goal: _Goal, candidates: Candidates) -> Iterator[tuple[E
 
 
 def missing(node: Node, goal: _Goal, candidates: Candidates) -> Iterator[tuple[Edit, Node]]:
-    """The formula with a term that is missing."""
+    """The formula with a missing term added."""
     fit, vectors = _fit(node, goal, candidates)
     for term, new in terms(node, fit, vectors):
-        yield Edit("the term {} more", (term,), size=sum(1 for _ in term.walk())), new
+        yield Edit("the missing term {}", (term,), size=sum(1 for _ in term.walk())), new
 
 
 def _twice(node: Node, once: dict[Node, Edit], goal: _Goal, candidates: Candidates) -> Changed | None:
-    """The formula after two changes: first pairs that change all places of a piece alike, then pairs of any kind."""
+    """The formula after two changes: first pairs that act at all places of a piece, then pairs of any kind."""
     order = sorted(once, key=lambda n: (not once[n].table, not goal.sized(n)))
-    if not goal.sized(node):  # one of the two changes must change sizes: try it first
+    if not goal.sized(node):  # one of the two changes must alter the size: try those first
         order = [n for n in order if once[n].resizes]
     tried: set[Node] = set(once)
     for alike in (True, False):
@@ -272,11 +273,11 @@ def _twice(node: Node, once: dict[Node, Edit], goal: _Goal, candidates: Candidat
     return None
 
 
-# -- a term that is missing
+# -- a missing term
 
 
 def missing_term(equation: Printed, states: States, scope: Scope, name: str) -> Repair | None:
-    """A term, linear in a symbol the text does not name, that is missing in the last side of an equation, and its place there."""
+    """A missing term, linear in a symbol the text does not name, and its place in the last side of an equation."""
     (statement,) = equation.statements
     wide = replace(equation, scope=scope)
     envs = replace(states, equation=wide).joint
@@ -298,7 +299,7 @@ def _range(what: str, first: int, last: int) -> str:
 
 
 def _terms(name: str, scope: Scope, env: Env) -> Iterator[Node]:
-    """Terms linear in a vector: itself, its product with a vector, both transposed, both signs."""
+    """Terms linear in a vector: the vector, its cross products with others, their transposes, with both signs."""
     r = symbol(name)
     crossed = [made("product", made("cross", symbol(other)), r) for other in scope.symbols
                if np.shape(env.value(other)) == (3, 1)]  # fmt: skip

@@ -1,5 +1,5 @@
-"""Verdicts on printed formulas, by rules that depend on no particular formula: RIGHT, MISPRINT with a repair, INCOMPLETE,
-AMBIGUOUS, CANNOT JUDGE. Where sizes do not fit, a formula is a misprint if a change mends it.
+"""Verdicts on printed formulas by rules that depend on no particular formula: RIGHT, MISPRINT with a repair, INCOMPLETE,
+AMBIGUOUS, CANNOT JUDGE. Where sizes do not fit, the verdict is MISPRINT only if a change repairs the formula.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ VERDICTS = {
     CANNOT: "the formula cannot be read, a piece of it has no value, or nothing says what a quantity is",
 }
 SIGN = "right with the opposite sign"
-DECLARED = {"left": "applied", "applied": "left"}  #: side on which a rule gives a force: what a text with the other sign declares
+#: side on which a rule gives a force, and the side to declare in a text with the opposite sign
+DECLARED = {"left": "applied", "applied": "left"}
 OPPOSITE = {"applied": "as the forces applied to the bodies or with the opposite multipliers",
             "left": "as it stands on the left-hand side of the equations of motion"}  # fmt: skip
 SIDES = {1: "applied to the bodies", -1: "on the left-hand side of the equations of motion"}
@@ -42,13 +43,13 @@ class Row:
 
     printed: Printed
     verdict: str
-    residual: float  #: largest relative difference as printed
+    residual: float  #: largest relative difference of the sides as printed
     repair: str = ""
     remark: str = ""
     repaired: Printed | None = None
     repaired_residual: float | None = None
     symbolic: bool = False  #: whether the sides (after a repair, if any) are also identical polynomials in symbols
-    side: int | None = None  #: key of SIDES for forces whose side the text leaves open: the side on which they are right
+    side: int | None = None  #: key of SIDES: side on which a force is right, where the text leaves the side open
     tex: str = ""  #: the repair with the formulas in TeX
 
     @property
@@ -62,12 +63,12 @@ class Row:
 
     @property
     def said(self) -> str:
-        """Repair and remark."""
+        """Repair and remark in one text."""
         return told(self.repair, self.remark)
 
     @property
     def derived(self) -> str:
-        """The right formula: as printed where that is right, else repaired, else the quantity in words."""
+        """The right formula: as printed where it is right, else repaired, else the quantity in words."""
         if self.repaired is not None and self.repaired.statements != self.printed.statements:
             return self.repaired.text
         if self.residual < SAME or self.repaired is not None:
@@ -78,7 +79,7 @@ class Row:
 
 
 def told(*remarks: str) -> str:
-    """Remarks in one text, without empty ones."""
+    """Non-empty remarks joined to one text."""
     return "; ".join(filter(None, remarks))
 
 
@@ -94,14 +95,14 @@ def meanings(equation: Printed) -> str:
 
 
 def audit_text(text: Text) -> list[Row]:
-    """A verdict on every equation."""
+    """A verdict on every equation of a text."""
     shared: dict[tuple[str, int, str], Motion] = {}
     rows = [audit_equation(equation, shared) for equation in text.equations]
     return [_of_group(row, rows) for row in rows]
 
 
 def audit_equation(equation: Printed, shared: dict[tuple[str, int, str], Motion] | None = None, search: bool = True) -> Row:
-    """The verdict on one equation by itself; search: whether a repair is sought."""
+    """The verdict on one equation alone; search: whether to look for a repair."""
     if equation.trouble:
         return _cannot(equation, equation.trouble)
     states = States(equation, equation.inner or "l", shared=shared if shared is not None else {})
@@ -116,17 +117,18 @@ def audit_equation(equation: Printed, shared: dict[tuple[str, int, str], Motion]
 
 
 def _beside_others(row: Row, states: States) -> Row:
-    """The verdict on what is printed, with the force that the text does not list: a formula that is right is INCOMPLETE."""
+    """The verdict with a remark on a force that the text does not list; a right formula becomes INCOMPLETE by it."""
     said = _unlisted(row.printed, states)
     if not said:
         return row
     if row.verdict == RIGHT:
-        return replace(row, verdict=INCOMPLETE, remark=said)  # remarks on a resultant speak of all the forces
+        # the remarks on a resultant refer to all the forces, so they are dropped
+        return replace(row, verdict=INCOMPLETE, remark=said)
     return replace(row, remark=told(said, row.remark))
 
 
 def _unlisted(equation: Printed, states: States) -> str:
-    """A force that acts where the text lists none; empty where there is none."""
+    """Remark on a force that acts on a part the text does not list; empty where there is none."""
     try:
         for env in (*states.free, *states.joint):
             for meaning in _meanings(equation):
@@ -139,7 +141,7 @@ def _unlisted(equation: Printed, states: States) -> str:
 
 
 def _meanings(equation: Printed) -> list[Meaning]:
-    """The meanings that the formulas need, without definitions of the text."""
+    """Meanings of the symbols in the formulas, without those that the text itself defines."""
     used = [equation.scope.symbols[n] for n in sorted(equation.scope.reached(equation.used))]
     return [m for m in [*used, equation.quantity] if m is not None and not isinstance(m, Definition)]
 
@@ -177,13 +179,13 @@ def _verdict(equation: Printed, states: States, search: bool) -> Row:
 
 
 def _open_sides(equation: Printed) -> set[str]:
-    """Sides ("open", "left", "applied") of the forces of a formula, where the text declares none."""
+    """Sides ("open", "left", "applied") of the forces in a formula, where the text declares none."""
     symbols = equation.scope.symbols
     return set() if equation.scope.sides else {symbols[n].phrase.side for n in equation.used} - {""}
 
 
 def _on_a_side(equation: Printed, states: States, side: int, gap: float, open_sides: set[str]) -> Row:
-    """A force that is right on one side of the equations of motion."""
+    """The verdict on a force that is right on one side of the equations of motion only."""
     if open_sides & set(DECLARED):
         other = next(DECLARED[s] for s in DECLARED if s in open_sides)
         said = f"{SIGN}, {OPPOSITE[other]}"
@@ -193,7 +195,7 @@ def _on_a_side(equation: Printed, states: States, side: int, gap: float, open_si
 
 
 def _unbalanced(equation: Printed, states: States) -> str:
-    """Remark on forces and moments printed for both bodies that leave a resultant moment; empty otherwise."""
+    """Remark on forces and moments printed for both bodies that leave a resultant moment; empty where there is none."""
     env, total = states.joint[0], np.zeros((3, 1))
     sides = {equation.scope.symbols[n].words[0]: n for n in map(str, (s.subject for s in equation.statements))
              if n in equation.scope.symbols and equation.scope.symbols[n].phrase.side == "open"}  # fmt: skip
@@ -241,7 +243,7 @@ def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool
 
 
 def _without_parameters(equation: Printed, states: States) -> tuple[str, int] | None:
-    """Parameters that the text leaves out, in words, and the side of the equations of motion on which it is right then."""
+    """Parameters without whose effect the formula is right, in words, and the side of the equations of motion it is right on."""
     for side in (1, -1) if _open_sides(equation) else (states.side,):
         found = left_out(equation, replace(states, side=side), _named(equation))
         if found:
@@ -250,7 +252,7 @@ def _without_parameters(equation: Printed, states: States) -> tuple[str, int] | 
 
 
 def _joined(equation: Printed, states: States) -> bool:
-    """Whether an equation about a relative angle, in a text that says nothing of a joint, holds for a revolute one."""
+    """Whether an equation with a relative angle, in a text that names no joint, holds for a revolute joint."""
     if equation.states != "free" or not any("relative angle" in equation.scope.symbols[n].text for n in equation.used):
         return False
     joined = replace(states, equation=replace(equation, states="revolute", only=True))
@@ -263,7 +265,7 @@ def _given_numbers(names: Iterable[str], scope: Scope) -> set[str]:
 
 
 def _defined_by(statement: Statement, scope: Scope) -> list[str]:
-    """Numbers of the text that stand alone on one side and appear on no other."""
+    """Numbers of the text that stand alone on one side and appear on no other side."""
     out = []
     for i, side in enumerate(statement.sides):
         others = scope.reached(set().union(*(s.symbols() for j, s in enumerate(statement.sides) if j != i)))
@@ -273,7 +275,7 @@ def _defined_by(statement: Statement, scope: Scope) -> list[str]:
 
 
 def _free_numbers(equation: Printed) -> str:
-    """A number of the text that one side of an equation alone contains."""
+    """A number of the text that only one side of an equation contains; empty where there is none."""
     scope = equation.scope
     for statement in equation.statements:
         sides = [_given_numbers(scope.reached(s.symbols()), scope) for s in statement.sides]
@@ -289,14 +291,14 @@ def _repaired(row: Row, found: Repair, states: States) -> Row:
     gap = max(compared(s, again).gap for s in found.equation.statements)
     new = [f"{n} is the {m.text}" for n, m in found.equation.scope.symbols.items()
            if n not in row.printed.scope.symbols and n in found.equation.used]  # fmt: skip
-    accents = ["accents alone, which type and its reading easily lose"] if found.accents else []
+    accents = ["accents alone, which are easily lost in printing and reading"] if found.accents else []
     row = replace(row, remark=told(row.remark, *new, *accents))
     same = identical(found.equation, again.inner, states.side)
     return replace(row, repaired=found.equation, repaired_residual=gap, symbolic=same)
 
 
 def _lacking(equation: Printed, states: States) -> tuple[str, str] | None:
-    """A quantity of the derivation that the text does not name, and without which the equation is right: symbol and wording."""
+    """A quantity that the text does not name and without which the equation is right: its symbol and wording; None if none."""
     known = set(equation.scope.symbols)
     scope = equation.scope.widened(equation.used)
     for name in set(scope.symbols) - known:
@@ -307,7 +309,7 @@ def _lacking(equation: Printed, states: States) -> tuple[str, str] | None:
 
 
 def _undefined_at(equation: Printed, states: States) -> str:
-    """A quantity that may vanish, and where it does a side of the equation is not finite; empty where there is none."""
+    """A quantity that may be zero and at whose zero a side of the equation is not finite; empty where there is none."""
     for statement in equation.statements:
         for name in sorted(statement.symbols() & set(equation.scope.symbols)):
             meaning = equation.scope.symbols[name]
@@ -325,7 +327,7 @@ def _finite(side: Node, env: Env) -> bool:
 
 
 def _of_group(row: Row, rows: list[Row]) -> Row:
-    """The verdict beside the others of its section: forces whose side the text leaves open must all stand on one side."""
+    """The verdict in the context of its section: forces whose side the text leaves open must all be right on one side."""
     if row.side is None:
         return row
     group = [r for r in rows if r.side is not None and r.printed.section == row.printed.section]

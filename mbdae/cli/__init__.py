@@ -1,7 +1,7 @@
-"""Command line: `main` reads the words, runs a command and turns whatever ends it into one message and an exit code.
+"""Command line: `main` parses the words, runs a command and turns any error that ends it into one message and an exit code.
 
-0 where what was asked holds, 1 where it does not, 2 for wrong usage and for mistakes in FILE; 130 after Ctrl-C, 143 after SIGTERM
-(128 and the number of the signal); 141 where the reader of the output has closed it.
+Exit codes: 0 where what was asked holds, 1 where it does not, 2 for wrong usage and for mistakes in FILE; 130 after Ctrl-C, 143
+after SIGTERM (128 plus the number of the signal); 141 where the reader of the output has closed it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SIGINT = 2
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code. Words that the parser refuses end in SystemExit(2), as always with argparse."""
+    """Run one command; returns the exit code. Words that the parser refuses raise SystemExit(2), as usual with argparse."""
     words = [str(word) for word in (sys.argv[1:] if argv is None else argv)]
     try:
         with usable_streams():
@@ -43,7 +43,7 @@ def _parsed_and_run(words: list[str]) -> int:
         try:
             _parser().parse_args(words, a)
             with json_alone(a), contextlib.ExitStack() as a.stack, warnings.catch_warnings():
-                warnings.simplefilter("ignore", AccuracyWarning)  # the result says it
+                warnings.simplefilter("ignore", AccuracyWarning)  # the printed result contains these warnings
                 return int(a.command(a))
         except UsageError as error:
             _complain(a, error, 2, usage=error.usage)
@@ -60,7 +60,7 @@ def _parsed_and_run(words: list[str]) -> int:
 
 
 def _judged(a: Namespace, error: Exception) -> tuple[int, str]:
-    """Exit code and message of an error."""
+    """Exit code and message for an error."""
     place = place_in(error, a.file)
     if isinstance(error, MbdaeError):
         return (2 if isinstance(error, OptionError) else 1), f"{error}{f' ({place})' if place else ''}"
@@ -72,11 +72,11 @@ def _judged(a: Namespace, error: Exception) -> tuple[int, str]:
         return 1, "the memory of this machine is used up; ask for a shorter run or a looser accuracy"
     line = traceback.extract_tb(error.__traceback__)[-1]
     return 1, (f"an error of mbdae itself, {type(error).__name__}: {error} (line {line.lineno} of {line.filename}); "
-               f"--debug shows the way there")  # fmt: skip
+               f"--debug shows the traceback")  # fmt: skip
 
 
 def _complain(a: Namespace, error: BaseException, code: int, text: str | None = None, usage: str = "") -> int:
-    """Say on the error stream what is wrong; with --json also as the JSON that stands for the result."""
+    """Print an error message on the error stream; with --json also as the JSON that replaces the result."""
     import json
 
     if a.debug:

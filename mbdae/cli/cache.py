@@ -9,7 +9,7 @@ from mbdae.disk.store import store
 
 
 def cache(a: argparse.Namespace) -> int:
-    """Print where derived and compiled laws are kept and how much there is, or remove all of it."""
+    """Print where derived and compiled laws are stored on disk and how much there is, or remove all of it."""
     kept = store()
     removed = kept.clear() if a.what == "clear" else None
     found = kept.content()

@@ -1,4 +1,4 @@
-"""The folder validation/ of a checkout, with the claims and the runner that measures them: neither is part of the package."""
+"""Finds the folder validation/ of a checkout, with the claims and the runner that measures them; the package has neither."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from mbdae.errors import OptionError
 
 
 def find(root: str | Path | None = None) -> Path:
-    """The folder validation/ of `root`, or of the working directory and those above it."""
+    """The folder validation/ of `root`, or of the working directory or one above it; OptionError where there is none."""
     here = Path.cwd() if root is None else Path(root).resolve()
     for folder in [here] if root is not None else [here, *here.parents]:
-        with suppress(OSError):  # a name too long, a folder that may not be read
+        with suppress(OSError):  # a name that is too long, or a folder that may not be read
             if any((folder / "validation").glob("*/check.py")):
                 return folder / "validation"
     raise OptionError(f"there is no validation/ with claims in {here}{'' if root else ' or above'}: "
@@ -23,7 +23,7 @@ def find(root: str | Path | None = None) -> Path:
 
 
 def runner_of(folder: Path) -> Any:
-    """The package `runner` in a folder validation/; it and the checks import each other by the names they have there."""
+    """The package `runner` in a folder validation/, made importable by that name because its checks import it so."""
     if not (folder / "runner" / "__init__.py").is_file():
         raise OptionError(f"{folder} has claims, but no runner/ that measures them: give --root of a whole checkout")
     if sys.path[:1] != [str(folder)]:

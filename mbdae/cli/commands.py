@@ -1,4 +1,4 @@
-"""What the commands do: call, print, write. Each returns the exit code: 0 where what was asked holds, 1 where it does not."""
+"""The commands. Each returns the exit code: 0 where what was asked holds, 1 where it does not."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def check(a: argparse.Namespace) -> int:
 
 
 def run(a: argparse.Namespace) -> int:
-    """Simulate; 1 where the accuracy asked for is not met."""
+    """Simulate the scene; 1 where the accuracy asked for is not met."""
     from mbdae.run.progress import bar
 
     out, module = _folder(a.out), _load(a)
@@ -45,7 +45,7 @@ def run(a: argparse.Namespace) -> int:
         r = scene.simulate(t_end, **options, progress=shown)
     try:
         final = _write_result(a, r, measure, out)
-    except OptionError:  # nothing could be written: what was found is shown all the same
+    except OptionError:  # nothing could be written: print the result before the error
         if not a.json:
             print(repr(r))
         raise
@@ -70,7 +70,7 @@ def run(a: argparse.Namespace) -> int:
 
 
 def compare(a: argparse.Namespace) -> int:
-    """Solvers side by side; 1 where a run failed, an accuracy was reached by none, or the reference is not confirmed."""
+    """Compare solvers; 1 where a run failed, an accuracy was reached by none, or the reference is not confirmed."""
     from mbdae.cli.comparison import compare_file
 
     out, module = _folder(a.out), _load(a)
@@ -82,7 +82,7 @@ def compare(a: argparse.Namespace) -> int:
 
 
 def extremes(a: argparse.Namespace) -> int:
-    """Every joint model, form and solver at the extreme values in `vary` of FILE; 1 where a run was wrong without saying so."""
+    """Run every joint model, form and solver at the extreme values in `vary` of FILE; 1 where a run was silently wrong."""
     from mbdae.cli.comparison import map_of_file
 
     out, module = _folder(a.out), _load(a)
@@ -94,7 +94,7 @@ def extremes(a: argparse.Namespace) -> int:
 
 
 def report(a: argparse.Namespace) -> int:
-    """The report of a law, a joint model or a scene, 1 where a check of it does not hold; or the audit of a file of formulas."""
+    """Report of a law, joint model or scene, 1 where a check in it fails; audit of a file of formulas, 1 unless all are right."""
     if Path(a.what).suffix == ".audit":
         return _report_audit(a)
     from mbdae.reports.report import names
@@ -150,11 +150,11 @@ def validate(a: argparse.Namespace) -> int:
     return 0 if all(m.holds for m in measured) else 1
 
 
-# -- what commands share
+# -- helpers of the commands
 
 
 def _load(a: argparse.Namespace) -> ModuleType:
-    """FILE as a module while the command works."""
+    """FILE as a module for as long as the command works."""
     module: ModuleType = a.stack.enter_context(user_file(a.file))
     return module
 
@@ -165,7 +165,7 @@ def _scene(a: argparse.Namespace, module: ModuleType) -> Any:
 
 @contextmanager
 def _partial_kept(a: argparse.Namespace, out: Path | None, t_end: float) -> Iterator[None]:
-    """Save what was computed of a run that is stopped or fails, and print where."""
+    """Where a run is stopped or fails, save the part that was computed, and add to the error where it is."""
     try:
         yield
     except (SolverError, KeyboardInterrupt) as error:
@@ -205,7 +205,7 @@ def _summary(r: Any, measure: str | None, final: Any, written: list[str]) -> dic
 
 
 def _report_audit(a: argparse.Namespace) -> int:
-    """Verdicts on the formulas and claimed numbers of a file; 1 unless all are right."""
+    """Audit a file of formulas and claimed numbers; 1 unless all are right."""
     from mbdae.audit import audit
 
     if not _is_file(a.what):
@@ -221,7 +221,7 @@ def _report_audit(a: argparse.Namespace) -> int:
 
 
 def _report_format(a: argparse.Namespace, printed: str) -> str:
-    """The format of --format, or of the ending of --out; else html in a folder, and `printed` on the terminal."""
+    """The format of --format, or of the suffix of --out; else html for a folder, and `printed` for the terminal."""
     ending = Path(a.out).suffix if a.out else ""
     return str(a.format or (ending[1:] if ending in REPORTS else "html" if a.out else printed))
 
@@ -231,12 +231,12 @@ def _report_text(document: Any, format_: str) -> str:
 
 
 def _saved(a: argparse.Namespace, document: Any, format_: str) -> str | None:
-    """Write a document where --out names a place; returns the name of its file."""
+    """Write a document where --out names a place; returns the name of its file, else None."""
     return None if a.out is None else str(document.save(_report_path(a, format_)))
 
 
 def _write_result(a: argparse.Namespace, r: Any, measure: str | None, out: Path | None) -> Any:
-    """Write the result and a picture of the measure, where there is a folder; returns the last value of the measure."""
+    """Write the result and a plot of the measure to the folder, if given; returns the last value of the measure."""
     if out is not None:
         stem = Path(a.file).stem
         r.save(out / f"{stem}.npz")
@@ -248,7 +248,7 @@ def _write_result(a: argparse.Namespace, r: Any, measure: str | None, out: Path 
 
 
 def _write_and_print(a: argparse.Namespace, found: Any, writers: dict[str, Any], out: Path | None, name: str) -> None:
-    """Write the files where there is a folder, and print the table or the JSON."""
+    """Write the files to the folder, if given, and print the table or the JSON."""
     stem = f"{Path(a.file).stem}_{name}"
     for ending, write in writers.items() if out else ():
         write(out / (stem + ending))  # type: ignore[operator]
@@ -280,7 +280,7 @@ def _t_end(a: argparse.Namespace, module: ModuleType) -> float:
 
 
 def _measure(a: argparse.Namespace, module: ModuleType, scene: Any) -> str | None:
-    """The sensor FILE names; one of an item that is not in the scene is refused before the run."""
+    """The sensor named by `measure` in FILE; one of an item that is not in the scene is refused before the run."""
     from mbdae.scene.sensor_names import placed, split
 
     measure = getattr(module, "measure", None)
@@ -308,7 +308,7 @@ def _folder(out: str | None) -> Path | None:
 
 
 def _report_path(a: argparse.Namespace, format_: str) -> Path:
-    """The file of a report, in a folder that is there."""
+    """Path of the file of a report, in a folder that is made where it is missing."""
     path = Path(a.out)
     if path.suffix not in REPORTS:
         _folder(a.out)
@@ -322,7 +322,7 @@ def _report_path(a: argparse.Namespace, format_: str) -> Path:
 
 
 def _resume(a: argparse.Namespace) -> str | None:
-    """The file of --resume; UsageError where the system does not accept its name."""
+    """The file name given to --resume; UsageError where the system does not accept it."""
     try:
         Path(a.resume or ".").exists()
     except OSError as error:
@@ -331,7 +331,7 @@ def _resume(a: argparse.Namespace) -> str | None:
 
 
 def _is_file(name: str) -> bool:
-    """Whether there is such a file; names that the system refuses are none."""
+    """Whether there is a file of this name; False for a name that the system refuses."""
     try:
         return Path(name).is_file()
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Comparisons and maps of extremes of a FILE with scene(), and with runs, measure, vary, accuracy where it states them."""
+"""Comparisons and maps of extremes for a FILE with scene() and, where it states them, runs, measure, vary and accuracy."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from mbdae.run.progress import bar
 
 
 def compare_file(module: ModuleType, scene: Any, t_end: float, **options: Any) -> Comparison:
-    """The comparison, with a progress bar on a terminal; options that are None are those of the file, or their defaults."""
+    """The comparison, with a progress bar on a terminal; for options that are None the file's or the default values are used."""
     stated = _stated(module, ("runs", "measure"))
     found: Comparison = _with_bar(compare, "compare", scene, t_end, stated | _given(options))
     return found
 
 
 def map_of_file(module: ModuleType, t_end: float, **options: Any) -> Extremes:
-    """The map of extremes, likewise."""
+    """The map of extremes, with a progress bar and options as in `compare_file`."""
     stated = _stated(module, ("vary", "runs", "measure", "accuracy"))
     found: Extremes = _with_bar(extremes, "extremes", module.scene, t_end, stated | _given(options))
     return found

@@ -1,4 +1,4 @@
-"""The words of the command line: commands, their options, and what each takes."""
+"""Parser of the command line: commands, their options, and the values that each takes."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from mbdae.cli.usage import REPORTS, UsageError
 
 
 class _Parser(argparse.ArgumentParser):
-    """Options may not be abbreviated, and wrong ones raise UsageError."""
+    """Parser that accepts no abbreviated options and raises UsageError for wrong ones."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(allow_abbrev=False, **options)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As in argparse, but `--option=--` is refused, which argparse reads as no value."""
+        """As in argparse, but `--option=--` is refused, which argparse would read as an option without a value."""
         for word in args or ():
             if word == "--":
                 break
@@ -30,7 +30,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def make_parser() -> argparse.ArgumentParser:
-    """The parser; what it returns has the function of the command as `command`."""
+    """The parser; its result has the function of the command as `command`."""
     from mbdae import __version__
     from mbdae.cli import commands as do
     from mbdae.cli.cache import cache
@@ -100,9 +100,9 @@ def _command(commands: Any, name: str, action: Callable[[argparse.Namespace], in
 
 
 def _always(p: argparse.ArgumentParser, action: Callable[[argparse.Namespace], int]) -> None:
-    """The options that every command has."""
+    """Add the options that every command has."""
     p.add_argument("--json", action="store_true", help="standard output carries JSON alone, {\"error\": ...} where it fails")
-    p.add_argument("--debug", action="store_true", help="show the whole way to an error")
+    p.add_argument("--debug", action="store_true", help="show the traceback of an error")
     p.set_defaults(command=action)
 
 
@@ -111,7 +111,7 @@ def _common(p: argparse.ArgumentParser, out: str) -> None:
     p.add_argument("--out", type=_name, metavar="DIR", help=out + "; nothing is written without it")
 
 
-# -- what options take
+# -- values of options
 
 
 def _positive(text: str) -> float:
@@ -132,13 +132,13 @@ def _accuracies(text: str) -> list[float]:
 
 
 def _name(text: str) -> str:
-    """The name of a file or folder."""
+    """The checked name of a file or folder."""
     if not text.strip() or "\0" in text:
         raise argparse.ArgumentTypeError(f"{_shown(text)} is not the name of a file or folder")
     return text
 
 
 def _shown(text: str) -> str:
-    from mbdae.values import shown  # imports NumPy, which correct words need not wait for
+    from mbdae.values import shown  # imports NumPy, which takes time and is needed for wrong values only
 
     return shown(text)

@@ -1,4 +1,4 @@
-"""Signals that end a command as Ctrl-C does, so that what was computed is kept."""
+"""Signals that end a command as Ctrl-C does, so that what was computed is saved."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import threading
 from types import FrameType
 from typing import Any, Self
 
-#: sent by `kill`, `timeout` and batch systems; when the terminal is closed; by Ctrl-Break
+#: sent by `kill`, `timeout` and batch systems; by a terminal that is closed; by Ctrl-Break
 NAMES = ("SIGTERM", "SIGHUP", "SIGBREAK")
 
 
 class Stops:
-    """Within `with Stops():` these signals raise KeyboardInterrupt, unless they are handled or ignored already.
+    """Within `with Stops():` these signals raise KeyboardInterrupt, unless a handler is set or they are ignored already.
 
-    number: that of the last of these signals, or of Ctrl-C where none came
+    number: of the last of these signals that came; of Ctrl-C where none came
     """
 
     def __init__(self) -> None:
@@ -23,7 +23,7 @@ class Stops:
 
     @property
     def name(self) -> str:
-        """Name of the signal that came."""
+        """Name of the signal that came last."""
         return signal.Signals(self.number).name
 
     def __enter__(self) -> Self:

@@ -1,4 +1,4 @@
-"""Standard output and error of a command, also where they are closed or not read; JSON alone where it was asked for."""
+"""Standard output and error stream of a command, made usable where they are closed or not read; redirection for --json."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from argparse import Namespace
 from collections.abc import Iterator
 from typing import Any
 
-READER_GONE = 141  #: exit code of a command that SIGPIPE ends: `mbdae ... | head -1`
+READER_GONE = 141  #: exit code of a process that SIGPIPE ends, as in `mbdae ... | head -1`
 
 
 class OutputLostError(Exception):
-    """Standard output cannot be written: its reader has closed it (reader_gone), or there is no space."""
+    """Standard output cannot be written: its reader has closed it (reader_gone), or there is no space on the disk."""
 
     def __init__(self, error: OSError) -> None:
         super().__init__(f"standard output cannot be written: {error.strerror}")
@@ -38,7 +38,7 @@ class _Checked:
 
     def flush(self) -> None:
         try:
-            with contextlib.suppress(ValueError):  # FILE may have closed it
+            with contextlib.suppress(ValueError):  # FILE may have closed the stream
                 self._stream.flush()
         except OSError as error:
             raise OutputLostError(error) from None
@@ -48,7 +48,7 @@ class _Checked:
 def usable_streams() -> Iterator[None]:
     """Make both streams writable: closed ones discard what is written, characters they cannot encode are escaped.
 
-    Where a stream cannot be written all the same, the command ends with OutputLostError."""
+    A stream that cannot be written all the same ends the command with OutputLostError."""
     with contextlib.ExitStack() as stack:
         for name in ("stdout", "stderr"):
             if getattr(sys, name) is None:
@@ -68,7 +68,7 @@ def usable_streams() -> Iterator[None]:
 
 
 def _drop_output() -> None:
-    """Discard what is still to be written, so that Python does not try to write it when it ends."""
+    """Discard buffered output, so that Python does not try to write it at exit."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
         nothing = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nothing, sys.stdout.fileno())
@@ -87,8 +87,8 @@ def _instead(name: str, stream: Any) -> Iterator[None]:
 
 @contextlib.contextmanager
 def json_alone(a: Namespace) -> Iterator[None]:
-    """With --json `a.stdout` is standard output, and all else that is printed, by FILE and its processes too, goes to the error
-    stream."""
+    """With --json: make `a.stdout` the standard output, and send all else that is printed, also by FILE and its processes, to the
+    error stream."""
     a.stdout = sys.stdout
     if not a.json:
         yield
@@ -96,7 +96,7 @@ def json_alone(a: Namespace) -> Iterator[None]:
     with contextlib.ExitStack() as stack:
         try:
             number, other = sys.stdout.fileno(), sys.stderr.fileno()
-        except (OSError, ValueError, AttributeError):  # not a file: only what Python prints can be redirected
+        except (OSError, ValueError, AttributeError):  # the stream is not a file: only what Python prints can be redirected
             pass
         else:
             sys.stdout.flush()
@@ -108,7 +108,7 @@ def json_alone(a: Namespace) -> Iterator[None]:
 
 
 def _put_back(a: Namespace, number: int) -> None:
-    """Standard output as it was before `json_alone`."""
+    """Restore standard output as it was before `json_alone`."""
     stream, a.stdout = a.stdout, sys.stdout
     try:
         stream.flush()

@@ -1,4 +1,4 @@
-"""The error for wrong usage of the command line, and the endings of reports."""
+"""The error for wrong usage of the command line, and the suffixes of reports."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ REPORTS = (".html", ".md", ".tex")
 
 
 class UsageError(Exception):
-    """Wrong words on the command line, or a file it names that is not as it must be; usage: the words a command takes."""
+    """Wrong words on the command line, or an unusable file among them; usage: the words that the command takes."""
 
     def __init__(self, message: str, usage: str = "") -> None:
         super().__init__(message)

@@ -1,8 +1,8 @@
-"""FILE: a user's Python file with a function scene(), of any name, and the messages for mistakes in it.
+"""FILE: a user's Python file with a function scene(); it may have any name. Also the messages for mistakes in it.
 
-It is run as multiprocessing runs the main file of a program in its workers: as the module `__mp_main__`. So its name replaces no
-module, its classes and functions can be sent to worker processes, which run it again, and what it keeps under
-`if __name__ == "__main__":` is left out.
+It is run as the module `__mp_main__`, as multiprocessing runs the main file of a program in its workers. So its name replaces no
+module, its classes and functions can be sent to worker processes, which run the file again, and its code under
+`if __name__ == "__main__":` is not run.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ EXAMPLE = ("add one that returns a mb.Scene:\n\n    def scene():\n        s = mb
 
 @contextmanager
 def user_file(file: str) -> Iterator[ModuleType]:
-    """FILE as a module, as the main file of this program while a command works; it may import its neighbours."""
+    """FILE as a module that is the main file of this program while a command works; it may import files beside it."""
     path, code = _compiled(file)
     module = ModuleType(NAME)
     module.__file__ = str(path)
     before, folder = dict(sys.modules), str(path.parent)
     sys.modules.update(dict.fromkeys(RUN_AS, module))
-    sys.path.append(folder)  # last, so that a random.py there replaces no module that others need
+    sys.path.append(folder)  # at the end, so that a random.py there replaces no module that others need
     try:
         with _mistakes_as_usage(file, path, f"'{file}' cannot be read"):
             exec(code, module.__dict__)
@@ -65,7 +65,7 @@ def scene_of(module: ModuleType, file: str) -> Any:
 
 
 def place_in(error: BaseException, file: str | None) -> str:
-    """ "line 3 of swing.py": the last line of FILE, or of a file beside it, that led to an error; nothing where none did."""
+    """ "line 3 of swing.py": the last line of FILE, or of a file beside it, that led to an error; empty where none did."""
     if not file:
         return ""
     try:
@@ -85,7 +85,7 @@ def place_in(error: BaseException, file: str | None) -> str:
 
 
 def _compiled(file: str) -> tuple[Path, Any]:
-    """Path and code of FILE."""
+    """Path and compiled code of FILE; UsageError where it cannot be read or compiled."""
     try:
         path = Path(file).resolve()
         if path.is_dir():
@@ -131,7 +131,7 @@ def _check_function(module: ModuleType, file: str) -> None:
         inspect.signature(found).bind()
     except TypeError as error:
         raise UsageError(f"scene() of '{file}' cannot be called without arguments: {error}; give them defaults") from None
-    except ValueError:  # a function without a signature
+    except ValueError:  # scene has no signature that Python can inspect
         pass
 
 
@@ -158,7 +158,7 @@ def _is_beside(module: Any, folder: Path) -> bool:
 
 
 def _is_own(path: Path, folder: Path) -> bool:
-    """Whether a file belongs to the user: it lies beside FILE or below, and is none of mbdae or of what is installed."""
+    """Whether a file belongs to the user: it is in the folder of FILE or below, and neither in mbdae nor installed."""
     own = Path(__file__).resolve().parents[1]
     inside = path.is_relative_to(folder) and not path.is_relative_to(own)
     return inside and not any(part in ("site-packages", "dist-packages") for part in path.parts)

@@ -1,4 +1,4 @@
-"""A comparison in progress: rows done, the reference, and what is needed to go on, stored in one JSON file after every run."""
+"""A comparison in progress: finished rows, the reference, and the data needed to continue, in one JSON file after every run."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from mbdae.values import BadValueError, number, whole
 
 @dataclass
 class State:
-    """What has been computed so far; reference_values: the values of the reference that are compared."""
+    """Results of a comparison so far; reference_values: the compared values of the reference."""
 
     reference: Reference | None = None
     reference_values: Array | None = None
     rows: list[Row] = field(default_factory=list)
     tightest_runs: dict[str, TightestRun] = field(default_factory=dict)
-    cpu_s: float = 0.0  #: CPU s in solver calls
-    total_cpu_s: float = 0.0  #: CPU s in all
+    cpu_s: float = 0.0  #: CPU time in solver calls, s
+    total_cpu_s: float = 0.0  #: CPU time of the whole comparison, s
 
 
 class Checkpoint(ResumeFile):
-    """The file of a comparison."""
+    """The JSON file of a comparison in progress."""
 
     kind, file_format = "comparison", "mbdae comparison in progress 1"
 
     def load(self) -> State:
-        """The state in the file; an empty one where there is no file."""
+        """The state stored in the file; an empty one where there is no file."""
         with self.stored() as data:
             if data is None:
                 return State()
@@ -48,7 +48,7 @@ class Checkpoint(ResumeFile):
             return State(reference, values, rows, tightest_runs, cpu, total)
 
     def save(self, state: State) -> None:
-        """Replace the file by the state."""
+        """Write the state, replacing the file."""
         if self.path is None:
             return
         finals = [{"label": run.label, "asked": run.asked, "rtol": run.rtol, "values": packed(run.values)}
@@ -61,13 +61,13 @@ class Checkpoint(ResumeFile):
 
 
 def packed(values: Array) -> dict[str, Any]:
-    """An array as plain data."""
+    """An array (float64) as plain data for JSON."""
     content = zlib.compress(np.ascontiguousarray(values, dtype="<f8").tobytes(), 1)
     return {"shape": list(np.shape(values)), "zlib_float64": base64.b64encode(content).decode("ascii")}
 
 
 def unpacked(stored: Any) -> Array:
-    """The array again; no more is unpacked than its shape says."""
+    """The array from its plain data; no more is decompressed than its shape requires. BadValueError where they do not fit."""
     shape = [whole(n, least=0) for n in stored["shape"]]
     content, size = base64.b64decode(stored["zlib_float64"], validate=True), 8 * math.prod(shape)
     if size > 2000 * len(content) + 64:

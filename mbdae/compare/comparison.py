@@ -29,14 +29,14 @@ from mbdae.sweep.writing import written
 from mbdae.values import number, option, sequence, several, shown
 
 ACCURACIES = (1e-3, 1e-4, 1e-5, 1e-6)
-MAX_WALL = 60.0  #: s of wall time per run
+MAX_WALL = 60.0  #: largest wall time of a run, s
 
 
 class Comparison(ComparisonData):
-    """A comparison with its table, its picture and its page."""
+    """A comparison of solvers, made by `mb.compare`, with its table, picture and page."""
 
     def to_html(self, path: Any = None) -> str:
-        """One self-contained HTML page with picture, tables and verdict, written to `path` where one is given."""
+        """One self-contained HTML page with picture, tables and verdict, also written to `path` where one is given."""
         return written(lambda: page(self), path)
 
     def table(self) -> str:
@@ -44,8 +44,8 @@ class Comparison(ComparisonData):
         return table(self)
 
     def plot(self, path: Any = None) -> Any:
-        """Error over CPU time and over residual evaluations; returns the matplotlib figure, saved where `path` (.png, .svg)
-        is given."""
+        """Error over CPU time and over residual evaluations, as a matplotlib figure, saved where `path` (.png, .svg, .pdf)
+        is given; OptionError for a path that cannot be used."""
         return work_precision(self, checked(path, what="compare") if path is not None else None)
 
     def __repr__(self) -> str:
@@ -62,13 +62,13 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver]
             accuracies: Sequence[float] = ACCURACIES, measure: str | None = None, reference: Any = None,
             max_wall: float | None = MAX_WALL,
             progress: Callable[[int, int, str], None] | None = None, resume: Any = None) -> Comparison:  # fmt: skip
-    """Run a scene (or a System) to t_end (s) by every run at every accuracy.
+    """Run a scene (or a System) to t_end (s) with every run at every accuracy; returns a `Comparison`.
 
-    runs: list of mb.Run, or of solvers (objects, classes, names); default IDA and Radau. measure: a sensor, "C.angle";
-    default the motion of the bodies. reference: a Result, or a function of the times that returns the measure; default a
-    tight Radau run that a second method confirms. max_wall: s of wall time per run. progress(done, total, label): called
+    runs: list of mb.Run, or of solvers (objects, classes, names); default IDA and Radau. measure: a sensor such as "C.angle";
+    default the motion of the bodies. reference: a Result, or a function of the times (nt,) that returns the measure; default a
+    tight Radau run that a second method confirms. max_wall: largest wall time of a run, s. progress(done, total, label): called
     before every run.
-    resume: a JSON file that stores every finished run; runs that an existing one holds are not repeated.
+    resume: a JSON file that stores every finished run; runs that it holds already are not repeated.
     """
     begin = time.process_time()
     asked = _checked_accuracies(accuracies)

@@ -1,4 +1,4 @@
-"""What a comparison measured: its rows, the reference of their errors, and what follows from both."""
+"""Data of a comparison: its rows, the reference of their errors, and what follows from both."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from mbdae.values import number, option
 
 @dataclass(frozen=True)
 class ComparisonData(ListsAttributes):
-    """Rows (one per solver run) with what they were measured against, and how far the runs are from each other."""
+    """Rows (one per solver run), the reference they were measured against, and differences between the runs."""
 
     scene: str
-    t_end: float  #: s
+    t_end: float  #: end time, s
     measure: str | None
-    what: str  #: what the error is
+    what: str  #: definition of the error, in words
     reference: Reference
     accuracies: tuple[float, ...]
     runs: tuple[Row, ...]
     pairwise: Pairwise
-    cpu_s: float  #: CPU s in all solver calls, repeats and reference included
-    total_cpu_s: float  #: CPU s of the whole comparison
+    cpu_s: float  #: CPU time in all solver calls, s, repeats and reference included
+    total_cpu_s: float  #: CPU time of the whole comparison, s
     environment: dict[str, str | int]
 
     @property
@@ -36,12 +36,12 @@ class ComparisonData(ListsAttributes):
         return tuple(row for row in self.runs if row.failure)
 
     def cheapest(self, accuracy: float) -> Row | None:
-        """The run that reached an error of at most `accuracy` in the least CPU time."""
+        """The run with an error of at most `accuracy` (unit of the measure) in the least CPU time; None where there is none."""
         return cheapest(self.runs, option("accuracy", accuracy, number, "give a positive number such as 1e-6", above=0))
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """For each accuracy wanted, the cheapest run that reached it, in words."""
+        """For each wanted accuracy the cheapest run that reached it, in words."""
         parts = []
         for wanted in self.accuracies:
             row = self.cheapest(wanted)
@@ -54,7 +54,7 @@ class ComparisonData(ListsAttributes):
 
     @property
     def verdict(self) -> str:
-        """One sentence: the cheapest run that reached each accuracy wanted."""
+        """One sentence: the cheapest run that reached each wanted accuracy."""
         return "Reached at least cost: " + "; ".join(self.choices) + "."
 
     @property
@@ -77,5 +77,5 @@ class ComparisonData(ListsAttributes):
         return dict(json.loads(json.dumps(data)))
 
     def to_json(self, path: Any = None) -> str:
-        """JSON text, written to `path` where one is given."""
+        """The data as JSON text, also written to `path` where one is given."""
         return as_json(self.to_dict(), path)

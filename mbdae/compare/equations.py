@@ -1,4 +1,4 @@
-"""The equations that runs share: a scene prepared once per joint model (or a System as given), assembled once per form."""
+"""The equations of a comparison: a scene prepared once per joint model (or a given System), assembled once per form."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from mbdae.system.prepare import Prepared
 
 @dataclass
 class Equations:
-    """A prepared scene, or a System; its systems by form."""
+    """A prepared scene, or a System, with its systems by form."""
 
     prepared: Prepared | None
     given: System | None = None
     systems: dict[Form | None, System] = field(default_factory=dict)
 
     def system(self, form: Form | None) -> System:
-        """The equations in a form, assembled and evaluated once so that the CPU time of runs includes no compilation."""
+        """The equations in a form, assembled and evaluated once, so that the CPU time of runs includes no compilation."""
         if form not in self.systems:
             self.systems[form] = self._assemble(form)
             warm(self.systems[form])
@@ -41,34 +41,34 @@ class Equations:
         return self.given
 
     def for_solver(self, form: Form | None, solver: Solver) -> System:
-        """The equations in the form, with its index reduced where the solver needs a lower one."""
+        """The equations in the form, with a lower index where the solver needs it."""
         if self.prepared is None:
             return self.system(form)
         own = form if form is not None else default_form(self.prepared, solver.highest_index)
         return self.system(own.for_index(solver.highest_index))
 
     def label_of(self, form: Form | None, solver: Solver) -> str:
-        """Label of the form that a solver takes, its default one where none is named."""
+        """Label of the form that a solver uses; of its default form where none is named."""
         takes_rates_alone = form is None and not solver.highest_index
         return (self.for_solver(form, solver) if takes_rates_alone else self.system(form)).label
 
     def sensor(self, solution: Solution, measure: str, times: Array) -> Array:
-        """(nt, ...) a sensor of a run."""
+        """Values (nt, ...) of a sensor of a run."""
         assert self.prepared is not None
         info = RunInfo(solution.solver, "", Accuracy(None, None), solution.stats)
         return Result(self.prepared, solution, info, times).read(measure)
 
     @property
     def recursive(self) -> tuple[int, int]:
-        """Numbers of joints that are recursive, and that were asked to be."""
+        """Number of joints that are recursive, and number of those asked to be."""
         if self.prepared is None:
             return 0, 0
         model = self.prepared.model
         return len(model.recursive), len(model.recursive) + len(model.stay_kinematic)
 
     def motion_as_in(self, other: Equations, t: Array, y: Array) -> Array:
-        """(nt, nq + nu) positions and velocities of the bodies from unknowns y (nt, n) at t, in the order `other` has them; 0 in
-        the places of coordinates of joints, which not all joint models have."""
+        """Positions and velocities (nt, nq + nu) of the bodies from unknowns y (nt, n) at t, in the order of `other`; 0 in
+        place of joint coordinates, which not all joint models have."""
         assert self.prepared is not None
         assert other.prepared is not None
         q, u, _ = self.prepared.states(t, y)
@@ -76,7 +76,7 @@ class Equations:
 
 
 def _columns(own: Prepared, wanted: Prepared) -> list[int]:
-    """Places, among the unknowns of `own`, of the unknowns of the bodies of `wanted`; -1 for coordinates of joints."""
+    """Indices, in the unknowns of `own`, of the body unknowns of `wanted`; -1 in place of joint coordinates."""
     twins = {node.body.name: node for node in own.model.nodes if node.body is not None}
     positions: list[int] = []
     velocities: list[int] = []
@@ -95,7 +95,7 @@ def _columns(own: Prepared, wanted: Prepared) -> list[int]:
 
 
 def warm(system: System) -> None:
-    """Call every function once: kernels compile and caches fill on first use."""
+    """Call every function of a system once, because kernels are compiled and caches filled at the first call."""
     y, yp, out = system.y0, system.yp0, np.empty(system.n)
     shape: Any = (system.n, system.n) if system.sparsity is None else (system.sparsity.nnz,)
     system.residual(system.t0, y, yp, out)

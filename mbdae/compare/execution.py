@@ -1,4 +1,4 @@
-"""The runs of a comparison, one after another, each stored as soon as it is done."""
+"""Execution of the runs of a comparison, one after another, each stored as soon as it is done."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ COUNTS = ("steps", "rejected", "residuals", "jacobians", "factorisations", "newt
 
 @dataclass
 class Execution:
-    """The runs of `queue` that have no row in `state` yet."""
+    """Executes the runs of `queue` that have no row in `state` yet."""
 
     problem: Problem
     split: Split
     queue: Sequence[tuple[Run, float | None]]
-    smallest: float  #: tightest accuracy asked
+    smallest: float  #: smallest of the accuracies asked
     state: State
     kept: Checkpoint
-    begin: float  #: process time at which the comparison began
+    begin: float  #: process time at which the comparison began, s
 
     def do(self, tell: Progress) -> None:
-        """Compute the reference and the rows that are missing; a KeyboardInterrupt says how many rows there are."""
+        """Compute the reference and the missing rows; a KeyboardInterrupt gets the number of finished rows as its message."""
         before = self.state.cpu_s, self.state.total_cpu_s
         try:
             self._do(tell, before)
@@ -70,7 +70,7 @@ class Execution:
 
 
 def measured(problem: Problem, run: Run, accuracy: float | None, reference: Any, split: Split) -> tuple[Row, Array | None]:
-    """One run: its row, and its values that are compared (None where it failed)."""
+    """Execute one run: its row, and its compared values (None where it failed)."""
     facts: dict[str, Any] = {**_labels(problem, run, None), "solver": run.solver.label, "accuracy": accuracy}
     spent = problem.spent
     try:
@@ -84,7 +84,7 @@ def measured(problem: Problem, run: Run, accuracy: float | None, reference: Any,
         return Row(**facts, cpu_s=problem.spent - spent, **counts(error.solution), failure=str(error)), None
     except (MbdaeError, np.linalg.LinAlgError) as error:
         return Row(**facts, failure=str(error)), None
-    except Exception as error:  # of a solver or law of a user's own: a row that says so, the other runs go on
+    except Exception as error:  # error in a user's own solver or law: recorded in its row, and the other runs continue
         return Row(**facts, cpu_s=problem.spent - spent, failure=f"{type(error).__name__}: {error}"), None
     error_now = problem.error(values, reference)
     if not np.isfinite(error_now):
@@ -95,7 +95,7 @@ def measured(problem: Problem, run: Run, accuracy: float | None, reference: Any,
 
 
 def _labels(problem: Problem, run: Run, equations: Equations | None) -> dict[str, Any]:
-    """Label, form and joint model of the equations of a run; of the run as asked where there are none yet."""
+    """Label, form and joint model of the equations of a run, or as the user asked where there are none yet."""
     form = run.form.label if run.form is not None else (equations or problem.stated).label_of(None, run.solver)
     now, asked = equations.recursive if equations is not None else (0, 0)
     part = f" ({now} of {asked} joints, the rest kinematic)" if run.models and now < asked else ""
@@ -104,7 +104,7 @@ def _labels(problem: Problem, run: Run, equations: Equations | None) -> dict[str
 
 
 def counts(solution: Solution | None) -> dict[str, Any]:
-    """Evaluations and memory of a run, as entries of a Row."""
+    """Numbers of evaluations and memory of a run, as entries of a Row."""
     stats = solution.stats if solution is not None else Stats()
     size = None if solution is None else int(solution.t.nbytes + solution.y.nbytes + solution.yp.nbytes)
     return {name: int(getattr(stats, name)) for name in COUNTS} | {"stored_bytes": size}

@@ -1,4 +1,4 @@
-"""Parts of the pages of comparisons and maps: each page is one file that needs no other, for a screen, a phone and paper."""
+"""Parts of the HTML pages of comparisons and maps: a page loads no other file and has layouts for screens, phones and print."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ dd { margin: 0; }
 
 
 def document(title: str, style: str, parts: Sequence[str], script: str = "") -> str:
-    """The whole page: its sections under a heading; style: rules beside STYLE."""
+    """The whole page: sections under a heading; style: CSS in addition to STYLE."""
     scripts = f"<script>{script}</script>\n" if script else ""
     return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
             f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
@@ -58,29 +58,29 @@ def section(name: str, title: str, content: str) -> str:
 
 
 def bullets(lines: Sequence[str]) -> str:
-    """A list of sentences."""
+    """An HTML list of sentences."""
     return "<ul>" + "".join(f"<li>{escape(line)}</li>\n" for line in lines) + "</ul>\n"
 
 
 def table(labelled_by: str, head: str, rows: Sequence[str], caption: str = "", attributes: str = "") -> str:
-    """A table that scrolls in its own box, by keyboard too; head and rows: HTML."""
+    """A table that scrolls in its own box, also by keyboard; head and rows: HTML."""
     captions = f"<caption>{escape(caption)}</caption>" if caption else ""
     return (f'<div class="scroll" role="region" aria-labelledby="{labelled_by}" tabindex="0"><table{attributes}>'
             f"{captions}<thead><tr>{head}</tr></thead>\n<tbody>\n{''.join(rows)}</tbody></table></div>\n")  # fmt: skip
 
 
 def row(label: str, cells: Sequence[str], attributes: str = "") -> str:
-    """A row with its label; cells: HTML."""
+    """A table row with its label; cells: HTML."""
     return f'<tr{attributes}><th scope="row">{escape(label)}</th>{"".join(cells)}</tr>\n'
 
 
 def headings(texts: Sequence[str]) -> str:
-    """The first row of a table."""
+    """The heading row of a table."""
     return "".join(f'<th scope="col">{escape(text)}</th>' for text in texts)
 
 
 def made_with(cpu: str, environment: Mapping[str, str | int]) -> str:
-    """The section that tells CPU time, versions and machine."""
+    """The section with CPU time, versions and machine."""
     entries = "".join(f"<dt>{escape(name)}</dt><dd>{escape(str(value))}</dd>"
                       for name, value in {"CPU time": cpu, **environment}.items())  # fmt: skip
     return section("made", "Made with", f"<dl>{entries}</dl>\n")

@@ -1,4 +1,4 @@
-"""The identity of a comparison as plain data: two comparisons are the same where these are equal."""
+"""The identity of a comparison as plain data: a stored comparison may be continued only where it is equal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mbdae.run.environment import environment
 from mbdae.scene.record import encode
 from mbdae.system.base import Array, System
 
-PROBES = 7  #: states at which the equations of a System are evaluated to recognise them
+PROBES = 7  #: number of states at which the equations of a System are evaluated to recognise them
 
 
 def identity(problem: Problem, runs: Sequence[Run], accuracies: Sequence[float], given: Array | None) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def _run(run: Run) -> dict[str, Any]:
 
 
 def _equations(system: System, t_end: float) -> dict[str, Any]:
-    """A System is functions, which cannot be written down: their values at fixed states identify them."""
+    """Values of a System at fixed states, which identify it because its functions cannot be stored."""
     out, values = np.empty(system.n), []
     for k in range(PROBES):
         wave = np.sin((1 + k) * (1.0 + np.arange(system.n)))

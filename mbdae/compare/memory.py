@@ -10,14 +10,14 @@ _STATUS, _RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 def reset_peak() -> bool:
     """Start a new measurement; False where the system does not offer one."""
     try:
-        _RESET.write_text("5")  # the kernel then counts the peak from the present size on
+        _RESET.write_text("5")  # the kernel then restarts the peak from the present size
     except OSError:
         return False
     return True
 
 
 def peak_bytes() -> int | None:
-    """Largest resident size of the process since the last `reset_peak`, bytes."""
+    """Largest resident size of the process since the last `reset_peak`, bytes; None where it is not measured."""
     try:
         lines = _STATUS.read_text(encoding="ascii").splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""A comparison as one HTML page that needs nothing else: picture, tables, verdict, where and with what it was made."""
+"""A comparison as one HTML page that loads no other file: picture, tables, verdict, versions and machine."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mbdae.compare.html import bullets, document, headings, made_with, row, sect
 from mbdae.compare.picture import inline_svg
 from mbdae.compare.table import COLUMNS, cells, failure_lines, pairwise_cells
 
-#: sorts a table by the column whose heading is pressed; numbers as numbers, what is unknown last
+#: sorts a table by the column whose heading is clicked, numbers by value and unknown ones last
 SCRIPT = """
 for (const button of document.querySelectorAll("th button")) {
   button.addEventListener("click", () => {

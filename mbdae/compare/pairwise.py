@@ -1,4 +1,4 @@
-"""Differences between all pairs of runs, each at its tightest accuracy; the reference is not involved."""
+"""Differences between all pairs of runs, each at its tightest accuracy; they do not depend on the reference."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from mbdae.system.base import Array
 
 @dataclass(frozen=True)
 class TightestRun:
-    """The finished run of a label with the tightest tolerance so far: accuracy asked, rtol, and the values compared."""
+    """The finished run of a label with the smallest tolerance so far: accuracy asked, rtol, and compared values."""
 
     label: str
     asked: str
     rtol: float | None
-    values: Array  #: (nt, ...)
+    values: Array  #: compared values (nt, ...)
 
 
 @dataclass(frozen=True)
 class Pairwise:
-    """Largest difference over the run of every pair, in the unit of the measure; `differences` is symmetric."""
+    """Largest difference over time of every pair of runs, in the unit of the measure; `differences` is symmetric."""
 
-    runs: tuple[str, ...]  #: label of each
-    asked: tuple[str, ...]  #: accuracy each was asked for
+    runs: tuple[str, ...]  #: label of each run
+    asked: tuple[str, ...]  #: accuracy that each run was asked for
     differences: tuple[tuple[float, ...], ...]
 
     @property
     def largest(self) -> tuple[float, str, str] | None:
-        """The largest difference and the two runs it is between; None where fewer than two runs finished."""
+        """The largest difference and the labels of its two runs; None where fewer than two runs finished."""
         pairs = [(d, self.runs[i], self.runs[j]) for i, row in enumerate(self.differences) for j, d in enumerate(row[:i])]
         return max(pairs) if pairs else None
 
@@ -43,14 +43,14 @@ class Pairwise:
 
 
 def tightest(tightest_runs: dict[str, TightestRun], row: Row, values: Array) -> None:
-    """Keep the values of a run where no tighter run of its label has been kept."""
+    """Store the values of a run unless those of a run with smaller tolerance and equal label are stored."""
     before = tightest_runs.get(row.label)
     if before is None or before.rtol is None or row.rtol is None or row.rtol <= before.rtol:
         tightest_runs[row.label] = TightestRun(row.label, asked_for(row.accuracy), row.rtol, values)
 
 
 def pairwise(tightest_runs: Sequence[TightestRun], error: Callable[[Array, Array], float]) -> Pairwise:
-    """All pairs of runs."""
+    """Differences of all pairs of runs."""
     n = len(tightest_runs)
     table = np.zeros((n, n))
     for i in range(n):

@@ -1,4 +1,4 @@
-"""Work-precision picture: error over CPU time and over residual evaluations, readable in grey; failures with their reasons."""
+"""Work-precision diagram: error over CPU time and over residual evaluations, readable in grey, with reasons of failed runs."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from mbdae.documents.formulas import escaped
 from mbdae.show.plots import COLOURS, style, written
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*", "d", "8")
-#: colours beyond those of other pictures: no two methods have the same one
+#: colours added to those of other pictures, so that no two methods have the same one
 FURTHER = ("#882255", "#999933", "#44AA99", "#661100", "#6699CC", "#AA4499", "#777777")
 PANELS = (("cpu_s", "CPU time [s]"), ("residuals", "residual evaluations"))
 FRONT = "filled: no other run is both cheaper in CPU time and more accurate, and the error is above the reference's uncertainty"
 BELOW = "below the reference's own uncertainty"
-LETTERS = 13.5  #: letters of small text per inch
+LETTERS = 13.5  #: number of letters of small text per inch
 
 
 def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -> Any:
@@ -49,7 +49,7 @@ def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -
 
 
 def inline_svg(w: ComparisonData, stacked: bool, title: str, name: str) -> str:
-    """The picture as an <svg> element for a page; title: its text for screen readers; ids begin with `name`."""
+    """The diagram as an <svg> element for a page; title: its text for screen readers; name: start of the ids in it."""
     import matplotlib
 
     out = io.StringIO()
@@ -69,14 +69,14 @@ def inline_svg(w: ComparisonData, stacked: bool, title: str, name: str) -> str:
 
 
 def _name(label: str, rows: Sequence[Row]) -> str:
-    """A run in the legend, with why it failed where it did."""
+    """Legend entry of a run, with the reasons where it failed."""
     reasons = list(dict.fromkeys(" ".join(row.failure.split()) for row in rows if row.failure))
     failed = sum(row.failure is not None for row in rows)
     return escaped(label + (f" ({failed} of {len(rows)} failed: {'; '.join(reasons)})" if failed else ""))
 
 
 def _legend_shape(names: list[str], width: float) -> tuple[int, list[str]]:
-    """Columns of the legend, and its entries wrapped to the figure's width in inches."""
+    """Number of legend columns, and legend entries wrapped to the figure's width (inch)."""
     room = int(width * LETTERS)
     columns = max(1, min(4, room // (max(map(len, names)) + 7)))
     return columns, ["\n".join(textwrap.wrap(name, room - 8)) for name in names]
@@ -92,7 +92,7 @@ def _line(axis: Any, rows: list[Row], work: str, i: int, name: str) -> None:
 
 
 def own_look(i: int) -> tuple[dict[str, Any], str]:
-    """Colour with dash, and marker, of method i: each of its own up to the fourteenth method, pairs of its own after that."""
+    """Colour with line style, and marker, of method i; both are unique up to the fourteenth method, their pair beyond."""
     colours = (*COLOURS, *FURTHER)
     return style(i) | {"color": colours[i % len(colours)]}, MARKERS[(i + i // len(colours)) % len(MARKERS)]
 
@@ -110,7 +110,7 @@ def _dress(axis: Any, w: ComparisonData, title: str) -> None:
 
 
 def _ticks(axis: Any) -> None:
-    """Plain numbers at 1, 2, 5 of every decade, or at the decades alone where there are many."""
+    """Label the ticks 1, 2 and 5 of every decade with plain numbers, or only the decades where there are many."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axis.get_xlim()

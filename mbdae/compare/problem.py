@@ -1,4 +1,4 @@
-"""What all runs of a comparison share: equations by joint model, the time grid, the measure and the CPU time spent."""
+"""Data common to all runs of a comparison: equations by joint model, time grid, measure, and CPU time spent."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from mbdae.system.distance import motion_distance
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.values import number, optional, shown, text
 
-GRID = 1001  #: times at which trajectories are compared
-SHORT = 0.5  #: s; shorter runs are timed twice
-FEW = 10  #: joints of a scene up to which the classical model is among the default runs
+GRID = 1001  #: number of times at which trajectories are compared
+SHORT = 0.5  #: runs shorter than this (s of CPU time) are timed twice
+FEW = 10  #: largest number of joints for which the classical model is among the default runs
 WHOLE_SCENE = "motion of the bodies: positions over the scene's length, angles in rad, velocities over the largest typical speed"
 WHOLE_SYSTEM = "every unknown but multipliers, over its scale"
 
 
 @dataclass(frozen=True)
 class Timed:
-    """A finished run with the least CPU s of its repeats, their spread, and the process's peak memory in bytes."""
+    """A finished run: least CPU time of its repeats (s), their spread (s), and peak memory of the process (bytes)."""
 
     solution: Solution
     cpu_s: float
@@ -48,7 +48,7 @@ class Timed:
 
 @dataclass
 class Problem:
-    """A scene (or a System), run to t_end s by many solvers; `stated` are its equations with the joint models of the user."""
+    """A scene (or a System) that many solvers run to t_end (s); `stated`: its equations with the user's joint models."""
 
     scene: SceneData | None
     stated: Equations
@@ -56,7 +56,7 @@ class Problem:
     measure: str | None
     max_wall: float | None
     variants: dict[str, Equations | MbdaeError] = field(default_factory=dict)
-    spent: float = 0.0  #: CPU s inside solver calls, repeats included
+    spent: float = 0.0  #: CPU time in solver calls, s, repeats included
 
     @property
     def name(self) -> str:
@@ -65,7 +65,7 @@ class Problem:
 
     @property
     def what(self) -> str:
-        """What the error is, in words with its unit."""
+        """Definition of the error in words, with its unit."""
         if self.measure is None:
             return WHOLE_SCENE if self.scene is not None else WHOLE_SYSTEM
         unit = measured(self.scene, self.measure)[1]
@@ -73,12 +73,12 @@ class Problem:
 
     @property
     def times(self) -> Array:
-        """(nt,) s at which trajectories are compared."""
+        """Times (nt,), s, at which trajectories are compared."""
         return np.linspace(self.system(None).t0, self.t_end, GRID)
 
     @property
     def constrained(self) -> bool:
-        """Whether a scene has constraints (so that index 3 exists)."""
+        """Whether a scene has constraint rows, so that there is an index-3 form."""
         return self.stated.prepared is not None and bool(self.stated.prepared.rows)
 
     @property
@@ -91,8 +91,8 @@ class Problem:
 
     @property
     def other_models(self) -> dict[JointModel, bool]:
-        """Joint models beside what the scene states, and whether they leave an ODE; the classical one where joints are few
-        enough to make that cheap."""
+        """Further joint models to compare, each with whether it gives an ODE; the classical one only for few joints, where
+        it is cheap."""
         joints = [c for c in self.scene.joints if c.has_models] if self.scene is not None else []
         stated = {c.model for c in joints}
         found: dict[JointModel, bool] = {}
@@ -104,11 +104,11 @@ class Problem:
         return found
 
     def system(self, form: Form | None) -> System:
-        """The equations as stated, in a form."""
+        """The equations with the joint models of the scene, in a form."""
         return self.stated.system(form)
 
     def equations(self, run: Run) -> Equations:
-        """The equations with the joint models of a run, prepared once; an error of the preparation is raised every time."""
+        """The equations with the joint models of a run, prepared once; an error of the preparation is raised at every call."""
         found = self._found(run)
         if isinstance(found, MbdaeError):
             raise found
@@ -134,7 +134,7 @@ class Problem:
 
     @cached_property
     def yardstick(self) -> Equations:
-        """Equations in whose unknowns runs are compared: positions and velocities of the bodies, which all joint models have."""
+        """Equations whose unknowns are compared: positions and velocities of the bodies, which all joint models have."""
         joints = self.scene.joints if self.scene is not None else []
         own = [c.name for c in joints if c.kept and not isinstance(c.model, Kinematic)]
         if self.scene is None or not own:
@@ -142,14 +142,14 @@ class Problem:
         return Equations(prepare(self.scene.replace(*own, model=Kinematic()), t_end=self.t_end))
 
     def solve(self, solver: Solver, form: Form | None, equations: Equations | None = None, repeat: bool = True) -> Timed:
-        """Run a solver; short runs twice, for the least CPU time."""
+        """Execute a run; a short one twice, to take the smaller CPU time."""
         system, seconds = (equations or self.stated).for_solver(form, solver), []
         told = reset_peak()
         for _ in range(2 if repeat else 1):
             begin = time.process_time()
             try:
                 with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", AccuracyWarning)  # the error is measured here
+                    warnings.simplefilter("ignore", AccuracyWarning)  # the error is measured against the reference instead
                     solution = solver.solve(system, self.t_end, max_wall=self.max_wall)
             finally:
                 seconds.append(time.process_time() - begin)
@@ -160,8 +160,8 @@ class Problem:
         return Timed(solution, min(seconds), spread, peak_bytes() if told else None)
 
     def values(self, solution: Solution, equations: Equations | None = None, times: Array | None = None) -> Array:
-        """What is compared, (nt, ...) at times (nt,), by default `times`: the sensor, or the positions and velocities (all
-        unknowns of a System)."""
+        """Compared values (nt, ...) at times (nt,), by default `times`: the sensor, else positions and velocities of the bodies
+        (of a System all unknowns)."""
         own, t = equations or self.stated, self.times if times is None else times
         if self.scene is None:
             return solution(t)
@@ -170,7 +170,7 @@ class Problem:
         return own.motion_as_in(self.yardstick, t, solution(t))
 
     def error(self, values: Any, reference: Any) -> float:
-        """Largest difference over the run."""
+        """Largest difference over time between compared values."""
         if self.measure is None:
             prepared = self.yardstick.prepared
             if prepared is None:
@@ -192,7 +192,7 @@ SECONDS = "give a positive number of seconds of wall time, or None"
 
 
 def new_problem(scene: Any, t_end: Any, measure: Any, max_wall: Any) -> Problem:
-    """The problem of a scene or a System, its options checked."""
+    """The problem of a scene or a System, with its options checked; OptionError for wrong ones."""
     given = scene if isinstance(scene, System) else None
     if given is None and not isinstance(scene, SceneData):
         raise OptionError(f"scene = {shown(scene)}: give a mb.Scene or a System such as mb.DAE")
@@ -210,7 +210,7 @@ def new_problem(scene: Any, t_end: Any, measure: Any, max_wall: Any) -> Problem:
 
 
 def refuse_unknown(prepared: Prepared, sensor: str) -> None:
-    """Refuse a measure that is no sensor of a scene, or no number, before anything is solved."""
+    """Refuse, before anything is solved, a measure that is no sensor of the scene or has no numeric values."""
     try:
         numbers(started(prepared), sensor)
     except (SceneError, OptionError) as error:

@@ -16,14 +16,14 @@ from mbdae.results.result import Result
 from mbdae.system.base import Array
 from mbdae.values import array, function, option
 
-TIGHTER = 100.0  #: the smallest accuracy asked, over that of the reference
-CONFIRM = 10.0  #: the smallest accuracy asked, over that of the second method
+TIGHTER = 100.0  #: ratio of the smallest accuracy asked to that of the reference
+CONFIRM = 10.0  #: ratio of the smallest accuracy asked to that of the second method
 FLOOR = 1e-11
 
 
 @dataclass(frozen=True)
 class Reference:
-    """The run that errors are measured against. `difference`: of the second method to it, in the unit of the measure."""
+    """The run against which errors are measured. `difference`: of the second method from it, in the unit of the measure."""
 
     label: str
     accuracy: float | None
@@ -35,7 +35,7 @@ class Reference:
 
     @property
     def trusted(self) -> bool:
-        """Whether it was given by the user, or confirmed to a third of the smallest accuracy."""
+        """Whether the user gave it, or a second method confirmed it to a third of the smallest accuracy."""
         return self.note is None
 
     def __str__(self) -> str:
@@ -44,14 +44,14 @@ class Reference:
 
 
 def refuse_no_reference(given: Any) -> None:
-    """Raise OptionError for what is no reference."""
+    """OptionError where `given` is neither None, a Result nor a function of the times."""
     if given is not None and not isinstance(given, Result):
         option("reference", given, function, "give a Result, a function of the times (nt,), or None to have one computed",
                takes="times")  # fmt: skip
 
 
 def given_reference(problem: Problem, given: Any) -> tuple[Reference, Any]:
-    """A reference the user brought: a Result of the same scene, or values of the measure as a function of time."""
+    """A reference given by the user: a Result of the same scene, or values of the measure as a function of time."""
     if isinstance(given, Result):
         return _given_result(problem, given)
     if problem.measure is None:
@@ -75,7 +75,7 @@ def _given_result(problem: Problem, given: Result) -> tuple[Reference, Any]:
 
 
 def computed_reference(problem: Problem, smallest: float) -> tuple[Reference, Any]:
-    """The tightest Radau run and its values; the difference of a second method is its uncertainty."""
+    """The tightest Radau run and its values; its difference from a second method is its uncertainty."""
     system = problem.system(None)
     solver = _radau(problem, max(smallest / TIGHTER, FLOOR))
     run = problem.solve(solver, problem.resolving, repeat=False)
@@ -102,8 +102,8 @@ def computed_reference(problem: Problem, smallest: float) -> tuple[Reference, An
 
 def _of_the_nearest(problem: Problem, first: Reference, made: Sequence[tuple[str, int | None, float | None, Any]]
                     ) -> tuple[Reference, Any]:  # fmt: skip
-    """Where no second run confirms the first: of the two runs that are nearest to each other the one made earlier, whose
-    uncertainty is their difference."""
+    """Used where no second run confirms the first: of the two runs with the smallest difference the one made earlier, with that
+    difference as its uncertainty."""
     pairs = [(problem.error(made[j][-1], made[i][-1]), i, j) for j in range(len(made)) for i in range(j)]
     gap, i, j = min(pairs)
     name, steps, cpu, values = made[i]
@@ -118,7 +118,7 @@ def _radau(problem: Problem, accuracy: float) -> Solver:
 
 
 def _seconds(problem: Problem, smallest: float) -> list[Solver]:
-    """Second methods in the order in which they are tried, at tighter tolerances where their own error may be the difference."""
+    """Second methods in the order in which they are tried, tighter where their own error may be the difference."""
     from mbdae.integrators.runge_kutta.radau import RadauIIA
     from mbdae.integrators.sundials.ida import IDA
 
@@ -130,7 +130,7 @@ def _seconds(problem: Problem, smallest: float) -> list[Solver]:
 
 
 def as_tight(solver: Solver, accuracy: float, form_label: str) -> Solver:
-    """The solver at an accuracy, or at its tightest tolerance where round-off does not allow it."""
+    """The solver at an accuracy, or at its smallest tolerance where round-off does not allow that accuracy."""
     try:
         return solver.at_accuracy(accuracy, form_label)
     except OptionError:

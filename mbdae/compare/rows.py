@@ -1,4 +1,4 @@
-"""One row per solver run: the single source of table, picture and JSON."""
+"""One row per solver run, from which table, picture and JSON are made."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 
 @dataclass(frozen=True)
 class Row:
-    """One solver run. `error` in the unit of the measure, `cpu_s` and `cpu_spread_s` s of CPU; None where unknown.
+    """One solver run. `error` in the unit of the measure, `cpu_s` and `cpu_spread_s` in s of CPU time; None where unknown.
 
-    cpu_s: of the solver's call alone. Of a scene besides, in a process in which nothing is made yet: derive_s (laws and their
-    derivatives), compile_s (kernels), start_s (start, rank and the equations of the whole scene); companions_s: the runs by which
-    `simulate` estimates the error of this one; judgement_s: its warnings and what it looks at after the run.
-    accuracy, rtol: asked of the solver, None where its step is constant; stored_bytes: size of the accepted steps kept
+    cpu_s: of the solver's call alone. For a scene there are also, measured in a process with empty caches: derive_s (laws and
+    their derivatives), compile_s (kernels), start_s (start, rank and equations of the scene); companions_s: the runs by which
+    `simulate` estimates the error of this one; judgement_s: warnings and checks after the run.
+    accuracy, rtol: asked of the solver, None where its step is constant; stored_bytes: size of the stored accepted steps
     (t, y, y'), most of the memory of a finished run; peak_bytes: largest resident size of the whole process during the run,
-    None where the system does not measure it; failure: why it did not finish; pareto: no other run was at least as accurate
-    and as cheap, and its error is above the uncertainty of the reference.
+    None where the system does not measure it; failure: why it did not finish; pareto: whether no other run was at least as
+    accurate and as cheap, and the error is above the uncertainty of the reference.
     """
 
     label: str
@@ -46,12 +46,12 @@ class Row:
 
     @property
     def measured(self) -> tuple[float, float] | None:
-        """Error and CPU s, or None for a run that did not finish."""
+        """Error and CPU time (s); None for a run that did not finish."""
         return (self.error, self.cpu_s) if self.error is not None and self.cpu_s is not None and not self.failure else None
 
 
 def with_front(rows: Sequence[Row], uncertainty: float = 0.0) -> tuple[Row, ...]:
-    """The rows with the Pareto front of error and CPU time marked, as far as errors are above the reference's uncertainty."""
+    """The rows with the Pareto front of error and CPU time marked; errors below the reference's uncertainty are not on it."""
     return tuple(replace(row, pareto=_undominated(row, rows, uncertainty)) for row in rows)
 
 
@@ -66,11 +66,11 @@ def _undominated(row: Row, rows: Sequence[Row], uncertainty: float) -> bool:
 
 
 def cheapest(rows: Sequence[Row], wanted: float) -> Row | None:
-    """The run with the least CPU time among those whose error is at most `wanted`."""
+    """The run with the least CPU time among those whose error is at most `wanted`; None where there is none."""
     reached = [(r.measured[1], i) for i, r in enumerate(rows) if r.measured is not None and r.measured[0] <= wanted]
     return rows[min(reached)[1]] if reached else None
 
 
 def asked_for(accuracy: float | None) -> str:
-    """The accuracy asked of a run, as text."""
+    """The accuracy asked of a run, in words."""
     return "its own setting" if accuracy is None else f"{accuracy:.0e}"

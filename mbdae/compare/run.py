@@ -1,4 +1,4 @@
-"""What is compared: a solver on a form, with a joint model."""
+"""A run of a comparison: a solver with a form and a joint model."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from mbdae.scene.components import JointModel
 from mbdae.system.base import System
 from mbdae.values import function, option, optional, sequence, set_option, shown, text
 
-#: options that a label leaves out: they have a column of the table, or are part of the solver's name
+#: options that a label omits, because they have a column of the table or are part of the solver's name
 TOLD_ELSEWHERE = ("rtol", "stages", "method")
 
 
 @dataclass(frozen=True)
 class Run:
-    """A solver on a form (None: the scene's default), with a joint model (None: as the scene states it).
+    """A solver with a form (None: the scene's default) and a joint model (None: as the scene states it).
 
-    model: one joint model for all revolute and prismatic joints (mb.Recursive(): for a spanning tree of them, as
+    model: one joint model for all joints that have models (mb.Recursive(): for a spanning tree of them, as
     `Scene.recursive` chooses it, the rest kinematic), or {name of a joint: its model}. A solver without a tolerance or
     step of its own is run once for every accuracy, one with such a setting once. Solver and form may be given as a class or
-    by name, such as mb.IDA, "radau3", "ggl".
+    by name, such as mb.IDA, "radau3", "ggl". Raises OptionError for anything else.
     """
 
     solver: Solver
@@ -46,30 +46,30 @@ class Run:
 
     @property
     def models(self) -> dict[str, JointModel]:
-        """Model by name of a joint; the name "" stands for all of them."""
+        """Joint model by name of a joint; the name "" stands for all joints."""
         if self.model is None:
             return {}
         return {"": self.model} if isinstance(self.model, JointModel) else dict(self.model)
 
     @property
     def model_label(self) -> str | None:
-        """The models in words; None where the scene's own are used."""
+        """The joint models in words; None where those of the scene are used."""
         told = {name: described(m, type(m).__name__) for name, m in self.models.items()}
         return ", ".join(f"{name}: {m}" if name else m for name, m in told.items()) or None
 
     @property
     def as_it_is(self) -> bool:
-        """Whether the solver brings its own tolerance or step."""
+        """Whether the solver has a tolerance or step of its own."""
         return self.solver.fixed or self.solver.rtol is not None
 
     def own_accuracy(self, form_label: str) -> float | None:
-        """The accuracy the solver's own tolerance stands for; None where it has none."""
+        """The accuracy that corresponds to the solver's own tolerance; None where it has none."""
         if self.solver.fixed or self.solver.rtol is None:
             return None
         return self.solver.rtol / self.solver.factor(self.form.label if self.form else form_label)
 
     def name(self, form_label: str) -> str:
-        """Label for tables: what the user gave, or solver, form, model and every option that differs from its default."""
+        """Label for tables: the user's, or solver, form, model and every option that differs from its default."""
         own = [described(self.solver, self.solver.label), described(self.form, form_label), self.model_label]
         return self.label or " ".join(part for part in own if part)
 
@@ -81,7 +81,7 @@ def _is_model(model: Any) -> bool:
 
 
 def described(choice: Any, name: str) -> str:
-    """`name` with the options of a frozen dataclass that differ from their defaults."""
+    """`name` followed by the options of a frozen dataclass that differ from their defaults."""
     if choice is None:
         return name
     told = [(f, getattr(choice, f.name)) for f in fields(choice) if f.name not in TOLD_ELSEWHERE]
@@ -91,10 +91,10 @@ def described(choice: Any, name: str) -> str:
 
 def default_runs(constrained: bool, system: System | None = None, others: Mapping[JointModel, bool] | None = None,
                  resolving: Form | None = None) -> list[Run]:  # fmt: skip
-    """IDA and Radau side by side; index 3 and 1 for Radau where there are constraints, IDA only up to index 1, CVODE and
+    """IDA and Radau; with constraints Radau in index 3 and 1 too, IDA in index 1 at most, CVODE and
     DOP853 where there is a right-hand side.
 
-    others: joint models that are compared beside what the scene states, and whether they leave an ODE. resolving: for a scene
+    others: joint models to compare besides the stated ones, each with whether it gives an ODE. resolving: for a scene
     with beams, the form that resolves their vibrations; BDF and Adams, which take very many steps for them, are left out."""
     from mbdae.integrators.runge_kutta.dop853 import DOP853
     from mbdae.integrators.runge_kutta.radau import RadauIIA
@@ -117,7 +117,7 @@ def default_runs(constrained: bool, system: System | None = None, others: Mappin
 
 
 def checked_runs(runs: Any) -> list[Run]:
-    """The runs as a list; a solver alone stands for a run on the default form."""
+    """The checked runs as a list; a solver becomes a run with the default form."""
     remedy = "give a list of mb.Run, such as [mb.Run(mb.IDA()), mb.Run(mb.RadauIIA(3))]"
     given = option("runs", runs, sequence, remedy, each=lambda run: run)
     if not given:
@@ -127,7 +127,7 @@ def checked_runs(runs: Any) -> list[Run]:
 
 
 def progress_of_runs(progress: Any) -> Callable[[int, int, str], None]:
-    """The function called before every run; one that does nothing where there is none."""
+    """The function called before every run; where none is given, one without effect."""
     remedy = "give a function progress(done, total, label), or None"
     given = optional("progress", progress, function, remedy, takes="done, total, label")
     return given or (lambda done, total, label: None)

@@ -1,4 +1,4 @@
-"""Where the CPU time of a row goes beside the solver's call."""
+"""CPU time of the parts of a run outside the solver's call."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from mbdae.run.job import Job
 from mbdae.system.prepare import prepare
 from mbdae.system.scene_system import SceneSystem
 
-OUTPUTS = 201  #: times of a result, as `simulate` has by default
+OUTPUTS = 201  #: number of output times of a result, the default of `simulate`
 
 
 @dataclass
 class Split:
-    """The parts of the rows of a problem; those of equal equations are measured once."""
+    """Measures the parts of the rows of a problem, once for equal equations."""
 
     problem: Problem
     _known: dict[tuple[str, str, int], dict[str, float]] = field(default_factory=dict)
 
     def of(self, run: Run, solver: Solver, solution: Solution, equations: Equations) -> dict[str, float | None]:
-        """The parts of a row by the names that it has for them; of a System none are known."""
+        """CPU times of the parts, by the names of Row; empty for a System."""
         if equations.prepared is None or self.problem.scene is None:
             return {}
         asked = run.form if run.form is not None else default_form(equations.prepared, solver.highest_index)
@@ -45,14 +45,14 @@ class Split:
         return {**self._known[key], "companions_s": companions, "judgement_s": judgement}
 
     def _made(self, run: Run, form: Form, solver: Solver) -> dict[str, float]:
-        """CPU s from the scene to equations that are ready, where nothing is made yet."""
+        """CPU time from the scene to finished equations with empty caches, s."""
         with cold(), measured() as spent:
             scene = with_models(self.problem.scene, run)
             warm(system_for(prepare(scene, t_end=self.problem.t_end), form))
         return {"derive_s": spent.get("derive", 0.0), "compile_s": spent.get("compile", 0.0), "start_s": spent["other"]}
 
     def _after(self, form: Form, solver: Solver, solution: Solution, equations: Equations) -> tuple[float | None, float | None]:
-        """CPU s of the companions that `simulate` would run, and of its judgement; None where one fails."""
+        """CPU times (s) of the companion runs of `simulate`, and of its checks after the run; None where one fails."""
         prepared, end = equations.prepared, self.problem.t_end
         assert prepared is not None
         asked = Asked(end, max_wall=self.problem.max_wall)

@@ -1,4 +1,4 @@
-"""A comparison as plain text; its page shows the same cells."""
+"""A comparison as plain text, with the cells that its page shows too."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from mbdae.compare.data import ComparisonData
 from mbdae.compare.rows import Row
 
-WIDTH = 128  #: letters per line of sentences; the grid may be wider
+WIDTH = 128  #: largest number of letters per line of sentences; the grid may be wider
 MARKS = ("*", "failed")
 PARTS = {"derive": "to derive the laws, in a new process", "compile": "to compile their kernels there",
          "start": "of start, rank and equations of the scene there", "compan.": "of the runs that would estimate its error",
-         "judge": "of its warnings and what is looked at after the run"}  # fmt: skip
-#: heading of each column, and what it means
+         "judge": "of its warnings and the checks after the run"}  # fmt: skip
+#: heading and meaning of each column
 COLUMNS = {
     "run": "solver, form, joint model and options that differ from their defaults",
     "asked": "accuracy asked of the solver",
@@ -35,7 +35,7 @@ COLUMNS = {
 
 
 def table(w: ComparisonData) -> str:
-    """Heading, one line per run, failures with their reasons, pairwise differences, verdict."""
+    """The comparison as text: heading, one line per run, failures with reasons, pairwise differences, verdict."""
     lines = [f"scene '{w.scene}' to t = {w.t_end:g} s", f"error: {w.what}", f"reference: {w.reference}", ""]
     lines += grid([tuple(COLUMNS), *(cells(row) for row in w.runs)])
     front = "* no other run is both cheaper and more accurate, and its error is above the uncertainty of the reference"
@@ -52,7 +52,7 @@ def _wrapped(line: str) -> list[str]:
 
 
 def grid(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of cells, the first column to the left, the others to the right."""
+    """Lines of cells, the first column aligned left, the others right."""
     if not rows:
         return []
     widths = [max(len(row[j]) for row in rows) for j in range(len(rows[0]))]
@@ -64,7 +64,7 @@ def grid(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def failure_lines(failures: Sequence[Row]) -> list[str]:
-    """Accuracies asked, by run and reason: one line per reason."""
+    """One line for each run and reason of failure, with the accuracies asked."""
     reasons: dict[tuple[str, str], list[str]] = {}
     for row in failures:
         reasons.setdefault((row.label, " ".join((row.failure or "").split())), []).append(_number(row.accuracy, ".0e"))
@@ -72,7 +72,7 @@ def failure_lines(failures: Sequence[Row]) -> list[str]:
 
 
 def pairwise_cells(w: ComparisonData) -> list[tuple[str, ...]]:
-    """Heading and lower triangle of the differences between the tightest runs; nothing for fewer than two."""
+    """Heading and lower triangle of the differences between the tightest runs; empty for fewer than two."""
     p = w.pairwise
     if len(p.runs) < 2:
         return []
@@ -84,14 +84,14 @@ def pairwise_cells(w: ComparisonData) -> list[tuple[str, ...]]:
 
 
 def environment_line(w: ComparisonData) -> str:
-    """CPU time spent, versions and machine."""
+    """Sentence on CPU time spent, versions and machine."""
     versions = ", ".join(f"{name} {value}" for name, value in w.environment.items() if name not in ("machine", "cpus"))
     return (f"{w.total_cpu_s:.1f} s of CPU time, {w.cpu_s:.1f} s of it in solvers; {versions}; "
             f"{w.environment['machine']}, {w.environment['cpus']} CPUs")  # fmt: skip
 
 
 def cells(row: Row) -> tuple[str, ...]:
-    """One run as texts, in the order of COLUMNS."""
+    """The cells of one run, in the order of COLUMNS."""
     counts = (row.steps, row.rejected, row.residuals, row.jacobians, row.factorisations, row.newton_iterations)
     mark = "failed" if row.failure else "*" if row.pareto else ""
     parts = (row.derive_s, row.compile_s, row.start_s, row.companions_s, row.judgement_s)

@@ -21,13 +21,13 @@ from mbdae.symbolic.vectors import ZERO, Expr
 from mbdae.system.base import Array
 from mbdae.system.model.rotations import turned
 
-POINTS = 4  #: random states of every variant
-STEP = 1e-30  #: of the complex step
-Measured = tuple[str, float]  #: entry and its relative error
+POINTS = 4  #: number of random states of every variant
+STEP = 1e-30  #: imaginary increment of the complex-step derivative
+Measured = tuple[str, float]  #: name of an entry and its relative error
 
 
 def statement(d: Derived) -> list[tuple[Target, Expr]]:
-    """The law as stated: V, R, force, torque, the point of l, what its thrust measures, and the thrust."""
+    """The law as stated: energy V, dissipation function R, force, torque, point of l, length a thrust acts on, the thrust."""
     v, law, zero = d.variation, d.law, se.Integer(0)
     if isinstance(law, Force):
         wrench, thrust = law.wrench(*d.sides), law.thrust(*d.sides)
@@ -53,7 +53,7 @@ def scalars(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def branches(d: Derived) -> list[tuple[Target, Expr]]:
-    """What must be positive, where the rows alone admit a second solution."""
+    """Expressions that must be positive, because the constraint rows alone admit a second solution."""
     v, oriented = d.variation, all(f.kind.oriented for f in d.sides)
     found = d.law.positives(*d.sides) if oriented else {}
     return [(("positive", name), v.resolve(v.name(e))) for name, e in found.items()]
@@ -139,11 +139,11 @@ class Case:
 
     @cached_property
     def on_manifold(self) -> Values:
-        """States near the drawn position at which the rows of a joint vanish and what must be positive is so."""
+        """States near the drawn position at which the rows of a joint vanish and its `positives` are positive."""
         values = self.solved(self.states.near)
         meant = np.all(np.abs(self.rows(values)[0]) < 1e-12, axis=1)
         if self._branches.targets:
-            with np.errstate(invalid="ignore", divide="ignore"):  # points that were led to where the law is not defined
+            with np.errstate(invalid="ignore", divide="ignore"):  # the law may be undefined where Gauss-Newton led
                 positive = self._branches.kernel.oracle(columns(self._branches.all_inputs.symbols, values)).real
             meant &= np.all(positive > 0, axis=1)
         chosen = np.flatnonzero(meant)[:POINTS] if meant.any() else np.arange(POINTS)
@@ -162,7 +162,7 @@ class Case:
         points = len(next(iter(values.values())))
         found = np.zeros((points, 0))
         if self._rows.targets:
-            with np.errstate(invalid="ignore", divide="ignore"):  # on the way to a solution rows may be not defined
+            with np.errstate(invalid="ignore", divide="ignore"):  # before they are solved, rows may be undefined
                 found = self._rows.kernel.oracle(columns(self._rows.all_inputs.symbols, values)).real
         places = [(f.side, i) for f in self.d.frames for i in range(f.kind.sizes[1])]
         count = len(self.d.rows)
@@ -202,7 +202,7 @@ class Case:
 
 def compared(names: list[str], got: NDArray[Any], wanted: NDArray[Any]) -> Iterator[Measured]:
     """Largest difference of every column over the points, relative to the largest value wanted (at least 1)."""
-    if got.size:  # none, or at no point
+    if got.size:  # there may be no outputs, or no points
         difference = np.max(np.abs(got - wanted), axis=0) / max(1.0, float(np.max(np.abs(wanted))))
         yield from zip(names, np.where(np.isnan(difference), np.inf, difference).tolist(), strict=True)
 

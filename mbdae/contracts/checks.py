@@ -32,19 +32,19 @@ BOUNDS = {
 
 
 def table(case: Case, outputs: Outputs, values: Values) -> dict[str, NDArray[Any]]:
-    """Outputs with names of one word."""
+    """Outputs (points,) by name, of a group whose targets are one word each."""
     out = case.evaluate(outputs, values)
     return {t[0]: out[:, i] for i, t in enumerate(case.targets(outputs))}
 
 
 def covector(case: Case, values: Values) -> dict[tuple[str, int], Array]:
-    """Rows of the dynamics by side and column."""
+    """Generalised forces (points,) by side and index of the velocity."""
     out = case.evaluate(dynamics, values)
     return {(t[1], t[2]): out[:, i].real for i, t in enumerate(case.targets(dynamics))}
 
 
 def power_on(case: Case, F: dict[tuple[str, int], Array], u: dict[str, Array]) -> Array:
-    """(points,) covector . velocity."""
+    """Power (points,) of generalised forces F at velocities u."""
     count = len(next(iter(u.values())))
     return sum((F[side, i] * u[side][:, i] for side, i in F), np.zeros(count))
 
@@ -187,7 +187,7 @@ def _moved_multipliers(case: Case, values: Values) -> Values:
     d, m = case.d, len(case.d.rows)
     many = {name: np.tile(value, m) for name, value in values.items()}
     many |= {str(s): case.rng.normal(size=many[str(s)].shape) for f in d.frames for s in f.u}
-    speeds = []  # of the rows (points, velocities, rows), before and after
+    speeds = []  # rates of the rows (points, velocities, rows), before and after
     for state in (many, rigidly_moved(d, many, np.random.default_rng(30))):
         still = state | {str(s): np.zeros_like(state[str(s)]) for f in d.frames for s in f.u}
         moving = case.evaluate(velocity, state).real - case.evaluate(velocity, still).real
@@ -213,7 +213,7 @@ def power(case: Case) -> Iterator[Measured]:
         expected = expected + np.sum(_row_forces(case) * case.slope(position, case.u), axis=1)
     yield from compared(["balance"], got[:, None], expected[:, None])
     dissipated = parts.get("dissipated", zero)
-    if "losses" in parts:  # by cause: they show a velocity that is not that of the forces
+    if "losses" in parts:  # their sum differs where they use another velocity than the forces
         yield from compared(["losses by cause"], parts["losses"][:, None], dissipated[:, None])
     if d.states:  # a state may hold energy and give it back
         return

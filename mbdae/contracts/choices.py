@@ -18,7 +18,7 @@ from mbdae.values import shown
 Choice = dict[str, Any]  #: value of every option of a law
 _DRY = PartStructure(Coulomb, frozenset(), ())
 _BRISTLES = PartStructure(LuGre, frozenset(), (("gamma", 2.0), ("damping_decay", True)))
-#: options of the package's laws; the options of other laws are given to `selftest`
+#: values tried for the options of the package's laws; the options of other laws are given to `selftest`
 _VALUES: dict[str, tuple[Any, ...]] = {
     "following": (False, True), "tilting": (False, True), "count": (3,), "normal": (Hertz(1, damping=1).structure(),),
     "friction": (_DRY, _BRISTLES),

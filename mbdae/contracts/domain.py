@@ -13,8 +13,8 @@ from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.motion import real_value, symbolic_motion
 from mbdae.symbolic.vectors import Expr
 
-DRAWS = 200  #: values of the coordinates that are tried
-LARGEST = 1e6  #: of amounts and their derivatives: beyond it rounding hides what the contracts measure
+DRAWS = 200  #: largest number of random values of the coordinates that are tried
+LARGEST = 1e6  #: bound of amounts and their derivatives: beyond it rounding hides what the contracts measure
 
 
 def value(e: Expr, numbers: Mapping[str, float]) -> float:

@@ -29,10 +29,10 @@ from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.system.base import Array
 from mbdae.system.model.rotations import quaternion, rotation_matrices, turned
 
-SOLVED = 1e-11  #: rows below it vanish
+SOLVED = 1e-11  #: m or rad, rows below it count as 0
 APART = 1e-6  #: m or rad, poses further from each other are two
 CLEAR = 1e-3  #: a branch above it is positive, not only by rounding
-FAR = 1e3  #: distance of a place that no motion leads to
+FAR = 1e3  #: residual used for coordinates for which the motion is not defined
 STARTS = 12  #: random places of l from which solutions of the rows are searched
 TRIES = 6  #: starts of the search for coordinates that the frames do not show
 
@@ -49,7 +49,7 @@ class Pose:
 
 def followed(motion: Motion, values: dict[str, float], rates: dict[str, float]) -> Pose:
     """The pose to which a motion leads, step by step. values: of coordinates, parameters and spins; rates: of the coordinates.
-    A way back has no velocities here."""
+    The velocities of an inverse motion are not computed here."""
     d, v, w, A = np.zeros(3), np.zeros(3), np.zeros(3), np.eye(3)
     for step in motion.steps:
         if step.rotation is not None:
@@ -122,7 +122,7 @@ class _Moving:
     # -- placing and evaluating
 
     def numbers(self, values: Values, c: dict[str, Any], i: int) -> dict[str, float]:
-        """Parameters and coordinates at a point."""
+        """Parameters and coordinates in state number i, by name."""
         return {p: float(values[p][i].real) for p in self.law.params if p in values} | {n: float(a[i]) for n, a in c.items()}
 
     def axes(self, f: Frame, values: Values) -> tuple[Array, Array]:
@@ -133,7 +133,7 @@ class _Moving:
         return columns(f.q, values)[:, :3] + np.einsum("pij,pj->pi", R, arm), R @ Q
 
     def pose(self, values: Values, i: int) -> Pose:
-        """Where l is at a point."""
+        """Pose of l relative to k in state number i."""
         (rk, K), (rl, L) = (self.axes(f, values) for f in self.d.sides)
         return Pose(K[i].T @ (rl[i] - rk[i]), K[i].T @ L[i], np.zeros(3), np.zeros(3))
 
@@ -181,7 +181,7 @@ class _Moving:
 
     @cached_property
     def found(self) -> dict[Target, NDArray[Any]]:
-        """Everything stated where the motion leads."""
+        """All outputs at the states to which the motion leads."""
         return self.evaluate(self.values)
 
     def slope(self, symbol: str) -> dict[Target, Array]:
@@ -216,7 +216,7 @@ class _Moving:
             yield f"rate of coordinate '{name}' as read", _largest(self.found["cd", name] - self.cd[name])
 
     def inverse(self) -> Iterator[Measured]:
-        """The way back leads from l to k."""
+        """The inverse motion leads from l back to k."""
         for i in range(self.points):
             there = self.pose(self.values, i)
             back = followed(self.motion.inverse(), self.numbers(self.values, self.c | self.free, i), {})
@@ -241,7 +241,7 @@ class _Moving:
                 yield f"number of rows, {len(G)} of which {rank} are independent (rows that follow from others),", len(G) - rank
 
     def ties(self) -> Iterator[Measured]:
-        """A row that ties a coordinate grows with its value."""
+        """A row that ties a coordinate grows with the value of that coordinate."""
         ties = set(self.law.ties(*self.d.sides)) if self.law.kept and self.law.states_rows() else set()
         tied = ties if ties == self.law.coordinates.keys() else set()
         by = {name: str(f.q[0]) for f, name in zip(self.d.frames[2:], self.law.own_coordinates, strict=True) if name in tied}
@@ -254,7 +254,7 @@ class _Moving:
                 yield f"slope of row '{row}' by the value it ties, which must be positive,", float(max(0.0, -np.min(slope)))
 
     def branches(self) -> Iterator[Measured]:
-        """What must be positive is so where the motion leads."""
+        """Expressions that must be positive are so where the motion leads."""
         for target, e in self.found.items():
             if target[0] == "positive":
                 least = float(np.min(e.real))
@@ -276,7 +276,7 @@ class _Moving:
             yield f"second solution of the rows, which no branch refuses ({names[i]}),", off if off > APART else 0.0
 
     def _starts(self) -> tuple[Values, list[str]]:
-        """l half a turn off about each of its axes, and anywhere; coordinates that are unknowns anywhere."""
+        """l half a turn off about each of its axes, and at random places, where coordinates that are unknowns are random too."""
         offs = [("half a turn about its x axis", turn([np.pi, 0, 0])), ("half a turn about its y axis", turn([0, np.pi, 0])),
                 ("half a turn about its z axis", turn([0, 0, np.pi]))]  # fmt: skip
         names = [name for name, _ in offs] + ["found from a random place"] * STARTS

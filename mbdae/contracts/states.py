@@ -64,7 +64,7 @@ class States:
             values |= {f"{name}_dot": float(rng.normal()), f"{name}_ddot": float(rng.normal())}
         free = np.array([0.0, 0.0, 1.0]) if flat else np.ones(3)
         abouts = [relative * J[:, 2] if np.ndim(relative) == 0 else np.roll(relative, i) for i, _ in enumerate(d.sides[1:])]
-        turns = [np.eye(3), *(turn(free * about) for about in abouts)]  # of every side relative to the first
+        turns = [np.eye(3), *(turn(free * about) for about in abouts)]  # rotation of every side relative to the first
         common = turn(rng.uniform(-1.5, 1.5, 3) * free)
         for f, R in zip(d.sides, turns, strict=False):
             if not f.kind.moves:
@@ -152,7 +152,7 @@ def moved(d: Derived, values: Values, step: complex, u: dict[str, NDArray[Any]],
 
 
 def rigidly_moved(d: Derived, values: Values, rng: np.random.Generator) -> Values:
-    """Both sides turned and shifted together, velocities with them."""
+    """All sides turned and shifted together as one rigid body, velocities with them."""
     flat = any(f.kind.flat for f in d.frames)
     P = quaternion(turn(rng.uniform(-2, 2, 3) * ([0, 0, 1] if flat else [1, 1, 1])))
     A, c = rotation_matrices(P), rng.normal(size=3) * ([1, 1, 0] if flat else [1, 1, 1])

@@ -17,7 +17,7 @@ from mbdae.symbolic.motion import symbolic_motion
 Variant = tuple[str, Structure, tuple[Side, ...]]
 _SPATIAL = (NodeKind.SPATIAL, NodeKind.GROUND, NodeKind.POINT)
 _PLANAR = (NodeKind.PLANAR, NodeKind.PLANAR_GROUND, NodeKind.PLANAR_POINT)
-_OF_JOINTS = {False: NodeKind.COORDINATE, True: NodeKind.ROTATION}  #: by whether the coordinate is a free rotation
+_OF_JOINTS = {False: NodeKind.COORDINATE, True: NodeKind.ROTATION}  #: is it a free rotation -> kind of a coordinate
 
 
 def sides_of(law: type[Law], structure: Structure) -> list[tuple[Side, ...]]:
@@ -65,7 +65,7 @@ def structures_of(law: type[Law], options: dict[str, Any]) -> dict[Structure, bo
         optional = frozenset(p for p in needed if _derivable(law, Structure(idle | {p}, options=fixed)))
         tried = [Structure(idle | a, options=fixed) for a in _absences(law, optional)]
         thorough = choice in whole and not (i and choice.get("kept"))
-        if not thorough:  # coordinates as unknowns: with their values prescribed; options tried once: without
+        if not thorough:  # coordinates as unknowns: all parameters; options tried once: no optional ones
             tried = tried[:1] if choice in whole else tried[-1:]
         found |= {s: s == tried[-1] or (i == 0 and s == tried[0]) for s in tried if s.absent == idle or _derivable(law, s)}
         if needed and thorough and not law.timeless and not issubclass(law, Element):
@@ -106,7 +106,7 @@ def _derivable(law: type[Law], structure: Structure) -> bool:
 
 
 def variants(law: type[Law], options: dict[str, Any], refused: dict[str, str]) -> Iterator[Variant]:
-    """Every structure between bodies, the first structure of the first options between all kinds of nodes."""
+    """Every structure of a law between bodies; the first structure of the first options between all kinds of nodes."""
     for i, (structure, flat) in enumerate(structures_of(law, options).items()):
         for sides in sides_of(law, structure):
             in_plane = any(kind.flat for kind, _ in sides)

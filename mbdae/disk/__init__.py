@@ -1,1 +1,1 @@
-"""What is kept on disk from one process to the next: derived and compiled laws."""
+"""Storage of derived and compiled laws on disk between processes."""

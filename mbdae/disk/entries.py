@@ -1,4 +1,4 @@
-"""Entries of values and compiled functions under keys made of digests."""
+"""Stored values and compiled functions, under keys made of digests."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Any
 from mbdae.disk.store import store
 from mbdae.disk.surroundings import surroundings
 
-#: what an entry may contain beside plain values: compiled functions, and expressions
+#: classes that an entry may contain in addition to plain values: compiled functions, expressions, floats of NumPy
 ALLOWED = {("symengine.lib.symengine_wrapper", "llvm_loading_func"), ("symengine.lib.symengine_wrapper", "load_basic"),
            ("numpy", "float64")}  # fmt: skip
 
 
 def key_of(*parts: str) -> str | None:
-    """The key of an entry by the digests of all it was made from; None where nothing is kept."""
+    """The key of an entry from the digests of all it was made from; None where nothing is stored."""
     if not (store().used and surroundings()):
         return None
     return hashlib.sha256("\n".join((surroundings(), *map(repr, parts))).encode()).hexdigest()
@@ -28,7 +28,7 @@ def part_key(key: str | None, *part: str) -> str | None:
 
 
 class _Reader(pickle.Unpickler):
-    """Reads plain values, expressions and compiled functions, and calls nothing else."""
+    """Unpickler for plain values, expressions and compiled functions, which calls no other code."""
 
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) not in ALLOWED:
@@ -37,24 +37,24 @@ class _Reader(pickle.Unpickler):
 
 
 def recall(key: str | None) -> Any:
-    """The value of an entry; None where there is none, or none that can be read."""
+    """The value of an entry; None where there is none that can be read."""
     content = store().read(key) if key is not None else None
     if content is None or key is None:
         return None
     try:
         return _Reader(io.BytesIO(content)).load()
-    except Exception:  # of whatever kind: it is made again
+    except Exception:  # any error means a damaged entry: it is removed and made again
         store().remove(key)
         return None
 
 
 def keep(key: str | None, value: Any) -> None:
-    """Keep a value that is not None. What cannot be stored is not."""
+    """Store a value that is not None, unless it cannot be stored."""
     if key is None:
         return
     try:
         content = pickle.dumps(value, protocol=5)
         _Reader(io.BytesIO(content)).load()
-    except Exception:  # a part without a stored form: it is made again every time
+    except Exception:  # a part cannot be stored: the value is made anew in every process
         return
     store().write(key, content)

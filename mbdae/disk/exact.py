@@ -1,7 +1,7 @@
-"""A digest of what a law states: the same for the same expressions in every process, another one for any other.
+"""A digest of what a law states: equal for equal expressions in all processes, different for all others.
 
-Numbers enter bit by bit, symbols by their names, functions by their kinds. What is not known to be covered
-completely by its digest (functions of SymPy's own, objects of a user's own) has none.
+Numbers enter bit by bit, symbols by their names, functions by their kinds. Values that a digest might not cover completely
+(functions of SymPy, objects of a user's classes) have none.
 """
 
 from __future__ import annotations
@@ -18,24 +18,25 @@ from mbdae.disk.entries import key_of
 from mbdae.disk.store import store
 
 PLAIN = ("Zero", "One", "NegativeOne", "Half", "Integer", "Rational", "Pi", "Exp1", "BooleanTrue", "BooleanFalse", "Infinity",
-         "NegativeInfinity", "NaN", "GoldenRatio", "EulerGamma", "Catalan", "ImaginaryUnit")  #: told by their text  # fmt: skip
+         "NegativeInfinity", "NaN", "GoldenRatio", "EulerGamma", "Catalan", "ImaginaryUnit")  #: text identifies them  # fmt: skip
 UNORDERED = ("Add", "Mul")
 REFUSED = ("PyFunction", "PySymbol", "Dummy", "RealMPFR", "ComplexMPC", "ComplexDouble", "Complex")
 
 
 class NoDigestError(Exception):
-    """Something whose digest would not tell it completely."""
+    """A value that a digest could not identify completely."""
 
 
 class Digests:
-    """Digests of values, each expression walked once."""
+    """Computes digests of values, with each expression visited once."""
 
     def __init__(self) -> None:
         self._known: dict[Any, str] = {}
-        self._zeros = 0  #: floating zeros met: symengine takes 0.0 and -0.0 for equal, so what contains one is not looked up
+        #: number of floating-point zeros met: symengine takes 0.0 and -0.0 for equal, so expressions with one are not looked up
+        self._zeros = 0
 
     def of(self, value: Any) -> str:
-        """The digest of plain values, expressions, vectors, and containers and data classes of them; raises NoDigestError."""
+        """The digest of plain values, expressions, vectors, and containers and data classes of them; NoDigestError for others."""
         if value is None or isinstance(value, bool | int | str):
             return f"{type(value).__name__} {value!r}"
         if isinstance(value, float):
@@ -88,10 +89,10 @@ def _short(text: str) -> str:
     return hashlib.blake2b(text.encode(), digest_size=20).hexdigest()
 
 def code_key(symbols: Sequence[Any], expressions: Sequence[Any], level: int | None) -> str | None:
-    """The key of compiled expressions by the expressions themselves; None where nothing is kept."""
+    """The key of compiled expressions from the expressions themselves; None where nothing is stored."""
     if not store().used:
         return None
     try:
         return key_of("code", Digests().of([list(symbols), list(expressions), level]))
-    except Exception:  # of a part without a digest: it is compiled every time
+    except Exception:  # an expression has no digest: it is compiled in every process
         return None

@@ -1,4 +1,4 @@
-"""Where kernels are kept: the user's own folder for caches, or the one that the environment names; and whether it is safe."""
+"""The folder of stored kernels: the user's folder for caches or one named by the environment; and whether it is safe to use."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import sys
 from pathlib import Path
 
 VARIABLE = "MBDAE_CACHE"  #: environment variable: a folder, or "off"
-OTHERS = 0o077  #: rights of the group and of all others: none of them may be set
+OTHERS = 0o077  #: permission bits of the group and of all others, which must not be set
 
 
 def chosen_folder() -> tuple[Path | None, str]:
-    """The folder; None with the reason where nothing is kept."""
+    """The folder; or None and the reason why nothing is stored."""
     said = os.environ.get(VARIABLE, "")
     if said.lower() == "off":
         return None, f"{VARIABLE}=off"
     try:
         return (Path(os.path.abspath(Path(said).expanduser())) if said else _usual_folder()), ""
-    except (OSError, RuntimeError, ValueError) as error:  # no home folder, a name that no folder can have
+    except (OSError, RuntimeError, ValueError) as error:  # no home folder, or a name that no folder can have
         return None, f"there is no folder for caches ({error})"
 
 
@@ -34,7 +34,7 @@ def _usual_folder() -> Path:
 
 
 def made(folder: Path) -> str:
-    """Make the folder for this user alone where it is missing; "" where it may be used, else the reason why not."""
+    """Make the folder, for this user only, where it is missing; returns "" where it may be used, else the reason why not."""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with contextlib.suppress(FileExistsError):
@@ -45,7 +45,7 @@ def made(folder: Path) -> str:
 
 
 def opened(path: Path, flags: int) -> int:
-    """A descriptor of a regular file of this user alone; OSError for all else, without waiting for the other end of a pipe."""
+    """A descriptor of a regular file that only this user can access; OSError for all others, without blocking on a pipe."""
     beside = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
     found = os.open(path, flags | beside, 0o600)
     why = unsafe(os.fstat(found))
@@ -56,10 +56,10 @@ def opened(path: Path, flags: int) -> int:
 
 
 def unsafe(found: os.stat_result, is_folder: bool = False) -> str:
-    """Why a file or folder may not be trusted; "" where this user alone can have written it, as far as the system tells."""
+    """Reason not to trust a file or folder; "" where only this user can have written it, as far as the system tells."""
     if not (stat.S_ISDIR if is_folder else stat.S_ISREG)(found.st_mode):
         return f"it is no {'folder' if is_folder else 'file'}"
-    if not hasattr(os, "geteuid"):  # Windows: the rights of the profile protect it
+    if not hasattr(os, "geteuid"):  # Windows: the permissions of the user's profile protect it
         return ""
     if found.st_uid != os.geteuid():
         return "it belongs to another user"

@@ -1,9 +1,9 @@
-"""A folder of entries by their keys, which no fault of the disk can turn into a wrong answer or a failed run.
+"""A folder of entries by keys; no fault of the disk may cause a wrong answer or a failed run.
 
-An entry is one file: a hash, then its content. The hash covers the key, so that a file under another name is no entry. What is
-damaged is removed and made again; a folder or file to which others than the user have rights is not read. Files are written under
-another name and renamed, so that any number of processes may use one folder. Where the disk is full or may not be written to,
-nothing more is kept.
+An entry is one file: a hash, then its content. The hash covers the key, so that a renamed file is not accepted. Damaged entries
+are removed and made again; a folder or file to which others than the user have permissions is not read. Files are written under
+another name and then renamed, so that several processes may use one folder. Where the disk is full or write-protected, nothing
+more is stored.
 """
 
 from __future__ import annotations
@@ -21,15 +21,16 @@ from typing import NamedTuple
 
 from mbdae.disk.place import chosen_folder, made, opened
 
-LIMIT = 500_000_000  #: bytes of all entries; the least recently used go first
-KEPT = 0.8  #: part of the limit that stays
+LIMIT = 500_000_000  #: largest size of all entries, bytes; the least recently used are removed first
+MOST = 10_000  #: largest number of entries: a folder with more takes longer to look through than a scene takes to derive
+KEPT = 0.8  #: fraction of both limits to which entries are reduced
 SUFFIX, PART, COUNTS = ".kept", ".part", "counts"
-HASH = 32  #: bytes of the hash
+HASH = 32  #: length of the hash, bytes
 DAY, HOUR = 86400.0, 3600.0
 
 
 class Content(NamedTuple):
-    """What a store holds: entries, their bytes, and how often entries were found and not found."""
+    """Content of a store: number of entries, their bytes, and how often entries were found and not found."""
 
     entries: int
     size: int
@@ -38,13 +39,13 @@ class Content(NamedTuple):
 
 
 class Store:
-    """The entries of a folder. why: the reason where it is not used. limit: bytes of all entries."""
+    """The entries of a folder. why: reason why it is not used; limit: largest size of all entries, bytes."""
 
     def __init__(self, folder: Path | None, why: str = "", limit: int = LIMIT) -> None:
         self.folder, self.limit = folder, limit
         self.why = why or ("there is no folder" if folder is None else made(folder))
         self.hits = self.misses = 0
-        self._size: int | None = None  #: bytes of all entries as this process knows them
+        self._held: tuple[int, int] | None = None  #: size (bytes) and number of all entries as far as this process knows
         self._full = False
         if self.used:
             atexit.register(self._count)
@@ -73,19 +74,19 @@ class Store:
         try:
             with open(opened(path, os.O_RDONLY), "rb") as file:
                 state, whole = os.fstat(file.fileno()), file.read()
-        except OSError:  # missing, no regular file, or one on which others have rights
+        except OSError:  # missing, not a regular file, or accessible to others
             return None
         content = whole[HASH:]
         if len(whole) < HASH or whole[:HASH] != _hash(key, content):
             self.remove(key)
             return None
-        if time.time() - state.st_mtime > DAY:  # the age by which entries go
+        if time.time() - state.st_mtime > DAY:  # the time of last use, by which entries are removed, is updated once a day
             with contextlib.suppress(OSError):
                 os.utime(path)
         return content
 
     def write(self, key: str, content: bytes) -> None:
-        """Keep an entry, if the disk allows it."""
+        """Store an entry, if the disk allows it."""
         if not self.used or self._full or len(content) > self.limit:
             return
         path = self._path(key)
@@ -95,7 +96,7 @@ class Store:
                 file.write(_hash(key, content) + content)
             os.replace(part, path)
         except OSError:
-            self._full = not path.is_dir()  # a folder in the way of one entry is in the way of no other
+            self._full = not path.is_dir()  # where a folder has the name of this entry, other entries can still be written
             with contextlib.suppress(OSError):
                 part.unlink()
             return
@@ -107,25 +108,26 @@ class Store:
             self._path(key).unlink()
 
     def _bounded(self, added: int) -> None:
-        """Remove the least recently used entries where all together exceed the limit."""
-        if self._size is None:
-            self._size = sum(size for _, size, _ in self._files())
+        """Remove the least recently used entries where all together exceed the limit, or are more than MOST."""
+        if self._held is None:
+            files = self._files()
+            self._held = sum(size for _, size, _ in files), len(files)
         else:
-            self._size += added
-        if self._size <= self.limit:
+            self._held = self._held[0] + added, self._held[1] + 1
+        if self._held[0] <= self.limit and self._held[1] <= MOST:
             return
         files = sorted(self._files())
-        left = sum(size for _, size, _ in files)
+        left, count = sum(size for _, size, _ in files), len(files)
         for _, size, path in files:
-            if left <= KEPT * self.limit:
+            if left <= KEPT * self.limit and count <= KEPT * MOST:
                 break
             with contextlib.suppress(OSError):
                 os.unlink(path)
-                left -= size
-        self._size = left
+                left, count = left - size, count - 1
+        self._held = left, count
 
     def _files(self) -> list[tuple[float, int, str]]:
-        """Time of the last use, size and path of every entry; removes what interrupted writing left."""
+        """Time of last use, size (bytes) and path of every entry; removes files left by interrupted writing."""
         found = []
         with contextlib.suppress(OSError), os.scandir(self.folder) as entries:
             for entry in entries:
@@ -139,10 +141,10 @@ class Store:
                         os.unlink(entry.path)
         return found
 
-    # -- what `mbdae cache` says
+    # -- statistics for `mbdae cache`
 
     def _count(self) -> None:
-        """Add the hits and misses of this process to those of all."""
+        """Add the hits and misses of this process to the stored totals."""
         if self.folder is None or not self.hits + self.misses:
             return
         with contextlib.suppress(OSError):
@@ -153,10 +155,11 @@ class Store:
                 self._shorten()
 
     def _shorten(self) -> None:
-        """One line in place of many; what another process adds meanwhile may be lost, which harms statistics alone."""
+        """Replace the lines of the file of counts by their sum; counts added meanwhile may be lost, which is harmless."""
         hits, misses = self._counts()
         part = Path(f"{self.folder}/{secrets.token_hex(8)}{PART}")
-        part.write_text(f"{hits} {misses}\n")
+        with open(opened(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL), "wb") as file:
+            file.write(f"{hits} {misses}\n".encode())
         os.replace(part, Path(f"{self.folder}/{COUNTS}"))
 
     def _counts(self) -> tuple[int, int]:
@@ -168,17 +171,17 @@ class Store:
             return 0, 0
 
     def content(self) -> Content:
-        """What it holds."""
+        """Number and size of the entries, with all hits and misses counted so far."""
         files, (hits, misses) = self._files() if self.used else [], self._counts() if self.used else (0, 0)
         return Content(len(files), sum(size for _, size, _ in files), hits, misses)
 
     def clear(self) -> int:
-        """Remove all entries; how many there were."""
+        """Remove all entries; returns their number."""
         files = self._files() if self.used else []
         for path in [path for *_, path in files] + [f"{self.folder}/{COUNTS}"] * self.used:
             with contextlib.suppress(OSError):
                 os.unlink(path)
-        self._size = None
+        self._held = None
         return len(files)
 
 

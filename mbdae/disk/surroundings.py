@@ -1,4 +1,4 @@
-"""What a kept entry depends on beside the statement it was made from: the code of mbdae, releases, Python, the processor."""
+"""What a stored entry depends on in addition to its own input: code of mbdae, versions of packages, Python, the processor."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from mbdae.disk.store import store
 
 PACKAGE = Path(__file__).resolve().parent.parent
 FACTS = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags", "Features", "CPU implementer", "CPU architecture",
-         "CPU variant", "CPU part")  #: lines of /proc/cpuinfo that say which instructions there are  # fmt: skip
+         "CPU variant", "CPU part")  #: lines of /proc/cpuinfo about instruction sets  # fmt: skip
 
 
 @lru_cache(maxsize=1)
 def surroundings() -> str:
-    """A hash of them all; "" where one cannot be told, so that nothing is kept."""
+    """A hash of code, versions and machine; "" where one of them cannot be determined, so that nothing is stored."""
     try:
         parts = [sources(PACKAGE), *releases(), *machine()]
     except (OSError, ImportError, AttributeError):
@@ -28,7 +28,7 @@ def surroundings() -> str:
 
 
 def releases() -> list[str]:
-    """Releases of symengine (with the size of its library, in which LLVM is), NumPy and Python; mbdae's is in its sources."""
+    """Versions of symengine (with the size of its library, which contains LLVM), NumPy and Python; mbdae's is in its sources."""
     import numpy
     import symengine
     from symengine.lib import symengine_wrapper
@@ -39,7 +39,7 @@ def releases() -> list[str]:
 
 
 def machine() -> list[str]:
-    """System, kind of processor and its instructions."""
+    """Operating system, processor type and its instruction sets."""
     features_of: Any = import_module("numpy._core._multiarray_umath")
     kind = os.uname().machine if hasattr(os, "uname") else os.environ.get("PROCESSOR_IDENTIFIER", "")
     features = sorted(name for name, there in features_of.__cpu_features__.items() if there)
@@ -47,7 +47,7 @@ def machine() -> list[str]:
 
 
 def _processor() -> list[str]:
-    """What the system says of the first processor, as far as it says it in a file."""
+    """The system's description of the first processor, where a file gives it."""
     try:
         with open("/proc/cpuinfo", "rb") as file:
             first = file.read(8192).split(b"\n\n")[0].decode("utf-8", "replace")
@@ -57,8 +57,8 @@ def _processor() -> list[str]:
 
 
 def sources(package: Path) -> str:
-    """A hash of the Python sources of a package. The contents are read where a file is new or has changed: sizes, times and
-    numbers of the files tell which contents have been read before."""
+    """A hash of the Python sources of a package. Contents are read only where a file is new or changed, as sizes, times and
+    inode numbers of the files tell."""
     files = sorted(_files(str(package)))
     stamp = hashlib.sha256(repr(files).encode()).hexdigest()
     known = store().read(stamp)
@@ -73,7 +73,7 @@ def sources(package: Path) -> str:
 
 
 def _files(folder: str) -> list[tuple[str, int, int, int, int]]:
-    """Path, number, size and times (of the content, of any change) of every Python file."""
+    """Path, inode number, size and times (of content and of any change) of every Python file."""
     found = []
     with os.scandir(folder) as entries:
         for entry in entries:

@@ -14,14 +14,14 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Paragraph:
-    """Text; what stands between two dollar signs is LaTeX mathematics, a backslash makes a dollar sign plain."""
+    """Text; a part between two dollar signs is LaTeX mathematics, a backslash makes a dollar sign literal."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class Equation:
-    r"""A displayed equation in LaTeX (a double backslash starts a line), its number and a remark in plain text with `$...$`."""
+    r"""A displayed equation in LaTeX (a double backslash starts a line), its number, and a remark in plain text with `$...$`."""
 
     latex: str
     number: int | str | None = None
@@ -30,42 +30,42 @@ class Equation:
 
 @dataclass(frozen=True)
 class Table:
-    """Cells are text in which `$...$` is mathematics."""
+    """A table; cells are text in which `$...$` is mathematics."""
 
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
     caption: str = ""
-    folded: bool = False  #: whether a page shows its caption alone until it is opened
+    folded: bool = False  #: whether an HTML page shows only the caption until it is opened
 
 
 @dataclass(frozen=True)
 class Code:
-    """Text as it stands, in letters of equal width."""
+    """Text shown as it is, in a monospaced font."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture (PNG as bytes, the text of an SVG, or a drawing) and what it shows."""
+    """A picture (bytes of a PNG, text of an SVG, or a drawing) and its caption."""
 
     content: bytes | str | Drawing
     caption: str
 
     @property
     def suffix(self) -> str:
-        """Of a file that holds it."""
+        """Suffix of a file with this picture."""
         return ".png" if isinstance(self.content, bytes) else ".svg"
 
     @property
     def file(self) -> bytes | str:
-        """What stands in that file."""
+        """Content of a file with this picture."""
         return self.content.svg() if isinstance(self.content, Drawing) else self.content
 
 
 @dataclass(frozen=True)
 class Section:
-    """Blocks under a title; its level follows from where it stands unless it is given (2 below the document's title)."""
+    """Blocks under a title; its level follows from its nesting unless it is given (2 is the level below the document's title)."""
 
     title: str
     blocks: Sequence[Block] = ()
@@ -76,7 +76,7 @@ Block = Paragraph | Equation | Table | Code | Picture | Section
 
 
 def every(kind: type[T], blocks: Iterable[Block]) -> Iterator[T]:
-    """All blocks of a kind, `Picture` or `Equation`, in blocks and their sections, in order."""
+    """All blocks of a kind, `Picture` or `Equation`, in the given blocks and their sections, in order."""
     for block in blocks:
         if isinstance(block, kind):
             yield block
@@ -85,7 +85,7 @@ def every(kind: type[T], blocks: Iterable[Block]) -> Iterator[T]:
 
 
 def numbered(blocks: Sequence[Block], numbers: Iterator[int] | None = None) -> list[Block]:
-    """The same blocks with consecutive numbers, from 1, at all equations."""
+    """The blocks with all equations numbered consecutively from 1."""
     numbers = count(1) if numbers is None else numbers
     out: list[Block] = []
     for block in blocks:

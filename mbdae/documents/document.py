@@ -23,7 +23,7 @@ COMPILERS = ("pdflatex", "lualatex")
 
 @dataclass(frozen=True)
 class Document:
-    """A title and blocks."""
+    """A title and blocks, which can be written as HTML, Markdown, LaTeX or PDF."""
 
     title: str
     blocks: Sequence[Block] = ()
@@ -33,25 +33,25 @@ class Document:
         return f"Document({self.title!r}: {sections or 'no sections'}; .save(path) writes .html, .md, .tex or .pdf)"
 
     def to_html(self) -> str:
-        """One page that needs nothing else: mathematics as MathML, pictures inside."""
+        """An HTML page that loads no other file: mathematics as MathML, pictures embedded."""
         return html(self.title, self.blocks)
 
     def to_markdown(self) -> str:
-        """Markdown with mathematics between dollar signs; of a picture its caption."""
+        """Markdown with mathematics between dollar signs; pictures are replaced by their captions."""
         return markdown(self.title, self.blocks)
 
     def to_latex(self) -> str:
-        """A LaTeX article that needs no package beyond a basic installation; of a picture its caption."""
+        """A LaTeX article that needs only packages of a basic installation; pictures are replaced by their captions."""
         return latex(self.title, self.blocks)
 
     def _repr_html_(self) -> str:
         return framed(self.to_html())
 
     def save(self, path: str | Path) -> Path:
-        """Write the format of the suffix, .html, .md, .tex or .pdf; returns the path.
+        """Write the document in the format of the suffix, .html, .md, .tex or .pdf; returns the path.
 
-        Pictures are inside the page of .html; beside .md and .tex they are files of their own. A .pdf needs lualatex or pdflatex
-        (Debian: texlive-latex-recommended, texlive-pictures, lmodern); OptionError where there is none."""
+        Pictures are embedded in .html; beside .md and .tex they are files of their own. A .pdf needs lualatex or pdflatex
+        (Debian: texlive-latex-recommended, texlive-pictures, lmodern). Raises OptionError without them, or for another suffix."""
         file: Path = option("path", path, file_to_write, "write .html, .md, .tex or .pdf into a folder that exists",
                             suffixes=(".html", ".md", ".tex", ".pdf"))  # fmt: skip
         if file.suffix.lower() == ".pdf":
@@ -62,7 +62,7 @@ class Document:
         return write_file(file, writers[file.suffix.lower()]())
 
     def _typeset(self, file: Path) -> Path:
-        """The LaTeX of the document made a PDF by the TeX of this machine."""
+        """Compile the document's LaTeX to a PDF; OptionError without a TeX installation."""
         compiler = next((found for found in map(shutil.which, COMPILERS) if found), None)
         if compiler is None:
             raise OptionError(f"path = {shown(str(file))}: there is none of {', '.join(COMPILERS)} here; write .tex, or install"
@@ -70,7 +70,7 @@ class Document:
         with TemporaryDirectory() as folder:
             self.save(Path(folder) / "report.tex")
             command = [compiler, "-interaction=nonstopmode", "-halt-on-error", "report.tex"]
-            for _ in range(2):  # the second time the tables know their widths
+            for _ in range(2):  # the second run knows the column widths of the tables
                 done = subprocess.run(command, cwd=folder, capture_output=True, check=False)
             if done.returncode:
                 said = done.stdout.decode(errors="replace").partition("\n! ")[2][:300]
@@ -78,7 +78,7 @@ class Document:
             return write_file(file, (Path(folder) / "report.pdf").read_bytes())
 
     def _beside(self, file: Path) -> str:
-        """Text with its pictures in files beside it (LaTeX reads no SVG: there of an SVG the caption only)."""
+        """Text with its pictures in files beside it (LaTeX cannot read SVG: an SVG is replaced by its caption)."""
         files = {}
         for i, picture in enumerate(self.pictures()):
             if picture.suffix == ".png" or file.suffix.lower() == ".md":

@@ -1,4 +1,4 @@
-r"""Small drawings of lines, dots and letters, written as SVG for pages and as TikZ for LaTeX: vectors in both."""
+r"""Small vector drawings of lines, dots and letters, written as SVG for HTML pages and as TikZ for LaTeX."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Point = tuple[float, float]
 
 @dataclass
 class Drawing:
-    """A drawing of a width and height in pixels, y downwards; what it shows in words."""
+    """A drawing with width and height in pixels, y downwards, and a title in words."""
 
     width: float
     height: float
@@ -24,15 +24,15 @@ class Drawing:
     marks: list[tuple[Any, ...]] = field(default_factory=list)
 
     def line(self, points: Sequence[Point], colour: str = "#333", width: float = 1, arrow: bool = False, fill: str = "") -> None:
-        """A line through points, with an arrow at its end, or a filled area inside it."""
+        """Draw a line through points, with an arrow head at its end, or with its inside filled."""
         self.marks.append(("line", [(float(x), float(y)) for x, y in points], colour, width, arrow, fill))
 
     def text(self, x: float, y: float, latex: str, anchor: str = "middle", colour: str = "#333") -> None:
-        r"""Text; what stands between dollar signs is set as a symbol: letters, a subscript, `\mathbf`."""
+        r"""Draw text; a part between dollar signs is set as a symbol: letters, a subscript, `\mathbf`."""
         self.marks.append(("text", float(x), float(y), latex, anchor, colour))
 
     def fit(self, margin: float = 22.0) -> None:
-        """Move everything so that it stands in its middle, and make it as large as what it shows."""
+        """Shift the content into the drawing and set the drawing's size to that of its content plus a margin (pixels)."""
         points = [p for mark in self.marks for p in (mark[1] if mark[0] == "line" else [(mark[1], mark[2])])]
         (left, top), (right, low) = (tuple(pick(c) for c in zip(*points, strict=True)) for pick in (min, max))
         dx, dy = margin - left, margin - top
@@ -44,7 +44,7 @@ class Drawing:
                 self.marks[i] = ("text", mark[1] + dx, mark[2] + dy, *mark[3:])
 
     def svg(self) -> str:
-        """The drawing for an HTML page."""
+        """The drawing as an SVG element."""
         body = "".join(self._svg_line(*mark[1:]) if mark[0] == "line" else self._svg_text(*mark[1:]) for mark in self.marks)
         size = f'viewBox="0 0 {self.width:g} {self.height:g}" width="{self.width:g}" font-family="{FONT}" font-size="13"'
         return f'<svg xmlns="http://www.w3.org/2000/svg" role="img" aria-label="{escape(self.title)}" {size}>{body}</svg>'
@@ -78,7 +78,7 @@ class Drawing:
         return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{colour}">{"".join(out)}</text>'
 
     def tikz(self) -> str:
-        """The drawing for LaTeX, in the package tikz."""
+        """The drawing for LaTeX, with the package tikz."""
         scale = min(0.03, 15.0 / self.width)
         lines = [rf"\begin{{tikzpicture}}[x={scale:.4f}cm,y=-{scale:.4f}cm,>=latex,font=\small]"]
         for mark in self.marks:
@@ -97,7 +97,7 @@ class Drawing:
 
 
 def curve(x: Any, y: Any, across: str, up: str) -> Drawing:
-    """A curve over its axes."""
+    """A curve y(x) with its axes; across, up: labels of the axes."""
     width, height, margin = 520, 260, 46
     low, high = min(0.0, float(min(y))), max(0.0, float(max(y)))
     span, first, last = (high - low) or 1.0, float(min(x)), float(max(x))
@@ -119,7 +119,7 @@ def curve(x: Any, y: Any, across: str, up: str) -> Drawing:
 
 
 def pattern(entries: Any, n: int, title: str) -> Drawing:
-    """Entries (row, column) of a square matrix as dots; those of a large matrix merge."""
+    """Entries (row, column) of a square matrix as dots; in a large matrix neighbouring dots merge."""
     size = 420.0
     cell, found = size / max(n, 1), Drawing(size, size, title)
     found.line([(0, 0), (size, 0), (size, size), (0, size), (0, 0)], "#999")

@@ -1,4 +1,4 @@
-r"""LaTeX formulas taken apart: tokens, and the places where a long one may be broken."""
+r"""Splitting of LaTeX formulas: tokens, and the places where a long formula may be broken."""
 
 from __future__ import annotations
 
@@ -7,33 +7,33 @@ from collections.abc import Callable, Iterator
 
 _TOKEN = re.compile(r"\\[A-Za-z]+\*?|\\.|[^\\]", re.DOTALL)
 _OPEN, _CLOSE = {"{", r"\left", r"\begin", "(", "[", r"\{", r"\lbrack"}, {"}", r"\right", r"\end", ")", "]", r"\}", r"\rbrack"}
-#: a line may end before these, outside all brackets
+#: outside all brackets a line may be broken in front of these
 RELATIONS = {"=", "<", ">", r"\le", r"\ge", r"\ne", r"\approx", r"\equiv", r"\Leftrightarrow", r"\Rightarrow", r"\in"}
 BINARY = {"+", "-", r"\pm"}
-#: commands whose argument is as wide as the whole
+#: commands that are as wide as their argument
 AROUND = {rf"\{name}" for name in ["mathbf", "boldsymbol", "mathsf", "mathrm", "text", "dot", "ddot", "tilde", "bar", "sqrt"]}
 SPACES = {r"\quad", r"\qquad"}
 
 
 def tokens(latex: str) -> list[str]:
-    """Commands and characters in their order."""
+    """Commands and characters of a formula, in order."""
     return _TOKEN.findall(latex)
 
 
 def split_text(text: str) -> Iterator[tuple[bool, str]]:
-    r"""Parts of a text with `$...$` in it, as (whether it is mathematics, the part); `\$` is a dollar sign."""
+    r"""Parts of a text with `$...$`, as (whether the part is mathematics, the part); `\$` is a dollar sign."""
     for i, part in enumerate(re.split(r"(?<!\\)\$", text)):
         if part:
             yield (True, part) if i % 2 else (False, part.replace(r"\$", "$"))
 
 
 def escaped(text: str) -> str:
-    """Text whose dollar signs start no mathematics."""
+    """Text whose dollar signs do not start mathematics."""
     return text.replace("$", r"\$")
 
 
 def pieces(latex: str) -> list[list[str]]:
-    r"""Lines (parted by `\\` outside braces) of pieces that belong together: a line may be broken between two."""
+    r"""Lines (separated by `\\` outside braces), each as a list of pieces between which it may be broken."""
     lines: list[list[str]] = [[""]]
     depth, before = 0, ""
     for token in tokens(latex):
@@ -44,7 +44,7 @@ def pieces(latex: str) -> list[list[str]]:
         if depth == 0 and token in RELATIONS | BINARY and before not in RELATIONS | BINARY | {"", ",", "^", "_", "/", r"\,"}:
             lines[-1].append("")
         lines[-1][-1] += token
-        fence = before in (r"\left", r"\right")  # counted with the command before it
+        fence = before in (r"\left", r"\right")  # the bracket belongs to \left or \right, which is counted
         depth += 0 if fence else (token in _OPEN) - (token in _CLOSE)
         if depth == 0 and token in SPACES:
             lines[-1].append("")
@@ -54,7 +54,7 @@ def pieces(latex: str) -> list[list[str]]:
 
 
 def width(latex: str) -> float:
-    """About how wide a formula is, in letters."""
+    """Estimated width of a formula in letters."""
     total, depth = 0.0, 0
     for token in tokens(re.sub(r"\\(mathbf|boldsymbol|mathrm|mathsf|text|left|right|begin|end|dot|tilde|hat|bar)\b", "", latex)):
         if token == "{":
@@ -67,7 +67,7 @@ def width(latex: str) -> float:
 
 
 def folded(latex: str, letters: float = 78.0, measure: Callable[[str], float] = width) -> list[str]:
-    """Lines of a formula, each no wider than about `letters` where it can be broken. measure: how wide a part is, in letters."""
+    """A formula broken into lines of at most about `letters` where possible. measure: width of a part in letters."""
     lines: list[str] = []
     for parts in pieces(latex):
         line, used = "", 0.0
@@ -83,18 +83,18 @@ def folded(latex: str, letters: float = 78.0, measure: Callable[[str], float] = 
 
 
 def extent(latex: str) -> float:
-    """About how wide a formula is, in em: fractions by their longer part, matrices by their widest row, scripts small."""
+    """Estimated width of a formula in em: fractions by their longer part, matrices by their widest row, scripts small."""
     return _Extent(tokens(latex)).row(set())
 
 
 class _Extent:
-    """Widths of the parts of a formula."""
+    """Estimates the widths (em) of the parts of a formula."""
 
     def __init__(self, parts: list[str]) -> None:
         self.parts, self.i = [t for t in parts if not t.isspace()], 0
 
     def row(self, stop: set[str]) -> float:
-        """Up to a token of `stop`, which is taken."""
+        """Width up to a token of `stop`, which is consumed."""
         total = 0.0
         while self.i < len(self.parts):
             token = self.parts[self.i]
@@ -105,7 +105,7 @@ class _Extent:
         return total
 
     def atom(self) -> float:
-        """One symbol, group, fraction or matrix."""
+        """Width of one symbol, group, fraction or matrix."""
         token = self.parts[self.i] if self.i < len(self.parts) else ""
         self.i += 1
         if token == "{":
@@ -128,7 +128,7 @@ class _Extent:
         return 0.2 if token in (r"\,", "(", ")", ",") else 0.17 * len(token) if token in (r"\quad",) else 0.56
 
     def matrix(self) -> float:
-        """The widest cell of every column."""
+        """Width of a matrix: sum of the widest cells of its columns."""
         cases = "".join(self.parts[self.i : self.i + 6]) == "{cases"
         self.atom()
         rows: list[list[float]] = [[0.0]]

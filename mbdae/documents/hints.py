@@ -1,4 +1,4 @@
-r"""What the symbols of a formula mean, as plain text, from the tables of symbols of its document."""
+r"""Meanings of the symbols in a formula as plain text, from the tables of symbols in its document."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _tables(blocks: Sequence[Block]) -> Iterator[Table]:
 
 
 def symbols_of(blocks: Sequence[Block]) -> dict[tuple[str, ...], str]:
-    """By the tokens of every symbol in tables of symbols its letter, meaning and unit in plain text."""
+    """From tables of symbols: tokens of a symbol -> its letter, meaning and unit in plain text."""
     found = {}
     for table in _tables(blocks):
         for symbol, unit, meaning in table.rows:
@@ -37,7 +37,7 @@ def symbols_of(blocks: Sequence[Block]) -> dict[tuple[str, ...], str]:
 
 
 def plain(latex: str) -> str:
-    """A short formula or text with formulas as letters."""
+    """A short formula, or text with formulas, in plain letters."""
     for command, mark in _MARKS.items():
         latex = re.sub(re.escape(command) + r"\{?(\\[a-z]+\{?[A-Za-z\\]+\}?|[A-Za-z])\}?", rf"\1{mark}", latex)
     latex = re.sub(r"\\([A-Za-z]+)", lambda m: GREEK.get(m[1], m[0]), latex)
@@ -45,7 +45,7 @@ def plain(latex: str) -> str:
 
 
 def explained(latex: str, symbols: Mapping[tuple[str, ...], str]) -> str:
-    """The meanings of the symbols of a formula, one a line; the longest symbol at every place."""
+    """The meanings of the symbols in a formula, one a line; at every place the longest known symbol is taken."""
     line, found, i = key_of(latex), dict[str, None](), 0
     while i < len(line):
         here = [key for key in symbols if line[i : i + len(key)] == key]

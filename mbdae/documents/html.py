@@ -1,4 +1,4 @@
-"""A document as one HTML page that loads nothing: formulas as MathML, a layout for screens, phones and print."""
+"""A document as one HTML page that loads no other file: formulas as MathML, a layout for screens, phones and print."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def _plain(text: str) -> str:
 
 
 def _text(text: str) -> str:
-    """Text with mathematics and `code` between backquotes."""
+    """HTML of a text with mathematics, and with `code` between backquotes."""
     out = []
     for formula, part in split_text(text):
         out.append(inline(part) if formula else re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(part, quote=False)))
@@ -96,7 +96,7 @@ def _text(text: str) -> str:
 
 
 class _Writer:
-    """Writes blocks, and collects the sections for the table of contents."""
+    """Writes blocks as HTML and collects the sections for the table of contents."""
 
     def __init__(self, symbols: Mapping[tuple[str, ...], str]) -> None:
         self.symbols = symbols
@@ -105,7 +105,7 @@ class _Writer:
         self.ids: set[str] = set()
 
     def block(self, block: Block, level: int) -> str:
-        """One block under a heading of the level above."""
+        """HTML of one block; level: that of a heading in it."""
         if isinstance(block, Section):
             return self.section(block, block.level or level)
         if isinstance(block, Paragraph):
@@ -119,7 +119,7 @@ class _Writer:
         return _picture(block)
 
     def section(self, section: Section, level: int) -> str:
-        """A heading and what stands under it."""
+        """HTML of a heading and its blocks."""
         plain = re.sub(r"[^a-z0-9]+", "-", _plain(section.title).lower()).strip("-") or "section"
         place, count = plain, 1
         while place in self.ids:
@@ -133,7 +133,7 @@ class _Writer:
         return f'<section aria-labelledby="{place}">{heading}\n{inside}</section>\n'
 
     def table(self, table: Table) -> str:
-        """A table that scrolls in its own box, by keyboard too."""
+        """HTML of a table that scrolls in its own box, also by keyboard."""
         self.tables += 1
         caption = f'<p class="note">{_text(table.caption)}</p>\n' if table.caption else ""
         head = "".join(f'<th scope="col">{_text(cell)}</th>' for cell in table.head)

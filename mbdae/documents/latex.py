@@ -15,15 +15,15 @@ HEAD = r"\documentclass[a4paper,10pt]{article}" + "\n" + PACKAGES + r"""\usepack
 \setlength{\parindent}{0pt}\setlength{\parskip}{4pt}
 \setlength{\tabcolsep}{3pt}\raggedright\sloppy\allowdisplaybreaks
 """
-_NEXT = "\n\\end{gather*}\n\n\\begin{gather*}\n"  #: between two equations: they become one display
-_SPACE = r"\s+(?=[^$]*(?:\$[^$]*\$[^$]*)*$)"  #: between words, outside of formulas
-WIDEST = 44.0  #: em, a line that is wider is made smaller
-LETTERS = 76.0  #: of a line of a formula
+_NEXT = "\n\\end{gather*}\n\n\\begin{gather*}\n"  #: between two equations, which are joined to one display
+_SPACE = r"\s+(?=[^$]*(?:\$[^$]*\$[^$]*)*$)"  #: blanks between words, outside of formulas
+WIDEST = 44.0  #: largest width of a line in em; wider lines are scaled down
+LETTERS = 76.0  #: largest number of letters in a line of a formula
 _LEVELS = {2: "section", 3: "subsection", 4: "subsubsection"}
 
 
 def latex(title: str, blocks: Sequence[Block], files: Mapping[int, str] | None = None) -> str:
-    """The whole text; `files` names the file of a picture by its id."""
+    """The LaTeX text of a document; `files`: name of the file of a picture by the picture's id."""
     body = "\n\n".join(_block(block, 2, files or {}) for block in blocks).replace(_NEXT, " \\\\\n")
     return f"{HEAD}\\begin{{document}}\n{{\\LARGE\\bfseries {_text(title)}\\par}}\n\\medskip\n\n{body}\n\\end{{document}}\n"
 
@@ -56,7 +56,7 @@ def _block(block: Block, level: int, files: Mapping[int, str]) -> str:
 
 
 def displayed(formula: str) -> str:
-    """A formula that fits the width of the text: broken between its terms, made smaller where a term is wider."""
+    """A formula that fits the text width: broken between its terms, scaled down where a single term is wider."""
     lines = folded(signs(formula), LETTERS, lambda part: max(width(part), 2 * extent(part)))
     body = "\\begin{aligned}\n& " + " \\\\\n& ".join(lines) + "\n\\end{aligned}" if len(lines) > 1 else lines[0]
     return f"\\resizebox{{0.9\\linewidth}}{{!}}{{$\\displaystyle {body}$}}" if max(map(extent, lines)) > WIDEST else body
@@ -80,7 +80,7 @@ def _table(table: Table) -> str:
 
 
 def _shares(table: Table) -> list[float]:
-    """Widths of the columns, by what stands in them: no narrower than their longest word, further room for long texts."""
+    """Column widths by content: no narrower than the longest word, with the remaining width given to long texts."""
     cells = list(zip(table.head, *table.rows, strict=True))
     words = [max(1.25 * _letters(word) + 1.2 for cell in column for word in re.split(_SPACE, cell)) for column in cells]
     texts = [max(map(_letters, column)) for column in cells]
@@ -93,7 +93,7 @@ def _shares(table: Table) -> list[float]:
 
 
 def _letters(word: str) -> float:
-    """How wide a text is, in letters; low lines count outside of formulas."""
+    """Estimated width of a text in letters; underscores outside of formulas count extra."""
     return width(word) + sum(0.8 * part.count("_") for formula, part in split_text(word) if not formula)
 
 

@@ -10,7 +10,7 @@ from mbdae.documents.formulas import folded
 
 
 def markdown(title: str, blocks: Sequence[Block], files: Mapping[int, str] | None = None) -> str:
-    """The whole text; `files` names the file of a picture by its id."""
+    """The Markdown text of a document; `files`: name of the file of a picture by the picture's id."""
     parts = [f"# {_plain(title)}", *(_block(block, 2, files or {}) for block in blocks)]
     return "\n\n".join(parts) + "\n"
 
@@ -50,7 +50,7 @@ def _cell(text: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Text in which a `<` outside of code and mathematics begins no HTML."""
+    """Text in which `<` outside of code and mathematics is escaped, so that it starts no HTML."""
     return re.sub(r"(`[^`]*`|(?<!\\)\$[^$]*\$)|<", lambda m: m[1] or r"\<", text)
 
 

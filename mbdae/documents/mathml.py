@@ -1,4 +1,4 @@
-r"""LaTeX mathematics to MathML: the subset the reports write, without characters that need a special font.
+r"""LaTeX mathematics to MathML: the subset that reports use, without characters that need a special font.
 
 Known: letters, numbers, Greek, `\mathbf \boldsymbol \mathrm \mathsf \mathit \mathcal \text \operatorname`, `^ _`, `\frac \tfrac
 \sqrt`, accents, `\left \right` and the larger brackets, `\begin{aligned|cases|bmatrix|pmatrix|matrix}`, the signs of `SIGNS`.
@@ -44,23 +44,23 @@ FONTS = {"mathbf": "b", "boldsymbol": "bi", "bm": "bi", "mathrm": "n", "mathsf":
 _MATRICES = {"matrix": ("", ""), "bmatrix": ("[", "]"), "pmatrix": ("(", ")"), "cases": ("{", ""), "aligned": ("", ""),
              "array": ("", ""), "gathered": ("", "")}  # fmt: skip
 
-LEAST = 0.8  #: em, the smallest size of a formula: 12.8 px on the page
-NARROW, MARGIN = 14.0, 1.3  #: em, the width that fits the narrowest windows; what fonts may add to an estimated width
+LEAST = 0.8  #: smallest scale of a formula in em, 12.8 px on the page
+NARROW, MARGIN = 14.0, 1.3  #: em: width that fits the narrowest windows; factor by which a font may exceed the estimate
 _DISPLAY = '<math displaystyle="true">'
 _FENCE, _FIXED = ' stretchy="true" fence="true"', ' stretchy="false"'
 
 
 class FormulaError(MbdaeError):
-    """A formula with a command that this module does not know."""
+    """A formula with a command that this module does not support; the message names the command."""
 
 
 def inline(latex: str) -> str:
-    """Pieces of a formula as `<math>` elements, between which a line may be broken."""
+    """Pieces of a formula as `<math>` elements, between which the browser may break the line."""
     return "<br>".join(_line(line, "<math>") for line in pieces(latex))
 
 
 def display(latex: str) -> str:
-    """The same in display style, each line of the formula in an element of its own."""
+    """A formula in display style as HTML, each of its lines in an element of its own."""
     return "".join(f'<div class="line">{_line(line, _DISPLAY)}</div>' for line in pieces(latex))
 
 
@@ -69,8 +69,8 @@ def _line(line: list[str], opening: str) -> str:
 
 
 def _sized(opening: str, piece: str) -> str:
-    """A piece that cannot be broken becomes smaller where the window is narrower than it is, as long as it can be read; what is
-    wider still scrolls in its own box."""
+    """A piece that cannot be broken is scaled down in a window narrower than it, to no less than a readable size; beyond that its
+    box scrolls."""
     wide = MARGIN * extent(piece)
     if wide < NARROW:
         return opening
@@ -88,7 +88,7 @@ def _letter(text: str, font: str) -> str:
 
 
 class _Reader:
-    """Reads the tokens of one formula, or of a line of it."""
+    """Parser of one formula, or of one line of it."""
 
     def __init__(self, latex: str, continued: bool = False) -> None:
         self.latex, self.tokens, self.i, self.continued = latex, tokens(latex), 0, continued
@@ -111,7 +111,7 @@ class _Reader:
         return token
 
     def row(self, font: str, stop: set[str]) -> str:
-        """The formula up to a token of `stop`, which is not read."""
+        """The formula up to a token of `stop`, which is not consumed."""
         out: list[str] = []
         while (token := self.peek()) and token not in stop and token not in ("}", r"\right", r"\end"):
             base = "<mrow></mrow>" if token in ("^", "_") else self.atom(font, first=not out)
@@ -119,7 +119,7 @@ class _Reader:
         return out[0] if len(out) == 1 else f"<mrow>{''.join(out)}</mrow>"
 
     def scripts(self, base: str, font: str) -> str:
-        """The base with what follows as subscript and superscript."""
+        """The base with the subscript and superscript that follow it."""
         found: dict[str, str] = {}
         while self.peek() in ("_", "^", "'"):
             sign = self.take()
@@ -159,7 +159,7 @@ class _Reader:
         return self._operator("−" if token == "-" else "∗" if token == "*" else token, token, first)
 
     def _operator(self, text: str, token: str, first: bool) -> str:
-        """A sign; at the start of a continued line it is still between two terms."""
+        """A sign; at the start of a continued line it keeps the spacing of a sign between two terms."""
         continues = first and token in RELATIONS | BINARY and self.latex.strip() != token
         prefix = first and token in BINARY and not (self.continued and self.latex.lstrip().startswith(token) and self.i <= 2)
         return _sign(text, ' form="infix" lspace="0.05em" rspace="0.28em"' if continues and not prefix else "")
@@ -200,7 +200,7 @@ class _Reader:
         raise FormulaError(f"formula '{self.latex}': unknown command '\\{name}'")
 
     def raw(self) -> str:
-        """The text of a group as it stands."""
+        """The text of a group, unchanged."""
         if self.take() != "{":
             raise FormulaError(f"formula '{self.latex}': text without braces")
         start, depth = self.i, 1
@@ -211,7 +211,7 @@ class _Reader:
         return inside.replace(" ", "\u00a0")
 
     def fence(self) -> str:
-        """A bracket after `\\left` and the like."""
+        """The bracket after `\\left` and similar commands."""
         token = self.take()
         return "" if token == "." else SIGNS[token[1:]] if token.startswith("\\") else token
 

@@ -26,24 +26,24 @@ from mbdae.values import path as path_named
 
 __all__ = ["Entry", "Export", "export"]
 
-#: format -> how it is written, and the suffix of its files
+#: format -> function that writes it, and suffix of its files
 FORMATS = {"sympy": (text.sympy_text, ".py"), "c": (c.source, ".c"), "casadi": (text.casadi_text, ".py"),
            "latex": (text.latex_text, ".tex")}  # fmt: skip
 
 
 @dataclass(frozen=True, repr=False)
 class Export:
-    """Equations that left mbdae.
+    """Equations in the language of another system, made by `mb.export`.
 
-    inputs      names, units and values of every input vector: of a scene "t" (s), "y", "yp" (the start) and "p" (the parameters,
-                with the values of the scene); of a law "x" (unknowns of its frames, multipliers, states) and "p"
-    outputs     the same of every function, in the order of its outputs; arguments: the inputs that each takes
-    pattern     rows and columns (nnz,) of the entries of the Jacobian, column by column; None of a law
-    missing     functions that the scene has not in this form, and why
-    text        the whole file; header: of C its declarations, with all names and units
+    inputs      {name of an input vector: entries with name, unit and value}: of a scene "t" (s), "y", "yp" (at the start) and "p"
+                (parameters, with the values of the scene); of a law "x" (unknowns of its frames, multipliers, states) and "p"
+    outputs     {function: entries with name and unit}, in the order of its outputs; arguments: {function: names of its inputs}
+    pattern     rows and columns (nnz,) of the entries of the Jacobian, column by column; None for a law
+    missing     {function: reason}, for those that the scene does not have in this form
+    text        the whole file; header: the declarations in C, with all names and units
 
-    `export["residual"]` is one function: of SymPy (steps, outputs) as `sympy.cse` returns them, a `casadi.Function`, of C the
-    name by which it is called, of LaTeX its equations."""
+    `export["residual"]` is one function: in SymPy (steps, outputs) as `sympy.cse` returns them, a `casadi.Function`, in C the
+    name by which it is called, in LaTeX its equations."""
 
     format: str
     program: Program
@@ -70,12 +70,12 @@ class Export:
 
     @property
     def header(self) -> str:
-        """Of C the declarations."""
+        """The declarations in C."""
         return c.header(self.program)
 
     def save(self, path: Any) -> Path:
-        """Write the file; of C the header beside it, with the suffix .h. Returns the path. OptionError where the suffix is that
-        of another format, or the system refuses."""
+        """Write the file, for C also the header beside it, with suffix .h; returns the path. Raises OptionError where the
+        suffix is that of another format or the file cannot be written."""
         suffix = FORMATS[self.format][1]
         named: Path = option("path", path, path_named, f"give the name of a file that ends in {suffix}")
         if named.suffix != suffix:
@@ -98,7 +98,7 @@ class Export:
 
     @cached_property
     def _module(self) -> dict[str, Any]:
-        """What the text defines."""
+        """Names that the exported Python text defines, with their values."""
         space: dict[str, Any] = {}
         try:
             exec(compile(self.text, f"<{self.program.title}>", "exec"), space)
@@ -120,7 +120,7 @@ def export(what: Any, format: str = "sympy", form: Any = None, frames: Any = Non
     Functions of a scene, in SI units and rad: residual F(t, y, y', p), jacobian (entries of dF/dy and dF/dy'), rates
     y' = f(t, y, p) where the form has it, joint_forces (force on body l, N, and torque about the joint, N m, of every item).
     p: parameters of the laws by "item.name" and points of joints on their bodies; directions of axes, and all of beams, are
-    numbers in the text. Conditions of inputs of time are read at t.
+    numbers in the text. Switches of inputs of time are evaluated at t.
     Raises OptionError for what cannot be exported, SceneError for a scene with problems."""
     option("format", format, word, "give one of them", words=FORMATS)
     if isinstance(what, SceneData):

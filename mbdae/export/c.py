@@ -1,4 +1,4 @@
-"""A program as C99 that needs nothing but libm: kernels as functions, operations as loops over constant tables."""
+"""A program as C99 that needs only libm: kernels as functions, operations as loops over constant tables."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from mbdae.export.program import Entry, Function, Program, weights
 from mbdae.native.program import CALL, CHOLESKY, LOAD, LOOKUP, LU, POSITIVE, SET, Step
 from mbdae.symbolic.source import steps
 
-AT_ONCE = 6  #: entries of an operation up to which it is written line by line
-ON_STACK = 50_000  #: numbers; larger work arrays are static, so that such a function is not for several threads at once
+AT_ONCE = 6  #: an operation with at most this many entries is written line by line instead of as a loop
+ON_STACK = 50_000  #: largest work array (numbers) on the stack; a larger one is static, and its function not thread-safe
 
 
 SIGN = "static double sign(double x) { return (double)((x > 0.0) - (x < 0.0)); }\n"
 
 
 def identifier(title: str) -> str:
-    """A name of C that begins the names of all functions."""
+    """A C identifier with which the names of all functions begin."""
     name = re.sub(r"\W+", "_", title.split(",")[0], flags=re.ASCII).strip("_").lower() or "scene"
     return f"_{name}" if name[0].isdigit() else name
 
 
 def header(program: Program) -> str:
-    """The declarations, with what every number of every vector is."""
+    """The declarations, with comments on every entry of every vector."""
     name = identifier(program.title)
     lines = [f"/* {_comment(program.title)}. SI units, angles in rad. Functions return 0, 1 where a matrix is singular. */", ""]
     for vector, entries in program.inputs.items():
@@ -53,12 +53,12 @@ def _valued(entries: Sequence[Entry]) -> bool:
 
 
 def _listed(entries: Sequence[Entry]) -> list[str]:
-    """One line for each entry."""
+    """One comment line for each entry."""
     return [f"   {_comment(line)}" for line in described(entries)]
 
 
 def _comment(text: str) -> str:
-    """Text without what would end a comment or begin one, or a trigraph."""
+    """Text without character pairs that end or begin a comment, and without trigraphs."""
     return text.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").replace("\\", "/")
 
 
@@ -68,12 +68,12 @@ def _signature(name: str, f: Function) -> str:
 
 
 def source(program: Program) -> str:
-    """The C file; it includes nothing but math.h and string.h."""
+    """The C file; it includes only math.h and string.h."""
     return _File(program).text()
 
 
 class _File:
-    """The parts of a C file as they are needed."""
+    """Collects the parts of a C file as they are needed."""
 
     def __init__(self, program: Program) -> None:
         self.program, self.name = program, identifier(program.title)
@@ -149,8 +149,8 @@ class _File:
         return self._each(f"W[{{}}] {'=' if kind == SET else '+='} {' * '.join(terms)};", *columns, times=f["times"])
 
     def _each(self, line: str, *columns: tuple[Any, int], times: int = 1) -> list[str]:
-        """A line for each entry, or loops. columns: slots or numbers of the first instance, and how much further those of the
-        next one are."""
+        """A line for each entry, or loops. columns: slots or numbers of the first instance, and their increment from one
+        instance to the next."""
         count = len(columns[0][0])
         if count <= AT_ONCE and times == 1:
             return [line.format(*(_entry(table[k]) for table, _ in columns)) for k in range(count)]
@@ -159,14 +159,14 @@ class _File:
         return [f"for (int r = 0; r < {times}; r++) {loop}" if times > 1 else loop]
 
     def _place(self, table: Any, by: int) -> str:
-        """Entry k of a column, of instance r."""
+        """C expression of entry k of a column for instance r."""
         shift = f" + r * {by}" if by else ""
         if table.dtype.kind == "f":
             return c_number(table[0]) if not by and np.all(table == table[0]) else f"{self._table(table)}[k{shift}]"
         return f"{table[0]} + k{shift}" if np.all(np.diff(table) == 1) else f"{self._table(table)}[k]{shift}"
 
     def _call(self, step: Step) -> list[str]:
-        """The call of a kernel at its points."""
+        """Lines that call a kernel for all of its instances."""
         f, gather, times = step.fields, step.tables["from_"].ravel(), step.fields["times"]
         name, inputs = self._kernel(f["kernel"], f["used"]), f["inputs"]
         if times == 1:
@@ -176,7 +176,7 @@ class _File:
                 f"  {name}(X, W + {f['first']} + r * {f['outputs']});", "}"]  # fmt: skip
 
     def _kernel(self, kernel: Any, used: tuple[int, ...]) -> str:
-        """The function of a kernel that writes some of its values; a kernel that several functions call is written once."""
+        """Name of the C function of a kernel that writes some of its values; one used by several functions is written once."""
         key = (id(kernel), used)
         if key not in self.kernels:
             self.kernels[key] = name = f"kernel{len(self.kernels)}"
@@ -189,7 +189,7 @@ class _File:
         return self.kernels[key]
 
     def _table(self, values: Any) -> str:
-        """A constant table; equal ones are written once."""
+        """Name of a constant table; equal tables are written once."""
         values = np.ascontiguousarray(values)
         key = values.dtype.kind.encode() + values.tobytes()
         if key not in self.tables:
@@ -203,6 +203,6 @@ def _entry(value: Any) -> str:
 
 
 def _listing(values: Any) -> str:
-    """An initialiser, in lines of at most 20 numbers."""
+    """A C initialiser with at most 20 numbers a line."""
     texts = [_entry(v) for v in np.asarray(values).tolist()]
     return "{" + ",\n  ".join(", ".join(texts[i : i + 20]) for i in range(0, len(texts), 20)) + "}"

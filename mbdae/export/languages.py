@@ -1,4 +1,4 @@
-"""How expressions are written in C, for CasADi and for SymPy, and how inputs and outputs are described."""
+"""Expressions in the syntax of C, CasADi and SymPy, and descriptions of inputs and outputs."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ def _infix(operator: str) -> Callable[..., str]:
 
 
 def _calls(names: str) -> dict[str, Callable[..., str]]:
-    """Functions by names, "own=theirs" where a language has another one."""
+    """Functions by names, "own=theirs" where the language uses another name."""
     pairs = (name.partition("=") for name in names.split())
     return {own: called(theirs or own) for own, _, theirs in pairs}
 
 
-#: what is written alike in all three, and in C and for CasADi
+#: functions and relations with equal syntax in all three languages, and those common to C and CasADi
 _EQUAL = _calls("sin cos tan sinh cosh tanh asin acos atan asinh acosh atanh atan2 log floor sign erf") | {
     "StrictLessThan": _infix("<"), "LessThan": _infix("<=")}  # fmt: skip
 _NUMERIC = _EQUAL | {"Equality": _infix("=="), "Unequality": _infix("!="), "BooleanTrue": lambda: "1",
@@ -31,7 +31,7 @@ _NUMERIC = _EQUAL | {"Equality": _infix("=="), "Unequality": _infix("!="), "Bool
 
 
 def _folded(name: str) -> Callable[..., str]:
-    """Of many arguments by a function of two."""
+    """Writer of a function of many arguments by nested calls of a function of two."""
 
     def write(*args: str) -> str:
         return args[0] if len(args) == 1 else f"{name}({args[0]}, {write(*args[1:])})"
@@ -40,7 +40,7 @@ def _folded(name: str) -> Callable[..., str]:
 
 
 def _chosen(form: str, none: str) -> Callable[..., str]:
-    """A Piecewise, whose arguments are value, condition, value, ... by a choice between two values."""
+    """Writer of a Piecewise (value, condition, value, ...) by nested choices between two values."""
 
     def write(*args: str) -> str:
         return form.format(args[0], args[1], write(*args[2:])) if args else none
@@ -53,13 +53,13 @@ def _pairs(*args: str) -> str:
 
 
 def c_number(e: Any) -> str:
-    """A double."""
+    """A number as a double of C."""
     text = repr(float(e))
     return {"inf": "INFINITY", "-inf": "(-INFINITY)", "nan": "NAN"}.get(text, f"({text})" if text.startswith("-") else text)
 
 
 def _power(one: str, general: str, square: bool) -> Callable[[Expr, str, Expr, str], str]:
-    """Roots and squares by themselves, the rest as `general` says."""
+    """Writer of powers: roots and squares specially, all others by the pattern `general`."""
 
     def write(base: Expr, text: str, exponent: Expr, power: str) -> str:
         if base == se.E:

@@ -1,4 +1,4 @@
-"""The functions of a law on its own: of x, the unknowns of its frames, its multipliers and states, and of its parameters p."""
+"""Exported functions of a single law: of x (unknowns of its frames, multipliers, states) and of its parameters p."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _law(what: Any, options: Mapping[str, Any]) -> tuple[type[Law], Structure, M
         return type(what), what.structure(timed), {p: getattr(what, p) for p in what.params}
     if isinstance(what, Part) or (isinstance(what, type) and issubclass(what, Part)):
         role = "friction" if issubclass(what if isinstance(what, type) else type(what), Friction) else "normal"
-        typical = OPTIONS[role]  # the options of a part have values that change its statement
+        typical = OPTIONS[role]  # the options of such a law have values, which change its statement
         part = typical if what is typical.cls else PartStructure(what, frozenset(), ()) if isinstance(what, type) else what
         return JournalContact, structure_of(JournalContact, {role: part, **options}), {}
     if isinstance(what, type) and issubclass(what, Law):
@@ -87,7 +87,7 @@ def _law(what: Any, options: Mapping[str, Any]) -> tuple[type[Law], Structure, M
 
 
 def _sides(law: type[Law], structure: Structure, frames: Any) -> tuple[Side, ...]:
-    """Kinds of the nodes: as asked, or bodies in space, the ground as k of a force from outside."""
+    """Kinds of the nodes: as requested, else bodies in space, with the ground as k of an external force."""
     count = len(law.frames)
     ground = NodeKind.GROUND.value if issubclass(law, Force) and law.external else NodeKind.SPATIAL.value
     words = [kind.value for kind in NodeKind if not kind.of_joint]
@@ -157,7 +157,7 @@ def _units(d: Derived) -> dict[Target, str]:
 
 
 def _of_line(title: str, d: Any, values: Mapping[str, Any], law: type[Law]) -> Program:
-    """A law at a point of a line: forces dual to the interpolated fields, rows of the stresses, energy."""
+    """Functions of a law at a point of a line: generalised forces of the interpolated fields, rows of the stresses, energy."""
     tables: dict[str, tuple[str, list[Any]]] = {
         "forces": ("forces dual to the fields, times the weight of the point", [(f"dual of {f.symbol}", e) for f, e in d.duals]),
         "rows": ("rows of the stresses", [(f"row of {name}", e) for name, e in zip(d.stresses, d.rows, strict=True)]),
@@ -177,7 +177,7 @@ def _of_line(title: str, d: Any, values: Mapping[str, Any], law: type[Law]) -> P
 
 
 def _program(title: str, made: Made, x: Mapping[str, str], law: Any, values: Mapping[str, Any]) -> Program:
-    """One call of a kernel for each function. x: units of the unknowns by their names."""
+    """A program with one kernel call for each function. x: units of the unknowns by name."""
     used = {str(s) for kernel, _, _ in made.values() for s in kernel.symbols}
     unknown = [name for name in x if name in used]
     parameters = sorted(used - set(unknown))

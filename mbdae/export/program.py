@@ -1,7 +1,7 @@
-"""What is exported: named functions of named vectors, each a list of operations on one array of numbers.
+"""Data of an export: named functions of named vectors, each a list of operations on one array of numbers.
 
-The operations are those that run natively (`mbdae.native.program`), read as tables; of every function only those stay on which
-its outputs depend.
+The operations are those that run natively (`mbdae.native.program`), read as tables; for every function only those are kept on
+which its outputs depend.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 class Entry(NamedTuple):
-    """One number of an input or output: its name, unit, and a value, NaN where there is none."""
+    """One entry of an input or output vector: its name, unit and value, NaN where it has none."""
 
     name: str
     unit: str
@@ -31,8 +31,8 @@ class Entry(NamedTuple):
 
 @dataclass(frozen=True)
 class Function:
-    """outputs: entries; at: their slots; arguments: names of the inputs; steps: the operations, those that call a kernel with the
-    field `used`, which of its values have an influence; reads: the slots whose numbers at the beginning have one."""
+    """outputs: entries; at: their slots; arguments: names of the inputs; steps: operations, kernel calls with the field `used`
+    (the kernel values that matter); reads: slots whose initial numbers matter."""
 
     name: str
     meaning: str
@@ -45,9 +45,9 @@ class Function:
 
 @dataclass
 class Program:
-    """title: what is exported; inputs: entries of the vectors by their names ("t", "y", "yp", "p", or "x" and "p" of a law);
-    slots: where they are written, pairs (entry, slot); numbers: with which the array begins, 0 further on; pattern: rows and
-    columns of the entries of the Jacobian; missing: functions that cannot be given, and why."""
+    """title: what is exported; inputs: entries of the vectors by name ("t", "y", "yp", "p", of a law "x" and "p"); slots: pairs
+    (entry, slot) by vector, where inputs are written; numbers: initial values of the array, followed by zeros; pattern: rows and
+    columns of the entries of the Jacobian; missing: {function that cannot be given: reason}."""
 
     title: str
     operations: Operations
@@ -63,11 +63,11 @@ class Program:
 
     def add(self, name: str, meaning: str, arguments: Sequence[str], outputs: Sequence[Entry], at: Any,
             part: Operations) -> None:  # fmt: skip
-        """A function by its operations, of which those without influence on its outputs are left out."""
+        """Add a function by its operations; those without influence on its outputs are left out."""
         at, W = np.asarray(at, dtype=np.int64), filled(self.operations, self.numbers)
         steps, live = _needed(part.steps, at, len(W))
         for vector in arguments:
-            W[self.slots[vector][:, 1]] = 0.0  # is given
+            W[self.slots[vector][:, 1]] = 0.0  # these slots are inputs, not constants
         fixed, begin = np.flatnonzero(live & (W != 0)), self.operations.part()
         for run in np.split(fixed, np.flatnonzero(np.diff(fixed) > 1) + 1):
             if len(run):
@@ -76,7 +76,7 @@ class Program:
                                         frozenset(np.flatnonzero(live).tolist()))  # fmt: skip
 
     def given(self, vectors: Mapping[str, Any]) -> Array:
-        """The array with values of the inputs in their slots."""
+        """The array with the values of the inputs in their slots."""
         W = np.zeros(self.operations.size)
         for name, values in vectors.items():
             entries, slots = self.slots[name].T
@@ -94,7 +94,7 @@ class Program:
 
 
 def filled(operations: Operations, numbers: Array) -> Array:
-    """The array with which operations begin."""
+    """The array with its initial values, before any operation."""
     W = np.zeros(operations.size)
     W[: len(numbers)] = numbers
     operations.fill(W)
@@ -102,13 +102,13 @@ def filled(operations: Operations, numbers: Array) -> Array:
 
 
 def reach(step: Step, name: str) -> Index:
-    """Slots (times, count) of a table of an operation on slots."""
+    """Slots (times, count) that a table of an operation addresses in all of its instances."""
     table = np.asarray(step.tables[name], dtype=np.int64)
     return np.asarray(table + step.fields.get(f"{name.rstrip('_')}_step", 0) * np.arange(step.fields["times"])[:, None])
 
 
 def shifted(step: Step, by: int) -> Step:
-    """The same operation on slots that stand further behind."""
+    """The operation on slots that are `by` places higher."""
     slots = {CHOLESKY: ("first", "outputs"), LU: ("first", "outputs"), LOOKUP: ("first", "inputs", "outputs")}.get(
         step.fields["kind"], ("first",))  # fmt: skip
     fields = {name: value + by if name in slots else value for name, value in step.fields.items()}
@@ -117,12 +117,12 @@ def shifted(step: Step, by: int) -> Step:
 
 
 def weights(step: Step) -> Array:
-    """(times or 1, count) factors of an operation, 1 where it has none."""
+    """Factors of an operation, (times or 1, count); 1 where it has none."""
     return np.asarray(step.tables.get("weight", np.ones(step.fields["count"])), dtype=float).reshape(-1, step.fields["count"])
 
 
 def run(steps: Sequence[Step], W: Array) -> None:
-    """Carry operations out natively, in place."""
+    """Execute operations natively on W, in place."""
     part = Operations(len(W))
     part.steps += steps
     (table, _kept), x = part.table(len(W)), np.zeros(part.widest + 1)
@@ -130,7 +130,7 @@ def run(steps: Sequence[Step], W: Array) -> None:
 
 
 def _needed(steps: Sequence[Step], outputs: Index, size: int) -> tuple[list[Step], NDArray[np.bool_]]:
-    """Operations, with the values of kernels, on which slots depend, and the slots whose numbers must be there before."""
+    """Operations (and kernel values) on which the output slots depend, and the slots whose initial numbers they need."""
     live = np.zeros(size, dtype=bool)
     live[outputs] = True
     found = [_USED.get(step.fields["kind"], _of_slots)(step, live) for step in reversed(steps)]
@@ -158,7 +158,7 @@ def _of_load(step: Step, live: NDArray[np.bool_]) -> Step | None:
 
 
 def _of_slots(step: Step, live: NDArray[np.bool_]) -> Step | None:
-    """Copies, sums and products: entries that no instance needs are left out."""
+    """A copy, sum or product without the entries that no instance needs."""
     to = reach(step, "to")
     kept = live[to].any(axis=0)
     if not kept.any():

@@ -1,4 +1,4 @@
-"""The equations of a scene in a form as a program of functions of (t, y, y', p): the operations that integrate it."""
+"""The equations of a scene as a program of functions of (t, y, y', p), made of the operations that integrate it."""
 
 from __future__ import annotations
 
@@ -31,13 +31,14 @@ ALL = ("t", "y", "yp", "p")
 
 
 def scene_program(scene: Any, form: Form | None) -> Program:
-    """residual, jacobian and joint_forces of a scene; rates too where the form has y' = f(t, y)."""
+    """residual, jacobian and joint_forces of a scene; rates too where the formulation has y' = f(t, y)."""
     prepared = prepare(scene)
-    if prepared.all_bodies.moved.ordered:  # evaluated joint by joint, in no function of its own
+    # trees that are evaluated joint by joint have no function to export: their joints are exported as kinematic ones
+    if prepared.all_bodies.moved.ordered:
         prepared = prepare(scene.replace(*(c.name for c in prepared.model.recursive), model=Kinematic()))
     chosen = form if form is not None else default_form(prepared)
     system = system_for(prepared, chosen)
-    full = getattr(system, "full", system.assembly)  # with multipliers, where they are eliminated
+    full = getattr(system, "full", system.assembly)  # the formulation with multipliers, where they are eliminated
     assembly = Assembly(full.model, full.numbering.rows, full.spec, False, _opened(prepared), open=True)
     made = _Made(assembly, system.n, baked(assembly.moved, assembly.model))
     program = made.program(f"{scene.name}, form {system.label}", system)
@@ -51,7 +52,7 @@ def scene_program(scene: Any, form: Form | None) -> Program:
 
 
 def _opened(prepared: Prepared) -> MovedBodies:
-    """The trees of a model with all parameters of their laws as inputs, those that are 0 or 1 too."""
+    """The trees of a model with all parameters of their laws as inputs, even those that are 0 or 1."""
     moved = prepared.all_bodies.moved
     if not moved.trees:
         return moved
@@ -70,7 +71,7 @@ def _open(tree: Tree) -> Tree:
 
 
 def baked(moved: MovedBodies, model: Model) -> set[tuple[str, str]]:
-    """Items with names of numbers that a tree has as a part of its program."""
+    """(item, name) of numbers that are constants in the program of a tree."""
     found = set()
     for tree in moved.trees:
         parts: tuple[Any, ...] = (*tree.structure.links, *tree.structure.members)
@@ -81,25 +82,26 @@ def baked(moved: MovedBodies, model: Model) -> set[tuple[str, str]]:
 
 
 class _Made:
-    """The operations of a scene, with slots for its inputs. n: unknowns of the form; fixed: items and names of numbers that are
-    no inputs."""
+    """The operations of a scene with slots for its inputs. n: number of unknowns of the formulation; fixed: (item, name) of
+    numbers that are no inputs."""
 
     def __init__(self, assembly: Assembly, n: int, fixed: set[tuple[str, str]]) -> None:
         self.assembly, self.n, self.fixed = assembly, n, fixed
         self.numbering, self.e = assembly.numbering, assembly.operations()
         self.operations = self.e.operations
-        self.dotted = assembly.n if n == assembly.n else self.operations.slots(n)  # y' apart where it is solved for
+        # y' has slots of its own where the equations are solved for y'
+        self.dotted = assembly.n if n == assembly.n else self.operations.slots(n)
         self.parameters, self.pairs = parameter_entries(self.numbering, fixed)
         self.numbers, pattern = self.numbering.workspace(1)[0], assembly.pattern
         assert pattern is not None  # trees that are evaluated joint by joint were replaced above
         self.rows, self.columns = pattern.indices, np.repeat(np.arange(assembly.n), np.diff(pattern.indptr))
 
     def part(self, *others: Operations) -> Operations:
-        """A list that begins with prescribed values."""
+        """A list of operations that starts with the prescribed motions."""
         return self.operations.part(self.e.clock, *others)
 
     def program(self, title: str, system: Any) -> Program:
-        """The program with its inputs, whose values are the start of the system."""
+        """The program with its inputs, whose values are those at the system's start."""
         units, n = unknown_units(self.numbering)[: self.n], self.n
         y = tuple(map(Entry, system.names, units, system.y0.tolist()))
         rates = [Entry(f"d/dt {e.name}", rate_of(e.unit), v) for e, v in zip(y, system.yp0.tolist(), strict=True)]
@@ -109,7 +111,7 @@ class _Made:
         return Program(title, self.operations, vectors, slots, self.numbers)
 
     def as_integrated(self, program: Program, names: Sequence[str]) -> None:
-        """F, its Jacobian, and where there is one the right-hand side."""
+        """Add F, its Jacobian, and the right-hand side where there is one."""
         e, rows = self.e, list(map(Entry, names, row_units(self.assembly)))
         program.add("residual", "F(t, y, y') = 0", ALL, rows, e.rows + np.arange(self.n), self.part(e.residual_part))
         self._jacobian(program, self.rows, self.columns, e.fy + np.arange(2 * e.nnz), self.part(e.jacobian_part))
@@ -126,21 +128,21 @@ class _Made:
         program.add("rates", "y' of y' = f(t, y)", STATE, entries, first + np.arange(self.n), part)
 
     def reactive(self) -> list[str]:
-        """Names of the items whose friction follows from the reactions."""
+        """Names of the items whose friction depends on the reactions."""
         groups = [group for group in self.assembly.model.groups if group.derived.reactive]
         return list(dict.fromkeys(instance.item for group in groups for instance in group.instances))
 
-    # -- multipliers eliminated
+    # -- multipliers eliminated from the equations
 
     def solved(self) -> Operations:
-        """u', the other rates and the multipliers, in their slots: the equations are linear in them, so that one step of Newton's
-        method from 0 is exact. Raises OptionError where they are not."""
+        """Operations that compute u', the other rates and the multipliers: the equations are linear in them, so that one Newton
+        step from 0 is exact. Raises OptionError where they are not linear."""
         if self.reactive():
             raise OptionError("form = a form without multipliers: friction that follows from the reactions makes the equations "
                               "nonlinear in them, which no formula solves; export mb.GGL() or mb.Index1()")  # fmt: skip
         nb, e, n = self.numbering, self.e, self.assembly.n
         first = nb.start["lambda"]
-        loaded = bool(self.assembly.motion())  # then the derivatives begin with the residual
+        loaded = bool(self.assembly.motion())  # the derivatives then begin with the residual
         part = self.part(*(() if loaded else (e.residual_part,)), e.jacobian_part)
         unknown, place, x = self._matrix(part, 1)
         part.add(x + place[unknown], e.rows + unknown, -1.0)
@@ -151,8 +153,8 @@ class _Made:
         return part
 
     def _matrix(self, part: Operations, times: int) -> tuple[Index, Index, int]:
-        """Numbers of the unknowns u' and lambda among y, and the reverse (-1 for others); the slot behind the matrix of their
-        equations, with room for right sides."""
+        """Numbers of the unknowns u' and lambda among y, the inverse table (-1 for others), and the slot after the matrix of
+        their equations, which leaves room for right-hand sides."""
         nb, rows, columns = self.numbering, self.rows, self.columns
         unknown = np.r_[nb.nq + np.arange(nb.nu), nb.start["lambda"] + np.arange(nb.m)]
         size, place = len(unknown), np.full(self.assembly.n, -1)
@@ -163,7 +165,7 @@ class _Made:
         return unknown, place, K + size * size
 
     def eliminated(self, program: Program) -> None:
-        """y' = f(t, y), y' - f(t, y), and its Jacobian by the theorem on implicit functions."""
+        """Add y' = f(t, y), y' - f(t, y), and its Jacobian by the implicit function theorem."""
         n, full, e, i, j = self.n, self.assembly.n, self.e, self.rows, self.columns
         states, rates = np.arange(n), self.solved()
         self._rates(program, full, rates)
@@ -174,7 +176,7 @@ class _Made:
         program.add("residual", "F(t, y, y') = y' - f(t, y)", ALL, rows, out + states, part)
         part = self.operations.part(rates, e.jacobian_part)
         unknown, place, x = self._matrix(part, n)
-        size, J = len(unknown), self.operations.slots(2 * n * n)  # of y' - f(t, y), column by column
+        size, J = len(unknown), self.operations.slots(2 * n * n)  # Jacobian of y' - f(t, y), column by column
         part.load(J, np.r_[np.zeros(n * n), np.eye(n).ravel()])
         inside, plain = (np.flatnonzero(found & (j < n)) for found in (place[i] >= 0, (place[i] < 0) & (i < n)))
         part.set(x + j[inside] * size + place[i[inside]], e.fy + inside)
@@ -190,8 +192,8 @@ class _Made:
 
 
 def _joint_forces(made: _Made, program: Program, prepared: Prepared, eliminated: bool) -> None:
-    """Force and torque on l of every joint and force element. Of forms whose unknowns are not all multipliers (recursive joints,
-    nodes that share displacements) by the accelerations of all bodies."""
+    """Add force and torque on l of every joint and force element. Where not all multipliers are unknowns (recursive joints, nodes
+    that share displacements) they follow from the accelerations of all bodies."""
     moved = made.assembly.moved
     items = [c.name for c in prepared.model.scene.connections]
     if not items:
@@ -215,7 +217,7 @@ def _joint_forces(made: _Made, program: Program, prepared: Prepared, eliminated:
 
 
 def _of_all_bodies(made: _Made, program: Program, prepared: Prepared) -> tuple[Operations, Numbering, int]:
-    """Accelerations of all bodies and multipliers of all rows, recursive joints among them: a numbering, and its first slot."""
+    """Accelerations of all bodies and multipliers of all rows, of recursive joints too: operations, numbering, its first slot."""
     model = prepared.model
     if rubbing := made.reactive():
         raise OptionError("joint forces: recursive joints, and joints that hold beams at their nodes, have no multipliers in any "
@@ -238,7 +240,7 @@ def _of_all_bodies(made: _Made, program: Program, prepared: Prepared) -> tuple[O
 
 
 def _motion(made: _Made, part: Operations, every: Numbering) -> list[tuple[int, int]]:
-    """Pairs of slots: positions, velocities and states of the numbering of all nodes, and what they are by the unknowns."""
+    """Pairs of slots: positions, velocities and states in the numbering of all nodes, and their sources among the unknowns."""
     nb, moved, model = made.numbering, made.assembly.moved, made.assembly.model
     found = [(every.node_place(head, node, i), nb.node_place(head, node, i))
              for node in model.nodes if node not in moved.nodes
@@ -256,7 +258,7 @@ def _motion(made: _Made, part: Operations, every: Numbering) -> list[tuple[int, 
 
 
 def _emit_reactions(part: Operations, nb: Numbering, base: int, out: int, items: list[str]) -> None:
-    """Add the reactions of all laws to the places of their items. base: the first slot of the numbering."""
+    """Add the reactions of all laws to the outputs of their items. base: the first slot of the numbering."""
     for g, group in enumerate(nb.model.groups):
         p, active = plan(group.derived, reaction_outputs), [i for i, one in enumerate(group.instances) if one.item in items]
         if p.targets and active:

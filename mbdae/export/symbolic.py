@@ -1,4 +1,4 @@
-"""The operations of a function carried out on symbols instead of numbers: names with expressions, one after the other."""
+"""The operations of a function applied to symbols instead of numbers: a sequence of named expressions."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from mbdae.symbolic.source import reached
 from mbdae.symbolic.vectors import Expr
 
 ZERO = se.Integer(0)
-DIAGONAL = 0.1  #: of the largest entry of a column: from here on the diagonal is the pivot, which keeps the pattern
+DIAGONAL = 0.1  #: a diagonal entry is taken as the pivot from this fraction of its column's largest entry on, to keep the pattern
 
 
 class Derivation(NamedTuple):
-    """steps: names with expressions of the inputs and of earlier names; outputs in these; vectors: symbols of the inputs."""
+    """steps: (name, expression of inputs and earlier names); outputs: expressions of these; vectors: symbols of the inputs."""
 
     steps: list[tuple[Expr, Expr]]
     outputs: list[Expr]
@@ -28,9 +28,9 @@ class Derivation(NamedTuple):
 
 
 def derivation(program: Program, function: Function) -> Derivation:
-    """A function in symbols t, y0, y1, ..., p0, ...; names w0, w1, ...
+    """A function in symbols t, y0, y1, ..., p0, ..., with intermediate names w0, w1, ...
 
-    Matrices are solved by elimination. Its pivots are those that the values of the inputs ask for."""
+    Matrices are solved by Gauss elimination, with pivots chosen at the values of the inputs."""
     vectors = {name: [se.Symbol("t" if name == "t" else f"{name}{i}") for i in range(len(program.inputs[name]))]
                for name in function.arguments}  # fmt: skip
     found = _Symbols(program, function, vectors)
@@ -39,7 +39,7 @@ def derivation(program: Program, function: Function) -> Derivation:
 
 
 def _matrix(step: Step, at: Callable[[int], Any], zero: Any) -> list[list[Any]]:
-    """The matrix of a solution: full, or symmetric and given by its band. at: number or expression of a slot."""
+    """The matrix of a linear system: full, or symmetric and given by its band. at: number or expression in a slot."""
     n, first, width = step.fields["count"], step.fields["first"], step.fields.get("inputs", 0)
     if step.fields["kind"] == LU:
         return [[at(first + i * n + j) for j in range(n)] for i in range(n)]
@@ -48,8 +48,8 @@ def _matrix(step: Step, at: Callable[[int], Any], zero: Any) -> list[list[Any]]:
 
 
 def _pivots(program: Program, function: Function) -> Iterator[list[int]]:
-    """The rows of the pivots of every matrix, at the values of the inputs: those on the diagonal where they are not small, else
-    the largest entry of the column."""
+    """The pivot rows of every matrix at the values of the inputs: diagonal entries unless they are small, else the largest entry
+    of the column."""
     W = program.given({name: np.nan_to_num([e.value for e in program.inputs[name]]) for name in function.arguments})
     done = 0
     for number, step in enumerate(function.steps):
@@ -68,7 +68,7 @@ def _pivots(program: Program, function: Function) -> Iterator[list[int]]:
 
 
 class _Symbols:
-    """The operations on expressions, with names (`steps`) for everything that is used more than once."""
+    """Applies the operations to expressions, with names (`steps`) for everything that is used more than once."""
 
     def __init__(self, program: Program, function: Function, vectors: dict[str, list[Expr]]) -> None:
         self.steps: list[tuple[Expr, Expr]] = []
@@ -89,11 +89,11 @@ class _Symbols:
                 self._solve(f, _matrix(step, self.at, ZERO), next(pivots))
 
     def at(self, slot: Any) -> Expr:
-        """The expression of a slot."""
+        """The expression in a slot."""
         return self.W.get(int(slot), ZERO)
 
     def name(self, value: Expr) -> Expr:
-        """A name for an expression that is used more than once."""
+        """A name for an expression that is used more than once; numbers and symbols are kept."""
         if value.is_Number or isinstance(value, se.Symbol):
             return value
         if value not in self.known:
@@ -121,7 +121,7 @@ class _Symbols:
             self.W[int(to[place])] = value if kind == SET else self.at(to[place]) + _number(factors.item(place)) * value
 
     def _solve(self, f: dict[str, Any], A: list[list[Expr]], order: list[int]) -> None:
-        """Gauss elimination with the right-hand sides."""
+        """Solve A x = b by Gauss elimination for all right-hand sides."""
         n, times = f["count"], f["times"]
         rows = [[*map(self.name, row), *(self.at(f["outputs"] + r * n + i) for r in range(times))] for i, row in enumerate(A)]
         for k, best in enumerate(order):
@@ -143,5 +143,5 @@ def _number(value: float) -> Expr:
 
 
 def _bare(e: Expr, table: dict[Expr, Expr]) -> Expr:
-    """The expression in names, without the marks that keep subexpressions together."""
+    """The expression in names, without the markers that keep subexpressions together."""
     return rebuilt(e, lambda node, args: args[0] if type(node).__name__ == "UnevaluatedExpr" else table.get(node))

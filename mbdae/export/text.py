@@ -1,4 +1,4 @@
-"""Derivations as text: modules of Python for SymPy and CasADi, LaTeX."""
+"""Exported functions as text: Python modules for SymPy and CasADi, and LaTeX."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from mbdae.symbolic.source import Language, written
 
 
 def _written(d: Derivation, language: Language) -> tuple[list[tuple[str, str]], list[str]]:
-    """Steps and outputs of a function as text; inputs are y[0], ..., names w[0], ..."""
+    """Steps and outputs of a function as text, with inputs y[0], ... and names w[0], ..."""
     names = {s: "t" if v == "t" else f"{v}[{i}]" for v, symbols in d.vectors.items() for i, s in enumerate(symbols)}
     names |= {name: f"w[{i}]" for i, (name, _) in enumerate(d.steps)}
     return [(names[name], written(e, names, language)) for name, e in d.steps], [written(e, names, language) for e in d.outputs]
 
 
 def _head(program: Program, library: str) -> list[str]:
-    """Docstring with all names and units, values of the inputs, pattern of the Jacobian."""
+    """First lines of a Python module: docstring with all names and units, values of the inputs, pattern of the Jacobian."""
     about = [line for vector, entries in program.inputs.items() if vector != "t" for line in (f"{vector}:", *described(entries))]
     about += [line for f in program.functions.values() if f.name != "jacobian"
               for line in (f"{f.name}({', '.join(f.arguments)}): {f.meaning}", *described(f.outputs))]  # fmt: skip
@@ -43,8 +43,8 @@ def _head(program: Program, library: str) -> list[str]:
 
 
 def sympy_text(program: Program) -> str:
-    """A module that defines for every function `<name>_steps`, pairs of a symbol and its expression, and `<name>`, the outputs:
-    as sympy.cse returns them."""
+    """A module that defines for every function `<name>_steps`, pairs (symbol, expression), and `<name>`, the outputs, as
+    sympy.cse returns them."""
     made = {f.name: _written(derivation(program, f), SYMPY) for f in program.functions.values()}
     lines = [*_head(program, "sympy"), 't = Symbol("t")']
     lines += [f'{v} = symbols("{v}:{len(entries)}")' for v, entries in program.inputs.items() if v != "t"]
@@ -56,7 +56,7 @@ def sympy_text(program: Program) -> str:
 
 
 def casadi_text(program: Program) -> str:
-    """A module that defines a casadi.Function for every function; `jacobian` of a scene returns two sparse matrices."""
+    """A module with a casadi.Function for every function; `jacobian` of a scene returns two sparse matrices."""
     lines = [*_head(program, "casadi"), 't = SX.sym("t")']
     lines += [f'{v} = SX.sym("{v}", {len(entries)})' for v, entries in program.inputs.items() if v != "t"]
     for f in program.functions.values():
@@ -76,7 +76,7 @@ def casadi_text(program: Program) -> str:
 
 
 def latex_text(program: Program) -> str:
-    """A document with tables of the inputs and the equations of every function, long ones broken to the width of the text."""
+    """A document with tables of the inputs and the equations of every function, long equations broken to the text width."""
     blocks: list[Block] = [Paragraph("SI units, angles in rad.")]
     for vector, entries in program.inputs.items():
         if vector != "t" and entries:
@@ -88,12 +88,12 @@ def latex_text(program: Program) -> str:
 
 
 def latex_equations(program: Program, f: Function) -> list[str]:
-    """The equations of a function, each in displayed mathematics of its own."""
+    """The equations of a function, each in a display of its own."""
     return [f"\\[{displayed(line)}\\]" for line in _equations(program, f)]
 
 
 def _equations(program: Program, f: Function) -> list[str]:
-    """Names and outputs by their formulas. A sum inside of a formula that would take half a line gets a name of its own, v."""
+    """Equations of names and outputs. A sum inside a formula that would take half a line gets a name v of its own."""
     d, lines, parts = derivation(program, f), list[str](), dict[Any, Any]()
     names = {str(s): _letter(vector, i) for vector, symbols in d.vectors.items() for i, s in enumerate(symbols)}
     names |= {str(s): f"w_{{{i}}}" for i, (s, _) in enumerate(d.steps)}
@@ -120,7 +120,7 @@ def _equations(program: Program, f: Function) -> list[str]:
 
 
 def _words(text: str) -> str:
-    """Text in which nothing is mathematics or code."""
+    """Text with dollar signs and backquotes escaped."""
     return escaped(text.replace("`", "'"))
 
 

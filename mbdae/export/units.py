@@ -1,4 +1,4 @@
-"""Names, units and values of what exported functions take and return."""
+"""Names, units and values of the inputs and outputs of exported functions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.model.numbering import Numbering
 
 OF_FORMS = {"baumgarte_velocity": "1/s", "baumgarte_position": "1/s^2"}
-RATES = {"g": "", "gd": "/s", "gdd": "/s^2"}  #: what the unit of a row is multiplied by in its rates
+RATES = {"g": "", "gd": "/s", "gdd": "/s^2"}  #: factor of the unit of a row in its time derivatives, by kind of output
 
 
 def rate_of(unit: str) -> str:
@@ -29,12 +29,12 @@ def node_units(kind: NodeKind, unit: str) -> tuple[list[str], list[str]]:
 
 
 def force_of(unit: str) -> str:
-    """Of the force whose product with a length, an angle or a cosine (or their rates) is an energy (or a power); "" of others."""
+    """Unit of the force that does work on a length, angle or cosine (or power on their rates) of this unit; "" for others."""
     return {"m": "N", "1": "N m", "rad": "N m"}.get(unit.partition("/")[0], "")
 
 
 def unknown_units(nb: Numbering) -> list[str]:
-    """(n,) units of the unknowns of a numbering."""
+    """Units (n,) of the unknowns of a numbering."""
     units = [""] * nb.n
     for node in nb.free:
         for head, entries in zip("qu", node_units(node.kind, node.unit), strict=True):
@@ -56,7 +56,7 @@ def unknown_units(nb: Numbering) -> list[str]:
 
 
 def row_units(assembly: Assembly) -> list[str]:
-    """(n,) units of the rows of F: those of q', forces and torques, s', and of constraints those of the row or its rates."""
+    """Units (n,) of the rows of F: of q', of forces and torques, of s', and of the constraint rows or their rates."""
     nb = assembly.numbering
     units = [rate_of(unit) for unit in unknown_units(nb)]
     for at in range(nb.nq, nb.nq + nb.nu):
@@ -71,10 +71,10 @@ def row_units(assembly: Assembly) -> list[str]:
 
 
 def parameter_entries(nb: Numbering, baked: set[tuple[str, str]]) -> tuple[list[Entry], list[tuple[int, int]]]:
-    """Parameters of the laws and of the form, and points of items on their bodies, with pairs (entry, slot).
+    """Entries for parameters of laws and of the formulation, and for points of items on their bodies, with pairs (entry, slot).
 
-    Laws of one item that have a number in common, such as the mass of a body and of its weight, share an entry; numbers of the
-    same law and name at several coordinates of an item are numbered. baked: (item, name) of numbers that are no inputs."""
+    Laws of one item that share a number, such as the mass of a body and of its weight, share an entry; numbers of one law and
+    name at several coordinates of an item get a number in their name. baked: (item, name) of numbers that are no inputs."""
     entries: list[Entry] = []
     pairs: list[tuple[int, int]] = []
     seen: dict[tuple[str, float], tuple[int, set[type]]] = {}

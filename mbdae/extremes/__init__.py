@@ -1,4 +1,4 @@
-"""Where methods fail: a scene run by every method at extreme values of its parameters."""
+"""Limits of methods: a scene run by every method at extreme values of its parameters."""
 
 from mbdae.extremes.extremes import Extremes, extremes
 

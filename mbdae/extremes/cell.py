@@ -19,7 +19,7 @@ from mbdae.results.result import Result
 
 MET, NEAR, TOLD = "met", "within 3 times", "missed and said so"
 SILENT, FAILED, UNKNOWN = "missed silently", "failed loudly", "not judged"
-#: verdict -> what it means, in the order of the legend
+#: verdict -> its meaning, in the order of the legend
 VERDICTS = {
     MET: "the error is at most what was asked",
     NEAR: "the error is 1 to 3 times what was asked, and the run did not say so",
@@ -28,14 +28,15 @@ VERDICTS = {
     FAILED: "the run stopped, or was refused, with its reason",
     UNKNOWN: "no trustworthy reference: the error of this run is not known",
 }
-SILENCE = 3.0  #: error over accuracy above which a run without warning counts as missed silently
-MARGIN = 10.0  #: a run is judged by an uncertain reference where its error is above this multiple of the uncertainty
+SILENCE = 3.0  #: ratio of error to accuracy above which a run without warning counts as missed silently
+#: ratio of a run's error to the reference's uncertainty above which it is judged although the reference is uncertain
+MARGIN = 10.0
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A run at one value of the parameter. error: in the unit of the measure; estimated: error estimate of the run itself; cpu_s:
-    of the run with its companions."""
+    """A run at one value of the parameter. error: in the unit of the measure; estimated: the run's own error estimate; cpu_s: CPU
+    time of the run and its companions, s."""
 
     value: float
     label: str
@@ -55,12 +56,12 @@ class Cell:
 
     @property
     def told(self) -> bool:
-        """Whether the run said that it may not be trusted."""
+        """Whether the run gave a warning."""
         return bool(self.warnings)
 
 
 def verdict(error: float, accuracy: float, told: bool, uncertainty: float | None) -> str:
-    """The verdict on an error known to within `uncertainty` (None: not at all); not judged where that decides the verdict."""
+    """The verdict on an error known to within `uncertainty` (None: unknown); UNKNOWN where the verdict depends on it."""
     if not math.isfinite(error):
         return TOLD if told else SILENT
     doubt = math.inf if uncertainty is None else uncertainty if uncertainty > SURE * accuracy else 0.0
@@ -74,7 +75,7 @@ def verdict(error: float, accuracy: float, told: bool, uncertainty: float | None
 
 
 def cell(problem: Problem, way: Way, value: float, accuracy: float, reference: Reference) -> Cell:
-    """Run a way at a value and judge it. A run with a tolerance or step of its own has no error estimate, so it is verified by
+    """Execute a run at a value and judge it. A run with its own tolerance or step has no error estimate, so it is verified by
     another method."""
     run, models, scene = way.run, way.run or way.models, problem.scene
     assert scene is not None

@@ -1,4 +1,4 @@
-"""A map of extremes in progress: the values that are finished, in one JSON file."""
+"""A map of extremes in progress: the finished values, in one JSON file."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from mbdae.values import BadValueError, number, shown, word
 
 @dataclass
 class Checkpoint(ResumeFile):
-    """The file of a map, with reference and cells by (parameter, value)."""
+    """The JSON file of a map in progress: reference and cells by (parameter, value)."""
 
     rows: dict[tuple[str, float], tuple[str, list[Cell]]] = field(default_factory=dict)
-    cpu_s: float = 0.0  #: of the rows that were read
+    cpu_s: float = 0.0  #: CPU time of the rows that were read, s
 
     kind, file_format = "map", "mbdae extremes in progress 1"
 
     def add(self, parameter: str, value: float, reference: str, cells: list[Cell]) -> None:
-        """Add a value, and replace the file."""
+        """Add a value, and write the file anew."""
         self.rows[parameter, value] = reference, cells
         self.store({"rows": [{"parameter": p, "value": v, "reference": r, "cells": [asdict(c) for c in row]}
                              for (p, v), (r, row) in self.rows.items()]})  # fmt: skip
@@ -33,7 +33,7 @@ class Checkpoint(ResumeFile):
 
 def checkpoint(path: Path | None, problem: Problem, values: Mapping[str, Sequence[float]], runs: Sequence[Run] | None,
                accuracy: float) -> Checkpoint:  # fmt: skip
-    """The file of this map with what it holds already. That of another map is refused, the difference named."""
+    """The file of this map with its stored values; the file of another map is refused, with the difference."""
     found = Checkpoint(path, identity(problem, runs or [], [accuracy], None) | {"vary": values})
     with found.stored() as data:
         for r in data["rows"] if data is not None else []:

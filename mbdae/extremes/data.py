@@ -1,4 +1,4 @@
-"""A map of extremes: its blocks of cells and their counts."""
+"""Data of a map of extremes: blocks of cells and their counts."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from mbdae.values import number, option, text
 
 @dataclass(frozen=True)
 class Block:
-    """One varied parameter: its values, the reference of each, and the cells."""
+    """One varied parameter: its values, a reference for each, and the cells."""
 
     parameter: str
     values: tuple[float, ...]
-    references: tuple[str, ...]  #: by value
+    references: tuple[str, ...]  #: for each value
     cells: tuple[Cell, ...]
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Ways the scene was run, in their order."""
+        """Labels of the ways in which the scene was run, in order."""
         return tuple(dict.fromkeys(cell.label for cell in self.cells))
 
     def at(self, label: str, value: float) -> Cell | None:
-        """The cell of a way at a value; None where the way does not apply."""
+        """The cell of a way at a value of the parameter; None where the way does not apply there."""
         label = option("label", label, text, "give the label of a way, one of `labels`")
         value = option("value", value, number, "give a value of the parameter, one of `values`")
         return next((cell for cell in self.cells if cell.label == label and cell.value == value), None)
@@ -37,13 +37,13 @@ class Block:
 
 @dataclass(frozen=True)
 class ExtremesData(ListsAttributes):
-    """All cells of a map; `silent` must be empty."""
+    """All cells of a map; a trustworthy package leaves `silent` empty."""
 
     scene: str
-    t_end: float  #: s
+    t_end: float  #: end time, s
     accuracy: float
     measure: str | None
-    what: str  #: what the error is
+    what: str  #: definition of the error, in words
     blocks: tuple[Block, ...]
     cpu_s: float
 
@@ -54,7 +54,7 @@ class ExtremesData(ListsAttributes):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of cells by verdict, every verdict named."""
+        """Number of cells for every verdict, zeros included."""
         found = Counter(cell.verdict for cell in self.cells)
         return {name: found[name] for name in VERDICTS}
 
@@ -65,7 +65,7 @@ class ExtremesData(ListsAttributes):
 
     @property
     def verdict(self) -> str:
-        """The number of runs by verdict, in one sentence."""
+        """One sentence with the number of runs for every verdict."""
         told = ", ".join(f"{n} {name}" for name, n in self.counts.items())
         return f"{len(self.cells)} runs: {told}."
 
@@ -78,5 +78,5 @@ class ExtremesData(ListsAttributes):
         })))  # fmt: skip
 
     def to_json(self, path: Any = None) -> str:
-        """JSON text, written to `path` where one is given."""
+        """The data as JSON text, also written to `path` where one is given."""
         return as_json(self.to_dict(), path)

@@ -1,4 +1,4 @@
-"""Where methods fail: a scene at extreme values of its parameters, run every way, each run judged against a reference."""
+"""Limits of methods: a scene run in every way at extreme values of its parameters, each run judged against a reference."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from mbdae.sweep.writing import written
 from mbdae.values import number, optional
 
 ACCURACY = 1e-5
-MAX_WALL = 20.0  #: s of wall time per run, and per run of a reference
-STEPS = 20  #: of a constant step: the run is that short, so that small steps end
+MAX_WALL = 20.0  #: largest wall time of a run, and of a run of a reference, s
+STEPS = 20  #: number of constant steps of a run, which ends early so that small steps take little time
 
 
 class Extremes(ExtremesData):
-    """The whole map with its table and its page; `silent` must be empty."""
+    """A map of extremes, made by `mb.extremes`, with table and page; `silent` lists runs that were wrong without a warning."""
 
     def to_html(self, path: Any = None) -> str:
-        """One self-contained HTML page, written to `path` where one is given."""
+        """One self-contained HTML page, also written to `path` where one is given."""
         return written(lambda: page(self), path)
 
     def table(self) -> str:
-        """A grid per parameter, the reasons of failures, and the counts."""
+        """A grid per parameter, the reasons of failures, and the counts, as plain text."""
         return table(self)
 
     def __repr__(self) -> str:
@@ -55,19 +55,20 @@ class Extremes(ExtremesData):
 def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, runs: Sequence[Run] | None = None,
              accuracy: float = ACCURACY, measure: str | None = None, max_wall: float | None = MAX_WALL,
              progress: Callable[[int, int, str], None] | None = None, resume: Any = None) -> Extremes:  # fmt: skip
-    """Run a scene at extreme values of its parameters and tell which methods reach the accuracy asked, and which say that they
-    do not.
+    """Run a scene at extreme values of its parameters: which methods reach the accuracy, and which fail to without saying so?
 
-    scene: a mb.Scene, or a function scene(**parameters) that returns one. t_end: s.
-    vary: {parameter: (low, high)}, a ladder of at most seven values, decades apart; or {parameter: [values]}. Values are in the
+    Returns an `Extremes`. Raises OptionError for wrong arguments.
+
+    scene: a mb.Scene, or a function scene(**parameters) that returns one. t_end: end time, s.
+    vary: {parameter: (low, high)}, at most seven values, whole decades apart; or {parameter: [values]}. Values are in the
     unit of the parameter, which is "item.argument" of a statement of the scene ("coupler.mass" with its inertia,
     "C.spring", "beam.section.EA", "B.model.outer"; shorthands: mass, stiffness, speed, clearance), an argument of scene(),
-    or "accuracy", "step" (s, constant, at most `STEPS` of them), "t_end" (s). A faster drive or start runs for as many
-    turns: its t_end shrinks. Default: what the scene states, by factors.
-    runs: list of mb.Run; default every joint model x form x solver that applies; the choice of mbdae itself comes last.
-    measure: a sensor, "C.angle"; default the motion of the bodies. max_wall: s of wall time per run.
+    or "accuracy", "step" (constant step, s, at most `STEPS` of them), "t_end" (s). A faster drive or start is run for as many
+    turns, so its t_end is shorter. Default: parameters that the scene states, times fixed factors.
+    runs: list of mb.Run; default every joint model x form x solver that applies, and last the choice of mbdae itself.
+    measure: a sensor such as "C.angle"; default the motion of the bodies. max_wall: largest wall time of a run, s.
     progress(done, total, label): called before every run. resume: a JSON file that stores every finished value, so that
-    the same call goes on after Ctrl-C or an error.
+    an equal call continues after Ctrl-C or an error.
     """
     begin = time.process_time()
     accuracy, tell, own = plausible(accuracy), progress_of_runs(progress), checked_runs(runs) if runs is not None else None
@@ -91,17 +92,17 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
 
 @dataclass
 class _Execution:
-    """The cells of a map, value after value, each value stored as soon as it is done."""
+    """Computes the cells of a map value by value, and stores each value as soon as it is done."""
 
     measure: str | None
     max_wall: float | None
     accuracy: float
     chosen: list[Way]
-    first: Problem  #: the scene as it is stated
+    first: Problem  #: the problem of the scene as stated
     free_choice: bool  #: whether the user named no runs
     kept: Checkpoint
     tell: Callable[[int, int, str], None]
-    total: int  #: of runs and references
+    total: int  #: number of runs and references
     done: int = 0
 
     def block(self, p: Varied) -> Block:

@@ -1,4 +1,4 @@
-"""A map of extremes as one HTML page that needs nothing else: a grid of coloured cells with text per varied parameter."""
+"""A map of extremes as one HTML page that loads no other file: for every parameter a grid of coloured cells with text."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mbdae.extremes.data import Block, ExtremesData
 from mbdae.extremes.table import MARKS, doubted, notes, text
 from mbdae.run.environment import environment
 
-#: background and text colour, different in lightness and in hue (Okabe and Ito's palette, lightened under dark text)
+#: background and text colours that differ in lightness and hue (Okabe and Ito's palette, lightened behind dark text)
 COLOURS = {
     MET: ("#cfe5f5", "#10334d"), NEAR: ("#8fc1e3", "#0b2536"), TOLD: ("#f6dca6", "#4d3300"), SILENT: ("#8a0f3c", "#ffffff"),
     FAILED: ("#e08e45", "#2b1500"), UNKNOWN: ("#e6e6e6", "#333333"),
@@ -65,7 +65,7 @@ def _cell(cell: Cell | None) -> str:
 
 
 def _details(cell: Cell) -> str:
-    """The data of a cell, shown where the pointer rests on it."""
+    """Text of a cell's data, shown where the pointer rests on it."""
     parts = [cell.verdict, f"{cell.solver} {cell.form}".strip()]
     for name, value, form in (("estimated", cell.estimated, ".1e"), ("CPU s", cell.cpu_s, ".2f")):
         parts += [f"{name} {value:{form}}"] if value is not None else []
@@ -74,7 +74,7 @@ def _details(cell: Cell) -> str:
 
 
 def _remarks(block: Block) -> str:
-    """Uncertain references, and warnings and errors of runs."""
+    """List of uncertain references, and of warnings and errors of runs."""
     told = [*(f"not judged at {value:g}: reference {reference}" for value, reference in doubted(block)), *notes(block)]
     if not told:
         return ""

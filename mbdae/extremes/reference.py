@@ -1,7 +1,7 @@
 """The reference of the runs at one value: two methods that agree, each with an error far below the accuracy asked.
 
-Two methods that step over the same pulse of an input agree as well. A reference is therefore computed in pieces that end at the
-edges of every pulse (`sweep/pulses.py`) and within it, each from the last state of the piece before.
+Two methods agree too if both step over a short pulse of an input. A reference is therefore computed in pieces that end at the
+edges of every pulse (`sweep/pulses.py`) and within it, each started from the last state of the piece before.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from mbdae.run.control import Controlled, run_controlled
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.scene_system import SceneSystem
 
-SURE = 1 / 3  #: of the accuracy: methods that differ by less are a certain reference
-#: methods of a reference, and the accuracy asked over theirs; without BDF where it would resolve vibrations of beams
+SURE = 1 / 3  #: largest ratio of the difference of two methods to the accuracy for which the reference is certain
+#: methods of a reference, and ratio of the accuracy asked to theirs; no BDF where it would resolve vibrations of beams
 METHODS: tuple[tuple[Solver, float], ...] = (
     (RadauIIA(3), 100.0), (IDA(), 10.0), (RadauIIA(2), 10.0), (RadauIIA(3), 1000.0), (IDA(), 100.0),
 )  # fmt: skip
 FLOOR = 1e-10
-PATIENCE = 3.0  #: wall time allowed for a run of a reference, over that of a run that is judged
-BESIDE = 16  #: round-offs of the end time between the edge of a pulse and the end, or the begin, of a piece
+PATIENCE = 3.0  #: ratio of the wall time allowed for a run of a reference to that of a judged run
+BESIDE = 16  #: distance of the ends of a piece from the edge of a pulse, in round-offs of the end time
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,8 @@ class Reference:
 
 
 def reference_at(problem: Problem, accuracy: float, stops: Sequence[float] = ()) -> Reference:
-    """Runs are added until two of different methods agree; else the two that differ least are taken. Runs of one method confirm
-    nothing: they agree at the tolerance of round-off, or on a wrong branch. stops: times at which runs restart, s."""
+    """The first run on which two different methods agree, else the pair of runs with the smallest difference. Two runs of one
+    method prove nothing: they may agree on a wrong branch, or to round-off. stops: times at which runs restart, s."""
     found: list[tuple[str, str, Any]] = []
     best = Reference("no method finished", None, None)
     reasons: list[str] = []
@@ -73,7 +73,7 @@ def reference_at(problem: Problem, accuracy: float, stops: Sequence[float] = ())
 
 
 def _in_pieces(problem: Problem, solver: Solver, accuracy: float, stops: Sequence[float]) -> tuple[float, Any]:
-    """The smallest tolerance used, and the values compared, of runs from stop to stop."""
+    """Runs from stop to stop: smallest tolerance used, and compared values."""
     edges, own, rtol, values = list(_pieces(problem, stops)), problem.stated, math.inf, []
     for i, (begin, end) in enumerate(edges):
         run = _controlled(problem, own, solver, accuracy, end)
@@ -87,8 +87,8 @@ def _in_pieces(problem: Problem, solver: Solver, accuracy: float, stops: Sequenc
 
 
 def _pieces(problem: Problem, stops: Sequence[float]) -> Iterator[tuple[float, float]]:
-    """Begin and end of the pieces of a reference, s. They leave out the instants at which an input may jump, so that no piece
-    has values from both sides of a jump."""
+    """Begin and end (s) of the pieces of a reference. They leave out instants at which an input may jump, so that no piece has
+    values from both sides of a jump."""
     begin, beside = float(problem.times[0]), BESIDE * float(np.spacing(problem.t_end))
     for stop in stops:
         if begin + 2 * beside < stop < problem.t_end - 2 * beside:
@@ -98,7 +98,7 @@ def _pieces(problem: Problem, stops: Sequence[float]) -> Iterator[tuple[float, f
 
 
 def _continued(problem: Problem, own: Equations, run: Controlled, piece: tuple[float, float]) -> Prepared:
-    """The scene at the beginning of a piece, in the last state of the run before."""
+    """The scene prepared at the begin of a piece, in the last state of the run before."""
     assert own.prepared is not None
     assert problem.scene is not None
     info = RunInfo(run.solver, "", Accuracy(None, None), run.solution.stats)
@@ -107,7 +107,7 @@ def _continued(problem: Problem, own: Equations, run: Controlled, piece: tuple[f
 
 
 def _controlled(problem: Problem, own: Equations, solver: Solver, accuracy: float, end: float) -> Controlled:
-    """A run to `end` whose estimated error is below the accuracy, or as small as the method reaches."""
+    """A run to `end` whose estimated error is below the accuracy, or as small as the method can make it."""
     system = own.for_solver(problem.resolving, solver)
     assert isinstance(system, SceneSystem)
     wall = None if problem.max_wall is None else PATIENCE * problem.max_wall
@@ -115,6 +115,7 @@ def _controlled(problem: Problem, own: Equations, solver: Solver, accuracy: floa
         return run_controlled(system, own.prepared, solver, accuracy, Asked(end, max_wall=wall), problem.times[:0])
     except MbdaeError as error:
         begun = getattr(error, "solution", None)
-        if begun is not None and begun.complete and begun.t[-1] >= end:  # its error is not known: the second method gives it
+        # its error is unknown, which the second method makes up for
+        if begun is not None and begun.complete and begun.t[-1] >= end:
             return Controlled(begun, begun.solver, math.nan, 1, begun.stats.cpu_s)
         raise

@@ -9,11 +9,11 @@ from mbdae.compare.table import grid
 from mbdae.extremes.cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, Cell
 from mbdae.extremes.data import Block, ExtremesData
 
-#: numbers, and details of failures: of sentences that differ in them alone the first is shown
+#: numbers, and details of failures; of sentences that differ only in these the first is shown
 NUMBERS = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?|\(resisting most: [^)]*\)+|; the iteration matrix is singular"
                      r"|Convergence tests failed too many times, or reached min step size"
                      r"|the step fell below the round-off of the time")  # fmt: skip
-#: mark of each verdict, for text and for readers who see no colours
+#: mark of each verdict, also for readers who cannot tell the colours
 MARKS = {MET: "=", NEAR: "~", TOLD: "!", SILENT: "SILENT", FAILED: "x", UNKNOWN: "?"}
 
 
@@ -27,7 +27,7 @@ def table(m: ExtremesData) -> str:
 
 
 def rows(block: Block) -> list[tuple[str, ...]]:
-    """Heading and one line per way: mark and error at every value."""
+    """Heading, and one line per way with mark and error at every value."""
     lines = [("", *(f"{value:g}" for value in block.values))]
     for label in block.labels:
         lines.append((label, *(text(block.at(label, value), True) for value in block.values)))
@@ -35,7 +35,7 @@ def rows(block: Block) -> list[tuple[str, ...]]:
 
 
 def text(cell: Cell | None, mark: bool = False) -> str:
-    """The text of a cell: its error, "failed", or "-" where the error is not known."""
+    """Text of a cell: its error, "failed", or "-" where the error is not known."""
     if cell is None:
         return ""
     shown = "failed" if cell.verdict == FAILED else "-" if cell.error is None else f"{cell.error:.0e}"
@@ -43,7 +43,7 @@ def text(cell: Cell | None, mark: bool = False) -> str:
 
 
 def notes(block: Block) -> list[str]:
-    """Warnings and errors of runs, each sentence once with the cells it belongs to; silent misses first."""
+    """Warnings and errors of runs, each sentence once with the cells it concerns; silent misses first."""
     said: dict[tuple[str, str], list[str]] = {}
     first: dict[tuple[str, str], str] = {}
     for cell in sorted(block.cells, key=lambda c: c.verdict != SILENT):
@@ -61,6 +61,6 @@ def notes(block: Block) -> list[str]:
 
 
 def doubted(block: Block) -> list[tuple[float, str]]:
-    """Values whose runs were not all judged, with their reference."""
+    """Values at which not all runs could be judged, each with its reference in words."""
     open_ = {cell.value for cell in block.cells if cell.verdict == UNKNOWN}
     return [(value, told) for value, told in zip(block.values, block.references, strict=True) if value in open_]

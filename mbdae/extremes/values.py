@@ -1,4 +1,4 @@
-"""The values that a user asks for a parameter: a list, or the decades between two bounds."""
+"""The values that a user wants for a parameter: a list, or decades between two bounds."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from mbdae.errors import OptionError
 from mbdae.values import number, option, sequence, shown
 
 OPTIONS = {"accuracy": "accuracy asked", "step": "constant step, s", "t_end": "end of the run, s"}
-RUNGS = 7  #: most values of a ladder between two bounds
+RUNGS = 7  #: largest number of values between two bounds
 
 
 def asked_values(vary: Any) -> dict[str, tuple[float, ...]]:
-    """The values by parameter; refused where `vary` is no such mapping, or a value is no number."""
+    """The values by parameter; OptionError where `vary` is no such mapping, or a value is no number."""
     remedy = "give {parameter: (low, high) or [values]}, such as {'coupler.mass': (1e-3, 1e3)}"
     if not isinstance(vary, Mapping) or not vary or not all(isinstance(name, str) for name in vary):
         raise OptionError(f"vary = {shown(vary)}: {remedy}")
@@ -40,10 +40,10 @@ def _values(name: str, asked: Any) -> tuple[float, ...]:
 
 
 def ladder(low: float, high: float) -> tuple[float, ...]:
-    """Both bounds and whole decades between them, at equal distances, at most `RUNGS` values."""
+    """Both bounds and values between them, equal numbers of whole decades apart where possible; at most `RUNGS` values."""
     decades = abs(math.log10(high / low))
     steps = max(1, math.ceil(decades - 1e-9)) if decades <= RUNGS - 1 else 0
-    if not steps:  # the largest number of steps of whole decades, else as many steps as allowed
+    if not steps:  # prefer steps of whole decades, as many as are allowed
         whole = [n for n in range(RUNGS - 1, 0, -1) if abs(decades / n - round(decades / n)) < 1e-9]
         steps = whole[0] if whole else RUNGS - 1
     return tuple(float(f"{low * (high / low) ** (i / steps):.6g}") for i in range(steps + 1))

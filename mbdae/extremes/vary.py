@@ -1,4 +1,4 @@
-"""What a map of extremes varies: an argument of a statement of the scene, an argument of scene(), or an option of the run."""
+"""Parameters that a map of extremes varies: an argument of a statement of the scene, of scene(), or an option of the run."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from mbdae.sweep.pulses import Pulse, pulses, varying
 from mbdae.sweep.statements import call_of, changed, items_of, stated_number
 from mbdae.values import number, shown
 
-FEW = 4  #: items of a kind that are varied by default
+FEW = 4  #: largest number of items of a kind that are varied by default
 
 
 @dataclass(frozen=True)
 class Varied:
-    """A parameter with its values. scene(value): the scene at that value; t_end: the end of its run, s; stops: times at which
-    a reference restarts so that it steps over no pulse of the inputs, s."""
+    """A parameter with its values. scene(value): the scene at that value; t_end(value): end of its run, s; stops(value): times
+    (s) at which a reference restarts, so that it steps over no pulse of the inputs."""
 
     name: str
     values: tuple[float, ...]
@@ -39,7 +39,7 @@ def varied(scene: Any, t_end: float, values: Mapping[str, Sequence[float]]) -> l
 
 
 def stated(scene: Any) -> SceneData:
-    """The scene without variation; `scene` is one, or a function that returns it."""
+    """The scene without variation; `scene` is a scene, or a function that returns one."""
     remedy = "give a mb.Scene, or a function scene(**parameters) with defaults that returns one"
     made = scene
     if callable(scene) and not isinstance(scene, SceneData | type):
@@ -73,9 +73,9 @@ def _one(scene: Any, t_end: float, name: str, values: tuple[float, ...]) -> Vari
 
 
 def _of_item(base: SceneData, t_end: float, name: str, values: tuple[float, ...]) -> Varied:
-    """An argument of a statement, or a number of the pulse of its inputs."""
+    """A parameter that is an argument of a statement, or a number in a pulse of its inputs."""
     for value in values:
-        changed(base, name, value, t_end)  # refuses before any run what cannot be varied
+        changed(base, name, value, t_end)  # refuses a parameter that cannot be varied before any run starts
 
     def stops(value: float) -> list[float]:
         s, factor = changed(base, name, value, t_end)
@@ -112,7 +112,7 @@ def _refuse_unknown_argument(scene: Any, name: str) -> None:
 
 
 def default_vary(scene: SceneData) -> dict[str, list[float]]:
-    """Accuracies and constant steps; masses, stiffnesses and speeds of what the scene states, by factors."""
+    """Default values: accuracies and constant steps; masses, stiffnesses and speeds stated in the scene, times fixed factors."""
     found: dict[str, list[float]] = {"accuracy": [1e-3, 1e-5, 1e-7], "step": [1e-2, 1e-4, 1e-6, 1e-8]}
     for kind, factors in (("mass", (1e-6, 1e-3, 1.0, 1e3, 1e6)), ("stiffness", (1.0, 1e3, 1e6)), ("speed", (1.0, 10.0, 100.0))):
         items = [name for name in (item_name(s) for s in scene.statements) if isinstance(name, str)]

@@ -1,4 +1,4 @@
-"""The ways a scene is run at every extreme: joint model x form x solver, and the choice mbdae makes by itself."""
+"""The ways in which a scene is run: joint model x form x solver, and the choice that mbdae makes by itself."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mbdae.integrators.sundials.cvode import CVODE
 from mbdae.integrators.sundials.ida import IDA
 from mbdae.scene.components import Classical, JointModel, Recursive
 
-#: a form or a solver that is added to the package is added to the maps by a line here
+#: runs of scenes with constraints; a new form or solver of the package needs a line here
 CONSTRAINED = (
     Run(IDA(), GGL()),
     Run(RadauIIA(2), GGL()), Run(RadauIIA(3), GGL()),
@@ -28,9 +28,9 @@ FREE = (
     Run(RadauIIA(2), ODE()), Run(RadauIIA(3), ODE()),
     Run(GeneralizedAlpha(), ODE()), Run(HHT(), ODE()),
 )  # fmt: skip
-#: with other joint models than those stated, methods of higher order alone
+#: methods of low order, which are not run with other joint models than those stated
 LOW_ORDER = (GeneralizedAlpha, HHT)
-#: with a constant step (s)
+#: runs with a constant step (s)
 STEPPED: tuple[Callable[[float], Run], ...] = (
     lambda h: Run(RadauIIA(2, step=h), GGL()), lambda h: Run(RadauIIA(3, step=h), GGL()),
     lambda h: Run(RadauIIA(2, step=h), Index3()), lambda h: Run(RadauIIA(3, step=h), Index3()),
@@ -42,21 +42,21 @@ CHOICE = "chosen by mbdae"
 
 @dataclass(frozen=True)
 class Way:
-    """A run; or, with `run` None, the choice that mbdae makes (of the joint models too where `models` is None)."""
+    """A run; or, with `run` None, mbdae's own choice (of the joint models too where `models` is None)."""
 
     label: str
     run: Run | None
-    models: Run | None = None  #: a run whose joint models are used for the choice
+    models: Run | None = None  #: a run whose joint models that choice uses
 
     def with_step(self, h: float) -> Run | None:
-        """The run at a constant step; None where its solver has none."""
+        """The run at a constant step h (s); None where its solver has no such option."""
         if self.run is None or not hasattr(self.run.solver, "step"):
             return None
         return replace(self.run, solver=replace(self.run.solver, step=h))  # type: ignore[type-var]
 
 
 def ways(problem: Problem, runs: Sequence[Run] | None) -> list[Way]:
-    """The runs given, or all that apply to the scene; the choice of mbdae last."""
+    """The given runs, or all that apply to the scene, followed by mbdae's own choice."""
     if runs is not None:
         chosen = checked_runs(runs)
         return [Way(_label(run), run) for run in chosen] + [Way(CHOICE, None)]
@@ -70,7 +70,7 @@ def ways(problem: Problem, runs: Sequence[Run] | None) -> list[Way]:
 
 
 def _models(problem: Problem) -> list[tuple[str, JointModel | dict[str, JointModel] | None, bool]]:
-    """Name, joint models and whether they give an ODE: as stated, and the others. Joints with clearance keep theirs."""
+    """Name, joint models, and whether they give an ODE: first as stated, then others. Joints with clearance are not changed."""
     joints = [c for c in problem.scene.joints if c.has_models] if problem.scene is not None else []
     ideal = [c for c in joints if not c.loose]
     if len(ideal) == len(joints):
@@ -81,7 +81,7 @@ def _models(problem: Problem) -> list[tuple[str, JointModel | dict[str, JointMod
 
 
 def stepped_ways(problem: Problem, h: float) -> list[Way]:
-    """Methods with constant steps of h s; ODE where the scene has no constraints."""
+    """Methods with constant steps h (s), as ODE where the scene has no constraints."""
     found: list[Way] = []
     for make in STEPPED:
         run = make(h)

@@ -9,7 +9,7 @@ from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.model.model import Model
 from mbdae.system.model.numbering import Row
 
-#: what the option `waves` takes
+#: what to give for the option `waves`, for messages
 WAVES = "give True to have Radau IIA resolve elastic vibrations, False to let it step over them"
 
 
@@ -21,7 +21,7 @@ class Form(ABC):
 
     @abstractmethod
     def spec(self) -> FormSpec:
-        """What the assembly needs to know."""
+        """The equations, the unknowns and their index, as the assembly needs them."""
 
     def refusal(self, model: Model, rows: list[Row]) -> str | None:
         """Why this form cannot describe the scene, or None."""

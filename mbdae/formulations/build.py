@@ -14,7 +14,7 @@ from mbdae.system.without_multipliers import WithoutMultipliers
 
 
 def default_form(prepared: Prepared, highest_index: int = 1) -> Form:
-    """Stabilised index 2; the plain ODE where nothing is constrained; index 1 for a solver that takes an ODE alone."""
+    """GGL (stabilised index 2); ODE where nothing is constrained; Index1 for a solver that takes ODEs only (highest_index 0)."""
     return (GGL() if highest_index else Index1()) if prepared.rows else ODE()
 
 

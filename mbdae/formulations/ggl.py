@@ -15,7 +15,7 @@ from mbdae.values import flag, set_option
 
 
 def ggl_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """q' = H (u + G^T mu), M u' + G^T lambda = f, G u + g_t = 0, g = 0."""
+    """q' = H (u + G^T mu), M u' + G^T lambda = f, G u + g_t = 0, g = 0; g: constraints, G: their Jacobian, H: from u to q'."""
     if isinstance(d.law, Element):
         return [*kinematics(d), *dynamics(d)]
     return [*dynamics(d), *correction(d), *scaled(d, velocity(d)), *scaled(d, position(d)), *state_rows(d)]
@@ -23,10 +23,10 @@ def ggl_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 @dataclass(frozen=True)
 class GGL(Form):
-    """Positions and velocities both satisfy the joints; no drift.
+    """Constraints of positions and of velocities are both satisfied, so that neither drifts.
 
+    C.W. Gear, B. Leimkuhler, G.K. Gupta, J. Comput. Appl. Math. 12-13 (1985) 77.
     With `algebraic=False` the multipliers are time derivatives of unknowns (lambda = Lambda', mu = M'): an index-1
-    system with every unknown in the error test, the one form in which BDF was reliable. `algebraic=True` keeps them as
     algebraic unknowns (index 2): Radau IIA passes singular positions in this variant, not in the other. By default the
     solver decides; the equations as such (`Scene.system`) are of index 1. waves: Radau resolves elastic vibrations instead
     of stepping over them.

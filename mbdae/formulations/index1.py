@@ -31,7 +31,9 @@ def index1_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 @dataclass(frozen=True)
 class Index1(Form):
-    """Constraints differentiated twice: cheap steps, but nothing except Baumgarte's terms keeps the joints closed.
+    """Constraints differentiated twice: cheap steps, but only Baumgarte's terms keep positions and velocities of joints closed.
+
+    J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1.
 
     baumgarte    alpha (1/s): an error of a joint decays like exp(-alpha t); or the pair (alpha, beta) of
                  G u' + gamma + 2 alpha (G u + g_t) + beta^2 g = 0. None: 1 over the characteristic time of the scene; a

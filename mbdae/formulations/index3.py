@@ -23,7 +23,7 @@ def index3_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 @dataclass(frozen=True)
 class Index3(Form):
-    """The constrained equations of motion as they stand; for mbdae's own integrators (IDA refuses it).
+    """Equations of motion with the constraints on positions, not differentiated; for mbdae's own integrators (IDA refuses it).
 
     waves: elastic vibrations are resolved instead of stepped over."""
 

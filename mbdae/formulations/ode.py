@@ -15,8 +15,8 @@ from mbdae.values import flag, set_option
 
 @dataclass(frozen=True)
 class ODE(Form):
-    """q' = H u, M u' = f: where no constraint exists. mixed: beams keep their stresses as unknowns (what Radau IIA wants);
-    waves: it resolves elastic vibrations instead of stepping over them."""
+    """q' = H u, M u' = f, for scenes without constraints. mixed: beams keep their stress resultants as unknowns, as Radau IIA
+    takes them; waves: Radau IIA resolves elastic vibrations instead of stepping over them."""
 
     mixed: bool = False
     waves: bool = False

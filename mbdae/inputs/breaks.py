@@ -7,15 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.errors import MbdaeError
+from mbdae.inputs import tables
 from mbdae.inputs.enclosure import Enclosure, halves
 from mbdae.inputs.pieces import Pieces, pieces
-from mbdae.inputs.timed import TIME, rate, sided, split
+from mbdae.inputs.tables import Table
+from mbdae.inputs.timed import SIDE, TIME, affine, rate, sided, split
 from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import BadValueError
@@ -54,13 +57,43 @@ def tables_within(e: Expr, t0: float, t1: float, tolerance: float) -> tuple[Piec
     TooManyError."""
     found = []
     for lookup, a, b, _ in split((sided(e),)).readings:
-        low, high = sorted((a * t0 + b, a * t1 + b))
+        low, high = lookup.table.within(*sorted((a * t0 + b, a * t1 + b)))
         try:
             part = pieces(lookup.table, lookup.order, low, high, tolerance)
         except BadValueError as error:
             raise TooManyError(f"has a table that {error}") from error
         found.append(Pieces(*(np.sort((x - b) / a) for x in part)))
     return tuple(found)
+
+
+def tables_read(e: Expr, t0: float, t1: float) -> list[tuple[Table, float, float]]:
+    """Tables that an expression reads within a run, with the least and the largest of their own times at which it does: cases of
+    a Piecewise that do not hold are not read. Raises TooManyError."""
+    edges, e = np.r_[t0, breaks((e,), t0, t1), t1], sided(e)
+    middle = (edges[1:] + edges[:-1]) / 2
+    known = Enclosure(e)
+    values = {node.expression: value for node, value in zip(known.nodes, known.all(middle, middle, middle), strict=True)}
+    read: list[tuple[Table, float, float]] = []
+
+    def visit(node: Expr, here: Any) -> None:
+        if not here.any():
+            return
+        lookup = tables.lookup_of(node)
+        if lookup is not None:
+            a, b = affine(node.args[0], TIME if TIME in node.args[0].free_symbols else SIDE)
+            at = a * np.r_[edges[:-1][here], edges[1:][here]] + b
+            read.append((lookup.table, float(at.min()), float(at.max())))
+        if not isinstance(node, se.Piecewise):
+            for part in node.args:
+                visit(part, here)
+            return
+        for value, condition in zip(node.args[::2], node.args[1::2], strict=True):
+            visit(condition, here)
+            visit(value, here & values[condition])
+            here = here & ~values[condition]
+
+    visit(e, np.ones(len(middle), dtype=bool))
+    return read
 
 
 def switches(e: Expr) -> list[tuple[str, Expr]]:
@@ -90,14 +123,22 @@ def _sizes(edges: Array) -> Array:
 
 def _merged(edges: Array, found: Array, same: float) -> Array:
     """Edges and further ones, those that differ by round-off once; the ends stay."""
-    inside = np.sort(found[(found > edges[0]) & (found < edges[-1])])
-    both = np.sort(np.concatenate([edges, inside]))
+    inside = found[(found > edges[0]) & (found < edges[-1])]
+    if len(edges) + len(inside) > MOST:
+        raise TooManyError(f"switches more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
+    return distinct(np.concatenate([edges, inside]), same)
+
+
+def distinct(times: Array, same: float = SAME) -> Array:
+    """Times (k,) rising, those once that differ by round-off; the first and the last stay. A step between two that are one
+    instant would be too short to be taken."""
+    both = np.sort(times)
+    if len(both) < 2:
+        return np.asarray(both)
     near = same * _sizes(both)
     keep = np.concatenate([[True], np.diff(both) > near[1:]])
     keep[1:-1] &= both[-1] - both[1:-1] > near[1:-1]
-    keep[-1] = True
-    if len(both) > MOST:
-        raise TooManyError(f"switches more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
+    keep[-1] = both[-1] > both[0]
     return np.asarray(both[keep])
 
 
@@ -175,3 +216,12 @@ def jumps(e: Expr, t: Array, before: Array, after: Array) -> Array:
     """Jumps (k,) of an expression at times (k,), between intervals that contain the times `before` and `after` (k,)."""
     found = Enclosure(e)
     return np.asarray(found.at(t, after)[0] - found.at(t, before)[0])
+
+
+def beyond(e: Expr, t0: float, t1: float) -> str:
+    """That an expression reads a table with outside="error" before its first point or after its last; "" where it does not."""
+    for table, low, high in tables_read(e, t0, t1):
+        if table.outside == "error" and not (table.t[0] - table.near <= low and high <= table.t[-1] + table.near):
+            return (f"the table goes from {table.t[0]:g} to {table.t[-1]:g} s, and the run reads it from {low:g} to {high:g} s: "
+                    f"give a longer table, outside=\"hold\" or \"periodic\", or another run")  # fmt: skip
+    return ""

@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.inputs.breaks import TOLERANCE, TooManyError, breaks, tables_within
+from mbdae.inputs.breaks import TOLERANCE, TooManyError, breaks, distinct, tables_within
 from mbdae.inputs.enclosure import Bounds, Enclosure, Node, halves
 from mbdae.inputs.tables import SIDED
 from mbdae.inputs.timed import TIME, rate, sided
@@ -62,13 +63,17 @@ class LongestStep(NamedTuple):
     kinks: Array = NONE
 
     def __call__(self, t: float) -> float:
-        if len(self.kinks):
-            k = int(np.searchsorted(self.kinks, t + SIDED * max(abs(t), abs(self.kinks[-1])), side="right"))
-            if k < len(self.kinks):
-                return min(self._of_stretches(t), float(self.kinks[k]) - t)
-        return self._of_stretches(t)
+        return min(self.of_stretches(t), self.kink_after(t) - t)
 
-    def _of_stretches(self, t: float) -> float:
+    def kink_after(self, t: float, near: float = 0.0) -> float:
+        """The next kink (s), farther than `near` (s) and round-off; infinite where there is none."""
+        if not len(self.kinks):
+            return inf
+        k = int(np.searchsorted(self.kinks, t + max(near, SIDED * max(abs(t), abs(self.kinks[-1]))), side="right"))
+        return float(self.kinks[k]) if k < len(self.kinks) else inf
+
+    def of_stretches(self, t: float) -> float:
+        """The longest step (s) but for kinks."""
         edges, share = self.edges, self.share
         i = min(max(int(np.searchsorted(edges, t, side="right")) - 1, 0), len(edges) - 2)
         a, b = float(edges[i]), float(edges[i + 1])
@@ -82,7 +87,8 @@ def stretches(expressions: Sequence[Expr], edges: Array, tolerance: float = TOLE
     t0, t1 = float(edges[0]), float(edges[-1])
     varying = [e for e in expressions if getattr(e, "free_symbols", None)]
     found = [part for e in varying for part in tables_within(e, t0, t1, tolerance)]
-    kinks, done = np.unique(np.concatenate([NONE, *(part.kinks for part in found)])), [part.edges for part in found]
+    kinks = distinct(np.concatenate([edges[[0, -1]], *(part.kinks for part in found)]))[1:-1]
+    done = [part.edges for part in found]
     trees = [tree for tree in map(_Tree, {sided(e) for e in varying}) if tree.functions]
     low, high = edges[:-1], edges[1:]
     side = (low + high) / 2
@@ -103,7 +109,7 @@ def stretches(expressions: Sequence[Expr], edges: Array, tolerance: float = TOLE
         if len(low) > MOST:
             raise TooManyError(f"varies by more than {MOST} times its own width between {edges[0]:g} and {edges[-1]:g} s")
         low, high, side = halves(low, high, side)
-    return Stretches(np.unique(np.concatenate([*done, edges])), tuple(poles), kinks)
+    return Stretches(distinct(np.concatenate([*done, edges])), tuple(poles), kinks)
 
 
 @lru_cache(maxsize=64)

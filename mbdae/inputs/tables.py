@@ -72,6 +72,13 @@ class Table:
         i = np.clip(np.searchsorted(self.t, seen - turns, side="right"), self.first, self.last)
         return x - turns - self.base[i], i
 
+    def within(self, low: float, high: float) -> tuple[float, float]:
+        """The part of an interval of its times (s) in which it may be read; both ends are equal where there is none."""
+        if self.outside != "error":
+            return low, high
+        first, last = float(self.t[0]), float(self.t[-1])
+        return min(max(low, first), last), max(min(high, last), first)
+
     def lookup(self, x: Array, side: Array, order: int = 0) -> Array:
         """Values, or derivatives of an order, (k,) at times x."""
         s, i = self.segments(np.asarray(x, dtype=float), np.asarray(side, dtype=float))

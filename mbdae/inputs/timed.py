@@ -20,17 +20,15 @@ from mbdae.disk.entries import keep, recall
 from mbdae.disk.exact import code_key
 from mbdae.inputs import tables
 from mbdae.inputs.deferred_time import Timed
+from mbdae.inputs.rewriting import is_plain, rewritten
 from mbdae.inputs.sensed import refuse_symbols
-from mbdae.inputs.text import FUNCTIONS, canonical
 from mbdae.inputs.text import TIME as TIME
-from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_sided, rebuilt, without_overflow
+from mbdae.inputs.text import canonical
+from mbdae.symbolic.rebuild import is_condition, nodes, rebuilt
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import BadValueError, number, shown
 
 SIDE = se.Symbol("t_of_conditions")
-#: functions that are rewritten with Piecewise and floor
-REWRITTEN = ("Abs", "sign", "Heaviside", "Max", "Min", "Mod", "ceiling", "frac")
-HUGE = 100.0  #: logarithm of a factor above which it stays in the exponent
 
 
 def expression(value: Any, sensors: bool = False) -> Expr:
@@ -47,7 +45,7 @@ def expression(value: Any, sensors: bool = False) -> Expr:
         return _plain_number(value)
     _refuse_other_time(value)
     try:
-        e = _canonical(value)
+        e = rewritten(value)
     except BadValueError:
         raise
     except Exception as error:  # SymPy may raise anything
@@ -72,7 +70,7 @@ def _of_symengine(value: Timed) -> Any:
         found = value._symengine_()
     except Exception:  # a division by zero, a number that symengine does not know: SymPy says what is wrong
         found = se.nan
-    return found if _known(found) else value._sympy_()
+    return found if is_plain(found) else value._sympy_()
 
 
 def _without_constant_tables(e: Expr) -> Expr:
@@ -140,101 +138,12 @@ def _with_plain_numbers(e: Expr) -> Expr:
     return rebuilt(e, rule)
 
 
-def _canonical(value: Any) -> Expr:
-    """An expression in functions the kernels compile; refuses expressions without a value or a derivative."""
-    if isinstance(value, se.Basic) and _known(value):
-        return without_overflow(one_sided(value))
-    import sympy
-
-    value = sympy.sympify(value)
-    if value.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
-        raise BadValueError(f"{shown(value)} is not finite")
-    used = {type(f).__name__ for f in value.atoms(sympy.core.function.Application)}
-    unknown = sorted(name for name in used - {*FUNCTIONS, *REWRITTEN, *LOGIC, "ITE"} if tables.named(name) is None)
-    if unknown:
-        known = ", ".join(FUNCTIONS + REWRITTEN)
-        raise BadValueError(f"{shown(value)} contains the function {unknown[0]}; expressions of mb.t may use {known}")
-    for piecewise in value.atoms(sympy.Piecewise):
-        if not _complete(piecewise):
-            raise BadValueError(f"{shown(piecewise)} has no value where none of its conditions holds; end it with (value, True)")
-    if value.has(sympy.I):
-        raise BadValueError(f"{shown(value)} is not real")
-    return without_overflow(_rewritten(*_exponents(_without_steps(value))))
-
-
-def _known(e: Expr) -> bool:
-    """Whether a symengine expression contains nothing that SymPy has to rewrite or to refuse."""
-    parts = nodes(e)
-    if not all(part.args[-1] == se.true for part in parts if isinstance(part, se.Piecewise)):
-        return False
-    numbers = {"Integer", "Rational", "RealDouble", "Zero", "One", "NegativeOne", "Half", "Pi", "Exp1"}
-    names = {type(part).__name__ for part in parts if not is_condition(part) and tables.lookup_of(part) is None}
-    return names <= {*FUNCTIONS, *ONE_SIDED, "Add", "Mul", "Pow", "Symbol", *numbers}
-
-
-def _without_steps(e: Any) -> Any:
-    """A SymPy expression without the functions symengine does not know."""
-    import sympy as sp
-
-    rules: dict[Any, Any] = {
-        sp.Heaviside: lambda x, at_zero=None: (1 + sp.sign(x)) / 2,
-        sp.Mod: lambda x, period: x - period * sp.floor(x / period), sp.frac: lambda x: x - sp.floor(x),
-        sp.ITE: lambda c, a, b: sp.Or(sp.And(c, a), sp.And(sp.Not(c), b)),
-    }  # fmt: skip
-    for function, rule in rules.items():
-        e = e.replace(function, rule)
-    return e
-
-
-def _exponents(e: Any) -> tuple[Any, dict[str, Any]]:
-    """The expression with a symbol for every exponential that SymPy has split into a number and a rest, exp(x - 5000) into
-    1e-2171 exp(x): neither fits into a double although their product does. Symbols with their exponents, (rest, number)."""
-    import sympy as sp
-
-    found: dict[str, Any] = {}
-
-    def huge(x: Any) -> bool:
-        number = x.as_coeff_Mul()[0] if x.is_Mul else sp.S.One
-        return bool(number.is_Float and number != 0 and abs(sp.log(abs(number))) > HUGE and any(a.func is sp.exp for a in x.args))
-
-    def merged(x: Any) -> Any:
-        number, rest = x.as_coeff_Mul()
-        power = next(a for a in rest.as_ordered_factors() if a.func is sp.exp)
-        name = f"exponential_{len(found)}"
-        found[name] = power.args[0], float(sp.log(abs(number)))
-        return sp.sign(number) * sp.Symbol(name, real=True) * (rest / power)
-
-    return e.replace(huge, merged), found
-
-
-def _rewritten(value: Any, exponents: dict[str, Any]) -> Expr:
-    """In symengine, with the exponentials in their places and Piecewise for one-sided functions."""
-
-    def rule(node: Expr, _: list[Expr]) -> Expr | None:
-        if isinstance(node, se.Symbol) and str(node) in exponents:
-            rest, number = exponents[str(node)]
-            return se.exp(_rewritten(rest, exponents) + number)
-        return None
-
-    return one_sided(rebuilt(se.sympify(value), rule))
-
-
-def _complete(piecewise: Any) -> bool:
-    """Whether one of the conditions always holds."""
-    import sympy
-
-    conditions = [condition for _, condition in piecewise.args]
-    return bool(conditions[-1] == True or sympy.simplify_logic(sympy.Or(*conditions)) == True  # noqa: E712
-                or sympy.Or(*conditions).simplify() == True)  # fmt: skip  # noqa: E712
-
-
 # ---- sides of an instant -------------------------------------------------------------------------------------------------
 
 
 @lru_cache(maxsize=512)
 def sided(e: Expr) -> Expr:
-    """The expression with `SIDE` for the time in its conditions and floors, and as second argument of its tables; unchanged where
-    that is done already."""
+    """The expression with `SIDE` for the time in its conditions and floors, and as second argument of its tables; once."""
     if not any(isinstance(node, se.Piecewise | se.FunctionSymbol) or type(node).__name__ == "floor" for node in nodes(e)):
         return e
 
@@ -252,8 +161,7 @@ def sided(e: Expr) -> Expr:
 @lru_cache(maxsize=512)
 def derivatives(e: Expr) -> tuple[Expr, Expr, Expr]:
     """The expression and its first two time derivatives, with sides."""
-    e = sided(e)
-    d = rate(e)
+    d = rate(e := sided(e))
     return e, d, rate(d)
 
 

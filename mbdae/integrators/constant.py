@@ -1,11 +1,11 @@
-"""Steps of constant length: what all methods that take them share."""
+"""Steps of constant length, for all methods that take them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from math import ceil, inf
+from math import ceil
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,12 +14,14 @@ from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.watched.watch import StepWatch
 from mbdae.system.base import Array
 
-#: changes of an unknown over its magnitude that constant steps are not expected to follow
+#: change of an unknown, over its magnitude, that is too small to count for constant steps
 FOLLOWED = 1e-9
+#: parts of a step: SAME: lengths that differ by less are equal; CLOSE: a step is not divided nearer to its end than this
+SAME, CLOSE = 1e-6, 1e-3
 
 
 class StepFailedError(Exception):
-    """A step could not be solved; culprit: name of the unknown or equation that resists."""
+    """A step could not be solved; culprit: name of the unknown or equation that prevented it."""
 
     def __init__(self, message: str = "a step cannot be solved", culprit: str = "") -> None:
         super().__init__(message)
@@ -27,7 +29,7 @@ class StepFailedError(Exception):
 
 
 class Stepping(Protocol):
-    """The state of an integration: time, and the unknowns at the end of the step just solved."""
+    """The state of a run with constant steps: the time, and the unknowns at the end of the step just solved."""
 
     t: float
 
@@ -35,25 +37,25 @@ class Stepping(Protocol):
         """y (n,) at the end of the step."""
 
     def inside(self, part: Array) -> Array:
-        """y (k, n) on the polynomial of the step after parts (k,) of it, or (n,) after one."""
+        """y (k, n) on the polynomial of the step at parts (k,) of it, or (n,) at one part."""
 
     def advance(self, h: float, t1: float) -> tuple[Any, ...]:
-        """Take the step; returns what `loop.accept` wants."""
+        """Accept the step; returns the arguments of `loop.accept`."""
 
 
 @dataclass
 class Going:
-    """Where a run with constant steps is."""
+    """The present state of a run with constant steps: the step and what watches it."""
 
     step: Stepping
     watch: StepWatch | None
 
 
 def constant_steps(loop: StepLoop, h: float, step: Stepping, solve: Callable[[float], Any], parts: Iterable[float] = ()) -> None:
-    """Steps of h to the end; a last one that differs from h by round-off counts as equal. Steps that an input of time does not
+    """Make steps of h (s) to the end; a last one may differ from h by round-off. Steps that an input of time does not
     allow are divided.
 
-    solve(h): solve a step; parts of it after which hidden contacts are looked for.
+    solve(h): solve a step; parts: parts of a step at which hidden contacts are sought.
     """
     watch = StepWatch.of(loop, lambda y: FOLLOWED * (np.abs(y) + loop.system.scale))
     t0, going = step.t, Going(step, watch)
@@ -79,17 +81,18 @@ def constant_steps(loop: StepLoop, h: float, step: Stepping, solve: Callable[[fl
 
 
 def _steps(loop: StepLoop, h: float, step: Stepping, t0: float) -> Iterator[tuple[float, float, bool]]:
-    """(end, width, whether it is a step of h) of every step that is left of those from t0; those longer than an input of time
-    allows are divided."""
+    """(end, width, whether it is a whole step of h) of every remaining step, counted from t0. Steps longer than an input of time
+    allows are divided, and end at kinks of tables."""
     longest = loop.system.longest_step
-    count = max(1, ceil((loop.t_end - t0) / h - 1e-6))
+    count = max(1, ceil((loop.t_end - t0) / h - SAME))
     for k in range(1, count + 1):
-        goal = loop.t_end if k == count else t0 + k * h
-        if goal <= step.t:
-            continue
-        while (bound := inf if longest is None else longest(step.t)) < (goal - step.t) * (1 - 1e-6):
-            width = (goal - step.t) / ceil((goal - step.t) / bound)
-            yield step.t + width, width, False
-        rest = goal - step.t
-        whole = abs(rest - h) <= 1e-6 * h
-        yield goal, h if whole else rest, whole
+        goal, least = (loop.t_end, 0.0) if k == count else (t0 + k * h, CLOSE * h)
+        while goal - step.t > least:
+            end, parts = goal, 1
+            if longest is not None:
+                kink = longest.kink_after(step.t, SAME * h)
+                end = kink if kink < goal + (least or -SAME * h) else goal
+                parts = max(1, ceil((end - step.t) / longest.of_stretches(step.t) - SAME))
+            width = (end - step.t) / parts
+            whole = abs(width - h) <= SAME * h
+            yield end if parts == 1 else step.t + width, h if whole else width, whole

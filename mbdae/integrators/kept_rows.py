@@ -1,4 +1,4 @@
-"""The steps of a run as they are made, row by row: in memory, and on disk where they are many.
+"""The steps of a run, stored row by row: in memory, and on disk where they take much memory.
 
 What does not fit into `IN_MEMORY` bytes goes to a folder for temporary files (TMPDIR says where), in files 000001.npy, 000002.npy
 and so on, each of which is there as a whole or not at all. In the end they become one file that is mapped into memory, so that a
@@ -7,7 +7,7 @@ result reads from disk what is asked of it; the folder is removed when Python en
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
@@ -20,20 +20,81 @@ from mbdae.errors import SolverError
 from mbdae.files import replacing
 from mbdae.system.base import Array
 
-BLOCK = 1000  #: rows that are kept together
-FEW = 8  #: rows that are kept one by one, not as a block of their own
-IN_MEMORY = 2**26  #: bytes of rows in memory, of each of the arrays of a run
+BLOCK = 1000  #: number of single rows that are collected before they become part of a block
+SPARE = 8  #: a block grows by 1 / SPARE of its rows in advance
+FEW = 8  #: largest number of rows that `extend` adds one by one instead of to a block
+IN_MEMORY = 2**26  #: bytes of memory that each array of a run (t, y, ...) may take before its rows are written to disk
+
+
+class Block:
+    """Rows (count, ...) in one array that grows in place: the memory of many small arrays would not be reused after they are
+    joined."""
+
+    def __init__(self, row: Array) -> None:
+        """row: an array with the shape and type of all rows."""
+        self._own, self.count, self._given = np.empty((BLOCK, *row.shape), row.dtype), 0, False
+
+    @classmethod
+    def of(cls, rows: Array) -> Block:
+        """A block that begins with rows (m, ...) which other objects read too."""
+        found = cls.__new__(cls)
+        found._own, found.count, found._given = rows, len(rows), True
+        return found
+
+    def extend(self, rows: Any) -> None:
+        """Add rows (m, ...)."""
+        count = self.count + len(rows)
+        if self._given or count > len(self._own):
+            self._resize(count + count // SPARE)
+        self._own[self.count : count] = rows
+        self.count = count
+
+    def _resize(self, count: int) -> None:
+        """Make room for `count` rows, in place unless other objects read the array."""
+        shape = count, *self._own.shape[1:]
+        if not self._given:
+            try:
+                self._own.resize(shape)
+                return
+            except ValueError:  # another object, such as a debugger, refers to the array
+                pass
+        own, self._given = np.empty(shape, self._own.dtype), False
+        own[: self.count] = self.rows
+        self._own = own
+
+    @property
+    def rows(self) -> Array:
+        """The rows (count, ...), to be used before more rows are added."""
+        return self._own[: self.count]
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the rows."""
+        return self.rows.nbytes
+
+    def given(self) -> Array:
+        """The rows (count, ...) for other objects to keep: later changes of this block go to a copy."""
+        if not self._given:
+            self._resize(self.count)
+        self._given = True
+        return self.rows
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __iter__(self) -> Iterator[Array]:
+        return iter(self.rows)
 
 
 class Rows:
-    """Arrays of one shape one behind the other, in blocks: a small array of its own takes many times the memory of its numbers.
+    """Arrays of one shape, stored in a block, because many small arrays take several times the memory of their numbers.
 
-    Rows that are no arrays (None: a step without a polynomial of its own) stay in a list."""
+    Rows that are not arrays (None: a step without a polynomial of its own) stay in a list."""
 
     def __init__(self, name: str, *first: Array) -> None:
         self.name = name
-        self._blocks: list[Any] = []  # arrays, or lists where a row is no array
-        self.tail: list[Any] = list(first)  #: rows in no block yet, the last of all among them
+        self._blocks: list[Any] = []  # blocks, or lists where a row is no array
+        self.tail: list[Any] = list(first)  #: rows that are not in a block yet; always includes the last row
         self._chunks: list[tuple[Path, tuple[int, ...]]] = []
         self._folder: Path | None = None
         self._remove: Callable[[], Any] = _nothing
@@ -56,17 +117,17 @@ class Rows:
         self.tail = [rows[-1]]
 
     def _close(self, rows: Sequence[Any]) -> None:
-        """Keep rows as a block, and write all blocks to disk where they are too large together."""
+        """Move rows to a block, and write the block to disk where it is larger than `IN_MEMORY`."""
         if not len(rows):
             return
         if any(not isinstance(row, np.ndarray) for row in rows):
             self._blocks.append(list(rows))
             return
-        self._blocks.append(np.array(rows) if isinstance(rows, list) else rows)
-        arrays = [block for block in self._blocks if isinstance(block, np.ndarray)]
-        if len(arrays) == len(self._blocks) and sum(block.nbytes for block in arrays) > IN_MEMORY:
-            self._write(np.concatenate(arrays))
-            self._blocks = []
+        if not (self._blocks and isinstance(self._blocks[-1], Block)):
+            self._blocks.append(Block(rows[0]))
+        self._blocks[-1].extend(rows)
+        if len(self._blocks) == 1 and self._blocks[0].nbytes > IN_MEMORY:
+            self._write(self._blocks.pop().rows)
 
     def _write(self, rows: Array) -> None:
         if self._folder is None:
@@ -78,12 +139,12 @@ class Rows:
         self._chunks.append((path, rows.shape))
 
     def array(self, count: int) -> Any:
-        """The first `count` rows (count, ...), a list of them where some are no arrays."""
+        """The first `count` rows as an array (count, ...), or as a list where some are not arrays."""
         if not self._of_arrays:
             return [row for block in (*self._blocks, self.tail) for row in block][:count]
-        parts = [np.array(self.tail)] if self.tail else []
-        found = self._joined(parts) if self._chunks else np.concatenate([*self._blocks, *parts])
-        self._blocks, self.tail = [found[:-1]], [found[-1]]  # not kept twice
+        self._close(self.tail)
+        found = self._joined() if self._chunks else self._blocks[0].given()
+        self._blocks, self.tail = [Block.of(found[:-1])], [found[-1]]  # not kept twice
         return found[:count]
 
     def since(self, first: int) -> list[Any]:
@@ -93,7 +154,7 @@ class Rows:
         for block in reversed(self._blocks):
             if begin <= first:
                 break
-            parts, begin = [block, *parts], begin - len(block)
+            parts, begin = [block.rows if isinstance(block, Block) else block, *parts], begin - len(block)
         for path, shape in reversed(self._chunks):
             if begin <= first:
                 break
@@ -109,10 +170,10 @@ class Rows:
     def __len__(self) -> int:
         return sum(shape[0] for _, shape in self._chunks) + sum(map(len, (*self._blocks, self.tail)))
 
-    def _joined(self, last: list[Array]) -> Array:
+    def _joined(self) -> Array:
         """All rows as one file mapped into memory."""
         assert self._folder is not None
-        parts = [*self._blocks, *last]
+        parts = [block.rows for block in self._blocks]
         rows = sum(shape[0] for _, shape in self._chunks) + sum(map(len, parts))
         whole, shape = self._folder / "all.npy", (rows, *self._chunks[0][1][1:])
         head = {"descr": np.lib.format.dtype_to_descr(np.dtype(float)), "fortran_order": False, "shape": shape}
@@ -122,7 +183,7 @@ class Rows:
                 read_chunk(path, of_chunk).tofile(file)
                 path.unlink()
             for part in parts:
-                np.ascontiguousarray(part, dtype=float).tofile(file)
+                part.tofile(file)
         found = np.load(whole, mmap_mode="c")
         self._remove()  # what is mapped stays
         self._chunks, self._folder = [], None

@@ -1,26 +1,40 @@
 /* LU factors of numbers of type T, whose functions are called NAME(...); sparse.c takes it in once for real and once for
    complex numbers. */
 
-/* Row by row: -1, or the pivot that is zero, not finite, or too small beside its column. `largest`: largest multiplier. */
-WIDE static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, T *restrict w, double least, double *largest) {
+/* Row by row: -1, or the pivot that is zero, not finite, or too small beside its column. `growth`: the largest product of a
+   multiplier and a number of the row that it multiplies, over the largest number of its row of the matrix: what of the digits is
+   lost. tops (n): the largest number of every row of U. */
+WIDE static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, T *restrict w, double *restrict tops, double least,
+                           double *growth) {
   const I *col = p->col, *diag = p->diag;
   double top = 0;
   for (I i = 0; i < p->n; i++) {
     const I b = p->ptr[i], e = p->ptr[i + 1];
-    for (I k = b; k < e; k++) w[col[k]] = p->from[k] < 0 ? NAME(of)(0) : a[p->from[k]];
+    double own = 0, product = 0, row = 0;
+    for (I k = b; k < e; k++) {
+      const T x = w[col[k]] = p->from[k] < 0 ? NAME(of)(0) : a[p->from[k]];
+      const double size = NAME(size)(x);
+      if (size > own) own = size;
+    }
     for (I k = b; k < diag[i]; k++) {
       const I j = col[k], r = p->run[j], end = p->ptr[j + 1];
       const T l = w[j] = NAME(times)(w[j], lu[diag[j]]);
       const double size = NAME(size)(l);
       if (!(size < MOST)) return j;
-      if (size > top) top = size;
+      if (size * tops[j] > product) product = size * tops[j];
       if (size == 0 || diag[j] + 1 == end) continue;
       for (I m = diag[j] + 1; m < r; m++) NAME(less)(&w[col[m]], l, lu[m]);
       T *restrict x = w + col[r];
       const T *restrict u = lu + r;
       for (I m = 0; m < end - r; m++) NAME(less)(x + m, l, u[m]);
     }
-    for (I k = b; k < e; k++) lu[k] = w[col[k]];
+    for (I k = b; k < diag[i]; k++) lu[k] = w[col[k]];
+    for (I k = diag[i]; k < e; k++) {
+      const double size = NAME(size)(lu[k] = w[col[k]]);
+      if (size > row) row = size;
+    }
+    tops[i] = row;
+    if (product > top * own) top = product / own;
     const double pivot = NAME(size)(lu[diag[i]]);
     if (pivot <= least && least > 0) {
       lu[diag[i]] = NAME(of)(0);
@@ -29,18 +43,17 @@ WIDE static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, 
     if (!(pivot > 0 && isfinite(pivot))) return i;
     lu[diag[i]] = NAME(inverse)(lu[diag[i]]);
   }
-  *largest = top;
+  *growth = top;
   return -1;
 }
 
-/* Pivots one by one, each with the least product of other entries in its row and in its column, of those of at least `share` of the
-   largest in their column. d, at (n, n), row by row: numbers, and where entries are; count (2, n), top (n) to work with. n, or
-   after how many pivots nothing is left to choose from. */
-static I NAME(choose)(I n, T *restrict d, char *restrict at, double share, I *restrict rows, I *restrict columns,
-                      I *restrict count, double *restrict top) {
+/* Pivots one by one, each with the least product of other entries in its row and in its column, of those that are the largest in
+   their column. d, at (n, n), row by row: numbers, and where entries are; count (2, n), top (n) to work with. n, or after how
+   many pivots nothing is left to choose from. */
+static I NAME(choose)(I n, T *restrict d, char *restrict at, I *restrict rows, I *restrict columns, I *restrict count,
+                      double *restrict top) {
   for (I k = 0; k < n; k++) {
     I r = -1, c = -1, least = 0;
-    double most = 0;
     for (I b = k; b < n; b++) count[n + columns[b]] = 0, top[columns[b]] = 0;
     for (I a = k; a < n; a++) {
       const I i = rows[a];
@@ -57,9 +70,8 @@ static I NAME(choose)(I n, T *restrict d, char *restrict at, double share, I *re
       const I i = rows[a];
       for (I b = k; b < n; b++) {
         const I j = columns[b], cost = (count[i] - 1) * (count[n + j] - 1);
-        if (!at[i * n + j] || !(top[j] > 0) || (r >= 0 && cost > least)) continue;
-        const double part = NAME(size)(d[i * n + j]) / top[j];
-        if (part >= share && (r < 0 || cost < least || part > most)) r = a, c = b, least = cost, most = part;
+        if (!at[i * n + j] || !(top[j] > 0) || (r >= 0 && cost >= least)) continue;
+        if (NAME(size)(d[i * n + j]) == top[j]) r = a, c = b, least = cost;
       }
     }
     if (r < 0) return k;
@@ -108,13 +120,22 @@ static double NAME(defect)(const Factors *f) {
   return worst;
 }
 
+/* x, solved for b, with one correction by its residual */
+static void NAME(correct)(const Factors *f, const T *b, T *x) {
+  T *left = (T *)f->w + f->n;
+  for (I i = 0; i < f->n; i++) left[i] = b[i];
+  for (I k = 0; k < f->nnz; k++) NAME(less)(&left[f->row_of[k]], ((T *)f->a)[k], x[f->column_of[k]]);
+  lu_solve(f, left);
+  for (I i = 0; i < f->n; i++) NAME(less)(&x[i], NAME(of)(-1), left[i]);
+}
+
 static I NAME(begin)(Factors *f) {
   if (!all_finite(f->a, f->nnz * (I)(sizeof(T) / sizeof(double)))) return f->n;
   if (f->order) {
-    double largest = 0;
-    const I bad = NAME(factor)(f->order, f->a, f->lu, f->w, f->least, &largest);
+    double growth = 0;
+    const I bad = NAME(factor)(f->order, f->a, f->lu, f->w, f->tops, f->least, &growth);
     if (bad >= 0) return f->order->columns[bad];
-    return f->surely || largest < TAME || NAME(defect)(f) < ACCURATE ? -1 : f->n;
+    return f->surely || growth < TAME || NAME(defect)(f) < ACCURATE ? -1 : f->n;
   }
   int n = (int)f->n, info = 0;
   T *lu = f->lu;

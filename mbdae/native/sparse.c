@@ -2,7 +2,7 @@
 #include "sparse.h"
 #include <float.h>
 
-enum { TAME = 1000 };                /* multipliers up to it lose few digits: such factors are not checked */
+enum { TAME = 1000 };                /* growth up to it loses few digits: such factors are not checked */
 static const double MOST = 1e12;     /* multipliers above it: an order is given up unchecked */
 static const double ACCURATE = 1e-4; /* factors that solve worse than this are those of a bad order */
 
@@ -31,8 +31,9 @@ static inline Pair pair_inverse(Pair z) { /* without overflow of squares */
 #define NAME(what) pair_##what
 #include "lu.h"
 
-/* Rows of L + U of a matrix (n, n) whose row i has the entries `columns`, rising, its diagonal among them, from rows[i] on: where they begin (`ptr`), their
-   columns and their diagonals; next (n + 2) to work with. The number of entries, or -1 where `most` are too few. */
+/* Rows of L + U of a matrix (n, n) whose row i has the entries `columns`, rising, its diagonal among them, from rows[i] on: where
+   they begin (`ptr`), their columns and their diagonals; next (n + 2) to work with. The number of entries, or -1 where `most` are
+   too few. */
 API I lu_fill(I n, const I *rows, const I *columns, I most, I *ptr, I *col, I *diag, I *next) {
   const I head = n + 1;
   ptr[0] = 0;
@@ -62,9 +63,9 @@ API I lu_fill(I n, const I *rows, const I *columns, I most, I *ptr, I *col, I *d
 }
 
 /* See `choose` of lu.h; rows, columns (n): all numbers in any order, then those of the pivots in theirs. */
-API I lu_choose(I n, I complex, void *d, char *at, double share, I *rows, I *columns, I *count, double *top) {
-  return (complex ? pair_choose(n, d, at, share, rows, columns, count, top)
-                  : real_choose(n, d, at, share, rows, columns, count, top));
+API I lu_choose(I n, I complex, void *d, char *at, I *rows, I *columns, I *count, double *top) {
+  return (complex ? pair_choose(n, d, at, rows, columns, count, top)
+                  : real_choose(n, d, at, rows, columns, count, top));
 }
 
 /* -1; the unknown whose pivot is bad; n where the factors are inaccurate or there are none yet */
@@ -81,6 +82,13 @@ API void lu_solve(const Factors *f, void *b) {
   }
   int n = (int)f->n, one = 1, info = 0;
   f->getrs("N", &n, &one, f->lu, &n, f->swaps, b, &n, &info);
+}
+
+/* x, the result of lu_solve for b, with one correction; dense factors need none */
+API void lu_correct(const Factors *f, const void *b, void *x) {
+  if (!f->order) return;
+  if (f->complex) pair_correct(f, b, x);
+  else real_correct(f, b, x);
 }
 
 static void scale(const Matrix *m, double h) {

@@ -20,7 +20,7 @@ typedef struct {
   I surely;                           /* no check of the factors: their order was found for these entries, with row exchanges */
   double least;                       /* pivots up to it count as 0: their unknowns are left out, and their inverse pivot is 0 */
   void *a, *lu, *w;                   /* (nnz) entries, the factors, (2, n) to work with */
-  double *sums;                       /* (n) */
+  double *tops;                       /* (n) largest numbers of the rows of U */
   int *swaps; Getrf *getrf; Getrs *getrs;
 } Factors;
 
@@ -35,9 +35,10 @@ typedef struct {
 } Matrix;
 
 API I lu_fill(I n, const I *rows, const I *columns, I most, I *ptr, I *col, I *diag, I *next);
-API I lu_choose(I n, I complex, void *d, char *at, double share, I *rows, I *columns, I *count, double *top);
+API I lu_choose(I n, I complex, void *d, char *at, I *rows, I *columns, I *count, double *top);
 API I lu_factor(Factors *f);
 API void lu_solve(const Factors *f, void *b);
+API void lu_correct(const Factors *f, const void *b, void *x);
 API I matrix_factor(Matrix *m, double h, I first);
 API void matrix_mass(const Matrix *m, const double *x, double *out);
 API void matrix_correct(const Matrix *m, double *b);

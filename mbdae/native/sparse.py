@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import csc_matrix, cython_lapack, splu
+from mbdae.deferred import csc_matrix, cython_lapack
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.library import declared
 
@@ -45,7 +45,7 @@ class FactorsTable(ctypes.Structure):
 
     _fields_ = (("n", Whole), ("nnz", Whole), ("complex", Whole), ("row_of", Pointer), ("column_of", Pointer),
                 ("order", Pointer), ("surely", Whole), ("least", Number), ("a", Pointer), ("lu", Pointer), ("w", Pointer),
-                ("sums", Pointer), ("swaps", Pointer), ("getrf", Pointer), ("getrs", Pointer))  # fmt: skip
+                ("tops", Pointer), ("swaps", Pointer), ("getrf", Pointer), ("getrs", Pointer))  # fmt: skip
 
 
 class MatrixTable(ctypes.Structure):
@@ -59,9 +59,9 @@ class MatrixTable(ctypes.Structure):
 #: the library with the functions of sparse.h
 functions = declared(
     ("lu_fill", Whole, (Whole, Pointer, Pointer, Whole, Pointer, Pointer, Pointer, Pointer)),
-    ("lu_choose", Whole, (Whole, Whole, Pointer, Pointer, Number, *[Pointer] * 4)),
     ("lu_factor", Whole, (Pointer,)),
     ("lu_solve", None, (Pointer, Pointer)),
+    ("lu_correct", None, (Pointer, Pointer, Pointer)),
     ("matrix_factor", Whole, (Pointer, Number, Whole)),
     ("matrix_mass", None, (Pointer, Pointer, Pointer)),
     ("matrix_correct", None, (Pointer, Pointer)),
@@ -155,32 +155,6 @@ def filled(n: int, i: Index, j: Index) -> tuple[Index, Index, Index]:
     return ptr, col[:count].copy(), diag
 
 
-def largest_pivots(entries: Entries, values: NDArray[Any]) -> Order | None:
-    """The order with the largest pivots of the present values."""
-    return pivoted(entries, entries.matrix(values), np.arange(entries.n), permc_spec="COLAMD")
-
-
-def pivoted(entries: Entries, ordered: csc_matrix, order: NDArray[Any], **options: Any) -> Order | None:
-    """The order with the pivots that SuperLU chooses in a matrix whose rows and columns stand in an order (n,); None where it
-    finds that singular."""
-    try:
-        factors = splu(ordered, **options)
-    except RuntimeError:
-        return None
-    return Order(entries, order[np.argsort(factors.perm_r)], order[np.argsort(factors.perm_c)])
-
-
-def by_counts(entries: Entries, values: NDArray[Any], share: float) -> Order | None:
-    """The order whose pivots have the fewest other entries in their rows and columns (Markowitz), of those that are at least a
-    share of the largest in their column: for small matrices, at n^3 comparisons; None where the matrix is singular."""
-    n, complex_ = entries.n, values.dtype.kind == "c"
-    d, at = np.zeros((n, n), complex if complex_ else float), np.zeros((n, n), dtype=np.int8)
-    d[entries.row_of, entries.column_of], at[entries.row_of, entries.column_of] = values, 1
-    rows, columns, count, top = whole(np.arange(n)), whole(np.arange(n)), np.zeros(2 * n, dtype=np.int64), np.zeros(n)
-    found = functions().lu_choose(n, complex_, address(d), address(at), share, *map(address, (rows, columns, count, top)))
-    return Order(entries, rows, columns) if found == n else None
-
-
 #: searches for an order of elimination, to be tried in turn: of a matrix (n, n), real or complex, the order, or None where the
 #: search finds none. The last one chooses the largest pivots of the present values; no searches: dense factors are meant
 Searches = tuple[Callable[[Entries, NDArray[Any]], Order | None], ...]
@@ -202,12 +176,12 @@ class Factors:
         self.order: Order | None = None
         self.dtype = np.dtype(dtype)
         self.values = np.zeros(entries.nnz, self.dtype)
-        self._work, self._sums = np.zeros((2, entries.n), self.dtype), np.zeros(entries.n)
+        self._work, self._tops = np.zeros((2, entries.n), self.dtype), np.zeros(entries.n)
         self._swaps = np.zeros(entries.n, dtype=np.intc)
         self._lu = np.zeros(0, self.dtype)
         self.table = FactorsTable(
             entries.n, entries.nnz, self.dtype.kind == "c", address(entries.row_of), address(entries.column_of), None, 0, 0.0,
-            address(self.values), None, address(self._work), address(self._sums), address(self._swaps), None, None)  # fmt: skip
+            address(self.values), None, address(self._work), address(self._tops), address(self._swaps), None, None)  # fmt: skip
         self._at = ctypes.addressof(self.table)
 
     def factor(self) -> None:
@@ -286,13 +260,16 @@ class Factors:
             array[:] = values
 
     def solve(self, b: NDArray[Any]) -> NDArray[Any]:
-        """Solution (n,) for a right-hand side (n,)."""
+        """Solution (n,) for a right-hand side (n,), corrected once: an order is kept as long as Newton's method converges with
+        its factors, which may then have lost digits."""
         if not self.table.lu:
             raise ValueError("nothing is factorised")
-        x = np.array(b, dtype=self.dtype)
+        right = np.array(b, dtype=self.dtype)
+        x = right.copy()
         if x.shape != (self.orders.entries.n,):
             raise ValueError(f"a right-hand side of shape {x.shape} for {self.orders.entries.n} unknowns")
         functions().lu_solve(self._at, address(x))
+        functions().lu_correct(self._at, address(right), address(x))
         return x
 
 

@@ -1,1 +1,1 @@
-"""Reports: what a law or a scene is, derived from what is integrated."""
+"""Reports of laws and scenes, derived from the same objects that are integrated."""

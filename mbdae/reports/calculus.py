@@ -1,6 +1,6 @@
-"""Differentiation of recorded formulas of vectors by one rule, delta a = delta psi x a; the results are formulas of vectors too.
+"""Derivatives of recorded vector formulas by the rule delta a = delta psi x a; the results are vector formulas too.
 
-`Motion` differentiates forwards (rates, variations), `Dual` backwards (forces). Reports check both against the derived equations.
+`Motion` differentiates forwards (rates, variations), `Dual` backwards (forces). Reports compare both with the derived equations.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from mbdae.symbolic.rebuild import nodes, rebuilt
 from mbdae.symbolic.vectors import Expr
 
 _ZERO = se.Integer(0)
-Pair = tuple[Vector, Vector]  #: force at the point of the frame, moment about it
+Pair = tuple[Vector, Vector]  #: force at the point of the frame, moment about that point
 
 
 def _through(e: Expr, leaf: Callable[[Expr], bool]) -> Iterable[tuple[Expr, Expr]]:
-    """(de/dsymbol, symbol) for the symbols of e that `leaf` accepts, without zero derivatives."""
+    """(de/dsymbol, symbol) for the symbols of e that `leaf` accepts, without those of zero derivative."""
     for symbol in sorted(e.free_symbols, key=str):
         if leaf(symbol):
             partial = tidy(se.diff(e, symbol))
@@ -29,32 +29,32 @@ def _through(e: Expr, leaf: Callable[[Expr], bool]) -> Iterable[tuple[Expr, Expr
 
 
 def _divides(e: Expr) -> bool:
-    """Whether a sum stands in a denominator; expanding the expression would repeat it."""
+    """Whether a sum stands in a denominator, which would be repeated in every term of the expanded expression."""
     return any(isinstance(node, se.Pow) and isinstance(node.args[0], se.Add) and node.args[1].is_Number and node.args[1] < 0
                for node in nodes(e))  # fmt: skip
 
 
 def tidy(e: Expr) -> Expr:
-    """The expression with every Piecewise whose cases are all the same replaced by that case."""
+    """The expression with every Piecewise whose cases have one value replaced by that value."""
     def rule(node: Expr, args: list[Expr]) -> Expr | None:
         return args[0] if isinstance(node, se.Piecewise) and all(value == args[0] for value in args[::2]) else None
 
     return rebuilt(e, rule)
 
 
-FIXED = ("x", "y", "z", "s", "bx", "by", "bz")  #: vectors that turn with their body
+FIXED = ("x", "y", "z", "s", "bx", "by", "bz")  #: kinds of vectors that rotate with their body
 
 
 def body_of(record: Record, atom: Atom) -> str | None:
-    """The body to which all parts of a named vector are fixed, so that it turns with that body; None where there is none."""
+    """The body to which all terms of a named vector are fixed, so that it rotates with it; None where there is none."""
     parts = record.vectors[atom.number].terms if isinstance(atom, NamedVector) else {}
     sides = {a.side if isinstance(a, Base) and a.kind in FIXED else body_of(record, a) for a in parts}
     return sides.pop() if len(sides) == 1 else None
 
 
 class Motion:
-    """Forward derivative: `base` gives the change of a frame vector, `clock` that of a symbol, `turn` names the rotations in a
-    change; `sign` marks a change in LaTeX."""
+    """Forward derivative. base: change of a frame vector; clock: change of a symbol; turn: kind of the rotation vectors in a
+    change ("w" or "dpsi"); sign: prefix of a changed letter in LaTeX."""
 
     def __init__(self, record: Record, base: Callable[[Base], Vector | None], clock: dict[Expr, Expr], sign: str,
                  turn: str = "") -> None:  # fmt: skip
@@ -76,7 +76,7 @@ class Motion:
         return self._known[symbol]
 
     def _each(self, change: Vector, other: Atom) -> Expr:
-        """Inner product term by term, so that the change needs no name."""
+        """Inner product with every term of the change, so that the change needs no name of its own."""
         return sum((c * self.record.dot(atom, other) for atom, c in change.terms.items()), _ZERO)
 
     def _name(self, symbol: Expr) -> Expr:
@@ -86,7 +86,7 @@ class Motion:
         return self._known[symbol]
 
     def atom(self, atom: Atom) -> Vector:
-        """Change of an atom."""
+        """Change of a frame vector, a named vector or a vector product."""
         if atom in self._known:
             return self._known[atom]  # type: ignore[no-any-return]
         if isinstance(atom, Base):
@@ -101,14 +101,14 @@ class Motion:
         return found
 
     def _named(self, atom: NamedVector) -> Vector:
-        """Change of a named vector: where it is fixed to a body it turns as one."""
+        """Change of a named vector; one fixed to a body rotates as a whole."""
         value, side = self.record.vectors[atom.number], body_of(self.record, atom)
         if side is None or not self.turn or self.base(Base("x", side)) is None:
             return self.vector(value)
         return distributed(self.record.atom(self.turn, side), atom) + self._stretch(value)
 
     def _stretch(self, value: Vector) -> Vector:
-        """Change of a vector that is fixed to a body, seen from that body."""
+        """Change of a vector fixed to a body relative to that body."""
         total = Vector(self.record, {a: self.scalar(c) for a, c in value.terms.items()})
         inner = [(self.record.vectors[a.number], c) for a, c in value.terms.items() if isinstance(a, NamedVector)]
         return sum((self._stretch(part) * c for part, c in inner), total)
@@ -122,7 +122,7 @@ class Motion:
 
 
 def distributed(a: Vector, b: Atom) -> Vector:
-    """a x b term by term."""
+    """a x b with a multiplied term by term."""
     total = a.record.zero()
     for atom, c in a.terms.items():
         total = total + (Vector(a.record, {atom: c}).cross(Vector(a.record, {b: se.Integer(1)})))
@@ -130,12 +130,12 @@ def distributed(a: Vector, b: Atom) -> Vector:
 
 
 def times(pairs: dict[str, Pair], factor: Expr) -> dict[str, Pair]:
-    """Forces and moments by side, times a number."""
+    """Forces and moments by side, multiplied by a factor."""
     return {side: (force * factor, moment * factor) for side, (force, moment) in pairs.items()}
 
 
 def summed(record: Record, parts: Iterable[dict[str, Pair]]) -> dict[str, Pair]:
-    """The sums of forces and moments on all sides."""
+    """Sums of forces and moments of all parts, by side."""
     out = {side: (record.zero(), record.zero()) for side in record.sides}
     for pairs in parts:
         out |= {side: (out[side][0] + force, out[side][1] + moment) for side, (force, moment) in pairs.items()}
@@ -144,14 +144,14 @@ def summed(record: Record, parts: Iterable[dict[str, Pair]]) -> dict[str, Pair]:
 
 @dataclass
 class Dual:
-    """Backward derivative of a scalar: per body force and moment, which multiply its virtual displacement and rotation."""
+    """Backward derivative of a scalar: for every body the factors of its virtual displacement (force) and rotation (moment)."""
 
     record: Record
-    velocities: bool = False  #: derivative by velocities instead of positions
-    symbols: tuple[Expr, ...] = ()  #: scalar unknowns to differentiate by as well
+    velocities: bool = False  #: whether to differentiate by velocities instead of positions
+    symbols: tuple[Expr, ...] = ()  #: scalar unknowns by which to differentiate too
 
     def of(self, e: Expr) -> tuple[dict[str, Pair], dict[Expr, Expr]]:
-        """(side -> force and moment, symbol -> derivative)."""
+        """Derivatives of e: force and moment by side, and derivatives by the symbols of `symbols`."""
         zero = self.record.zero
         self.pairs: dict[str, list[Vector]] = {side: [zero(), zero()] for side in self.record.sides}
         self.partial: dict[Expr, Expr] = dict.fromkeys(self.symbols, _ZERO)
@@ -170,7 +170,7 @@ class Dual:
                 self._through_name(s, weight * p)
 
     def _through_name(self, symbol: Expr, weight: Expr) -> None:
-        """Add the gradient of a named scalar; its vectors get names."""
+        """Add the gradient of a named scalar; the vectors in it are named."""
         key = symbol, self.velocities, self.symbols
         cache = self.record.cache
         if key not in cache:
@@ -205,7 +205,7 @@ class Dual:
             self._atom(atom.right, distributed(dual, atom.left))
 
     def _named_terms(self, atom: NamedVector, dual: Vector, fixed: bool) -> None:
-        """The terms of a named vector; of one fixed to a body their factors alone."""
+        """Add the terms of a named vector; of one fixed to a body only the derivatives of their factors."""
         for inner, c in self.record.vectors[atom.number].terms.items():
             if not fixed:
                 self._atom(inner, dual * c)
@@ -223,7 +223,7 @@ class Dual:
                 pair[atom.kind == "w"] = pair[atom.kind == "w"] + dual
         elif atom.kind in ("r", "c"):
             pair[0] = pair[0] + dual
-            if atom.kind == "c":  # s points from the centre to the point of the frame
+            if atom.kind == "c":  # the arm s leads from the centre to the point of the frame
                 pair[1] = pair[1] + distributed(dual, Base("s", atom.side))
         elif atom.kind in (*FIXED, "w"):
             pair[1] = pair[1] - distributed(dual, atom)
@@ -232,7 +232,7 @@ class Dual:
 
 
 def virtual(record: Record) -> Callable[[Base], Vector | None]:
-    """Change of frame vectors in a virtual displacement: delta r of the points, delta psi of the bodies."""
+    """Changes of frame vectors in a virtual displacement: delta r of the points, delta psi of the bodies."""
 
     def base(atom: Base) -> Vector | None:
         if atom.kind == "r":
@@ -247,7 +247,7 @@ def virtual(record: Record) -> Callable[[Base], Vector | None]:
 
 
 def actual(record: Record, still: tuple[str, ...] = ()) -> Callable[[Base], Vector | None]:
-    """Rates of frame vectors without accelerations of the nodes: r by v, v by omega x (omega x s)."""
+    """Rates of frame vectors without accelerations of the nodes: v for r, omega x (omega x s) for v."""
 
     def base(atom: Base) -> Vector | None:
         if atom.kind == "E" or atom.side in still:

@@ -1,4 +1,4 @@
-"""The page of a law: its statement with vectors, its formulas in LaTeX with the letters of their symbols, and the values its
+"""The page of a law: its statement with vectors, its formulas in LaTeX with a letter for every symbol, and the values that its
 equations must have at random states."""
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _BASES = {
     "ac": ("acceleration of the centre of body ${side}$", "m/s^2"),
     "al": ("angular acceleration of body ${side}$", "rad/s^2"),
     "F": ("all forces on body ${side}$ without those of the joint, left-hand side", "N"),
-    "M": ("all moments on body ${side}$ about its centre, likewise", "N m"),
+    "M": ("all moments on body ${side}$ about its centre without those of the joint, left-hand side", "N m"),
     "bx": ("first axis of body ${side}$", "1"),
     "by": ("second axis of body ${side}$", "1"),
     "bz": ("third axis of body ${side}$", "1"),
@@ -50,33 +50,33 @@ _BASES = {
 _TURNED = {
     "bx": ("first axis of the free rotation: its components along $\\mathbf{i}_x, \\mathbf{i}_y, \\mathbf{i}_z$ are those of the"
            " turned first axis along the axes reached before", "1"),
-    "by": ("the same of the second axis", "1"),
-    "bz": ("the same of the third axis", "1"),
-    "w": ("angular velocity of the free rotation, components likewise", "rad/s"),
-    "dpsi": ("virtual rotation of the free rotation, components likewise", "rad"),
+    "by": ("second axis of the free rotation, with components as for the first", "1"),
+    "bz": ("third axis of the free rotation, with components as for the first", "1"),
+    "w": ("angular velocity of the free rotation, with components as for its axes", "rad/s"),
+    "dpsi": ("virtual rotation of the free rotation, with components as for its axes", "rad"),
 }  # fmt: skip
 
 
 class LawPage(Page):
-    """One law stated with vectors, at random states.
+    """One law stated with vectors, evaluated at random states.
 
-    what: the word for it; rows: whether its rows are written; others: letters that other pages of the document have given."""
+    what: noun for the law in texts; rows: whether its rows are printed; others: letters used on other pages of the document."""
 
     stated = True
 
     def __init__(self, s: Statement, what: str = "joint", rows: bool = True, others: frozenset[str] = frozenset(),
                  state: State | None = None) -> None:  # fmt: skip
         self.s, self.d, self.what, self.others = s, s.derived, what, others
-        self.defined: set[tuple[str, str]] = set()  #: intermediate quantities that equations have defined
+        self.defined: set[tuple[str, str]] = set()  #: intermediate quantities that printed equations define
         self.state, self.wanted = state if state is not None else random_state(self.d), {}
         self.known = letters(s.cls, s.structure, s.law, s.rows)
         for row in s.rows if rows else ():
             self.known[f"lambda_{row}"] = Letter(multiplier(row), self.effort(s.rows[row]), f"multiplier of row {row}")
         self.known |= {name: replace(self.known[name], unit="1") for name in s.turning}
         for side in s.headings:
-            self.known |= {f"{side}_h": Letter(f"\\theta_{side}", "rad", f"rotation of body ${side}$ since the drawing"),
+            self.known |= {f"{side}_h": Letter(f"\\theta_{side}", "rad", f"rotation of body ${side}$ from the drawn position"),
                            f"{side}_w3": Letter(f"\\omega_{side}", "rad/s", f"angular velocity of body ${side}$ in the plane"),
-                           f"dpsi_{side}": Letter(f"\\delta\\theta_{side}", "rad", "its virtual rotation")}  # fmt: skip
+                           f"dpsi_{side}": Letter(f"\\delta\\theta_{side}", "rad", f"virtual rotation of {side}")}  # fmt: skip
         for name, symbol in s.coordinates.items():
             letter = self.known[name]
             self.known[str(symbol)] = letter
@@ -90,15 +90,15 @@ class LawPage(Page):
 
     @cached_property
     def cases(self) -> list[Dimensions]:
-        """Units of what the law states; see `dimensions`."""
+        """Units of the quantities that the law states; see `dimensions`."""
         return dimensions(self.d)
 
     def unit(self, e: Expr) -> str:
-        """Unit of a scalar."""
+        """Unit of a scalar, or units joined by "or" where several are possible."""
         return " or ".join(map(str, unit_in(self.cases, e, self._number)))
 
     def effort(self, e: Expr) -> str:
-        """Unit of what does work along a scalar: N m along an angle or a cosine, N along a length."""
+        """Unit of the generalised force on a scalar: N m for an angle or a cosine, N for a length."""
         return " or ".join((unit("J") / u).of_force for u in unit_in(self.cases, e, self._number))
 
     def units(self) -> list[Check]:
@@ -120,7 +120,7 @@ class LawPage(Page):
 
     @property
     def taken(self) -> frozenset[str]:
-        """Letters given to intermediate quantities, here and on other pages."""
+        """Letters given to intermediate quantities, on this page and on others."""
         return self.others | {*self.own}
 
     @property
@@ -131,11 +131,11 @@ class LawPage(Page):
         return self.writer.names[int(name)] if kind == "v" else self.writer.letters[name]
 
     def lines(self, *lines: str, note: str = "") -> list[Block]:
-        """Equations, one a line, and below them the definitions of what they name for the first time."""
+        """Equations, one a line, followed by the definitions of quantities that they name for the first time."""
         return super().lines(*lines, note=note) + self.definitions()
 
     def definitions(self) -> list[Block]:
-        """Definitions of the intermediate quantities that formulas name and no equation has defined yet."""
+        """Definitions of intermediate quantities that printed formulas contain and no equation has defined yet."""
         record, w = self.s.record, self.writer
         found: list[Block] = []
         while True:
@@ -161,10 +161,10 @@ class LawPage(Page):
         side = subscript(base.side)
         return (f"${Writer.plain(base)}$", unit_text(unit), meaning.replace("{side}", side).replace("{what}", self.what))
 
-    # -- values at the states
+    # -- values at the random states
 
     def numbers(self, state: State | None = None) -> Numbers:
-        """Evaluates formulas of the law at given states, or its own."""
+        """Evaluator of the law's formulas at given states, by default those of the page."""
         state = self.state if state is None else state
         return Numbers(self.s.record, state.atom, state.symbol)
 
@@ -183,8 +183,8 @@ class LawPage(Page):
         return dict(zip(p.targets, p.kernel.values(x).T, strict=True))
 
     def at_point(self, side: str, kernel: dict[Any, Any]) -> tuple[Any, Any]:
-        """Force and moment about the point of a side, inertial, of the compiled rows of its node (moment about the centre, body
-        axes)."""
+        """Force and moment about the point of a side (points, 3), inertial, from the compiled rows of its node (moment about
+        the centre in body axes)."""
         f, count = self.state.frame(side), self.state.frame(side).kind.translations
         rows = [np.broadcast_to(kernel.get(("u", side, i), 0.0), (POINTS,)) for i in range(count + 3)]
         force = np.stack(rows[:3], -1) if count else np.zeros((POINTS, 3))
@@ -201,7 +201,7 @@ class LawPage(Page):
 
     @cached_property
     def stated_pairs(self) -> dict[str, Pair]:
-        """The force and torque that the law states, and those of its thrust, on all bodies, left-hand side, at their points."""
+        """Force and torque that the law states, and those of its generalised force, by side, on the left-hand side."""
         record, parts = self.s.record, []
         if self.s.wrench is not None:
             force, torque = self.s.wrench
@@ -214,7 +214,7 @@ class LawPage(Page):
 
     @cached_property
     def stated_partials(self) -> dict[Expr, Expr]:
-        """What the thrust of the law adds to the equations of the coordinates that are unknowns, left-hand side."""
+        """Terms of the law's generalised force in the equations of the coordinates that are unknowns, left-hand side."""
         zero = dict.fromkeys(self.s.coordinates.values(), se.Integer(0))
         if self.s.thrust is None:
             return zero
@@ -227,14 +227,14 @@ class LawPage(Page):
         return summed(self.s.record, [times(pairs, se.Symbol(f"lambda_{row}")) for row, (pairs, _) in gradients])
 
     def all_pairs(self) -> dict[str, Pair]:
-        """Forces and moments on the bodies at their points, as they stand on the left-hand side."""
+        """Forces and moments on the bodies at their points, signed as on the left-hand side."""
         parts = [self.totals(), self.stated_pairs]
         if isinstance(self.s.law, Force):
             parts += [self.s.gradient(self.s.energy)[0], self.s.drag[0]]
         return summed(self.s.record, parts)
 
     def letters(self, mark: str = "") -> list[tuple[str, str, int]]:
-        """Names of force and moment of every frame: LaTeX, side, 0 or 1; a free rotation has a moment alone."""
+        """Letters of force and moment of every frame: (LaTeX, side, 0 or 1); a free rotation has a moment only."""
         sides = [side for side in self.s.record.sides if side not in self.s.still]
         return [(rf"\mathbf{{{letter}}}{mark}_{subscript(side)}", side, i) for side in sides
                 for i, letter in enumerate("fm") if i or side in self.s.sides]  # fmt: skip
@@ -242,7 +242,7 @@ class LawPage(Page):
     def balance(self, pairs: dict[str, Pair], must: bool = False) -> tuple[list[Block], bool]:
         """The sums of the forces and of the moments about the point of the first body, and whether both vanish at all states.
 
-        must: they are said to vanish, whatever they are."""
+        must: treat both as zero whatever their values."""
         record, w, (first, *others) = self.s.record, self.writer, self.s.sides
         force, moment = record.zero(), pairs[first][1]
         turning = rf"\mathbf{{m}}_{subscript(first)}"
@@ -261,7 +261,7 @@ class LawPage(Page):
         return lines, not (force.terms or moment.terms)
 
     def covector(self, state: State, side: str) -> tuple[Any, Any]:
-        """G^T lambda of a frame as derived: force, and moment about its point (points, 3)."""
+        """G^T lambda of a frame by the derived law: force, and moment about its point (points, 3)."""
         force, moment = (state.vector(part) for part in weighted(self.d, self.d.multipliers, side))
         return force, moment - np.cross(state.vector(state.frame(side).arm), force)
 
@@ -272,12 +272,12 @@ def inertial_axes(points: int) -> dict[str, Any]:
 
 
 def settled(a: Vector, n: Any) -> Vector:
-    """The vector, or zero where it vanishes at all states."""
+    """The vector, or a zero vector where its value vanishes at all states."""
     return a if a.terms and float(np.max(np.abs(n.vector(a)))) > 1e-12 else a.record.zero()
 
 
 def planar_of(s: Statement) -> Derived | None:
-    """The law in the plane, where it has a planar form."""
+    """The law in the plane; None where it has no planar form."""
     try:
         return derived(s.cls, s.structure, planar=True)
     except LawError:

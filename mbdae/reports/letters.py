@@ -13,7 +13,7 @@ from mbdae.symbolic.part import Parameter
 
 GREEK = {"alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu", "xi", "pi",
          "rho", "sigma", "tau", "phi", "chi", "psi", "omega"}  # fmt: skip
-#: letters of parameters that have words for names
+#: letters of parameters whose names are words
 WORDS = {
     "stiffness": "k", "damping": "c", "length": "L", "mass": "m", "rest": "c_0", "turns": r"\varphi_n", "torque": r"\tau",
     "force": "f", "normal_force": "f_n", "radius": r"\rho", "outer": r"\rho_k", "inner": r"\rho_l", "scaling": r"\sigma",
@@ -21,14 +21,14 @@ WORDS = {
     "mass_per_length": r"\rho_A", "angle": r"\varphi", "displacement": "s", "load": "f",
     "mu": r"\mu_0", "phi": r"\varphi", "x": "x", "weight": "w", "ds": r"\mathrm{d}s",
 }  # fmt: skip
-INERTIA = "kg, kg m, kg m^2"  #: units of the blocks of a matrix of mass
-#: letters of vectors that a law gives no name
+INERTIA = "kg, kg m, kg m^2"  #: units of the blocks of a mass matrix
+#: letters, in this order, of vectors that a law does not name
 VECTORS = tuple(f"\\mathbf{{{letter}}}" for letter in "abcegpq")
 
 
 @dataclass(frozen=True)
 class Letter:
-    """How a symbol is written, its unit and what it is."""
+    """The LaTeX of a symbol, its unit and its meaning."""
 
     latex: str
     unit: str
@@ -36,31 +36,34 @@ class Letter:
 
     @property
     def row(self) -> list[str]:
-        """Its row in a table of symbols."""
+        """The row of the letter in a table of symbols."""
         return [f"${self.latex}$", unit_text(self.unit), worded(self.meaning)]
 
 
-#: what equations of laws have on their left-hand sides: beginning of the LaTeX, unit (that of the page where empty), meaning
+#: left-hand sides of printed equations: beginning of the LaTeX, unit (empty: the page knows it), meaning
 RESULTS = (
     (r"c_", "", "rows: must vanish"), (r"\dot c_", "", "rates of the rows"),
     (r"\gamma_", "", "second rates of the rows without the accelerations of centres and the angular accelerations"),
-    (r"\delta c_", "", "variations of the rows"), (r"b_{", "", "positive where right"), (r"\delta W", "J", "virtual work"),
+    (r"\delta c_", "", "variations of the rows"), (r"b_{", "", "positive on the wanted branch"),
+    (r"\delta W", "J", "virtual work"),
     (r"\mathbf{f}", "N", "forces at the points: factors of virtual displacements; with all: with those of friction"),
-    (r"\mathbf{m}", "N m", "moments about the points: factors of virtual rotations; likewise"),
-    (r"\delta\mathbf{f}", "N", "their change"), (r"\delta\mathbf{m}", "N m", "their change"),
+    (r"\mathbf{m}", "N m", "moments about the points: factors of virtual rotations; with all: with those of friction"),
+    (r"\delta\mathbf{f}", "N", "changes of the forces"), (r"\delta\mathbf{m}", "N m", "changes of the moments"),
     (r"m^{\text{2D}}", "N m", "moments in the plane"), (r"c^{\text{2D}}", "", "rows in the plane"),
     (r"h_{", "", "terms in the equations of coordinates"), ("V", "J", "potential energy"),
     ("D", "W", "dissipation function"), ("P", "W", "power"), ("q", "", "length or angle along which a force works"),
-    ("Q", "", "that force"), (r"\mathbf{F}", "N", "stated force on l"), (r"\mathbf{T}", "N m", "stated torque on l"),
-    (r"\bar{\mathbf{F}}", "N", "force passed on to k"), (r"\bar{\mathbf{M}}_", "N m", "moment passed on to k"),
-    (r"\bar r_", "", "equations of the coordinates"), (r"\bar{\mathbf{M}}", INERTIA, "mass passed on"),
-    (r"\delta\bar{\mathbf{F}}", "N", "their change"), (r"\delta\bar{\mathbf{M}}", "N m", "their change"),
-    (r"\delta \bar r_", "", "their change"),
+    ("Q", "", "generalised force along $q$"), (r"\mathbf{F}", "N", "stated force on l"),
+    (r"\mathbf{T}", "N m", "stated torque on l"), (r"\bar{\mathbf{F}}", "N", "force passed on to k"),
+    (r"\bar{\mathbf{M}}_", "N m", "moment passed on to k"), (r"\bar r_", "", "equations of the coordinates"),
+    (r"\bar{\mathbf{M}}", INERTIA, "mass passed on"),
+    (r"\delta\bar{\mathbf{F}}", "N", "change of the force passed on"),
+    (r"\delta\bar{\mathbf{M}}", "N m", "change of the moment passed on"),
+    (r"\delta \bar r_", "", "changes of the equations of the coordinates"),
 )  # fmt: skip
 
 
 def results(units: Mapping[str, str]) -> list[list[str]]:
-    """Rows of a table of symbols for left-hand sides, those of a kind together. units: where a page knows them, by the LaTeX."""
+    """Rows of a table of symbols for left-hand sides, equal kinds merged. units: those the page knows, by LaTeX."""
     found: dict[tuple[str, str], list[str]] = {}
     for latex, known in units.items():
         kind = max((r for r in RESULTS if latex.startswith(r[0])), key=lambda r: len(r[0]), default=None)
@@ -70,12 +73,12 @@ def results(units: Mapping[str, str]) -> list[list[str]]:
 
 
 def effort_unit(unit: str) -> str:
-    """Unit of what does work along a coordinate."""
+    """Unit of the generalised force on a coordinate with the given unit."""
     return "N" if unit == "m" else "N m" if unit in ("rad", "rotation") else "N or N m"
 
 
 def unit_on(unit: str, coordinates: Collection[str]) -> str:
-    """Of a unit such as "N m/rad or N/m" the part that fits the units of all coordinates on which a law acts."""
+    """The alternative of a unit such as "N m/rad or N/m" that fits the units of all coordinates on which a law acts."""
     angle = min(unit.split(" or "), key=lambda part: ("rad" not in part, "N m" not in part))
     if len({*coordinates}) != 1 or " or " not in unit or not {*coordinates} <= {"rad", "m"}:
         return unit
@@ -83,7 +86,7 @@ def unit_on(unit: str, coordinates: Collection[str]) -> str:
 
 
 def worded(text: str) -> str:
-    """Text of a law in which the vectors of frames, such as k.z, are symbols."""
+    """Text of a law with the vectors of frames, such as k.z, written as symbols."""
     vectors = {"w": r"\boldsymbol{\omega}"} | {a: rf"\mathbf{{{a}}}" for a in "rvxyz"}
     return re.sub(r"\b([klm])\.([rvwxyz])\b", lambda m: f"${vectors[m[2]]}_{m[1]}$", text)
 
@@ -123,24 +126,24 @@ def multiplier(row: str) -> str:
 
 
 def unit_text(unit: str) -> str:
-    """A unit as text: exponents as mathematics, "1" as a dash."""
+    """A unit as text with exponents in LaTeX; "1" as it is."""
     if unit in ("1", ""):
         return "1" if unit else ""
     return re.sub(r"\^\(?([-0-9.]+)\)?", r"$^{\1}$", re.sub(r"\^([23])(?![0-9.])", lambda m: "²³"[int(m[1]) - 2], unit))
 
 
-#: letters that pages give quantities of their own, and names that read like functions
+#: letters that pages use for their own quantities, and names of functions
 RESERVED = {"V", "D", "P", "Q", "m", r"\pi", r"\delta", r"\gamma", r"\omega", r"\theta", "sin", "cos", "tan", "sinh", "cosh",
             "tanh", "exp", "ln", "log", "sgn", "max", "min", "sqrt"}  # fmt: skip
 
 
 def read_alike(latex: str) -> str:
-    """A letter without what is not seen: braces and upright text."""
+    """LaTeX without what is invisible in print: braces and the command for upright text."""
     return re.sub(r"\\text|[{} ]", "", latex)
 
 
 def apart(name: str, latex: str, rows: Collection[str]) -> str:
-    """The letter of a parameter, with a p below where the page has a quantity that reads the same. rows: of the law."""
+    """The letter of a parameter, with index p where the page prints another quantity alike. rows: names of the law's rows."""
     heads = [latex for latex, _, _ in RESULTS if latex.endswith("_") and not latex.startswith(r"\mathbf")]
     own = {read_alike(f"{head}{row.replace('_', ' ')}") for head in (*heads, "b_", "h_", "q_", "Q_") for row in rows}
     own |= RESERVED | {f"\\{letter}_{side}" for letter in ("omega", "theta") for side in "klm"}
@@ -151,7 +154,7 @@ def apart(name: str, latex: str, rows: Collection[str]) -> str:
 
 
 def letters(law: type[Law], shape: Structure, instance: Any, rows: Collection[str] = ()) -> dict[str, Letter]:
-    """Letters of the symbols a law may bring: parameters with their rates, states with their rates, coordinates. rows: of it."""
+    """Letters of the symbols of a law: parameters, states and coordinates, with rates. rows: names of its rows."""
     found: dict[str, Letter] = {}
     coordinates = specs_of_coordinates(instance)
     acts_on = [coordinates[name].unit for name in instance.own_coordinates] or [getattr(instance, "unit", "")]
@@ -172,13 +175,13 @@ def letters(law: type[Law], shape: Structure, instance: Any, rows: Collection[st
 
 
 def specs_of_coordinates(law: Any) -> dict[str, Parameter]:
-    """Unit and meaning of the coordinates that a law speaks of: its own, or those of the joint it acts on."""
+    """Unit and meaning of the coordinates in a law: its own, or those of the joint on which it acts."""
     stated = dict(getattr(law, "coordinates", None) or getattr(getattr(law, "joint", None), "coordinates", {}))
     return stated | {name: Parameter("rad or m", "coordinate of a joint") for name in law.own_coordinates if name not in stated}
 
 
 def name_vectors(record: Record, others: frozenset[str] = frozenset()) -> dict[int, str]:
-    """Letters of the named vectors: the law's own, d from point to point, then a, b, c. others: letters that are taken."""
+    """Letters of named vectors: given by the law, d between the points, else a, b, c. others: letters already used."""
     found: dict[int, str] = {}
     own = {key: label if label.startswith("\\") else f"\\mathbf{{{label}}}" for key, label in record.labels.items()}
     taken = {letter for key, letter in own.items() if isinstance(key, int)}
@@ -204,7 +207,7 @@ def name_vectors(record: Record, others: frozenset[str] = frozenset()) -> dict[i
 
 
 def name_scalars(record: Record, others: frozenset[str] = frozenset()) -> dict[str, str]:
-    """Letters of the named scalars: the law's own, else eta with a number. others: letters that are taken."""
+    """Letters of named scalars: given by the law, else eta with a number. others: letters already used."""
     found: dict[str, str] = {}
     start = max((int(letter[6:-1]) for letter in others if letter.startswith(r"\eta_")), default=0)
     for symbol in record.scalars:
@@ -214,7 +217,7 @@ def name_scalars(record: Record, others: frozenset[str] = frozenset()) -> dict[s
 
 
 def _own(letter: str, taken: Collection[str]) -> str:
-    """The letter, with a prime where it is taken."""
+    """The letter, with as many primes as needed to differ from those taken."""
     while letter in taken:
         letter += "'"
     return letter

@@ -1,5 +1,5 @@
-"""Pages of a report: what they print, and its check: every displayed equation is read back from its LaTeX and compared with the
-equations that are integrated."""
+"""Pages of a report: printed blocks, and the check that reads every displayed equation back from its LaTeX and compares it with
+the equations that are integrated."""
 
 from __future__ import annotations
 
@@ -24,11 +24,12 @@ from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.fingerprint import fingerprint
 
-BOUND = 1e-10  #: largest relative difference that passes as round-off
+BOUND = 1e-10  #: largest relative difference that is attributed to round-off
 KERNEL, DERIVED, MOVED = "the compiled kernel", "the derived equations", "a complex step along a motion of the bodies"
 BALANCE = "the energy balance of a run"
-SYMBOLS = ["symbol", "unit", "meaning"]  #: head of a table of symbols
-_FORMULA = {"+", "-", r"\times", r"\cdot", r"\frac", r"\begin", r"\left"}  #: what no symbol contains
+SYMBOLS = ["symbol", "unit", "meaning"]  #: headings of a table of symbols
+#: tokens that occur in formulas but in no single symbol
+_FORMULA = {"+", "-", r"\times", r"\cdot", r"\frac", r"\begin", r"\left"}
 _ZEROS = (("0",), tuple(key_of(r"\mathbf{0}")))
 
 
@@ -41,28 +42,28 @@ class Check:
 
     @property
     def holds(self) -> bool:
-        """Whether the difference is round-off."""
+        """Whether the difference is no larger than round-off."""
         return self.residual <= BOUND
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a printed symbol must be: values (points, ...), and where they come from; values None: some equation must have it as
-    its left-hand side, whose two sides are compared."""
+    """Values (points, ...) that a printed symbol must have, and their source. With values None some equation must have the symbol
+    as its left-hand side, and its two sides are compared."""
 
     values: Any
     source: str
-    unit: str = ""  #: where `letters.RESULTS` does not know it
+    unit: str = ""  #: unit, where `letters.RESULTS` does not state it
 
 
-BOTH = Wanted(None, "both sides")  #: of an equation between formulas
+BOTH = Wanted(None, "both sides")  #: for an equation whose two sides are both formulas
 
 
 class Printed:
-    """The displayed equations of some sections, read back.
+    """Displayed equations of some sections, read back from their LaTeX.
 
-    known: values of the symbols that are given; wanted: what the left-hand sides must be. Every other left-hand side is a
-    definition, which some checked equation has to use."""
+    known: values of given symbols; wanted: required values of left-hand sides. Every other left-hand side is a definition,
+    which some checked equation has to use."""
 
     def __init__(self, known: Mapping[str, Any], wanted: Mapping[str, Wanted], points: int = POINTS) -> None:
         self.points, self.wanted = points, {key_of(latex): (latex, w) for latex, w in wanted.items()}
@@ -97,7 +98,7 @@ class Printed:
         return [*self.checks, *(Check(f"{name} is displayed", float("inf")) for name in missing)]
 
     def _defines(self, left: Key, rest: list[tuple[str, Key]]) -> bool:
-        """Whether an equation defines a symbol that nothing has given before."""
+        """Whether an equation defines a new symbol."""
         return left not in self.symbols and RELATIONS[rest[0][0]] == "=" and not _FORMULA & {*left}
 
     def _defined(self, left: Key, line: Key) -> Any:
@@ -112,12 +113,12 @@ class Printed:
         return found
 
     def _check(self, equation: Equation, left: Key, rest: list[tuple[str, Key]]) -> None:
-        """Compare the members of a chain with what the left-hand side must be."""
+        """Compare every member of a chain of equations with the required value of its left-hand side."""
         name, wanted = self.wanted.get(left, ("", BOTH))
         self.seen.add(left)
         for relation, part in rest:
             if part in _ZEROS and len(rest) > 1:
-                continue  # a demand on the solution
+                continue  # "= 0" is a condition on the solution, not an identity
             if RELATIONS.get(relation) == "<":
                 break
             try:
@@ -137,7 +138,7 @@ class Printed:
 
 
 def checks_section(checks: Sequence[Check]) -> Section:
-    """The checks with their residuals, and a verdict."""
+    """Section with the checks, their residuals, and whether all hold."""
     rows = [[c.what, f"${power_of_ten(c.residual)}$", "yes" if c.holds else "NO"] for c in checks]
     wrong = [c.what for c in checks if not c.holds]
     verdict = f"All {len(checks)} comparisons hold." if not wrong else f"NOT EQUAL: {'; '.join(wrong)}."
@@ -150,7 +151,7 @@ def checks_section(checks: Sequence[Check]) -> Section:
 
 
 def power_of_ten(x: float) -> str:
-    """A small number in LaTeX."""
+    """A small number as a power of ten in LaTeX."""
     if x == 0 or not np.isfinite(x):
         return "0" if x == 0 else r"\infty"
     mantissa, exponent = f"{x:.1e}".split("e")
@@ -159,37 +160,37 @@ def power_of_ten(x: float) -> str:
 
 
 class Page:
-    """What is printed of one thing, and the values that its symbols must have at random states.
+    """Printed blocks about one law or scene, and the values that the symbols must have at random states.
 
-    known: letters by the names of symbols; writer: writes its formulas; wanted: values of left-hand sides by their LaTeX."""
+    known: letters by symbol; writer: writes the formulas; wanted: required values of left-hand sides by their LaTeX."""
 
-    stated = False  #: whether its left-hand sides are those of `letters.RESULTS`
-    own: Sequence[str] = ()  #: letters given to intermediate quantities here
+    stated = False  #: whether its left-hand sides are listed in `letters.RESULTS`
+    own: Sequence[str] = ()  #: letters given to intermediate quantities on this page
     known: dict[str, Letter]
     writer: Writer
     wanted: dict[str, Wanted]
 
     def want(self, latex: str, values: Any, source: str, unit: str = "") -> None:
-        """The values that a printed symbol must have."""
+        """Require values of a printed symbol; source: where they come from."""
         values = np.asarray(values)
         self.wanted[latex] = Wanted(np.broadcast_to(values, (POINTS, *values.shape[1:])), source, unit)
 
     def line(self, latex: str, e: Any, values: Any = None, source: str = "", unit: str = "") -> str:
-        """An equation: a symbol and its formula, a scalar or a vector. values: those it must have, and where they come from."""
+        """An equation of a symbol and its formula (scalar or vector). values: required ones; source: where they come from."""
         if values is not None:
             self.want(latex, values, source, unit)
         return f"{latex} = {self.writer.of(e)}"
 
     def lines(self, *lines: str, note: str = "") -> list[Block]:
-        """Equations, one a line; the note stands below the last one."""
+        """Equations, one a line; the note is printed with the last one."""
         return [Equation(line, note=note if i == len(lines) else "") for i, line in enumerate(lines, 1)]
 
     def told(self, text: str, *lines: str) -> list[Block]:
-        """A sentence and equations."""
+        """A sentence followed by equations."""
         return [Paragraph(text), *self.lines(*lines)]
 
     def section(self, title: str, text: str, *lines: str) -> Section:
-        """A section of a sentence and equations."""
+        """A section with a sentence and equations."""
         return Section(title, self.told(text, *lines))
 
     def symbols(self) -> list[list[str]]:
@@ -197,20 +198,20 @@ class Page:
         return [self.known[name].row for name in sorted(self.writer.used) if name in self.known]
 
     def given(self) -> dict[str, Any]:
-        """Values of the symbols that are no definitions, or functions that give them, by their LaTeX."""
+        """Values of the symbols that are no definitions, or functions that return them, by LaTeX."""
         raise NotImplementedError
 
     def units(self) -> list[Check]:
-        """Whether the terms of what is stated have one unit each; nothing where that is not known."""
+        """Checks that all terms of a stated quantity have one unit; empty where units are unknown."""
         return []
 
     def printed(self, blocks: list[Block]) -> list[Check]:
-        """The equations of numbered blocks, read back."""
+        """Checks of the equations in numbered blocks, read back from their LaTeX."""
         return Printed(self.given(), self.wanted).read(blocks)
 
 
 def document(title: str, head: list[Block], pages: list[tuple[Any, list[Block]]], convention: str, tail: list[Block]) -> Document:
-    """A document whose pages are numbered and read back; head: blocks without equations, behind it the symbols of all pages."""
+    """A document whose pages are numbered and read back; head: blocks without equations, followed by the symbols of all pages."""
     blocks = [part.blocks for part in numbered([Section("", part) for _, part in pages])]  # type: ignore[union-attr]
     rows = dict.fromkeys(tuple(row) for page, _ in pages for row in page.symbols())
     checks = [c for (page, _), part in zip(pages, blocks, strict=True) for c in page.printed(list(part))]
@@ -226,7 +227,7 @@ def document(title: str, head: list[Block], pages: list[tuple[Any, list[Block]]]
     return Document(title, [*head, symbols, *(b for part in blocks for b in part), checks_section(checks), *tail])
 
 
-# -- names and origin
+# -- names and origin of laws
 
 
 def row_name(name: str) -> str:
@@ -235,12 +236,12 @@ def row_name(name: str) -> str:
 
 
 def title_of(law: type) -> str:
-    """The name of a class as words."""
+    """The name of a class split into words."""
     return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", law.__name__)
 
 
 def described(law: Any) -> list[Block]:
-    """What a law does, in a sentence: the first one of its docstring with its vectors as symbols."""
+    """A sentence on a law: the first of its docstring, with vectors written as symbols."""
     text = " ".join((inspect.getdoc(law) or "").split("\n\n")[0].split())
     text = re.sub(r"[,;]? *\(?[Pp]aper Eqs?\. [0-9, to-]*[0-9]\)?", "", text)
     sentence = re.split(r"(?<=[.;])\s", text)[0].rstrip(";.")
@@ -251,17 +252,17 @@ def described(law: Any) -> list[Block]:
 
 
 def short_hash(d: Derived) -> str:
-    """The first half of the hash of a law as it is derived, for a cell of a table."""
+    """The first half of the hash of a derived law, for a cell of a table."""
     return f"`{fingerprint(d)[:32]}…`"
 
 
 def made_from(cls: type, what: str = "law object") -> str:
-    """From which object a report was made."""
+    """Sentence that names the object from which a report was made."""
     return f"This report was made from the {what} that is integrated, `{cls.__module__}.{cls.__qualname__}`"
 
 
 def provenance(d: Derived, planar: Derived | None) -> Section:
-    """The section on the origin of a report: hash of the derived equations, operations of the compiled kernels."""
+    """Section on the origin of a report: hash of the derived equations, operation counts of the compiled kernels."""
     rows = []
     for name, derived in (("space", d), ("plane", planar)):
         if derived is not None:

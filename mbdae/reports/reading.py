@@ -1,8 +1,8 @@
-r"""Values of formulas as they are printed: LaTeX is read back and evaluated at many states at once.
+r"""Evaluation of formulas as they are printed: LaTeX is parsed and evaluated at many states at once.
 
-Known: sums, products (juxtaposed, `\cdot`, `\times`), fractions, roots, powers, moduli, functions, cases, matrices, transposes,
-the matrix of the vector product (a tilde). Arrays of one axis (points) are numbers, of two vectors, of three matrices. The
-longest known symbol is taken, so that symbols need no grammar of their own.
+Supported: sums, products (juxtaposed, `\cdot`, `\times`), fractions, roots, powers, moduli, functions, cases, matrices,
+transposes, the matrix of the vector product (a tilde). Arrays (points,) are numbers, (points, 3) vectors, (points, m, n)
+matrices. At each place the longest known symbol is taken, so that symbols need no grammar of their own.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ _STOP = {"", "+", "-", ")", "}", "]", ",", "&", r"\\", r"\right", r"\rVert", r"\
 
 
 class UnreadError(MbdaeError):
-    """A printed formula that cannot be read, with the place and the reason."""
+    """A printed formula that cannot be read; the message gives the place and the reason."""
 
 
 def key_of(latex: str) -> Key:
-    """A formula as tokens without spaces; a text, with its spaces, is one token."""
+    """A formula as tokens without spaces; `\text{...}`, with its spaces, is one token."""
     parts = re.split(r"(\\text\{[^{}]*\})", latex)
     split = (tokens(part) if i % 2 == 0 else [part] for i, part in enumerate(parts))
     return tuple(t for found in split for t in found if not t.isspace() and t not in _SPACES)
 
 
 def members(line: Key) -> list[tuple[str, Key]]:
-    """The members of a chain of relations, each with the relation before it."""
+    """The members of a chain of relations, each with the relation in front of it."""
     found: list[tuple[str, list[str]]] = [("", [])]
     depth = 0
     for token in line:
@@ -58,7 +58,7 @@ def members(line: Key) -> list[tuple[str, Key]]:
 
 
 class Symbols:
-    """Known symbols: values, or functions that give them; the longest one at a place is taken."""
+    """Known symbols with their values, or with functions that return them."""
 
     def __init__(self, values: Mapping[str, Any]) -> None:
         self._by_first: dict[str, dict[Key, Any]] = {}
@@ -66,21 +66,21 @@ class Symbols:
             self.add(key_of(latex), value)
 
     def add(self, key: Key, value: Any) -> None:
-        """Make a symbol known."""
+        """Add a symbol."""
         self._by_first.setdefault(key[0], {})[key] = value
 
     def __contains__(self, key: Key) -> bool:
         return bool(key) and key in self._by_first.get(key[0], {})
 
     def value(self, key: Key) -> Any:
-        """Its value; a function is called once."""
+        """Value of a symbol; a function is called once and its result kept."""
         table = self._by_first[key[0]]
         if callable(table[key]):
             table[key] = table[key]()
         return table[key]
 
     def at(self, line: Sequence[str], i: int) -> Key | None:
-        """The longest known symbol at a place."""
+        """The longest known symbol at a place; None where there is none."""
         found = [key for key in self._by_first.get(line[i], {}) if tuple(line[i : i + len(key)]) == key]
         return max(found, key=len) if found else None
 
@@ -90,21 +90,21 @@ class Reader:
 
     def __init__(self, line: Sequence[str], symbols: Symbols, points: int) -> None:
         self.line, self.symbols, self.points, self.i = tuple(line), symbols, points, 0
-        self.largest = 0.0  #: of all terms read
+        self.largest = 0.0  #: largest absolute value of all terms read
 
     def whole(self) -> Array:
-        """The value of the whole formula."""
+        """The value of the whole formula; UnreadError where something is left over."""
         found: Array = self.sum()
         if self.i < len(self.line):
             raise self._unread(f"'{self.peek()}' is not expected")
         return found
 
     def peek(self) -> str:
-        """The next token, empty at the end."""
+        """The next token without consuming it; empty at the end."""
         return self.line[self.i] if self.i < len(self.line) else ""
 
     def take(self, wanted: str = "") -> str:
-        """The next token, which must be the wanted one."""
+        """Consume the next token; UnreadError where it is not the wanted one."""
         token = self.peek()
         if wanted and token != wanted:
             raise self._unread(f"'{wanted}' is missing before '{token}'")
@@ -115,7 +115,7 @@ class Reader:
         return UnreadError(f"'{' '.join(self.line)}' at {self.i}: {why}")
 
     def sum(self) -> Any:
-        """Terms with their signs."""
+        """Value of a sum of signed terms."""
         total: Any = None
         while total is None or self.peek() in ("+", "-"):
             sign = self.take() if self.peek() in ("+", "-") else "+"
@@ -128,7 +128,7 @@ class Reader:
         return total
 
     def product(self) -> Any:
-        """Factors, from left to right."""
+        """Value of a product, multiplied from left to right."""
         found = self.power()
         while self.peek() not in _STOP:
             sign = self.take() if self.peek() in (r"\cdot", r"\times", "/") else ""
@@ -151,7 +151,7 @@ class Reader:
         raise self._unread(f"a product '{sign}' of kinds {m} and {n}")
 
     def power(self) -> Any:
-        """A factor with its exponent."""
+        """Value of a factor with its exponents."""
         found = self.atom()
         while self.peek() == "^":
             self.take()
@@ -165,14 +165,14 @@ class Reader:
         return found
 
     def group(self) -> Any:
-        """What stands in braces."""
+        """Value of a formula in braces."""
         self.take("{")
         found = self.sum()
         self.take("}")
         return found
 
     def atom(self) -> Any:
-        """A number, a symbol, or what brackets hold."""
+        """Value of a number, a symbol or a bracket."""
         if self.peek() == "":
             raise self._unread("the formula ends")
         key = self.symbols.at(self.line, self.i)
@@ -298,7 +298,7 @@ class Reader:
 
 
 class _Filled(np.ndarray):
-    """A zero vector; in a matrix the zero or unit block that fits."""
+    """A zero vector or unit that becomes, inside a matrix, a zero or unit block of fitting size."""
 
     one: bool
 
@@ -335,5 +335,5 @@ def skewed(a: Array) -> Array:
 
 
 def _wide(a: Any, kind: int) -> Any:
-    """A number with the axes of what it is multiplied by."""
+    """A number (points,) with further axes, to be multiplied by a vector or matrix."""
     return a[(..., *[None] * (kind - 1))] if np.ndim(a) == 1 and kind > 1 else a

@@ -1,4 +1,4 @@
-"""`mb.report`: what a law, a joint model or a scene is."""
+"""`mb.report`: the report of a law, a joint model or a scene."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from mbdae.symbolic.line import LineLaw
 from mbdae.symbolic.part import Part
 from mbdae.values import shown
 
-#: friction and normal laws with values; the report of their class uses their structure alone
+#: friction and normal laws with typical values; a report of their class uses only their structure
 _TYPICAL: dict[type[Part], Part] = {
     Coulomb: Coulomb(0.3, 1e-3),
     LuGre: LuGre(0.3, 0.5, 1e-3, 1e5, 300.0, 0.4),
@@ -44,7 +44,7 @@ _PAGES: dict[Any, Any] = {Joint | Coupling: JointReport, Force: ForceReport, Lin
 
 
 def exported() -> dict[str, type]:
-    """Every law of the package by its name in small letters."""
+    """Every law of the package by its name in lower case."""
     laws = mbdae.laws
     homes = (laws.joints, laws.couplings, laws.forces, laws.elements, laws.contact, laws.friction)
     found = {name.lower(): getattr(home, name) for home in homes for name in home.__all__}
@@ -57,23 +57,23 @@ def exported() -> dict[str, type]:
 
 
 def names() -> list[str]:
-    """Names that `mbdae report` takes."""
+    """Names that the command `mbdae report` accepts."""
     return sorted({"kinematic", "classical", "recursive", "clearance", *exported()})
 
 
 def report(what: Any, **options: Any) -> Document:
-    """The report of a law class, a law or part with values, a joint model, a joint of a scene, a scene, or of a name.
+    """The report (a `Document`) of a law class, a law or part with values, a joint model, a joint of a scene, a scene, or a name.
 
-    options: those of the law; a parameter of None is left out of the statement. Of joints:
+    options: those of the law; a parameter given as None is left out of the statement. Options of joints:
 
-    kept       whether the coordinates are unknowns; by default where nothing states the joint without them
+    kept       whether the coordinates are unknowns; by default True where the joint cannot be stated without them
     friction   a friction law, such as mb.Coulomb(0.3, 1e-3), pressed by the joint's own reaction; by default none
     rubs       with friction: the name of the coordinate against which it acts, "angle" or "displacement" of a joint that has
                several; by default the first one
-    model      the joint as a model of joints has it: mb.Kinematic() as by default, mb.Classical() with kept=True, mb.Recursive()
-               as a joint of a tree without multipliers, and of mb.Revolute mb.Clearance(...) with its contact
+    model      a joint model: mb.Kinematic(), the default; mb.Classical(), with kept=True; mb.Recursive(), the joint in a tree
+               without multipliers; for mb.Revolute also mb.Clearance(...), with its contact
 
-    `.save("x.html")`, also .md, .tex and .pdf. OptionError and LawError for what a law does not have."""
+    `.save("x.html")` writes it, also as .md, .tex or .pdf. Raises OptionError or LawError for what a law does not have."""
     if isinstance(what, SceneData):
         _refuse(what, options)
         return scene_sheet(what)
@@ -103,7 +103,7 @@ def report(what: Any, **options: Any) -> Document:
 
 
 def _model(what: Any) -> Any:
-    """A model of joints for its class; anything else as it is."""
+    """A joint model made from its class; any other value unchanged."""
     return what() if any(what is m for m in (Kinematic, Classical, Recursive)) else what
 
 
@@ -133,7 +133,7 @@ def _of_law(law: type[Law], structure: Structure) -> Document:
 
 
 def _of_model(model: Any, law: type[Joint], options: dict[str, Any]) -> Document:
-    """The report of a joint as a model has it. model: of any kind, refused where it is no joint model."""
+    """The report of a joint with a joint model; OptionError where `model` is none."""
     if isinstance(model, Clearance) and law is not Revolute:
         raise OptionError(f"model = {shown(model)}: the report of a joint with clearance is that of mb.Revolute")
     if isinstance(model, Clearance):

@@ -1,4 +1,4 @@
-"""A law evaluated with recorded vectors, and the same law derived in components as it is integrated."""
+"""A law evaluated with recorded vectors, together with the same law derived in components as it is integrated."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from mbdae.symbolic.rebuild import rebuilt
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.values import flag, option, shown
 
-#: options of laws in a report of the class, where none are given
+#: default options of laws in a report of a class
 OPTIONS: dict[str, Any] = {
     "joint": Revolute,
     "coordinate": None,
@@ -42,7 +42,7 @@ DRY = Coulomb(0.3, 1e-3).structure()
 
 
 def check_kind(name: str, value: Any, typical: Any) -> None:
-    """Refuse an option of a law that is of another kind than a typical one: a switch, a class of laws, a part."""
+    """OptionError for an option of another kind than its typical value: a switch, a class of laws, a friction or normal law."""
     if isinstance(typical, bool):
         option(name, value, flag, "give True or False")
     elif isinstance(typical, type) and not (isinstance(value, type) and issubclass(value, Law)):
@@ -52,7 +52,7 @@ def check_kind(name: str, value: Any, typical: Any) -> None:
 
 
 def structure_of(law: type[Law], options: Mapping[str, Any]) -> Structure:
-    """Structure of a law class in a report: all parameters but scaling and penalty, a prescribed motion as a function of time."""
+    """Structure of a law class in a report: all parameters but scaling and penalty; a prescribed motion is a function of time."""
     missing = [name for name in law.options if name not in options and name not in OPTIONS]
     if missing:
         raise LawError(f"{law.__name__} has the option '{missing[0]}': say mb.report({law.__name__}, {missing[0]}=...)")
@@ -73,22 +73,22 @@ def structure_of(law: type[Law], options: Mapping[str, Any]) -> Structure:
 
 
 def _default(law: type[Law], name: str, options: Mapping[str, Any]) -> Any:
-    """An option in a report of the class: a joint is without friction, its coordinates are unknowns where it needs them."""
+    """Default of an option in a report: no friction in a joint, coordinates as unknowns only where the joint needs them."""
     if name == "kept":
         return _joint_of(law, options).must_keep()
     if name == "friction" and issubclass(law, SurfaceContact):
-        return DRY  # bodies that slide in any direction have no bristles
+        return DRY  # bristle models exist only for sliding along one direction
     return None if name == "friction" and issubclass(law, Joint) else OPTIONS.get(name)
 
 
 def _joint_of(law: type[Law], options: Mapping[str, Any]) -> type[Joint]:
-    """The joint itself, or the one on whose coordinate a force acts."""
+    """The joint itself, or the joint on whose coordinate a force acts."""
     joint: type[Joint] = law if issubclass(law, Joint) else options.get("joint", OPTIONS["joint"])
     return joint
 
 
 def _check_coordinates(law: type[Law], chosen: Mapping[str, Any]) -> None:
-    """Refuse options that speak of coordinates the joint has not, and a joint without coordinates that needs them."""
+    """OptionError for options naming coordinates that the joint lacks, and for a joint without the coordinates they need."""
     if "kept" not in chosen:
         return
     joint = _joint_of(law, chosen)
@@ -105,7 +105,7 @@ def _check_coordinates(law: type[Law], chosen: Mapping[str, Any]) -> None:
 
 
 def sides_of(law: type[Law], planar: bool = False) -> tuple[Side, ...]:
-    """The frames of a law: those of its bodies, the first one on the ground for an external load."""
+    """Kind and axes of each frame of a law; the first frame of an external load is on the ground."""
     kind, axes = (NodeKind.PLANAR, Axes.NORMAL) if planar else (NodeKind.SPATIAL, Axes.GENERAL)
     outside = issubclass(law, Force) and law.external
     ground = NodeKind.PLANAR_GROUND if planar else NodeKind.GROUND
@@ -113,7 +113,7 @@ def sides_of(law: type[Law], planar: bool = False) -> tuple[Side, ...]:
 
 
 def derived(law: type[Law], structure: Structure, planar: bool = False) -> Derived:
-    """The law as it is integrated."""
+    """The law derived in components, as it is integrated."""
     instance = law.symbolic(structure)
     units = specs_of_coordinates(instance)
     kinds = [NodeKind.ROTATION if units[name].unit == "rotation" else NodeKind.COORDINATE for name in instance.own_coordinates]
@@ -122,30 +122,33 @@ def derived(law: type[Law], structure: Structure, planar: bool = False) -> Deriv
 
 
 class Statement:
-    """A law evaluated with recorded vectors; `derived` is the same law as it is integrated, `still` names fixed sides.
+    """A law evaluated with recorded vectors; `derived`: the law as it is integrated, `still`: names of fixed frames.
 
-    planar: all vectors lie in the plane, rotations are numbers."""
+    planar: all vectors lie in the plane and rotations are angles."""
 
     def __init__(self, law: type[Law], structure: Structure, planar: bool = False) -> None:
         self.cls, self.structure, self.planar = law, structure, planar
         self.derived = derived(law, structure, planar)
         self.law = law.symbolic(structure)
         own = dict(zip(self.law.own_coordinates, self.derived.frames[len(law.frames) :], strict=True))
-        self.places = {name: c.side for name, c in own.items()}  #: frames of the coordinates that are unknowns
+        self.places = {name: c.side for name, c in own.items()}  #: frames of the coordinates that are unknowns, by coordinate
         scalars = {name: c for name, c in own.items() if c.kind is NodeKind.COORDINATE}
-        self.turning = {name: c.side for name, c in own.items() if name not in scalars}  #: frames of free rotations among them
+        #: frames of the free rotations that are unknowns, by coordinate
+        self.turning = {name: c.side for name, c in own.items() if name not in scalars}
         self.record = Record((*law.frames, *self.turning.values()))
         self.record.resolve, self.record.flat = self.names, planar
         self.frames = tuple(self._frame(side, *kind) for side, kind in zip(law.frames, sides_of(law, planar), strict=True))
         self.sides = law.frames  #: names of the bodies' frames
         self.still = tuple(f.side for f in self.frames if not f.kind.moves)
-        self.coordinates: dict[str, Expr] = {name: c.q[0] for name, c in scalars.items()}  #: angles and displacements among them
+        #: symbols of the angles and displacements that are unknowns
+        self.coordinates: dict[str, Expr] = {name: c.q[0] for name, c in scalars.items()}
         rotations = {name: self._rotation(own[name]) for name in self.turning}
-        self.values = self.coordinates | rotations  #: of all coordinates that are unknowns
+        self.values = self.coordinates | rotations  #: symbols of every coordinate that is an unknown, by name
         vars(self.law).update(self.values)
         self.clock = self.derived.variation.clock | {c.q[0]: c.u[0] for c in scalars.values()}
         self.virtual = {c.q[0]: se.Symbol(f"d{c.q[0]}") for c in scalars.values()}  #: virtual changes of the coordinates
-        self.headings = {f.side: f.heading for f in self.frames if planar and f.kind.moves}  #: rotations in the plane
+        #: rotation angles of the moving frames in the plane
+        self.headings = {f.side: f.heading for f in self.frames if planar and f.kind.moves}
         self.clock |= {h: se.Symbol(f"{side}_w3") for side, h in self.headings.items()}
         self.virtual |= {h: se.Symbol(f"dpsi_{side}") for side, h in self.headings.items()}
 
@@ -165,16 +168,16 @@ class Statement:
                      [], [], [], {}, {})  # fmt: skip
 
     def _rotation(self, c: Frame) -> Rotation:
-        """A free rotation, its turned axes vectors."""
+        """A free rotation whose turned axes are recorded vectors."""
         x, y, z = (self.record.atom(axis, c.side) for axis in ("bx", "by", "bz"))
         return Rotation(tuple(c.q), (x, y, z), c.spin)
 
     @staticmethod
     def symbol(name: str) -> Expr:
-        """The symbol of a coordinate that is no unknown."""
+        """The symbol of a coordinate that is not an unknown."""
         return se.Symbol(name)
 
-    # -- what the law states, with names for intermediate quantities
+    # -- quantities that the law states, with names for intermediate results
 
     def names(self, e: Any) -> Expr:
         """A scalar with `let`, `rate`, angles and turn counts replaced by names."""
@@ -193,19 +196,19 @@ class Statement:
         return rebuilt(se.sympify(e), rule)
 
     def vector(self, a: Vec) -> Vector:
-        """A vector with its scalars named."""
+        """A vector whose intermediate scalars are replaced by names."""
         lifted = self.record.lift(a)
         self.settle()
         return Vector(self.record, {atom: self.names(c) for atom, c in lifted.terms.items()})
 
     def scalar(self, e: Any) -> Expr:
-        """A scalar with names; those inside named vectors too."""
+        """A scalar whose intermediates are replaced by names, inside named vectors too."""
         found = self.names(e)
         self.settle()
         return found
 
     def settle(self) -> None:
-        """Replace intermediates inside the named vectors by their names."""
+        """Replace intermediate scalars inside the named vectors by their names."""
         for number, value in list(self.record.vectors.items()):
             self.record.vectors[number] = Vector(self.record, {a: self.names(c) for a, c in value.terms.items()})
 
@@ -216,17 +219,17 @@ class Statement:
 
     @cached_property
     def branches(self) -> dict[str, Expr]:
-        """Expressions that are positive on the wanted branch, by name."""
+        """Expressions that are positive on the wanted solution branch, by name."""
         return {name: self.scalar(e) for name, e in self.law.positives(*self.frames).items()}
 
     @cached_property
     def read(self) -> dict[str, Expr]:
-        """Coordinates of a joint that are no unknowns as the frames show them."""
+        """Coordinates of a joint that are not unknowns, as functions of its frames, by name."""
         return {} if self.places else {name: self.scalar(e) for name, e in self.law.read(*self.frames).items()}
 
     @cached_property
     def gradients(self) -> dict[str, tuple[dict[str, Pair], dict[Expr, Expr]]]:
-        """Force and moment of every row on every body, and on the coordinates, per unit of its multiplier."""
+        """Force and moment of every row on every body and on the coordinates, per unit of its multiplier."""
         return {name: self.gradient(e) for name, e in self.rows.items()}
 
     def gradient(self, e: Expr) -> tuple[dict[str, Pair], dict[Expr, Expr]]:
@@ -238,7 +241,7 @@ class Statement:
 
     @cached_property
     def drag(self) -> tuple[dict[str, Pair], dict[Expr, Expr]]:
-        """Derivatives of the dissipation function by the velocities of every body, and of the coordinates that are unknowns."""
+        """Derivatives of the dissipation function by the velocities of every body and of the coordinates that are unknowns."""
         speeds = {self.clock[h]: side for side, h in self.headings.items()}
         own = tuple(self.clock[c] for c in self.coordinates.values())
         pairs, partial = Dual(self.record, velocities=True, symbols=(*own, *speeds)).of(self.dissipation)
@@ -258,7 +261,7 @@ class Statement:
 
     @cached_property
     def wrench(self) -> tuple[Vector, Vector] | None:
-        """Force on l at its point, and torque."""
+        """Stated force on l at its point (N) and torque on l (N m); None where the law states none."""
         if isinstance(self.law, Joint):
             stated = self.law.resistance(*self.frames, self.derived.reactions)
         else:
@@ -270,7 +273,7 @@ class Statement:
 
     @cached_property
     def thrust(self) -> tuple[Expr, Expr] | None:
-        """A length or angle of the motion, and the generalised force that does work as it grows: friction of a joint, a load."""
+        """Length or angle, and the generalised force that does work on it: friction in a joint, or a load; None without one."""
         if isinstance(self.law, Joint):
             stated = self.law.rubbing(self._reaction(), *self.frames) if self.law.friction is not None else None
         else:
@@ -278,22 +281,22 @@ class Statement:
         return None if stated is None else (self.scalar(stated[0]), self.scalar(stated[1]))
 
     def _reaction(self) -> Vector:
-        """Reaction force of a joint on l."""
+        """Reaction force of a joint on l, N."""
         forces = [pairs["l"][0] * -self.derived.scaled(se.Symbol(f"lambda_{row}")) for row, (pairs, _) in self.gradients.items()]
         return sum(forces, self.record.zero()).named("R")
 
     def states(self, what: str) -> dict[str, Expr]:
-        """`rates` or `initial` of the states the derived law uses."""
+        """`rates` or `initial` values of the internal states that the derived law uses."""
         if not self.derived.states:
             return {}
         stated = getattr(self.law, what)(*self.frames)
         return {name: self.scalar(stated[name]) for name in self.derived.states}
 
-    # -- motions
+    # -- derivatives
 
     @cached_property
     def motion(self) -> Motion:
-        """Time derivative, without the terms of nodal accelerations."""
+        """Time derivative without the terms of nodal accelerations."""
         return Motion(self.record, actual(self.record, self.still), self.clock, r"\dot", "w")
 
     @cached_property
@@ -302,5 +305,5 @@ class Statement:
         return Motion(self.record, virtual(self.record), self.virtual, r"\delta", "dpsi")
 
     def of_time(self) -> Motion:
-        """Partial time derivative, at bodies and coordinates at rest."""
+        """Partial time derivative, with bodies and coordinates held fixed."""
         return Motion(self.record, lambda _: None, dict(self.derived.variation.clock), r"\partial_t")

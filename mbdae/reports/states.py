@@ -1,4 +1,4 @@
-"""Values of recorded formulas, at random states of motion, where they are compared with what is integrated."""
+"""Values of recorded formulas at random states of motion, where they are compared with the integrated equations."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from mbdae.symbolic.functions import complex_atan2
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.system.model.rotations import quaternion, rotation_matrices, turned
 
-POINTS = 20  #: states of every check
-STEP = 1e-30  #: of the complex step
+POINTS = 20  #: number of random states in every check
+STEP = 1e-30  #: size of the complex step
 _RELATIONS = {"LessThan": np.less_equal, "StrictLessThan": np.less, "Equality": np.equal, "Unequality": np.not_equal}
 Values = dict[str, NDArray[Any]]
 
 
 def value(e: Expr, get: Callable[[Expr], Any]) -> Any:
-    """Value of a scalar, real or complex; `get` gives the values of symbols."""
+    """Value of a scalar, real or complex; `get` returns the values of symbols."""
     if isinstance(e, se.Symbol):
         return get(e)
     if e.is_Number or e == se.pi or e == se.E:
@@ -59,7 +59,7 @@ def _raised(base: Any, exponent: Any) -> Any:
 
 
 def _chosen(e: Expr, get: Callable[[Expr], Any]) -> Any:
-    """Value of a Piecewise; cases whose condition does not hold may be undefined."""
+    """Value of a Piecewise; a case whose condition is false may be undefined."""
     conditions, values = [], []
     with np.errstate(all="ignore"):
         for result, condition in zip(e.args[::2], e.args[1::2], strict=True):
@@ -70,14 +70,14 @@ def _chosen(e: Expr, get: Callable[[Expr], Any]) -> Any:
 
 
 class Numbers:
-    """Values of the formulas of a record at many states at once: `atoms` (points, 3), symbols (points,)."""
+    """Values of a record's formulas at many states at once, from those of atoms (points, 3) and symbols (points,)."""
 
     def __init__(self, record: Record, atoms: Callable[[Base], NDArray[Any]], symbols: Callable[[str], Any]) -> None:
         self.record, self.atoms, self.symbols = record, atoms, symbols
         self._known: dict[Any, Any] = {}
 
     def scalar(self, e: Expr) -> Any:
-        """Value of a scalar."""
+        """Value of a scalar (points,)."""
         return value(se.sympify(e), self._symbol)
 
     def _symbol(self, symbol: Expr) -> Any:
@@ -92,7 +92,7 @@ class Numbers:
         return self._known[symbol]
 
     def atom(self, atom: Atom) -> NDArray[Any]:
-        """Value of an atom."""
+        """Value of an atom (points, 3)."""
         if atom not in self._known:
             if isinstance(atom, Base):
                 axis = atom.kind == "E"
@@ -105,7 +105,7 @@ class Numbers:
         return found
 
     def vector(self, a: Vector) -> NDArray[Any]:
-        """Value of a vector."""
+        """Value of a vector (points, 3)."""
         total: NDArray[Any] = np.zeros(3)
         for atom, c in a.terms.items():
             total = total + np.asarray(self.scalar(c))[..., None] * self.atom(atom)
@@ -121,7 +121,7 @@ class State:
         self._meaning = {s: e for f in d.frames for table in (f.structure, f.meaning) for s, e in table.items()}
 
     def get(self, symbol: Expr) -> Any:
-        """Value of a symbol: given, or by its meaning."""
+        """Value of a symbol: given directly, or computed from its definition."""
         if symbol not in self._known:
             name = str(symbol)
             if name in self.given:
@@ -131,20 +131,20 @@ class State:
         return self._known[symbol]
 
     def _stated(self, symbol: Expr) -> Expr:
-        """A symbol of a frame, or an intermediate quantity that the derivation has named so far."""
+        """Definition of a symbol: of a frame, or of an intermediate quantity that the derivation has named so far."""
         values = self.d.variation.values
         return values[symbol] if symbol in values else self._meaning[symbol]
 
     def symbol(self, name: str) -> Any:
-        """The same by name."""
+        """Value of a symbol by its name."""
         return self.get(se.Symbol(name))
 
     def scalar(self, e: Expr) -> Any:
-        """A derived expression."""
+        """Values of a derived expression (points,)."""
         return np.broadcast_to(value(se.sympify(e), self.get), (self.points,))
 
     def vector(self, a: Vec) -> NDArray[Any]:
-        """Components (points, 3)."""
+        """Values of a derived vector (points, 3)."""
         return np.stack([self.scalar(c) for c in a.c], axis=-1)
 
     @property
@@ -153,11 +153,11 @@ class State:
         return len(next(iter(self.given.values())))
 
     def frame(self, side: str) -> Frame:
-        """A side's frame."""
+        """The frame of a side."""
         return next(f for f in self.d.frames if f.side == side)
 
     def atom(self, base: Base) -> NDArray[Any]:
-        """A vector of a frame (points, 3)."""
+        """Values of a vector of a frame (points, 3)."""
         if base.kind in ("du", "dpsi"):
             return np.stack([self.given[f"{base.kind}_{base.side}{i}"] for i in range(3)], axis=-1)
         f = self.frame(base.side)
@@ -166,7 +166,7 @@ class State:
         return self.vector(vectors[base.kind])
 
     def changed(self, step: complex, motion: dict[str, tuple[Any, Any]], symbols: dict[str, Any] | None = None) -> State:
-        """After a small motion: per side the displacement of its point and its rotation (points, 3), further symbols."""
+        """State after a small motion: by side the displacement of the point and the rotation (points, 3); further symbols."""
         given = dict(self.given)
         for side, (move, turn) in motion.items():
             f = self.frame(side)
@@ -183,13 +183,13 @@ class State:
 
 
 def spun(turn: NDArray[Any], P: NDArray[Any]) -> NDArray[Any]:
-    """Change (points, 4) of quaternions P for small rotations (points, 3), rad, inertial components: (0, turn) o P / 2."""
+    """Change (points, 4) of quaternions P by small rotations (points, 3), rad, inertial components: (0, turn) o P / 2."""
     scalar = -np.sum(turn * P[:, 1:], axis=-1, keepdims=True)
     return np.concatenate([scalar, P[:, :1] * turn + np.cross(turn, P[:, 1:])], axis=-1) / 2
 
 
 def random_state(d: Derived, seed: int = 7, points: int = POINTS, spread: float = 1.5) -> State:
-    """Random attitudes, places, velocities, parameters and multipliers; `spread` bounds the rotation vectors, rad."""
+    """Random attitudes, positions, velocities, parameters and multipliers; `spread` bounds the rotation vectors, rad."""
     rng = np.random.default_rng(seed)
     given: Values = {}
     for f in d.frames:
@@ -222,7 +222,7 @@ def _matrix(vector: Any) -> NDArray[np.float64]:
 
 
 def residual(got: Any, wanted: Any) -> float:
-    """Largest difference relative to the largest value wanted (at least 1)."""
+    """Largest difference relative to the largest wanted value (at least 1)."""
     scale = max(1.0, float(np.max(np.abs(wanted), initial=0.0)))
     worst = float(np.max(np.abs(np.asarray(got) - np.asarray(wanted)), initial=0.0)) / scale
     return worst if worst == worst else float("inf")

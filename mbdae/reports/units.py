@@ -1,5 +1,5 @@
-"""Units: products of powers of m, kg and s, angles have the unit 1. Those of what laws state are found by changing the sizes of
-m, kg and s: a sum whose terms change differently has no unit."""
+"""Units as products of powers of m, kg and s, with angles of unit 1. Units of what laws state are found by scaling m, kg and s:
+a sum whose terms scale differently has no unit."""
 
 from __future__ import annotations
 
@@ -17,13 +17,16 @@ from mbdae.reports.letters import specs_of_coordinates, unit_on
 from mbdae.reports.states import State, random_state
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind
+from mbdae.symbolic.joint import SLIGHT
 from mbdae.symbolic.vectors import Expr
 
 BASIC = ("m", "kg", "s")
-FACTOR = 1.25  #: by which a basic unit changes its size
+FACTOR = 1.25  #: factor by which a basic unit is scaled
 _KNOWN = {"m": (1, 0, 0), "kg": (0, 1, 0), "s": (0, 0, 1), "rad": (0, 0, 0), "1": (0, 0, 0), "N": (1, 1, -2), "J": (2, 1, -2),
           "W": (2, 1, -3), "Pa": (-1, 1, -2), "Hz": (0, 0, -1)}  # fmt: skip
-_POINTS = 5  #: random states in which a unit is found
+_POINTS = 5  #: number of random states from which a unit is found
+#: bound below which a value is taken as 0, allowing for smoothed reactions; values of random states are near 1
+_NOTHING = 100 * SLIGHT
 
 
 class UnitError(MbdaeError):
@@ -32,13 +35,13 @@ class UnitError(MbdaeError):
 
 @dataclass(frozen=True)
 class Unit:
-    """Powers of m, kg and s."""
+    """A unit as powers of m, kg and s."""
 
     powers: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    text: str = field(default="", compare=False)  #: as it was written
+    text: str = field(default="", compare=False)  #: the unit as it was written
 
     def size(self, scale: Mapping[str, float]) -> float:
-        """Size of the unit for given sizes of the basic units."""
+        """Size of the unit when the basic units have the given sizes."""
         return float(np.prod([scale[name] ** power for name, power in zip(BASIC, self.powers, strict=True)]))
 
     def __truediv__(self, other: Unit) -> Unit:
@@ -55,7 +58,7 @@ class Unit:
 
     @property
     def of_force(self) -> str:
-        """As it is written of what does work: N, N m, N m^-1."""
+        """The unit written as a force or moment: N, N m, N m^-1."""
         power = self.powers[0] - 1
         if self.powers[1:] != (1, -2):
             return str(self)
@@ -82,17 +85,17 @@ def shown(p: NDArray[np.float64]) -> str:
 
 
 def scales() -> list[dict[str, float]]:
-    """Sizes of the basic units: each once larger than the others."""
+    """Sizes of the basic units, with one of them scaled at a time."""
     return [{basic: FACTOR if basic == name else 1.0 for basic in BASIC} for name in BASIC]
 
 
 def powers_of(before: Any, after: Sequence[Any]) -> NDArray[np.float64] | None:
-    """Powers of m, kg and s (3, entries) by values (states, entries) before and after a change of each; nan of entries that are
-    0, None where an entry has no unit."""
+    """Powers of m, kg and s (3, entries) from values (states, entries) before and after scaling each; nan for entries that are 0,
+    None where an entry has no unit."""
     found = []
     with np.errstate(all="ignore"):
         for later in after:
-            p = np.log(np.where(np.abs(before) > 1e-9, np.abs(np.divide(later, before)), np.nan)) / np.log(FACTOR)
+            p = np.log(np.where(np.abs(before) > _NOTHING, np.abs(np.divide(later, before)), np.nan)) / np.log(FACTOR)
             mean = np.array([np.mean(c[~np.isnan(c)]) if np.any(~np.isnan(c)) else np.nan for c in p.T])
             if np.nanmax(np.abs(p - mean), initial=0.0) > 1e-6:
                 return None
@@ -101,10 +104,10 @@ def powers_of(before: Any, after: Sequence[Any]) -> NDArray[np.float64] | None:
 
 
 class Dimensions:
-    """Units of what a derived law states.
+    """Units of the quantities that a derived law states.
 
-    coordinates: units of coordinates that are unknowns, by their names, where the scene knows more than the law. Raises
-    UnitError for a law with a unit that is not known, or open."""
+    coordinates: units of coordinates that are unknowns, by name, where the scene knows more than the law. Raises UnitError for
+    a law with a unit that is unknown or left open."""
 
     def __init__(self, d: Derived, coordinates: Mapping[str, str] | None = None) -> None:
         self.d, self.given = d, random_state(d, points=_POINTS).given
@@ -116,7 +119,7 @@ class Dimensions:
         self._multipliers()
 
     def _inputs(self) -> dict[str, Unit]:
-        """Units of the symbols that are not 1."""
+        """Units, other than 1, of the symbols by name."""
         law, found = self.d.law, dict[str, Unit]()
         on = [*self.acts_on.values()] or [getattr(law, "unit", "")]
         for name, spec in law.params.items():
@@ -136,27 +139,27 @@ class Dimensions:
         return found | {str(s): unit("1/s") for s in f.u[n:]} | {f"{f.side}_p{i}": unit("m") for i in (1, 2, 3)}
 
     def _multipliers(self) -> None:
-        """Multipliers times their rows are energies."""
+        """Find the units of the multipliers: multiplier times row is an energy."""
         for row, g in zip(self.d.rows, self.d.g, strict=True):
             found = self.of(g)
             for state, scale in zip(self.scaled, scales(), strict=True):
                 state.given[f"lambda_{row}"] = self.given[f"lambda_{row}"] * (unit("J") / (found or Unit())).size(scale)
 
     def powers(self, e: Expr, by: Callable[[State, Expr], Any] = State.scalar) -> NDArray[np.float64] | None:
-        """Powers (3,) of an expression, nan where it is 0; None where it has no unit. by: gives its values in a state."""
+        """Powers of m, kg and s (3,) of an expression, nan where it is 0; None if it has no unit. by: evaluates it in a state."""
         before, *after = (np.real(by(state, e)).reshape(-1, 1) for state in (self.plain, *self.scaled))
         found = powers_of(before, after)
         return None if found is None else found[:, 0]
 
     def of(self, e: Expr, by: Callable[[State, Expr], Any] = State.scalar) -> Unit | None:
-        """The unit of an expression; None where it has none, or is 0."""
+        """The unit of an expression; None where it has none or is 0."""
         found = self.powers(e, by)
         if found is None or np.any(np.isnan(found)):
             return None
         return Unit(tuple(float(round(x, 3)) + 0 for x in found))  # type: ignore[arg-type]
 
     def mixed(self, e: Expr) -> str:
-        """The innermost sum, or argument of a function, whose unit is wrong, in words; empty where there is none."""
+        """The innermost sum or function argument with a wrong unit, in words; empty where there is none."""
         e = se.sympify(e)
         values = self.d.variation.values
         parts = [values[e]] if e in values else [] if isinstance(e, se.Symbol) else list(e.args)
@@ -170,7 +173,7 @@ class Dimensions:
         return "" if plain else f"is a function of {units[0]}"
 
     def faults(self) -> list[str]:
-        """What the law states with terms of several units, or with a unit that it cannot have."""
+        """Stated quantities whose terms have several units, or whose unit is wrong, in words."""
         d = self.d
         stated = [(f"the row {row}", g, "") for row, g in zip(d.rows, d.g, strict=True)]
         stated += [("the energy", d.energy, "J"), ("the dissipated power", d.dissipated_power, "W")]
@@ -191,14 +194,14 @@ class Dimensions:
 
 
 def units_of_coordinates(law: Any) -> dict[str, str]:
-    """Units of the coordinates that are unknowns of a law, by name."""
+    """Units of the coordinates of a law that are unknowns, by name."""
     specs = specs_of_coordinates(law)
     return {name: specs[name].unit for name in law.own_coordinates}
 
 
 def dimensions(d: Derived, coordinates: Mapping[str, str] | None = None) -> list[Dimensions]:
-    """Units of a law; of one on coordinates that may be angles or lengths both cases; none where a unit is not known or a
-    quantity is fed in from outside. coordinates: as in `Dimensions`."""
+    """Units of a law; both cases for coordinates that may be angles or lengths; empty where a unit is unknown or a quantity is an
+    input. coordinates: as in `Dimensions`."""
     known = units_of_coordinates(d.law) | dict(coordinates or {})
     either = [name for name, stated in known.items() if " or " in stated]
     try:
@@ -208,13 +211,13 @@ def dimensions(d: Derived, coordinates: Mapping[str, str] | None = None) -> list
 
 
 def unit_in(cases: Sequence[Dimensions], e: Expr, by: Callable[[State, Expr], Any] = State.scalar) -> list[Unit]:
-    """The unit of an expression in every case, each once; empty where one has none."""
+    """The unit of an expression in every case, each once; empty where it has none in one case."""
     found = [case.of(e, by) for case in cases]
     return [] if None in found else list(dict.fromkeys(found))  # type: ignore[arg-type]
 
 
 def law_faults(d: Derived, coordinates: Mapping[str, str] | None = None) -> list[str]:
-    """What a law states in wrong units, in words; nothing of laws whose units are not known."""
+    """Quantities that a law states with wrong units, in words; empty for laws with unknown units."""
     found = [case.faults() for case in dimensions(d, coordinates)]
     return found[0] if found and all(found) else []
 

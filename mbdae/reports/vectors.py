@@ -1,8 +1,8 @@
-"""Vectors without components: a law is stated with them as with `symbolic.vectors.Vec`, and its operations are recorded.
+"""Vectors without components: a law is stated with them as with `symbolic.vectors.Vec`, and their operations are recorded.
 
-A vector is a sum of scalars times atoms: frame vectors (r, v, x, y, z, omega of k and l), inertial axes, vectors with a name of
-their own, and products of two atoms. Scalars stay symengine expressions: an inner product is a symbol whose factors the record
-knows, so laws may use any function of it. Sums that enter a product get a name (d = r_l - r_k), as `let` gives one to scalars.
+A vector is a sum of scalars times atoms: frame vectors (r, v, x, y, z, omega of k and l), inertial axes, named vectors and
+products of two atoms. Scalars are symengine expressions: an inner product is a symbol whose factors the record stores, so laws
+may use any function of it. A sum that enters a product gets a name (d = r_l - r_k), as `let` names scalars.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ _ORDER = {kind: i for i, kind in enumerate(("r", "s", "c", "x", "y", "z", "v", "
 
 
 class Base(NamedTuple):
-    """A vector of a frame (its name, such as "k" or "l"), or an inertial axis ("E", "x" to "z")."""
+    """A vector of kind `kind` of a frame (`side`, such as "k" or "l"), or an inertial axis ("E", "x" to "z")."""
 
     kind: str
     side: str
 
 
 class NamedVector(NamedTuple):
-    """A vector with a name of its own; the record knows its value."""
+    """A vector with a name of its own; the record stores its value under this number."""
 
     number: int
 
@@ -42,14 +42,14 @@ Atom = Base | NamedVector | Product
 
 
 def _place(atom: Atom) -> tuple[Any, ...]:
-    """Order among atoms: vectors of frames, vectors with names, products."""
+    """Sort key of atoms: frame vectors, then named vectors, then products."""
     if isinstance(atom, Base):
         return (0, atom.side, _ORDER.get(atom.kind, len(_ORDER)), atom.kind)
     return (1, atom.number) if isinstance(atom, NamedVector) else (2, _place(atom.left), _place(atom.right))
 
 
 def _turning(atom: Atom) -> tuple[Any, ...]:
-    """Order of the factors of a vector product: rotations come first."""
+    """Sort key of the factors of a vector product: rotation vectors first."""
     return (not (isinstance(atom, Base) and atom.kind in ("w", "dpsi", "al")), _place(atom))
 
 
@@ -61,14 +61,16 @@ class Record:
 
     def __init__(self, sides: tuple[str, ...] = ("k", "l")) -> None:
         self.sides = sides  #: names of the bodies' frames
-        self.dots: dict[Expr, tuple[Atom, Atom]] = {}  #: symbol of an inner product and its factors
-        self.scalars: dict[Expr, Expr] = {}  #: named scalars
-        self.vectors: dict[int, Vector] = {}  #: named vectors
-        self.labels: dict[Expr | int, str] = {}  #: letters a law gives its names
-        self.gradients: dict[int, tuple[str, Expr, str]] = {}  #: gradients of named scalars: kind, scalar, side
-        self.resolve: Callable[[Expr], Expr] = lambda e: e  #: replaces intermediates inside a scalar by their names
-        self.cache: dict[Any, Any] = {}  #: gradients of named scalars
-        self.changes: dict[int, tuple[str, int]] = {}  #: vectors that are the change of another: sign and number
+        self.dots: dict[Expr, tuple[Atom, Atom]] = {}  #: symbol of an inner product -> its two factors
+        self.scalars: dict[Expr, Expr] = {}  #: symbol of a named scalar -> its expression
+        self.vectors: dict[int, Vector] = {}  #: number of a named vector -> its value
+        self.labels: dict[Expr | int, str] = {}  #: letters that a law gives to named scalars and vectors
+        #: vectors that are gradients of named scalars: (kind, scalar, side)
+        self.gradients: dict[int, tuple[str, Expr, str]] = {}
+        self.resolve: Callable[[Expr], Expr] = lambda e: e  #: replaces intermediate results inside a scalar by their names
+        self.cache: dict[Any, Any] = {}  #: gradients of named scalars, computed once
+        #: vectors that are derivatives of another: (sign in LaTeX, number of the other)
+        self.changes: dict[int, tuple[str, int]] = {}
         self.flat = False  #: whether all frame vectors lie in the plane normal to the third inertial axis
 
     def atom(self, kind: str, side: str) -> Vector:
@@ -84,13 +86,13 @@ class Record:
         return Vector(self, {AXES[i]: _ONE})
 
     def lift(self, a: Vec) -> Vector:
-        """A vector given by inertial components as a sum of atoms."""
+        """A vector given by inertial components, as a sum of atoms."""
         if isinstance(a, Vector):
             return a
         return Vector(self, {axis: c for axis, c in zip(AXES, a.c, strict=True) if c != 0})
 
     def dot(self, a: Atom, b: Atom) -> Expr:
-        """The symbol of an inner product."""
+        """The symbol of the inner product of two atoms."""
         if isinstance(a, Base) and isinstance(b, Base) and a.kind == b.kind == "E":
             return _ONE if a == b else _ZERO
         a, b = sorted((a, b), key=_place)
@@ -106,7 +108,7 @@ class Record:
         return symbol
 
     def in_plane(self, atom: Atom) -> bool:
-        """Whether a vector of a planar record has no part along the normal of the plane."""
+        """Whether a vector of a planar record has no component along the normal of the plane."""
         if isinstance(atom, Product):
             return (atom.left == AXES[2]) != (atom.right == AXES[2])
         if isinstance(atom, NamedVector):
@@ -114,11 +116,11 @@ class Record:
         return atom != AXES[2]
 
     def single(self, a: Vector) -> Vector:
-        """The vector as a factor of a product: a sum gets a name."""
+        """The vector as a factor of a product; a sum gets a name."""
         return a if len(a.terms) <= 1 else self.known(a)
 
     def known(self, a: Vector) -> Vector:
-        """A vector under the name it has, or a new one."""
+        """The vector under its name, or under a new one."""
         a = Vector(self, {atom: self.resolve(c) for atom, c in a.terms.items()})
         for number, value in self.vectors.items():
             if value.terms == a.terms:
@@ -128,7 +130,7 @@ class Record:
         return self.name_vector(a)
 
     def name_vector(self, a: Vector, change: tuple[str, int] | None = None) -> Vector:
-        """A vector under a new name; `change`: the sign and number of the vector it is the change of."""
+        """The vector under a new name; change: (sign, number) of the vector whose derivative it is."""
         number = len(self.vectors) + 1
         if change is not None:
             self.changes[number] = change
@@ -136,7 +138,7 @@ class Record:
         return Vector(self, {NamedVector(number): _ONE})
 
     def name_scalar(self, e: Expr, label: str = "") -> Expr:
-        """A scalar under a name; numbers and symbols stay as they are, inner products too unless the law gives them a letter."""
+        """A scalar under a name; numbers and symbols are kept, inner products too unless the law gives them a letter."""
         if e.is_Number or (isinstance(e, se.Symbol) and not (label and e in self.dots)):
             return e
         for name, value in self.scalars.items():

@@ -11,7 +11,7 @@ from mbdae.errors import LawError
 from mbdae.reports.vectors import Atom, Base, NamedVector, Record, Vector
 from mbdae.symbolic.vectors import Expr
 
-_SUM, _PRODUCT, _POWER, _ATOM = 0, 1, 2, 3  #: how tightly a formula holds together
+_SUM, _PRODUCT, _POWER, _ATOM = 0, 1, 2, 3  #: precedence of formulas, from loosest to tightest
 _VECTORS = {"r": r"\mathbf{r}", "s": r"\mathbf{s}", "c": r"\mathbf{c}", "x": r"\mathbf{x}", "y": r"\mathbf{y}",
             "z": r"\mathbf{z}",
             "v": r"\mathbf{v}", "w": r"\boldsymbol{\omega}", "du": r"\delta\mathbf{r}", "dpsi": r"\delta\boldsymbol{\psi}",
@@ -29,28 +29,29 @@ class Writer:
 
     def __init__(self, record: Record, letters: Mapping[str, str], names: Mapping[int, str] | None = None) -> None:
         self.record, self.letters, self.names = record, letters, dict(names or {})
-        self.used: set[str] = set()  #: scalar symbols
+        self.used: set[str] = set()  #: names of the scalar symbols written so far
         self.bases: set[Base] = set()
         self.vectors: set[int] = set()
-        self.renew: Callable[[], None] = lambda: None  #: gives names to what has been named since
+        #: called before a formula is written; gives letters to newly named quantities
+        self.renew: Callable[[], None] = lambda: None
 
     @staticmethod
     def plain(base: Base) -> str:
-        """A frame vector as it is written."""
+        """LaTeX of a frame vector."""
         return f"\\mathbf{{i}}_{base.side}" if base.kind == "E" else f"{_VECTORS[base.kind]}_{subscript(base.side)}"
 
     def of(self, e: Expr | Vector) -> str:
-        """A scalar or a vector."""
+        """LaTeX of a scalar or a vector."""
         return self.vector(e) if isinstance(e, Vector) else self.scalar(e)
 
     # -- scalars
 
     def scalar(self, e: Expr) -> str:
-        """A scalar."""
+        """LaTeX of a scalar."""
         return self._scalar(se.sympify(e))[0]
 
     def factor(self, e: Expr, level: int = _PRODUCT) -> str:
-        """A scalar as a factor."""
+        """LaTeX of a scalar, in brackets where it binds more loosely than `level`."""
         text, tight = self._scalar(se.sympify(e))
         return text if tight >= level else f"\\left({text}\\right)"
 
@@ -117,7 +118,7 @@ class Writer:
 
     @staticmethod
     def _place(term: Expr) -> tuple[bool, bool, str]:
-        """Order of the terms of a sum: positive ones first, numbers last."""
+        """Sort key for the terms of a sum: positive ones first, numbers last."""
         negative = bool(isinstance(term, se.Mul) and term.args[0].is_Number and term.args[0] < 0)
         return (negative, bool(term.is_Number), f"{len(str(term)):4d}{term}")
 
@@ -141,7 +142,8 @@ class Writer:
                 below.append(factor.args[0] ** (-factor.args[1]))
             else:
                 above.append(factor)
-        if below and not any(not f.is_Number for f in below):  # a number below: in front
+        # a numerical divisor is written in front, as part of the coefficient
+        if below and not any(not f.is_Number for f in below):
             number = [f for f in above if f.is_Number]
             rest = [f for f in above if not f.is_Number]
             front = f"\\tfrac{{{self._joined(number) or '1'}}}{{{self._joined(below)}}}"
@@ -182,7 +184,7 @@ class Writer:
 
     def _comparison(self, e: Expr, name: str) -> str:
         left, right = e.args
-        if left.is_Number and not right.is_Number and name in ("StrictLessThan", "LessThan"):  # read with the unknown first
+        if left.is_Number and not right.is_Number and name in ("StrictLessThan", "LessThan"):  # write the unknown on the left
             return f"{self.scalar(right)} {'>' if name[0] == 'S' else chr(92) + 'ge'} {self.scalar(left)}"
         return f"{self.scalar(left)} {_RELATIONS[name]} {self.scalar(right)}"
 
@@ -199,7 +201,7 @@ class Writer:
     # -- vectors
 
     def atom(self, atom: Atom, nested: bool = False) -> str:
-        """A vector without a factor."""
+        """LaTeX of a single atom."""
         if isinstance(atom, Base):
             self.bases.add(atom)
             return self.plain(atom)
@@ -212,7 +214,7 @@ class Writer:
         return f"({text})" if nested else text
 
     def vector(self, a: Vector) -> str:
-        """A sum of vectors."""
+        """LaTeX of a sum of vectors."""
         out = ""
         for atom, c in a.terms.items():
             text = self._term(c, atom)
@@ -220,7 +222,7 @@ class Writer:
         return out or r"\mathbf{0}"
 
     def signed(self, a: Vector) -> tuple[str, str]:
-        """A sum of vectors as a sign and a factor, in brackets unless it is one vector."""
+        """A sum of vectors as a sign and a factor, in brackets unless it is a single vector."""
         ((atom, c),) = a.terms.items() if len(a.terms) == 1 else ((None, 0),)
         if atom is not None and c in (1, -1):
             return "-" if c == -1 else "", self.atom(atom, True)
@@ -246,7 +248,7 @@ class Writer:
 
 
 def subscript(side: str) -> str:
-    """The name of a frame below a letter."""
+    """LaTeX of the name of a frame as an index."""
     return side if len(side) == 1 else f"{{\\text{{{side}}}}}"
 
 

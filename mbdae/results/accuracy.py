@@ -1,4 +1,4 @@
-"""The known errors of a run, and those that are not known."""
+"""The errors of a run as far as they are known, and why the others are not."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from functools import cached_property
 from typing import Any
 
 WORDS = ("motion", "reactions", "mesh")  #: the three errors of a run
-#: reasons why an error is not known; the first of a run whose solver had a tolerance or a step of its own
+#: reasons why an error is not known; `RUN_ONCE`: the solver had a tolerance or a step of its own
 RUN_ONCE = "not estimated: the solver ran once, as it was given; leave out its rtol or step, or give verify=True"
-NO_RUN_BESIDE = "not estimated: no other run came to an end beside this one"
+NO_RUN_BESIDE = "not estimated: no second run for comparison was completed"
 NOT_REPEATED = "not measured: verify=True repeats the run on a finer mesh"
-MODEL = ("the scene is solved as it is stated: what its rigid bodies, ideal joints, laws and their numbers are beside the real "
-         "ones, no solver can tell")  # fmt: skip
+MODEL = ("how far the model itself (rigid bodies, ideal joints, laws and their numbers) differs from the real system cannot be "
+         "estimated by a solver")  # fmt: skip
 
 
 @dataclass(frozen=True, repr=False)
@@ -35,8 +35,9 @@ class Accuracy:
     verified: float | None = None
     mesh: float | None = None
     has_mesh: bool = False  #: False in a scene without beams, where there is no error of a mesh
-    unknown: Mapping[str, str] = field(default_factory=dict)  #: why an error is not known, by its word
-    found_reactions: Callable[[], float] | float | None = field(default=None, compare=False)  #: evaluated where it is read first
+    unknown: Mapping[str, str] = field(default_factory=dict)  #: name of an error -> why it is not known
+    #: error of the reactions, or what computes it when it is read
+    found_reactions: Callable[[], float] | float | None = field(default=None, compare=False)
 
     @property
     def motion(self) -> float | None:
@@ -64,8 +65,8 @@ class Accuracy:
 
     @property
     def not_covered(self) -> dict[str, str]:
-        """The others, each with its error, or with the reason why that is not known; and "model", whose error no run can
-        measure."""
+        """The errors that are not within the accuracy asked, each with its size, or with the reason why that is not known; and
+        "model", whose error no run can measure."""
         found = {}
         for word, error in self._errors.items():
             if error is None or self.asked is None:
@@ -76,7 +77,7 @@ class Accuracy:
 
     @property
     def _errors(self) -> dict[str, float | None]:
-        """Every error there is, by its word."""
+        """The errors by name: "motion", "reactions" and, in a scene with beams, "mesh"."""
         return {"motion": self.motion, "reactions": self.reactions} | ({"mesh": self.mesh} if self.has_mesh else {})
 
     @property

@@ -18,8 +18,8 @@ from mbdae.files import replacing
 from mbdae.system.base import Array
 from mbdae.values import BadValueError, shown
 
-FREE, DENSEST = 2**28, 100  #: bytes that any file may unpack to; larger ones up to this multiple of their size
-CHUNK = 2**22  #: bytes read at once
+FREE, DENSEST = 2**28, 100  #: bytes that any file may unpack to; larger files may unpack to this multiple of their size
+CHUNK = 2**22  #: number of bytes read at once
 _HEAD = re.compile(rb"\{'descr': '([<>])(f8|U\d{1,9})', 'fortran_order': (True|False), 'shape': \(([\d, ]{0,60})\), \}\s*\Z")
 
 
@@ -72,11 +72,11 @@ class Archive:
             raise BadValueError(f"it has {len(infos)} members, {len(set(names))} of them of different names")
         total = sum(info.file_size for info in infos)
         if total > max(FREE, DENSEST * size):
-            raise BadValueError(f"its {size} bytes would become {total}: that is no result")
+            raise BadValueError(f"its {size} bytes would become {total}, too many for a result")
         return {name: self._member(name, info) for name, info in zip(names, infos, strict=True)}
 
     def _member(self, name: str, info: zipfile.ZipInfo) -> _Member:
-        """A member as its first bytes describe it, checked."""
+        """A member of the file as its first bytes describe it, checked."""
         plain = info.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) and not info.flag_bits & 1
         if not (info.filename == f"{name}.npy" and name.isidentifier() and plain):
             raise BadValueError(f"its member {shown(info.filename)} is no array of mbdae")
@@ -130,4 +130,4 @@ class Archive:
                 into[at : at + len(piece)] = np.frombuffer(piece, np.uint8)
                 at += len(piece)
             if file.read(1):
-                raise BadValueError("it has more than it says")
+                raise BadValueError("it is longer than its header says")

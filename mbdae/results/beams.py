@@ -24,9 +24,9 @@ from mbdae.system.model.beams import Line, nodal_inputs
 from mbdae.system.model.rotations import rotation_matrices
 
 STRESSES = ("N1", "N2", "N3", "M1", "M2", "M3")
-NEAR = 1e-9  #: of the longest element: distances from the axis that differ by less count as equal
-CHUNK = 20_000  #: elements evaluated at once
-Foot = tuple[int, float]  #: element and place in it, 0..1
+NEAR = 1e-9  #: distances from the axis that differ by less, relative to the longest element, count as equal
+CHUNK = 20_000  #: number of elements evaluated at once
+Foot = tuple[int, float]  #: number of an element, and the place xi in it from 0 to 1
 
 
 def foot(mesh: LineMesh, point: Array) -> Foot:
@@ -66,12 +66,12 @@ class Fields:
         self.nodes = Nodes(line.kind, line.mesh.order + 1, given)
 
     def _nodal(self, head: str, values: Array) -> Array:
-        """(nt * elements, p + 1, size) of all q or u (nt, n)."""
+        """Values at the nodes of the elements (nt * elements, p + 1, size), from q or u (nt, n)."""
         at = self.line.places(head)[self.elements]
         return np.asarray(values[:, at].reshape(-1, *at.shape[1:]))
 
     def _spread(self, nodal: Array, nt: int) -> Array:
-        """(nt, elements, points, components) interpolated."""
+        """Nodal values interpolated: (nt, elements, points, components)."""
         found: Array = np.einsum("ga,nai->ngi", self.at.values, nodal)
         return found.reshape(nt, len(self.elements), *found.shape[1:])
 
@@ -111,13 +111,13 @@ def axes_in_plane(line: Line, elements: Any = slice(None)) -> Array:
 
 
 def in_space(line: Line, values: Array) -> Array:
-    """(..., 3) from the translations of a node."""
+    """Vectors (..., 3) from the translations of a node; z = 0 in the plane."""
     n = line.kind.translations
     return np.concatenate([values[..., :n], np.zeros((*values.shape[:-1], 3 - n))], axis=-1)
 
 
 def angular_accelerations(line: Line, positions: Array, rates: Array, second: Array) -> Array:
-    """(..., 3) inertial, rad/s^2: the rate of `angular_velocities`; P' o conj(P') has no vector part."""
+    """Angular accelerations (..., 3), inertial, rad/s^2: the rate of `angular_velocities`; P' o conj(P') has no vector part."""
     found = angular_velocities(line, positions, second)
     if line.kind is NodeKind.PLANAR:
         return found
@@ -127,7 +127,7 @@ def angular_accelerations(line: Line, positions: Array, rates: Array, second: Ar
 
 
 def angular_velocities(line: Line, positions: Array, rates: Array) -> Array:
-    """(..., 3) inertial, rad/s: theta', or 2 P' o conj(P) / |P|^2."""
+    """Angular velocities (..., 3), inertial, rad/s: theta', or 2 P' o conj(P) / |P|^2."""
     if line.kind is NodeKind.PLANAR:
         return np.concatenate([np.zeros((*rates.shape[:-1], 2)), rates[..., 2:]], axis=-1)
     w, v, wt, vt = positions[..., 3:4], positions[..., 4:], rates[..., 3:4], rates[..., 4:]
@@ -184,8 +184,8 @@ class BeamPlace(_OnBeam):
         super().__init__(result, beam, point)
         line = self._line
         self.arm: Array  #: (3,) from the axis to the place in section axes, m
-        self.drawn_position: Array  #: (3,), m
-        self.drawn_rotation: Array  #: (3, 3), section axes to inertial frame
+        self.drawn_position: Array  #: position of the place as drawn (3,), m
+        self.drawn_rotation: Array  #: as drawn (3, 3), section axes to inertial frame
         self._element, self._xi = foot(line.mesh, point)
         self._fields = Fields(line, table(line.mesh.order, np.array([self._xi])), self._element)
         q = np.zeros((1, sum(n.kind.sizes[0] for n in result.prepared.model.nodes)))
@@ -209,22 +209,22 @@ class BeamPlace(_OnBeam):
 
     @cached_property
     def position(self) -> Array:
-        """(nt, 3), m."""
+        """Position of the place (nt, 3), m, inertial frame."""
         return self.on_axis + self.rotation @ self.arm
 
     @cached_property
     def on_axis(self) -> Array:
-        """(nt, 3), m: the point of the axis that the place is rigidly joined to."""
+        """Position (nt, 3), m, inertial frame, of the point of the axis that the place is rigidly joined to."""
         return in_space(self._line, self._positions)[:, 0, 0]
 
     @cached_property
     def velocity(self) -> Array:
-        """(nt, 3), m/s."""
+        """Velocity of the place (nt, 3), m/s, inertial frame."""
         return in_space(self._line, self._rates)[:, 0, 0] + np.cross(self.angular_velocity, self.rotation @ self.arm)
 
     @cached_property
     def angular_velocity(self) -> Array:
-        """(nt, 3), rad/s, of the section, inertial frame."""
+        """Angular velocity of the section (nt, 3), rad/s, inertial frame."""
         return angular_velocities(self._line, self._positions, self._rates)[:, 0, 0]
 
     @cached_property
@@ -233,12 +233,12 @@ class BeamPlace(_OnBeam):
 
     @cached_property
     def angular_acceleration(self) -> Array:
-        """(nt, 3), rad/s^2, of the section, inertial frame, from the equations of motion."""
+        """Angular acceleration of the section (nt, 3), rad/s^2, inertial frame, from the equations of motion."""
         return angular_accelerations(self._line, self._positions, self._rates, self._second)[:, 0, 0]
 
     @cached_property
     def acceleration(self) -> Array:
-        """(nt, 3), m/s^2, from the equations of motion."""
+        """Acceleration of the place (nt, 3), m/s^2, inertial frame, from the equations of motion."""
         arm, w = self.rotation @ self.arm, self.angular_velocity
         turning = np.cross(self.angular_acceleration, arm) + np.cross(w, np.cross(w, arm))
         return in_space(self._line, self._second)[:, 0, 0] + turning
@@ -250,7 +250,7 @@ class BeamPlace(_OnBeam):
 
     @property
     def von_mises(self) -> Array:
-        """(nt,) Pa at this place of the section, from the normal stress and the shear stresses of shear forces and torque."""
+        """Von Mises stress (nt,), Pa, at this place, from the normal stress and the shear stresses of shear forces and torque."""
         return self._fibre.von_mises(self.stress_resultants)
 
     @cached_property
@@ -258,7 +258,7 @@ class BeamPlace(_OnBeam):
         return Fibre(self._line.beam.section, float(self.arm[1]), float(self.arm[2]), f"beam '{self._body.name}'")
 
     def _extrapolated(self, values: Array) -> Array:
-        """(nt, 6) of the polynomial of order p - 1 through the Gauss points of the element."""
+        """(nt, 6) at this place, of the polynomial of order p - 1 through the values at the Gauss points of the element."""
         p = self._line.mesh.order
         points = legvander(2 * self._line.displacement.at.xi - 1, p - 1)
         weights = legvander(np.array([2 * self._xi - 1]), p - 1) @ np.linalg.inv(points)
@@ -303,22 +303,22 @@ class BeamSensor(_OnBeam):
 
     @cached_property
     def position(self) -> Array:
-        """(nt, 3), m, of the centre of mass."""
+        """Position of the centre of mass (nt, 3), m, inertial frame."""
         return self._mean("q", self._result.q)
 
     @cached_property
     def velocity(self) -> Array:
-        """(nt, 3), m/s, of the centre of mass."""
+        """Velocity of the centre of mass (nt, 3), m/s, inertial frame."""
         return self._mean("u", self._result.u)
 
     @cached_property
     def acceleration(self) -> Array:
-        """(nt, 3), m/s^2, of the centre of mass, from the equations of motion."""
+        """Acceleration of the centre of mass (nt, 3), m/s^2, inertial frame, from the equations of motion."""
         return self._mean("u", self._result.acceleration)
 
     @cached_property
     def angular_acceleration(self) -> Array:
-        """(nt, 3), rad/s^2, of the section in the middle of the length, inertial frame."""
+        """Angular acceleration (nt, 3), rad/s^2, of the section in the middle of the length, inertial frame."""
         return np.asarray(self._middle.angular_acceleration)
 
     @cached_property
@@ -332,12 +332,12 @@ class BeamSensor(_OnBeam):
 
     @cached_property
     def angular_velocity(self) -> Array:
-        """(nt, 3), rad/s, of the section in the middle of the length, inertial frame."""
+        """Angular velocity (nt, 3), rad/s, of the section in the middle of the length, inertial frame."""
         return np.asarray(self._middle.angular_velocity)
 
 
 def polylines(result: RunStates, line: Line, pieces: int) -> Array:
-    """(nt, n, 3), m: the deformed axis of a beam by `pieces` chords per element."""
+    """The deformed axis of a beam by `pieces` chords per element: points (nt, n, 3), m, inertial frame."""
     fields = Fields(line, table(line.mesh.order, np.linspace(0, 1, pieces + 1)))
     r = in_space(line, fields.positions(result.q))
     return np.concatenate([r[:, :1, 0], r[:, :, 1:].reshape(len(r), -1, 3)], axis=1)

@@ -15,7 +15,7 @@ from mbdae.system.base import Array
 
 
 def observed_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """What the sensor of a law reads beside force, torque and power."""
+    """Quantities that the sensor of a law reads beside force, torque and power."""
     if not isinstance(d.law, Force):
         return []
     v = d.variation
@@ -23,7 +23,7 @@ def observed_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 class ContactSensor(ConnectionSensor):
-    """Two surfaces that touch: what every force shows, and their contact.
+    """Sensor of two surfaces that touch: force, torque and power as of every force, and the quantities of their contact.
 
     Arrays (nt,) over the result's times; where they may touch at several places (nt, places).
     """
@@ -69,12 +69,12 @@ class ContactSensor(ConnectionSensor):
 
     @property
     def normal_force(self) -> Array:
-        """N; 0 where they are apart."""
+        """Normal force, N; 0 where they are apart."""
         return self._observed("normal_force")
 
     @property
     def friction_force(self) -> Array:
-        """Its magnitude, N; of a joint with clearance on the pin, along axis x normal."""
+        """Magnitude of the friction force, N; with clearance the force on the pin along axis x normal, with its sign."""
         return self._observed("friction_force")
 
     @property
@@ -106,7 +106,7 @@ class ContactSensor(ConnectionSensor):
 
 
 class ClearanceSensor(ContactSensor):
-    """A revolute joint with clearance: what every joint shows, and the contact of its pin with its race.
+    """Sensor of a revolute joint with clearance: quantities as of every joint, and the contact of its pin with its race.
 
     Arrays (nt,) over the result's times; for a bearing that touches at both ends (nt, 2), near and far end along the axis.
     """

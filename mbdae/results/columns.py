@@ -16,7 +16,8 @@ from mbdae.system.base import Array
 from mbdae.values import file_to_write, option
 
 AXES = "xyz"
-NOT_ASKED = ("rotation", "on_axis", "drawn_position", "drawn_rotation", "arm", "on_steps")  #: sensors only written where named
+#: sensors that are only written where they are named
+NOT_ASKED = ("rotation", "on_axis", "drawn_position", "drawn_rotation", "arm", "on_steps")
 
 
 class Column(NamedTuple):
@@ -27,7 +28,7 @@ class Column(NamedTuple):
     values: Array
 
     def parts(self) -> list[tuple[str, Array]]:
-        """Names and values (nt,) of its components: x, y, z of vectors, numbers of others."""
+        """Names and values (nt,) of its components: x, y, z of vectors, indices of other arrays."""
         flat = self.values.reshape(len(self.values), -1)
         if self.values.ndim == 1:
             return [(self.name, flat[:, 0])]

@@ -18,8 +18,8 @@ from mbdae.system.motion.mechanics import Mechanics
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 TRANSFERS = ("dissipated", "work", "impact", "friction")  #: energies that are integrals over time
-_CHUNK = 3000  #: states evaluated at once, where there are no beams
-_ELEMENTS = 20_000  #: elements of beams evaluated at once
+_CHUNK = 3000  #: number of states evaluated at once, where there are no beams
+_ELEMENTS = 20_000  #: number of elements of beams evaluated at once
 
 
 def energy_outputs(d: Derived) -> list[tuple[Target, Expr]]:
@@ -41,8 +41,8 @@ def power_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 @dataclass(frozen=True)
 class Energy:
-    """Energies over the result's times, J. `balance` is the energy that the run gained without a cause, negative where it lost
-    some.
+    """Energies over the result's times (nt,), J. `balance` is the numerical error of the energy: positive where the run gained
+    energy without a cause, negative where it lost some.
 
     impact, friction: the parts of `dissipated` lost in contacts normal and tangential to them; other: the rest."""
 
@@ -55,17 +55,17 @@ class Energy:
 
     @property
     def other(self) -> Array:
-        """Dissipated by dampers and the like (nt,)."""
+        """Energy (nt,), J, dissipated by dampers and all else that is neither contact nor friction."""
         return self.dissipated - self.impact - self.friction
 
     @property
     def total(self) -> Array:
-        """Kinetic and potential energy (nt,)."""
+        """Kinetic and potential energy (nt,), J."""
         return self.kinetic + self.potential
 
     @property
     def balance(self) -> Array:
-        """T + V + dissipated - work minus its start value (nt,); zero in an exact run."""
+        """T + V + dissipated - work minus its start value (nt,), J; zero in an exact run."""
         sum_ = self.total + self.dissipated - self.work
         return sum_ - sum_[0] if len(sum_) else sum_
 
@@ -74,7 +74,7 @@ States = Callable[[Array], tuple[Array, Array, Array, Array | None]]  #: times -
 
 
 def stored(mechanics: Mechanics, t: Array, states: States) -> tuple[Array, Array]:
-    """Kinetic and potential energy (nt,)."""
+    """Kinetic and potential energy (nt,), J."""
     q, u, s, z = states(t)
     totals = {"kinetic": np.zeros(len(t)), "potential": np.zeros(len(t))}
     for _, p, values in mechanics.evaluate(energy_outputs, t, q, u, s):
@@ -86,7 +86,7 @@ def stored(mechanics: Mechanics, t: Array, states: States) -> tuple[Array, Array
         first = of_line.stop
         for part in _parts(mechanics, len(t)):
             totals["kinetic"][part] += line.kinetic(u[part])
-            if z is None or line.numbers["damping"]:  # with damping, the stress is not that of the strain alone
+            if z is None or line.numbers["damping"]:  # damping adds to the stress of the strain
                 elastic = line.energy(q[part], u[part])[0]
             else:
                 elastic = line.stored(q[part], u[part], z[part, of_line])
@@ -127,7 +127,7 @@ def powers(mechanics: Mechanics, t: Array, states: States) -> Array:
 
 
 def integrated(mechanics: Mechanics, steps: Array, at: Array, states: States) -> Array:
-    """(len(at), 4): `TRANSFERS` since the first step, by Gauss quadrature over the steps."""
+    """(len(at), 4), J: `TRANSFERS` since the first step, by Gauss quadrature over the steps."""
     grid = np.union1d(steps, at)
     width, middle = np.diff(grid) / 2, (grid[1:] + grid[:-1]) / 2
     points = (middle[:, None] + width[:, None] * _NODES).ravel()

@@ -13,7 +13,7 @@ from mbdae.errors import OptionError
 from mbdae.scene.section import Section
 from mbdae.system.base import Array
 
-OUTSIDE = 1e-6  #: of the size of a section: a point farther out is outside
+OUTSIDE = 1e-6  #: distance beyond the boundary of a section, relative to its size, that counts as rounding
 
 
 @dataclass(frozen=True)
@@ -26,13 +26,13 @@ class Fibre:
     called: str
 
     def normal(self, resultants: Array) -> Array:
-        """(nt,) Pa, of N1, M2, M3 among resultants (nt, 6)."""
+        """Normal stress (nt,), Pa, of N1, M2, M3 among the resultants (nt, 6), N and N m."""
         s, E = self.section, self._modulus()
         N1, M2, M3 = resultants[:, 0], resultants[:, 4], resultants[:, 5]
         return np.asarray(E * (N1 / s.EA + M2 * self.x3 / s.EI2 - M3 * self.x2 / s.EI3))
 
     def shear(self, resultants: Array) -> Array:
-        """(nt, 2) Pa along axes 2 and 3."""
+        """Shear stress (nt, 2), Pa, along axes 2 and 3; OptionError for a torque on a section that is not round."""
         s, E = self.section, self._modulus()
         N2, N3, M1 = resultants[:, 1], resultants[:, 2], resultants[:, 3]
         along2 = N2 * self._first_over_width(2, abs(self.x2)) * E / s.EI3
@@ -44,7 +44,7 @@ class Fibre:
         return np.stack([along2 - polar * self.x3, along3 + polar * self.x2], axis=1)
 
     def von_mises(self, resultants: Array) -> Array:
-        """(nt,) Pa."""
+        """Von Mises stress (nt,), Pa."""
         return np.asarray(np.sqrt(self.normal(resultants) ** 2 + 3 * np.sum(self.shear(resultants) ** 2, axis=1)))
 
     @property
@@ -52,7 +52,7 @@ class Fibre:
         return bool(self.section.shape) and self.section.shape[0] == "tube"
 
     def _modulus(self) -> float:
-        """Young's modulus; refuses a section without a shape, and a point outside of it."""
+        """Young's modulus, Pa; refuses a section without a shape, and a point outside of it."""
         shape: Any = self.section.shape
         if not shape or not self.section.E:
             raise OptionError(f"{self.called}: its section has stiffnesses and no shape, so that stresses are not known: make it "
@@ -69,7 +69,7 @@ class Fibre:
         return float(self.section.E)
 
     def _first_over_width(self, axis: int, x: float) -> float:
-        """First moment of what lies beyond x along an axis, over the width there, m^2."""
+        """First moment of the part of the section beyond x along an axis, over the width there, m^2."""
         kind, a, b = self.section.shape
         if kind == "rectangle":
             h = b if axis == 2 else a

@@ -9,11 +9,11 @@ import numpy as np
 from mbdae.results.quantities import Quantity, named, unit_of, value
 from mbdae.system.base import Array
 
-INSIDE = 6  #: times inside a step that are looked at
-BEST = 5  #: intervals that are searched closer
-FINER, ROUNDS = 9, 12  #: times of a closer search, and how often it is repeated
-JUST = 1e-9  #: of a step: before its end, where the run may begin anew with other accelerations
-MOST = 4096  #: times that are read at once
+INSIDE = 6  #: times inside every step at which the quantity is evaluated
+BEST = 5  #: number of intervals between these times that are searched more closely
+FINER, ROUNDS = 9, 12  #: times per closer search, and number of its repetitions
+JUST = 1e-9  #: distance from the end of a step, over its length, at which the end is read: accelerations may jump there
+MOST = 4096  #: largest number of times that are read at once
 
 
 class Peak(NamedTuple):

@@ -12,7 +12,7 @@ from mbdae.results.states import States, states_of
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
-NO_FORCE = 1e-9  #: round-off of forces, over the force that moves the scene by its length in its characteristic time
+NO_FORCE = 1e-9  #: rounding error of forces, relative to the force that moves the scene by its length in its characteristic time
 
 
 def wrenches(prepared: Prepared, at: States) -> Array:
@@ -61,7 +61,7 @@ class ReactionError:
 
     @property
     def _smallest_force(self) -> float:
-        """N, below which forces are round-off."""
+        """Force, N, below which forces are rounding errors."""
         m = self.prepared.mechanics
         mass = float(np.max(m.mass.diagonal()[~m.rotational], initial=0.0))
         return max(NO_FORCE * mass * self.prepared.length / self.prepared.time**2, 1e-300)

@@ -29,11 +29,12 @@ from mbdae.scene.sensor_names import parsed, placed
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import smallest, unit_rows
+from mbdae.system.sampling import Sampling, UnderWay
 from mbdae.system.start.start import Start
 from mbdae.values import file_to_write, number, of_class, option, optional, shown, text
 
-#: functions that draw or store a Result, by the name of its method; entered by the modules above that have them (`show.attached`,
-#: `storage`), because this one knows neither drawings nor files
+#: name of a method of Result -> function that draws or stores it; entered by the modules that have these functions
+#: (`show.attached`, `storage`), on which this one must not depend
 ATTACHED: dict[str, Callable[..., Any]] = {}
 
 
@@ -63,7 +64,7 @@ class RunInfo:
     accuracy: Accuracy
     stats: Stats
     runs: int = 1
-    cpu_s: float = 0.0  #: of all runs together
+    cpu_s: float = 0.0  #: CPU time of all runs together, s
     warnings: tuple[str, ...] = ()
     choice: str = ""  #: why this solver, where mbdae chose it
     reliable: bool = True  #: see `Result.reliable`
@@ -80,7 +81,7 @@ class Result(RunStates, ListsAttributes):
         self._sensors: dict[str, Any] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """What `pickle` and `copy` keep: the run; what was read of it is read again."""
+        """What `pickle` and `copy` keep: the run; computed sensors are left out, and computed again when they are read."""
         kind = type(self)
         own = {name: value for name, value in vars(self).items() if not isinstance(getattr(kind, name, None), cached_property)}
         return own | {"_sensors": {}}
@@ -99,7 +100,7 @@ class Result(RunStates, ListsAttributes):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What to know before trusting the result, a sentence each."""
+        """What to know before trusting the result, one sentence per warning."""
         return self.info.warnings
 
     @property
@@ -130,8 +131,8 @@ class Result(RunStates, ListsAttributes):
         return self.solution.complete
 
     def state_for(self, scene: SceneData, t: float | None = None) -> Start:
-        """The state at t (default: the end) as the start of a run of `scene`: the same bodies, with the same or fewer joints
-        whose coordinate is an unknown."""
+        """The state at t (s; default: the end) as the start of a run of `scene`: the same bodies, with the same or fewer joints
+        whose coordinate is an unknown. Raises OptionError where the bodies differ, or t is outside of the run."""
         option("scene", scene, of_class, "give the scene that goes on from this state", base=SceneData)
         optional("t", t, number, "give a time of the run in s, or None for its end")
         when = self.solution.t[-1:] if t is None else self.solution.times(t)[None]
@@ -147,10 +148,21 @@ class Result(RunStates, ListsAttributes):
         q = np.concatenate([q[n.q : n.q + n.kind.sizes[0]] for n in nodes])
         u = np.concatenate([u[n.u : n.u + n.kind.sizes[1]] for n in nodes])
         names = tuple(self.prepared.mechanics.numbering.states.values())
-        return Start(float(when[0]), q, u, s, np.zeros_like(u), np.zeros(0), names=names, coordinates=coordinates)
+        return Start(float(when[0]), q, u, s, np.zeros_like(u), np.zeros(0), names=names, coordinates=coordinates,
+                     controllers=self._controllers_for(scene, float(when[0])))  # fmt: skip
+
+    def _controllers_for(self, scene: SceneData, t: float) -> dict[str, UnderWay]:
+        """The controllers of another scene at a time of this run, which go on there because they are of this one too."""
+        prepared, run = self.prepared, self.solution
+        mine = {c.name: (c.every, c.sets, c.memory is None) for c in prepared.model.scene.controllers}
+        same = [c.name for c in scene.controllers if mine.get(c.name) == (c.every, c.sets, c.memory is None)]
+        if not same:
+            return {}
+        found = Sampling(prepared, prepared.all_bodies.numbering).until(t, run.t, run.y)
+        return {name: found[name] for name in same}
 
     def __call__(self, t: float | Sequence[float] | Array) -> Result:
-        """The same run at other times, by its dense output."""
+        """The same run at other times t (s), by its dense output; OptionError for times outside of the run."""
         times = np.atleast_1d(self.solution.times(t))
         if times.ndim > 1:
             raise OptionError(f"t = {shown(t)} has shape {times.shape}: give a time of the run in s, or a list of them")
@@ -218,18 +230,18 @@ class Result(RunStates, ListsAttributes):
         return to_dataframe(self, sensors, further)
 
     def to_xarray(self, *sensors: Quantity, **further: Quantity) -> Any:
-        """The same as an xarray.Dataset: vectors have the dimension "axis", units are attributes."""
+        """Quantities as in `to_dataframe`, as an xarray.Dataset: vectors have the dimension "axis", units are attributes."""
         return to_xarray(self, sensors, further)
 
     def to_csv(self, path: Any, *sensors: Quantity, **further: Quantity) -> None:
-        """The same in a file: columns divided by commas, units in the first line; `mb.read_table` reads it."""
+        """Quantities as in `to_dataframe`, in a file: columns divided by commas, units in the first line; see `mb.read_table`."""
         to_csv(self, path, sensors, further)
 
     # -- energy, drift and rank
 
     @cached_property
     def energy(self) -> Energy:
-        """Kinetic, potential, dissipated energy, work, and their balance over the result's times."""
+        """Kinetic, potential and dissipated energy, work, and their balance over the result's times (nt,), J."""
         return energy(self.prepared.mechanics, self.solution.t, self.t, lambda t: (*self.states(t), self.stresses(t)))
 
     @cached_property

@@ -95,7 +95,7 @@ class BodySensor(ListsAttributes):
 
     @cached_property
     def position(self) -> Array:
-        """(nt, 3), m."""
+        """Position (nt, 3), m, inertial frame."""
         center = self._body.drawn.position + np.zeros((len(self._result.t), 3))
         if self._node is not None:
             center = self._translation(self._result.q, self._node.q)
@@ -103,25 +103,25 @@ class BodySensor(ListsAttributes):
 
     @cached_property
     def velocity(self) -> Array:
-        """(nt, 3), m/s."""
+        """Velocity (nt, 3), m/s, inertial frame."""
         center = self._translation(self._result.u, self._node.u if self._node is not None else 0)
         return center + np.cross(self.angular_velocity, self.rotation @ self._offset)
 
     @cached_property
     def acceleration(self) -> Array:
-        """(nt, 3), m/s^2, from the equations of motion, with gravity only as far as it moves the body."""
+        """Acceleration (nt, 3), m/s^2, inertial frame, from the equations of motion: 0 at rest (an accelerometer adds -g)."""
         center = self._translation(self._result.acceleration, self._node.u if self._node is not None else 0)
         arm, w = self.rotation @ self._offset, self.angular_velocity
         return center + np.cross(self.angular_acceleration, arm) + np.cross(w, np.cross(w, arm))
 
     @cached_property
     def angular_acceleration(self) -> Array:
-        """(nt, 3), rad/s^2, inertial frame, from the equations of motion."""
+        """Angular acceleration (nt, 3), rad/s^2, inertial frame, from the equations of motion."""
         return self._turning(self._result.acceleration)
 
     @cached_property
     def angular_velocity(self) -> Array:
-        """(nt, 3), rad/s, inertial frame."""
+        """Angular velocity (nt, 3), rad/s, inertial frame."""
         return self._turning(self._result.u)
 
     def _turning(self, values: Array) -> Array:
@@ -200,7 +200,7 @@ class ConnectionSensor(ListsAttributes):
                     yield instance.law, p.targets, values[:, i]
 
     def _drive(self, row: str, coordinate: str) -> Array:
-        """(nt,) N m or N: of what prescribes a coordinate and of what loads it, on l, positive as the coordinate grows."""
+        """Torque or force (nt,), N m or N, on l, of what prescribes a coordinate and of its loads; positive as it grows."""
         loads = [values[:, 0] for law, _, values in self._evaluated(drive_outputs) if law.name_of_coordinate == coordinate]
         name = f"{self._item.name}.{row}"
         if name in self._result.multiplier_names:
@@ -213,12 +213,12 @@ class ConnectionSensor(ListsAttributes):
 
     @property
     def force(self) -> Array:
-        """(nt, 3) N on body l, inertial frame."""
+        """Force on body l (nt, 3), N, inertial frame."""
         return self._wrench[:, :3]
 
     @property
     def torque(self) -> Array:
-        """(nt, 3) N m on body l about the joint, inertial frame (in a planar model: the z component only)."""
+        """Torque on body l about the joint (nt, 3), N m, inertial frame (in a planar model: the z component only)."""
         return self._wrench[:, 3:]
 
     @property
@@ -244,5 +244,5 @@ class ConnectionSensor(ListsAttributes):
 
     @cached_property
     def power(self) -> Array:
-        """(nt,) W delivered to the bodies."""
+        """Power that the joint or force delivers to the bodies (nt,), W."""
         return self._result.sum_over_laws(power_outputs, self._item, 1)[:, 0]

@@ -21,7 +21,7 @@ from mbdae.system.prepare import Prepared
 @dataclass(frozen=True, eq=False)
 class States:
     """Positions q (nt, nq), velocities u (nt, nu), internal states s (nt, ns) and, where they were unknowns of the run, stresses
-    of the beams z (nt, nz), at times t (nt,); the same in every form."""
+    of the beams z (nt, nz), at times t (nt,). They do not depend on the form of the equations."""
 
     t: Array
     q: Array
@@ -30,7 +30,7 @@ class States:
     z: Array | None
 
     def until(self, end: float) -> States:
-        """Those up to a time (s)."""
+        """The states up to a time (s)."""
         kept = self.t <= end
         return States(self.t[kept], self.q[kept], self.u[kept], self.s[kept], None if self.z is None else self.z[kept])
 
@@ -44,15 +44,15 @@ class Instant:
     yp: Array = field(repr=False)
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Instant:
-        """The interpolant of other unknowns."""
+        """An interpolant as this one, of other unknowns."""
         return Instant(self.label, y, yp)
 
     def value(self, t: Array) -> Array:
-        """y (k, n)."""
+        """Unknowns y (k, n) at times t (k,)."""
         return np.repeat(self.y, len(t), axis=0)
 
     def derivative(self, t: Array) -> Array:
-        """y' (k, n)."""
+        """Derivatives y' (k, n) of the unknowns at times t (k,)."""
         return np.repeat(self.yp, len(t), axis=0)
 
 
@@ -125,7 +125,7 @@ class RunStates:
         return Observer(self.prepared.model, moved, expressions)(self.t, self.solution(self.t))
 
     def sum_over_laws(self, outputs: Outputs, item: Connection, width: int) -> Array:
-        """(nt, width) outputs of the laws of one item, summed; those with multipliers included."""
+        """Outputs (nt, width) of the laws of one item, summed; they may depend on multipliers."""
         total = np.zeros((len(self.t), width))
         q, u, s = self._states
         for g, _, values in self.prepared.with_all_rows.evaluate(outputs, self.t, q, u, s, self.multipliers):

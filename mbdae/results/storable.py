@@ -29,11 +29,12 @@ def statements(scene: SceneData) -> dict[str, Any]:
 
 
 def by_item(data: dict[str, Any]) -> dict[str, Any]:
-    """The same data with statements by kind and item, and their arguments by name, so that a difference can be told in words."""
+    """Data of a scene with statements by kind and item, and their arguments by name, to describe a difference in words."""
     said: dict[str, Any] = {}
     for method, args, kwargs in data["statements"]:
         names = list(signature(STATEMENTS[method]).parameters)[1:]
-        named = dict(zip(names, args, strict=False)) | {f"argument {i}": v for i, v in enumerate(args) if i >= len(names)} | kwargs
+        further = {f"argument {i}": v for i, v in enumerate(args) if i >= len(names)}
+        named = dict(zip(names, args, strict=False)) | further | kwargs
         said[f"{method} '{item_name([method, args, kwargs])}', number {len(said) + 1}"] = named
     return data | {"statements": said}
 

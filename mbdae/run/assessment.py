@@ -19,14 +19,14 @@ from mbdae.system.model.inputs import expressions_of
 from mbdae.system.prepare import Prepared
 from mbdae.ties import largest
 
-ROW_SAMPLES = 2000  #: steps at which constraint rows are evaluated
-ENERGY_SAMPLES = 1000  #: outputs, or steps where an input depends on time, at which energies are evaluated
+ROW_SAMPLES = 2000  #: number of steps at which constraint rows are evaluated
+ENERGY_SAMPLES = 1000  #: number of outputs (or steps, where an input depends on time) at which energies are evaluated
 
 
 def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
-    """Every warning of a run; drifts: joints are held by their accelerations alone."""
+    """Every warning about a run; drifts: whether its joints are held by their accelerations only (index 1)."""
     known, timed = found.info.accuracy, bool(expressions_of(found.prepared.model))
-    times = run.solution.t if timed else found.t  # a short input may lie between outputs
+    times = run.solution.t if timed else found.t  # a short input may act between two outputs
     few = times is found.t and len(times) <= ENERGY_SAMPLES
     contact = reliability(found if few else found(times[:: len(times) // ENERGY_SAMPLES + 1]), run)
     singular = singular_passages(found, known.asked)
@@ -39,7 +39,7 @@ def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
 
 
 def _missed(known: Accuracy, solver: Solver) -> list[str]:
-    """Errors of the motion, in time and of the mesh, that are above the accuracy asked."""
+    """Warnings where the error in time, or that of the mesh, exceeds the accuracy asked."""
     asked, notes = known.asked, []
     if asked is None:
         return []
@@ -55,14 +55,14 @@ def _missed(known: Accuracy, solver: Solver) -> list[str]:
 
 
 def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tuple[float, list[str]]:
-    """Largest violation of a constraint row, redundant ones included (over the scene's length, or rad), with its warning, where
-    it is more than the accuracy allows; else 0 and none."""
+    """Largest violation of a constraint row, redundant ones included (over the scene's length, or in rad), and its warning, where
+    the accuracy does not allow it; else 0 and no warning."""
     m, t = prepared.with_all_rows, run.solution.t
     if not m.m:
         return 0.0, []
     t = t[:: len(t) // ROW_SAMPLES + 1]
     off = np.max(np.abs(m.position_residual(t, prepared.states(t, run.solution(t))[0])), axis=0) / max(prepared.length, 1.0)
-    off[[row.name in {r.name for r, _ in prepared.rank.doubtful} for row in m.rows]] = 0.0  # `doubts` warns of these
+    off[[row.name in {r.name for r, _ in prepared.rank.doubtful} for row in m.rows]] = 0.0  # `doubts` warns of these rows
     worst = largest(off)
     if off[worst] <= 10 * (asked if asked is not None else 1e-6):
         return 0.0, []

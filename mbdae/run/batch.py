@@ -1,4 +1,4 @@
-"""Runs of one scene from many starts, or with many values of its numbers, each with the estimate of its error."""
+"""Runs of one scene from many starts, or with many values of its numbers, each with an estimate of its error."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from numpy.typing import NDArray
 from mbdae.errors import NotReadError, OptionError
 from mbdae.formulations import system_for
 from mbdae.integrators.base import Asked
-from mbdae.integrators.runge_kutta.batch import Batch, solve_batch
+from mbdae.integrators.runge_kutta.batch import Batch, refuse_watched, solve_batch
 from mbdae.integrators.runge_kutta.dop853 import DOP853
 from mbdae.run.choice import choose, prepared_from, with_recursive_joints
 from mbdae.run.control import ATTEMPTS, FINER, measure_of, plausible
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array, System
 
-LOOKED_AT = 5  #: states at which equations are compared
-COMPARED = 32  #: times besides the outputs at which a run is compared with its companion
+LOOKED_AT = 5  #: number of states at which two sets of equations are compared
+COMPARED = 32  #: number of times, besides the outputs, at which a run is compared with its companion
 
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """names (n,) of the unknowns; batch: the runs at the outputs; estimate (k,): estimated error of each, nan where it failed;
-    warnings: a sentence per point whose accuracy is missed or that failed, by its number."""
+    """names (n,): of the unknowns; batch: the runs at the outputs; estimate (k,): estimated error of each, nan where it failed;
+    warnings: by point number, a sentence where the accuracy is missed or the run failed."""
 
     names: tuple[str, ...]
     batch: Batch
@@ -38,19 +38,19 @@ class Runs:
 
 def run_batch(scene: SceneData, t_end: float, accuracy: float = 1e-6, *, starts: Any = None,
               numbers: Mapping[str, Any] | None = None, outputs: Any = None, max_wall: float | None = None) -> Runs:  # fmt: skip
-    """Every point twice, as `Scene.simulate` does: at ten times the tolerance and at the tolerance itself, by which its error is
-    estimated; points that miss the accuracy again with a tighter one. Arguments as of `solve_batch`.
+    """Run every point as `Scene.simulate` does: at ten times the tolerance and at the tolerance, which gives its estimated error,
+    and again with a smaller tolerance where that misses the accuracy. Arguments as in `solve_batch`.
 
-    Raises OptionError for scenes that simulate would not give to DOP853: stiff ones, with contact or friction, and so on."""
+    Raises OptionError for scenes for which `simulate` would not choose DOP853, such as stiff ones or those with contact."""
     return Batches(scene, t_end, accuracy, outputs, numbers or ()).run(starts, numbers, max_wall)
 
 
 class Batches:
-    """A scene that is ready for batches of its runs, one after the other; arguments as of `run_batch`."""
+    """A scene prepared for several batches of runs, one after the other; arguments as in `run_batch`."""
 
     def __init__(self, scene: SceneData, t_end: float, accuracy: float = 1e-6, outputs: Any = None,
                  numbers: Iterable[str] = ()) -> None:  # fmt: skip
-        """numbers: those of laws that points will vary; some cannot in the equations of a single run, where they are constant."""
+        """numbers: names of law parameters that will vary; some cannot, because the equations have them as constants."""
         self.accuracy, self.t_end = plausible(accuracy), t_end
         prepared = with_recursive_joints(scene, t_end=t_end) or prepared_from(scene, t_end=t_end)
         choice = choose(prepared, scene, self.accuracy)
@@ -61,6 +61,8 @@ class Batches:
             self.read(dict.fromkeys(numbers))
         except OptionError:
             self.system, self._known = system_for(prepared, choice.form, 0, open=True), {}
+        if numbers:
+            refuse_watched(self.system, t_end)
         times = Asked.of(self.system, t_end, outputs).times
         self.times = np.array([float(t_end)]) if times is None else times
         self._every = np.union1d(self.times, np.linspace(self.system.t0, t_end, COMPARED + 1))
@@ -68,7 +70,7 @@ class Batches:
         self._solver, self._limit = choice.solver.at_accuracy(self.accuracy, self.system.label), choice.solver.tightest[""]
 
     def read(self, numbers: Mapping[str, Any]) -> dict[str, Any]:
-        """Those of the numbers of laws that the equations read; OptionError where one is read, but may not vary."""
+        """The given parameters of laws that the equations read; OptionError for one that is read but may not vary."""
         return {name: values for name, values in numbers.items() if self._read(name)}
 
     def _read(self, name: str) -> bool:
@@ -81,7 +83,7 @@ class Batches:
         return self._known[name]
 
     def rates_apart(self, own: System, numbers: Mapping[str, float]) -> float:
-        """Largest difference of y' with these numbers from that of another system, over the size of y', at some states near the
+        """Largest difference between y' with these numbers and y' of another system, relative to y', at some states near the
         start."""
         read = self.read(numbers)
         at, rng, here, there = self.system.numbers(list(read)), np.random.default_rng(0), np.empty(own.n), np.empty(own.n)
@@ -98,11 +100,11 @@ class Batches:
         return apart
 
     def run(self, starts: Any = None, numbers: Mapping[str, Any] | None = None, max_wall: float | None = None) -> Runs:
-        """A batch, see `run_batch`."""
+        """Run a batch; see `run_batch`."""
         begin, accuracy = time.perf_counter(), self.accuracy
 
         def solved(rtol: float, some: NDArray[np.intp] | None = None) -> Batch:
-            """Some of the points at a tolerance."""
+            """Run some of the points at a tolerance."""
             left = None if max_wall is None else max(max_wall - (time.perf_counter() - begin), 1e-9)
             given = {name: _some(np.atleast_1d(v), some) for name, v in (numbers or {}).items()}
             own = None if starts is None else _some(np.atleast_2d(starts), some)
@@ -114,7 +116,7 @@ class Batches:
         made, estimate, cpu = fine, np.full(len(fine.errors), np.nan), coarse.cpu_s + fine.cpu_s
         some = np.arange(len(fine.errors))
         for _ in range(ATTEMPTS):
-            # the whole distance: that a tighter run is nearer by the ratio of tolerances does not hold at every point
+            # the difference itself, since not at every point is a tighter run more accurate by the ratio of tolerances
             estimate[some] = [float(np.max(self._measure(a, b))) if fine.errors[i] is None else np.nan
                               for i, (a, b) in enumerate(zip(coarse.y, fine.y, strict=True))]  # fmt: skip
             made = fine if len(some) == len(estimate) else _with(made, fine, some)
@@ -136,13 +138,13 @@ def _some(values: Any, some: NDArray[np.intp] | None) -> Any:
 
 
 def _rows(batch: Batch, some: NDArray[np.intp]) -> Batch:
-    """Some points of a batch."""
+    """A batch with some of the points only."""
     rows = {name: getattr(batch, name)[some] for name in ("y", "last", "steps", "rejected", "evaluations")}
     return replace(batch, errors=tuple(batch.errors[i] for i in some), **rows)
 
 
 def _with(batch: Batch, other: Batch, some: NDArray[np.intp]) -> Batch:
-    """A batch with some points replaced by those of another."""
+    """A batch with some points replaced by those of another batch."""
     rows = {name: getattr(batch, name).copy() for name in ("y", "last", "steps", "rejected", "evaluations")}
     errors = list(batch.errors)
     for j, i in enumerate(some):

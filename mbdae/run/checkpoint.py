@@ -1,7 +1,7 @@
-"""Calls of `Scene.simulate` that are kept in a folder while they run: whose call it is, and what ends it.
+"""Calls of `Scene.simulate` stored in a folder while they run: recognition of the same call, and its end by SIGTERM.
 
-The runs of a call are kept by `integrators.checkpoints`; here the folder gets a statement of scene and options, which the same
-call finds again, and SIGTERM ends the call at the next step.
+`integrators.checkpoints` stores the runs of a call; here the folder gets a statement of scene and options by which an equal call
+recognises it, and SIGTERM ends the call after the current step.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mbdae.errors import OptionError, StoppedError
-from mbdae.files import first_difference, write_file
+from mbdae.files import first_difference, read_file, write_file
 from mbdae.formulations import Form
 from mbdae.integrators.base import Solver
 from mbdae.integrators.checkpoints.keeper import Keeper, Stopping, active, keeping_runs
+from mbdae.integrators.checkpoints.trees import DamagedError
 from mbdae.results.result import Result
 from mbdae.results.storable import by_item, statements
 from mbdae.results.storage import own_laws
@@ -31,17 +32,17 @@ from mbdae.system.prepare import modelled
 from mbdae.values import option, optional, path, shown, whole
 
 T = TypeVar("T")
-EVERY = 1000  #: accepted steps between two checkpoints
-FEW = 1000  #: numbers of an option that are kept themselves, not a digest of them
+EVERY = 1000  #: number of accepted steps between two checkpoints
+FEW = 1000  #: largest number of values of an option that are stored themselves; of longer ones a digest is stored
 FORMAT = "mbdae run in progress 2"
 STATEMENT = "statement.json"
 FOLDER = "give the name of a folder, new or one that such a call made, or None"
-#: of the environment: what may change last digits
+#: versions that may change last digits
 HERE = ("mbdae", "python", "numpy", "scipy", "scikit-sundae", "symengine", "machine")
 
 
 def keeper_of(checkpoint: Any, every: Any) -> Keeper | None:
-    """The keeper of a call; the folder is made. OptionError where it cannot be."""
+    """The keeper of a call, with its folder made; None without a checkpoint, OptionError for a folder that cannot be used."""
     steps = optional("every", every, whole, "give a number of steps, 1 or more, or None", least=1)
     if checkpoint is None:
         if every is not None:
@@ -60,16 +61,18 @@ def keeper_of(checkpoint: Any, every: Any) -> Keeper | None:
 
 @contextmanager
 def kept(keeper: Keeper | None, statement: Callable[[], dict[str, Any]]) -> Iterator[None]:
-    """Keep the runs made inside. statement: plain data of the call; a folder of another call is refused."""
+    """Store the runs made inside. statement: plain data of the call; the folder of another call is refused."""
     if keeper is None:
         yield
         return
     _check(keeper.folder, json.loads(json.dumps(statement())))
-    for left in keeper.folder.glob(".*.npz"):  # of a process that was killed while it wrote
+    for left in keeper.folder.glob(".*.npz"):  # left by a process that was killed while it wrote
         left.unlink(missing_ok=True)
     try:
         with _ended_by_sigterm(keeper), keeping_runs(keeper):
             yield
+    except DamagedError as error:
+        raise OptionError(f"checkpoint: {error}") from error
     except Stopping:
         raise StoppedError(f"stopped by SIGTERM: what was computed is kept in '{keeper.folder}'; the same call goes on from "
                            f"there") from None  # fmt: skip
@@ -77,14 +80,15 @@ def kept(keeper: Keeper | None, statement: Callable[[], dict[str, Any]]) -> Iter
 
 def statement_of(scene: SceneData, every: int, solver: Solver | None, form: Form | None, start: Result | None,
                  **options: Any) -> dict[str, Any]:  # fmt: skip
-    """Plain data of a call: scene, options and versions. OptionError where its runs cannot be kept."""
+    """Plain data of a call: scene, options and versions. OptionError where its runs cannot be stored."""
     try:
         stated = statements(scene)
     except OptionError as error:
         raise OptionError(f"checkpoint: the scene cannot be stored, so a folder could not be told from that of another one: "
                           f"{error}") from error  # fmt: skip
     found = environment()
-    return {"scene": by_item(stated), "laws": own_laws(modelled(scene)[0]), "solver": repr(solver), "form": repr(form), "every": every,
+    return {"scene": by_item(stated), "laws": own_laws(modelled(scene)[0]),
+            "solver": repr(solver), "form": repr(form), "every": every,
             "start": None if start is None else _digest(start.solution.t[-1:], start.solution.y[-1], start.solution.yp[-1]),
             "versions": {name: found[name] for name in HERE},
             **{name: _told(value) for name, value in options.items()}}  # fmt: skip
@@ -107,7 +111,7 @@ def _check(folder: Path, here: dict[str, Any]) -> None:
         write_file(place, json.dumps({"format": FORMAT, "call": here}, indent=1) + "\n")
         return
     try:
-        there = json.loads(place.read_text(encoding="utf-8"))
+        there = json.loads(read_file(place))
         call = there["call"] if there["format"] == FORMAT else None
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise OptionError(f"checkpoint: '{place}' cannot be read ({error}): delete the folder, or name another one") from error
@@ -119,7 +123,7 @@ def _check(folder: Path, here: dict[str, Any]) -> None:
 
 @contextmanager
 def _ended_by_sigterm(keeper: Keeper) -> Iterator[None]:
-    """SIGTERM lets a run finish its step; between runs it ends the call at once."""
+    """SIGTERM lets a run finish its step; between two runs it ends the call at once."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -137,7 +141,7 @@ def _ended_by_sigterm(keeper: Keeper) -> Iterator[None]:
 
 
 def kept_value(make: Callable[[], T], plain: Callable[[T], Any], back: Callable[[Any], T]) -> T:
-    """What a long evaluation returns, read where the call under way made it before; plain, back: to plain values and back."""
+    """The result of a long evaluation, read from the folder where it was made before; plain, back: to plain data and back."""
     keeper = active()
     if keeper is None:
         return make()

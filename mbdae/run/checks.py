@@ -1,4 +1,4 @@
-"""The findings of `Scene.check`: what is known of a scene before it is solved."""
+"""The findings of `Scene.check`: properties of a scene before it is solved."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from mbdae.system.prepare import FORESIGHT, Prepared, prepare
 
 @dataclass(frozen=True)
 class Check(ListsAttributes):
-    """Findings of `Scene.check`; `print` it."""
+    """Findings of `Scene.check`; print it to read them all."""
 
     prepared: Prepared
-    accuracy: float = 1e-6  #: what `choice` is for
+    accuracy: float = 1e-6  #: accuracy for which `choice` is made
 
     @cached_property
     def choice(self) -> Choice:
-        """Joints, form and solver that `simulate` to this accuracy takes, with the reason; see `Choice`."""
+        """Joints, form and solver that `simulate` takes for this accuracy, with the reason; see `Choice`."""
         stated = self.prepared.model.scene
         return choose(with_recursive_joints(stated) or self.prepared, stated, self.accuracy)
 
@@ -42,7 +42,7 @@ class Check(ListsAttributes):
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Freedoms left by the joints and prescribed motions."""
+        """Number of degrees of freedom left by the joints and prescribed motions."""
         return self.prepared.rank.degrees_of_freedom
 
     @property
@@ -52,23 +52,23 @@ class Check(ListsAttributes):
 
     @property
     def redundant(self) -> tuple[str, ...]:
-        """Constraint rows that follow from the others, "joint.row"; they are left out."""
+        """Constraint rows that follow from the others, as "joint.row"; they are left out of the equations."""
         return tuple(row.name for row in self.prepared.rank.dropped)
 
     @property
     def not_unique(self) -> tuple[str, ...]:
-        """Constraint rows whose reactions are not unique, "joint.row": the redundant rows could share them."""
+        """Constraint rows whose reactions are not unique, as "joint.row", because redundant rows could take a share of them."""
         return tuple(row.name for row in self.prepared.rank.not_unique)
 
     @property
     def pruned(self) -> tuple[str, ...]:
-        """Rows that vanish identically for this scene, or need axes of a point mass, "joint.row"."""
+        """Rows that vanish identically for this scene, or need axes of a point mass, as "joint.row"."""
         return tuple(self.prepared.model.vanished)
 
     @property
     def unknowns(self) -> dict[str, int]:
-        """Number of positions, velocities, internal states and multipliers; with beams, of their stresses, which are unknowns
-        with Radau IIA only."""
+        """Numbers of positions, velocities, internal states and multipliers; with beams also of their stress resultants, which
+        are unknowns only with Radau IIA."""
         e, states = self.prepared.all_bodies, len(self.prepared.mechanics.numbering.states)
         found = {"positions": e.nq, "velocities": e.nu, "states": states, "multipliers": len(self.prepared.rows)}
         if self.prepared.model.lines:
@@ -77,39 +77,39 @@ class Check(ListsAttributes):
 
     @property
     def beams(self) -> dict[str, int]:
-        """Number of elements of every flexible beam; attachments between nodes add to those asked for."""
+        """Number of elements of every flexible beam; attachments between its nodes add elements to those asked for."""
         return {line.beam.name: len(line.mesh.elements) for line in self.prepared.model.lines}
 
     @property
     def shared(self) -> tuple[str, ...]:
-        """Rows of joints on nodes of beams, "joint.row", that need no equation: the bodies share unknowns there."""
+        """Rows of joints on nodes of beams, as "joint.row", that need no equation because the bodies share unknowns there."""
         rows = self.prepared.all_bodies.moved.sharing.rows
         return tuple(row.name for row in self.prepared.mechanics.rows if (row.group, row.instance, row.row) in rows)
 
     @property
     def recursive(self) -> tuple[str, ...]:
-        """Joints whose coordinate is the only unknown of the body they carry."""
+        """Names of joints whose coordinates are the only unknowns of the body they carry."""
         return tuple(c.name for c in self.prepared.model.recursive)
 
     @property
     def rigid(self) -> tuple[str, ...]:
-        """Welds, and joints that hold a point mass: their body needs no unknowns, it moves with the other one."""
+        """Welds, and joints that hold a point mass: their body moves with the other one and needs no unknowns."""
         return tuple(name for tree in self.prepared.all_bodies.moved.trees for name in tree.rigid)
 
     @property
     def remarks(self) -> dict[str, str]:
-        """What joints say of their own values, such as that a screw is self-locking."""
+        """Remarks of joints on their own parameters, by joint, such as that a screw is self-locking."""
         said = {c.name: c.joint.remarks() for c in self.prepared.model.scene.joints if isinstance(c.joint, Joint)}
         return {name: "; ".join(texts) for name, texts in said.items() if texts}
 
     @property
     def kept_kinematic(self) -> dict[str, str]:
-        """Joints stated as recursive that stay kinematic all the same, and why."""
+        """Joints stated as recursive that are modelled as kinematic ones, each with the reason."""
         return dict(self.prepared.model.stay_kinematic)
 
     @property
     def kept_coordinates(self) -> dict[str, str]:
-        """Kinematic joints whose coordinates are unknowns of their own all the same, and why."""
+        """Kinematic joints whose coordinates are unknowns nevertheless, each with the reason."""
         found = {}
         for c in self.prepared.model.scene.joints:
             if c.kept and not isinstance(c.model, Classical | Recursive):
@@ -162,7 +162,7 @@ class Check(ListsAttributes):
         return "\n".join(lines)
 
     def _of_joints(self) -> list[str]:
-        """The joints by model, each with its coordinates; those kept as unknowns although the model does not ask for it."""
+        """Lines on the joints by model, with their coordinates, and on coordinates that are unknowns nevertheless."""
         models: dict[str, dict[str, list[str]]] = {}
         for c in self.prepared.model.scene.joints:
             model = type(c.model).__name__.lower() if c.has_models else "without coordinates"
@@ -174,7 +174,7 @@ class Check(ListsAttributes):
         return lines + [f"  coordinates kept as unknowns: {_listed(names)}: {why}" for why, names in reasons.items()]
 
     def _of_beams(self) -> list[str]:
-        """Meshes, and which unknowns are eliminated."""
+        """Lines on the meshes of beams and their stress resultants."""
         lines = self.prepared.model.lines
         if not lines:
             return []
@@ -186,7 +186,7 @@ class Check(ListsAttributes):
 
     @property
     def contacts(self) -> tuple[str, ...]:
-        """Joints with clearance: their laws, and the effects these neglect."""
+        """Joints with clearance: a sentence for each on its contact law and the effects this neglects."""
         return tuple(contact.summary() for contact in self.prepared.contacts)
 
     @property
@@ -208,7 +208,7 @@ class Check(ListsAttributes):
         return [f"  friction: {laws}"] if laws else []
 
     def _of_inputs(self) -> list[str]:
-        """Jumps, kinks and shortest widths of the inputs of time over the first seconds; a run reads them to its end."""
+        """Line on jumps, kinks and shortest widths of the inputs of time over the first seconds; a run reads them to its end."""
         t0 = self.prepared.start.t
         if not expressions_of(self.prepared.model):
             return []
@@ -216,7 +216,7 @@ class Check(ListsAttributes):
         return [f"  inputs of time, first {FORESIGHT:g} s: {found.summary() if found else 'smooth, no breaks'}"]
 
     def _kernels_of(self, tree: Tree) -> str:
-        """How the equations of a tree are evaluated."""
+        """How the equations of a tree are evaluated, in words."""
         bodies = self.prepared.all_bodies
         if not bodies.moved.ordered:
             return f"{tree_plan(tree.structure).operations} operations in one program"
@@ -224,7 +224,7 @@ class Check(ListsAttributes):
         return f"{operations} operations by {kernels} kernels of single joints"
 
     def _of_recursive_joints(self) -> list[str]:
-        """Trees with their size and what the joints' rows and the bodies' unknowns would have been; joints kept kinematic."""
+        """Lines on the trees of recursive joints with their operation counts, and on joints kept kinematic."""
         lines = []
         for tree in self.prepared.all_bodies.moved.trees:
             root = tree.nodes[0].name if tree.nodes[0] is not None else "ground"
@@ -255,13 +255,13 @@ def why_kept(c: Connection, couplings: list[Connection]) -> str:
 
 
 def _coordinates(c: Connection) -> str:
-    """The coordinates of a joint in brackets, prescribed ones said to be so."""
+    """The coordinates of a joint in brackets, with prescribed ones marked."""
     names = [name + (" prescribed" if name in c.prescribed else "") for name in c.coordinates]
     return f" ({', '.join(names)})" if names else ""
 
 
 def doubts(p: Prepared) -> list[str]:
-    """Warnings of rows that are nearly redundant, kept or left out."""
+    """Warnings about rows that are nearly redundant, whether they were kept or left out."""
     dropped = {row.name for row in p.rank.dropped}
     left_out = ("is nearly redundant (novelty {:.1e}: joints misaligned by about that many rad) and was left out: kept, it "
                 "would lock the mechanism; align the joints if that is not meant")  # fmt: skip
@@ -271,7 +271,7 @@ def doubts(p: Prepared) -> list[str]:
 
 
 def _listed(names: list[str]) -> str:
-    """Names, at most twelve of them."""
+    """Names joined by commas, at most twelve of them."""
     return ", ".join(names[:12]) + (f", ... ({len(names)} in all)" if len(names) > 12 else "")
 
 
@@ -286,5 +286,5 @@ def _by_joint(title: str, names: tuple[str, ...]) -> list[str]:
 
 
 def check_scene(scene: SceneData, accuracy: float = 1e-6) -> Check:
-    """Check a scene; raises SceneError with every problem found."""
+    """Check a scene for an accuracy; raises SceneError with every problem found."""
     return Check(prepare(scene), accuracy)

@@ -1,6 +1,6 @@
-"""Which joints, form and solver a run takes where the user names none, and why.
+"""The choice of joints, form and solver for a run in which the user names none, with the reason.
 
-The rules and their numbers are measured by benchmarks/choice.py; docs/accuracy.md has the table.
+The rules and their bounds are measured by benchmarks/choice.py; docs/accuracy.md has the table.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from mbdae.system.base import System
 from mbdae.system.model.moved_bodies import MOST_FULL
 from mbdae.system.prepare import Prepared, prepare
 
-TIGHT = 3e-6  #: accuracy below which multipliers are eliminated: joints then drift as far as the accuracy allows
-STIFF = 100.0  #: fastest decay or oscillation, times the characteristic time, above which stability limits explicit methods
-SMOOTH = 0.3  #: the same, of oscillations, with eliminated multipliers, whose evaluations cost more
-SMALL = 30  #: unknowns, with multipliers, up to which Radau IIA is cheaper than eliminating them, if all motions are prescribed
+TIGHT = 3e-6  #: accuracy below which multipliers are eliminated; the joints then drift as far as the accuracy allows
+STIFF = 100.0  #: bound of fastest decay or oscillation times characteristic time, above which an explicit method needs tiny steps
+SMOOTH = 0.3  #: bound of fastest oscillation times characteristic time for eliminated multipliers, whose evaluations cost more
+SMALL = 30  #: number of unknowns, with multipliers, up to which Radau IIA is cheaper if all motions are prescribed
 FRICTION = "friction, which is stiff where bodies stick"
 UNSAID = "internal states of '{}': bodies may stick by them, unless the class {} says sticks = False"
-LARGEST = 8  #: of their eigenvalues that are looked for
-EIGENVALUES = 300  #: unknowns up to which eigenvalues are computed
-WELL_CONDITIONED = 1e8  #: condition of a mass matrix up to which it is inverted
+LARGEST = 8  #: number of largest eigenvalues computed for a large system
+EIGENVALUES = 300  #: largest number of unknowns for which eigenvalues are computed
+WELL_CONDITIONED = 1e8  #: largest condition number of a mass matrix that is inverted
 
 
 @dataclass(frozen=True)
 class Choice:
-    """Joints, form and solver for a scene, with the reason in words; `print` it."""
+    """Joints, form and solver for a scene, with the reason in words; print it to read them."""
 
     prepared: Prepared
     stated: SceneData
@@ -49,7 +49,7 @@ class Choice:
 
     @property
     def recursive(self) -> tuple[str, ...]:
-        """Joints that become recursive although the scene does not state it."""
+        """Names of joints that become recursive although the scene does not state it."""
         as_stated = {c.name for c in self.stated.joints if c.recursive}
         return tuple(c.name for c in self.prepared.model.recursive if c.name not in as_stated)
 
@@ -62,21 +62,22 @@ class Choice:
 
 
 def prepared_from(scene: SceneData, start: Result | None = None, t_end: float | None = None) -> Prepared:
-    """The scene with its own start, or with the end of a Result as its start; raises SceneError with every problem found."""
+    """The scene prepared with its own start, or from the end of a Result; raises SceneError with every problem found."""
     return prepare(scene, start.state_for(scene) if start is not None else None, t_end=t_end)
 
 
 def with_recursive_joints(scene: SceneData, start: Result | None = None, t_end: float | None = None) -> Prepared | None:
-    """The scene with recursive joints, where its joints form a tree and the user left their model open; None elsewhere, and where
-    a large tree is stiff, whose Jacobian is full: then it is taken as stated."""
+    """The scene with recursive joints, where its joints form a tree whose model the user left open. None elsewhere, and for a
+    large stiff tree: its Jacobian would be full, so that the scene is taken as stated."""
     variant = with_open_tree(scene)
     try:
         found = prepared_from(variant, start, t_end) if variant is not None else None
-    except MbdaeError:  # preparing the scene as stated raises what is wrong with it
+    except MbdaeError:  # errors of the scene are raised when it is prepared as stated
         return None
     if found is None or found.model.stay_kinematic:
         return None
-    full = found.all_bodies.moved.ordered and unknowns(found, ODE(), 0) > MOST_FULL  # implicit methods would pay for it
+    # implicit methods would factorise a full Jacobian
+    full = found.all_bodies.moved.ordered and unknowns(found, ODE(), 0) > MOST_FULL
     return None if full and (Rates(found).decay > STIFF or Rates(found).oscillation > STIFF) else found
 
 
@@ -87,14 +88,14 @@ def choose(prepared: Prepared, stated: SceneData, accuracy: float, form: Form | 
 
 
 def unknowns(p: Prepared, form: Form, highest_index: int) -> int:
-    """Number of unknowns of a form for a solver that takes unknowns up to `highest_index`."""
+    """Number of unknowns of a form for a solver that takes unknowns up to index `highest_index`."""
     multipliers = {"GGL": 2, "Index3": 1, "Index1": 1 if highest_index else 0}.get(form.label, 0)
     stresses = sum(len(line.stresses) for line in p.model.lines) if highest_index > 1 else 0
     return p.all_bodies.nq + p.all_bodies.nu + len(p.mechanics.numbering.states) + stresses + multipliers * len(p.rows)
 
 
 def alternatives(choice: Choice, given: Form | None) -> Iterator[tuple[Solver, Form]]:
-    """The choice, then what runs instead where it stops or misses the accuracy; given: the form the user asked for."""
+    """The chosen solver and form, then those to try where it stops or misses the accuracy; given: form asked by the user."""
     yield choice.solver, choice.form
     prepared = choice.prepared
     form = given if given is not None else default_form(prepared)
@@ -126,9 +127,9 @@ def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[So
 def _hard(prepared: Prepared) -> str:
     """Why a scene needs Radau IIA at every accuracy; "" where it does not."""
     if prepared.model.lines:
-        return "elastic beams, whose fast modes BDF feeds or follows for ever"
+        return "elastic beams: BDF adds energy to their fast modes, or takes very many steps to follow them"
     if prepared.contacts:
-        return "contacts, on which its steps land; BDF gains or loses more energy there"
+        return "contacts: its steps end where they begin, and BDF gains or loses more energy in them"
     if prepared.mechanics.reactive:
         return FRICTION
     for group in prepared.model.groups:
@@ -140,10 +141,10 @@ def _hard(prepared: Prepared) -> str:
 
 
 def _largest_eigenvalues(system: System) -> np.ndarray:
-    """Of dy'/dy at the start: all of a small system, the largest of a large one, by products with it."""
+    """Eigenvalues of dy'/dy at the start: all for a small system, the largest for a large one by an iteration."""
     if system.n <= EIGENVALUES:
         return np.linalg.eigvals(system.rate_jacobian(system.t0, system.y0))
-    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs  # not needed by small scenes
+    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs  # imported here because small scenes do not need it
 
     def product(v: np.ndarray) -> np.ndarray:
         return np.asarray(system.rate_products(system.t0, system.y0, v.reshape(1, -1))[0])
@@ -157,14 +158,14 @@ def _largest_eigenvalues(system: System) -> np.ndarray:
 
 
 class Rates:
-    """How fast small disturbances decay and oscillate at the start, both times the characteristic time of the motion."""
+    """Fastest decay and oscillation of small disturbances at the start, multiplied by the characteristic time of the motion."""
 
     def __init__(self, prepared: Prepared) -> None:
         self._prepared = prepared
 
     @cached_property
     def _eigenvalues(self) -> np.ndarray:
-        """Of small disturbances at the start; infinite where there are too many unknowns to compute them."""
+        """Eigenvalues of small disturbances at the start, 1/s; infinite where there are too many unknowns to compute them."""
         system = system_for(self._prepared, GGL() if self._prepared.rows else ODE())
         if system.rate_products is not None:
             return _largest_eigenvalues(system)
@@ -192,8 +193,8 @@ class Rates:
 
     def __str__(self) -> str:
         if not np.isfinite(self.decay):
-            return f"more than {EIGENVALUES} unknowns, too many to look for fast vibrations"
+            return f"more than {EIGENVALUES} unknowns, too many to compute the fastest vibrations"
         T = self._prepared.time
-        what = f"decays at {self.decay / T:.3g} 1/s" if self.decay > self.oscillation else (
-            f"oscillates at {self.oscillation / T:.3g} rad/s")  # fmt: skip
-        return f"something {what}, the motion changes in {T:.3g} s"
+        what = f"decay at up to {self.decay / T:.3g} 1/s" if self.decay > self.oscillation else (
+            f"oscillate at up to {self.oscillation / T:.3g} rad/s")  # fmt: skip
+        return f"small disturbances {what}, the motion changes in {T:.3g} s"

@@ -1,7 +1,7 @@
 """The tolerance that a run with contact or friction needs.
 
-Measured: with tolerances below a hundredth (IDA) or a tenth (Radau) of the penetration over the scene's length, the motion is
-right to a few per cent of clearance and penetration; above ten times the penetration it is wrong although solvers report success.
+Measured: with a tolerance below a hundredth (IDA) or a tenth (Radau) of the penetration over the scene's length, clearance and
+penetration are accurate to a few per cent; above ten times the penetration the motion is wrong although solvers report success.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ from mbdae.results.contacts import contacts_of
 from mbdae.system.motion.states import gaps_of
 from mbdae.system.prepare import Prepared
 
-RESOLVED = 0.01  #: velocity tolerance over the velocity in which friction changes; above, sticking is lost and the cost explodes
-SLOW = 10.0  #: sliding velocity over that velocity above which the change of friction does not matter
-WRONG = 10.0  #: tolerance of positions over the penetration above which the motion is wrong
+#: largest ratio of velocity tolerance to the velocity over which friction changes; above it sticking is not resolved
+RESOLVED = 0.01
+SLOW = 10.0  #: ratio of sliding velocity to that velocity above which the change of friction has no effect
+WRONG = 10.0  #: ratio of position tolerance to penetration above which the motion is wrong
 
 
 def slowest_velocities(prepared: Prepared) -> Iterator[tuple[str, Any, float]]:
-    """(item, friction law, velocity in m/s over which its coefficient changes) of every friction law of a scene."""
+    """(item, friction law, velocity in m/s over which its coefficient changes) for every friction law of a scene."""
     for _, _, instance in prepared.model.instances():
         for friction in (part for part in instance.law.parts if isinstance(part, Friction)):
             velocity = friction.smallest_velocity()
@@ -35,12 +36,12 @@ def slowest_velocities(prepared: Prepared) -> Iterator[tuple[str, Any, float]]:
 
 
 def typical_speed(prepared: Prepared) -> float:
-    """Typical velocity of the scene, m/s: what velocity tolerances are relative to."""
+    """Typical velocity of the scene, m/s, to which velocity tolerances are relative."""
     return prepared.length / prepared.time
 
 
 def largest_tolerance(prepared: Prepared, solver: Solver) -> float:
-    """The largest rtol with which a solver resolves the contacts and the friction of a scene; inf where there are none."""
+    """The largest rtol with which a solver resolves contacts and friction of a scene; inf without them."""
     limits = [float("inf")]
     limits += [solver.penetration_share * contact.depth / contact.size for contact in prepared.contacts]
     limits += [RESOLVED * velocity / typical_speed(prepared) for _, _, velocity in slowest_velocities(prepared)]
@@ -48,7 +49,7 @@ def largest_tolerance(prepared: Prepared, solver: Solver) -> float:
 
 
 def resolving(prepared: Prepared | None, solver: Solver, run: Solution, ceiling: float) -> float:
-    """The largest rtol that resolves the contacts of a run: their median penetrations, and the friction where sliding reverses;
+    """The largest rtol that resolves the contacts of a run (by their median penetrations) and friction where sliding reverses;
     `ceiling` where there was no contact."""
     if prepared is None or not prepared.contacts:
         return ceiling
@@ -77,7 +78,7 @@ def reversing(prepared: Prepared, run: Solution) -> Iterator[tuple[str, float]]:
 
 
 def refuse_unresolved(prepared: Prepared, solver: Solver) -> None:
-    """Refuse a tolerance that cannot resolve contact or friction, with the value that can."""
+    """OptionError for a tolerance that cannot resolve contact or friction, with the value that can."""
     wanted, rtol = largest_tolerance(prepared, solver), solver.rtol
     tightest = solver.tightest.get("GGL", solver.tightest[""])
     for contact in prepared.contacts:
@@ -94,6 +95,6 @@ def refuse_unresolved(prepared: Prepared, solver: Solver) -> None:
             means = max(rtol or 0.0, tightest) * typical_speed(prepared)
             raise OptionError(
                 f"friction of '{item}' ({name}) changes within {velocity:.2g} m/s, {solver.label} resolves {means:.2g} m/s at "
-                f"best with rtol = {max(rtol or 0.0, tightest):.1g}: sticking would be lost, or the step crawl; raise it to "
+                f"best with rtol = {max(rtol or 0.0, tightest):.1g}: sticking would be lost, or steps be tiny; raise it to "
                 f"{means / RESOLVED:.2g} m/s" + ("" if limit < tightest else f", or use rtol = {limit:.1g}")
             )

@@ -1,13 +1,14 @@
-"""From the accuracy a user asks for to a run that has it: companion runs measure the error instead of trusting rtol.
+"""From the accuracy that a user asks for to a run that has it; the error is measured by companion runs, not taken from rtol.
 
-Every run is made twice, at a multiple of the tolerance (its companion) and at the tolerance itself; with contacts there are two
-companions. Their differences, and how fast the error falls with the tolerance, estimate the error of the last run (`estimate`).
-Where that is above the accuracy, the run is repeated with a tighter tolerance. The measured factors between accuracy and rtol
-(`Solver.factors`) only choose where to begin.
+Every run is made twice, at a multiple of the tolerance (its companion) and at the tolerance itself; with contacts it has two
+companions. Their differences, and the rate at which errors fall with the tolerance, give the estimated error of the last run
+(`estimate`). Where it exceeds the accuracy, the run is repeated with a smaller tolerance. The measured ratios of accuracy and
+rtol (`Solver.factors`) only choose the first tolerance.
 """
 
 from __future__ import annotations
 
+import math
 import time
 import warnings
 from dataclasses import dataclass, replace
@@ -16,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbdae.errors import AccuracyWarning, SolverError, WallClockError, keeping
+from mbdae.errors import FINAL, AccuracyWarning, ChatteringError, SolverError, WallClockError, keeping
 from mbdae.integrators.base import SHARE, Asked, Solver
 from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.halving import halved
@@ -34,30 +35,32 @@ from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
 from mbdae.values import number, option
 
-LOOSEST = 1e-2  #: rtol of any run
-ATTEMPTS = 5  #: runs at most after the first companions
-#: part of the width of an input of time that a step may cover, over that of the run before. Where this width alone bounds the
-#: steps of two runs, their steps must differ, or the difference of the runs is no measure of the error. Widths differ by factors
-#: of 2, so it is less than half
+LOOSEST = 1e-2  #: largest rtol of any run
+ATTEMPTS = 5  #: largest number of runs after the first companions
+#: factor, from one run to the next, of the part of an input's width that a step may cover. Where only this width bounds the steps
+#: of two runs, their steps must differ, else their difference is no measure of the error. The factor is below 1/2 because widths
+#: vary by factors of 2
 CLOSER = 0.4
 UNKNOWN = "the run attached (rtol = {:g}) is complete, its error is not known"
 UNTESTED = "the run attached is complete; what its steps may leave out is not known"
-CRAWL = 10  #: residual evaluations of a run over those of its companion above which it is stopped
-CUT = 100  #: the same for every step that inputs of time cut
-CHAOTIC = 2.0  #: with contact: a run is not repeated any more where two repeats lowered the estimate by less than this factor
-CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic, and its digits are lost at "
-         "some time; trust energies, forces and statistics, or a shorter run")  # fmt: skip
-#: tolerance of a repeated run over that of the run before, at least and at most
+CRAWL = 10  #: a run is stopped above this many times the residual evaluations of its companion
+CUT = 100  #: residual evaluations allowed in addition for every step that inputs of time cut short
+CHAOTIC = 2.0  #: with contact: a run is not repeated after two repeats lowered its estimate by less than this factor
+CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic and not predictable beyond "
+         "some time; rely on energies, forces and statistics, or on a shorter run")  # fmt: skip
+FALL, SLOW = 0.9, 0.4  #: power of the tolerance with which errors are taken to fall, and the smallest power assumed
+#: smallest and largest ratio of the tolerance of a repeated run to that of the run before
 FINER, FINER_WITH_IMPACTS = (1e-3, 0.3), (0.1, 0.3)
-COARSE = 3.0  #: tolerance of a run over the one that resolves its penetrations above which it is repeated
-SAMPLES = 200  #: times at which reactions of two runs are compared
-FIRST_STEPS, PROBES = 5.0, 200  #: constant steps that are compared with a run that resolves them, and times of this comparison
+COARSE = 3.0  #: a run is repeated if its tolerance is above this many times the one that resolves its penetrations
+SAMPLES = 200  #: number of times at which reactions of two runs are compared
+#: number of first constant steps compared with a run that resolves them, and of times of that comparison
+FIRST_STEPS, PROBES = 5.0, 200
 
 
 @dataclass(frozen=True)
 class Controlled:
-    """A run, the estimate of its error, the number of runs made for it and their CPU seconds; others: the runs that it was
-    compared with; waves: it resolves all vibrations of beams, although its form does not ask for it."""
+    """A run, its estimated error, the number of runs made for it and their CPU time (s); others: runs that it was compared with;
+    waves: whether it resolves all vibrations of beams although its form does not ask for it."""
 
     solution: Solution
     solver: Solver
@@ -69,26 +72,26 @@ class Controlled:
     waves: bool = False
 
     def after(self, runs: int, cpu_s: float) -> Controlled:
-        """The run with the number and CPU seconds of other runs added."""
+        """The run with the number and CPU time (s) of other runs added to its own."""
         return replace(self, runs=self.runs + runs, cpu_s=self.cpu_s + cpu_s)
 
 
 def cpu_of(error: SolverError) -> float:
-    """CPU seconds of a run that failed."""
+    """CPU time of a run that failed, s."""
     return 0.0 if error.solution is None else float(error.solution.stats.cpu_s)
 
 
 def measure_of(system: System, prepared: Prepared | None) -> Measure:
-    """The distance between trajectories of a system."""
+    """The function that measures the distance between two trajectories of a system."""
     if prepared is not None and isinstance(system, SceneSystem):
         return partial(distance, prepared)
     return lambda t, a, b: scaled_distance(system, a, b)
 
 
 def other_run(system: System, prepared: Prepared | None, run: Solution, times: Array, share: float) -> tuple[OtherRun, ...]:
-    """The states of a run at SAMPLES of the times at which another was compared with it, to estimate the error of reactions too;
-    share: error over difference. With contacts that is 1 for forces: measured, their error falls slower than that of the
-    motion."""
+    """States of a run at SAMPLES of the times at which another was compared with it, to estimate the error of reactions as well;
+    share: ratio of error to difference. With contacts it is taken as 1 for forces: their error was measured to fall slower than
+    that of the motion."""
     if prepared is None or not isinstance(system, SceneSystem):
         return ()
     share = 1.0 if prepared.contacts else share
@@ -98,8 +101,8 @@ def other_run(system: System, prepared: Prepared | None, run: Solution, times: A
 
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
                    outputs: Array) -> Controlled:  # fmt: skip
-    """Integrate until the estimated error, also at the outputs, is below `accuracy`, or as near as the solver comes; the wall
-    time asked for is that of all runs together."""
+    """Integrate until the estimated error, also at the outputs, is below `accuracy`, or as small as the solver can make it; the
+    wall time asked for is the limit of all runs together."""
     asked = replace(asked, begin=time.perf_counter() if asked.begin is None else asked.begin)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AccuracyWarning)
@@ -125,7 +128,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     tight = solver.at_accuracy(accuracy, system.label)
     tight = _with_rtol(tight, min(tight.tolerance, LOOSEST / 2, max(ceiling, limit)))
     best, made = companions_of(system, tight, asked)
-    most, estimates, count, kept = ATTEMPTS - 1 + best.runs, list[float](), len(made), len(companions(system, solver))
+    most, count, kept = ATTEMPTS - 1 + best.runs, len(made), len(companions(system, solver))
+    told: list[tuple[float, float]] = []  # tolerances and estimates
     while best.runs < most:
         loose, coarse = made[-1]
         try:
@@ -137,6 +141,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
                 f"max_wall = {asked.max_wall:g} s of wall time is used up while the error was measured: "
                 f"{UNKNOWN.format(best.solver.rtol)}; raise max_wall or loosen the accuracy",
                 error.time, error.culprit, best.solution) from error  # fmt: skip
+        except ChatteringError:
+            raise
         except SolverError as error:
             best = replace(best, notes=(*best.notes, f"a tighter run failed: {error}")).after(1, cpu_of(error))
             tight = _with_rtol(tight, (tight.tolerance * loose) ** 0.5)
@@ -144,8 +150,9 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
                 return best
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
-        made, count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are large, and not needed any more
-        estimates.append(estimated(system, solver, made, measure, outputs))
+        made, count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are large and no longer needed
+        told.append((tight.tolerance, estimated(system, solver, made, measure, outputs)))
+        estimates = [estimate for _, estimate in told]
         share = share_of(system, solver, tight.tolerance / loose)
         others = other_run(system, prepared, coarse, check_times(coarse, outputs), share)
         best = Controlled(fine, tight, estimates[-1], runs, cpu, best.notes, others)
@@ -158,14 +165,23 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             continue
         if system.guards is not None and len(estimates) > 2 and best.estimate > max(estimates[:-1]) / CHAOTIC:
             return replace(best, notes=(*best.notes, CHAOS.format(max(estimates[:-1]), best.estimate)))
-        least = (0.5 * accuracy / best.estimate) ** (1 / 0.9)
+        least = (0.5 * accuracy / best.estimate) ** (1 / _fall(told))
         wanted = tight.tolerance * float(np.clip(least, *(FINER if system.guards is None else FINER_WITH_IMPACTS)))
         tight = _with_rtol(tight, max(wanted, limit))
     return best
 
 
+def _fall(told: list[tuple[float, float]]) -> float:
+    """The power of the tolerance with which the error is taken to fall, from tolerances and estimates: FALL, or what the last two
+    runs showed where that is less. It may be far less where runs leave out vibrations that tighter ones resolve."""
+    if len(told) < 2:
+        return FALL
+    (loose, before), (tight, now) = told[-2:]
+    return min(max(math.log(before / now) / math.log(loose / tight), SLOW), FALL) if 0 < now < before else SLOW
+
+
 def _cuts(system: System, solver: Solver, end: float) -> int:
-    """How many stretches the inputs of time divide a run into: a tighter run follows a table more closely than its companion."""
+    """Number of stretches into which inputs of time divide a run: a tighter run divides those of tables more finely."""
     if system.timeline is None:
         return 0
     line = system.timeline(system.t0, end, solver.aimed(system.label))
@@ -173,7 +189,7 @@ def _cuts(system: System, solver: Solver, end: float) -> int:
 
 
 def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controlled, list[Run]]:
-    """The companions of the first run at a tolerance: the last of them, and all with their tolerances, the loosest first. One
+    """Companions of the first run at a tolerance: the last one, and all with their tolerances, the largest first. A companion
     that fails is left out, unless it is the last."""
     rtols = [min(tight.tolerance * multiple, LOOSEST) for multiple in companions(system, tight)]
     made: list[Run] = []
@@ -183,7 +199,7 @@ def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controll
         try:
             run = solver.run(system, replace(asked, share=CLOSER ** len(made)))
         except SolverError as error:
-            if rtol == rtols[-1] or isinstance(error, WallClockError):
+            if rtol == rtols[-1] or isinstance(error, FINAL):
                 raise
             continue
         cpu += run.stats.cpu_s
@@ -193,15 +209,15 @@ def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controll
 
 def with_short_vibrations(run: Controlled, system: System, prepared: Prepared | None, accuracy: float,
                            measure: Measure) -> Controlled:  # fmt: skip
-    """The run with vibrations that are shorter than its constant steps in its estimate: they look alike with steps of half the
-    size, so that halving does not show them. Measured: an estimate of 5e-6 where a stiff spring swung by 2e-4."""
+    """The run whose estimate includes vibrations shorter than its constant steps. Such vibrations look the same at half the step,
+    so that halving does not show them. Measured: an estimate of 5e-6 where a stiff spring vibrated with 2e-4."""
     close = RadauIIA(3).at_accuracy(max(accuracy, 1e-9), system.label)
     return with_left_out(run, Probe(close, system, prepared, FIRST_STEPS * run.solution.stats.h_max, PROBES), measure)
 
 
 class Probe(NamedTuple):
-    """Short runs by another solver or of another system, for `span` (s) from the start of a run and from every excitation by its
-    inputs; each is compared with that run at `samples` times, and the distance counts `margin` times."""
+    """Short runs by another solver or of another system, of `span` (s) from the start of a run and from every excitation by its
+    inputs. Each is compared with that run at `samples` times; the distance is multiplied by `margin`."""
 
     solver: Solver
     system: System
@@ -212,8 +228,8 @@ class Probe(NamedTuple):
 
 
 def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled:
-    """The run with its largest distance from a probe in its estimate (infinite where a probe fails within its first steps), with
-    the cost of the probes, and with these among its `others`."""
+    """The run whose estimate includes its largest distance from a probe (infinite where a probe fails within its first steps),
+    with the cost of the probes, and with them among its `others`."""
     solution, estimate = run.solution, run.estimate
     for begin, end in windows(probe.system, solution, probe.span):
         try:
@@ -234,7 +250,7 @@ def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled
 
 
 def _apart(run: Solution, close: Solution, times: Array, measure: Measure) -> float:
-    """Largest distance of two runs at some times, with the speeds of the whole first one as units."""
+    """Largest distance between two runs at some times, with velocities measured by the speeds of the whole first run."""
     steps = run.t[:: len(run.t) // SAMPLES + 1]
     both = np.concatenate([times, steps])
     return float(np.max(measure(both, run(both), np.concatenate([close(times), run(steps)]))))
@@ -245,6 +261,6 @@ def _with_rtol(solver: Solver, rtol: float) -> Solver:
 
 
 def plausible(accuracy: Any, name: str = "accuracy") -> float:
-    """An accuracy as a plain number; OptionError outside 1e-12 to 0.1."""
+    """An accuracy as a float; OptionError outside 1e-12 to 0.1."""
     found: float = option(name, accuracy, number, "give a number from 1e-12 to 0.1 (1e-6 serves most)", least=1e-12, most=1e-1)
     return found

@@ -1,10 +1,10 @@
 """The defect of a run: the residual of the equations of motion between the points at which its solver evaluated them.
 
 A solver evaluates the residual at a few points of a step; it misses a load that acts between them, and neither an error estimate
-nor a companion run shows it. Here the residual of the dense output, its defect, is evaluated at further, seeded random points
-inside the accepted steps. A defect alone is no error: between its nodes a good polynomial has one too, whose integral vanishes.
-So the defect is integrated from the start of its step, and the change of the motion that follows from it, J^-1 (integral / step)
-with the iteration matrix J = dF/dy + dF/dy' / step, is its effect. Steps whose effect is above the accuracy are suspects;
+nor a companion run shows that. Here the residual of the dense output, its defect, is evaluated at further, seeded random points
+inside the accepted steps. A defect alone is no error: between its nodes an accurate polynomial has one too, but its integral
+vanishes. So the defect is integrated from the start of its step, and its effect is the resulting change of the motion,
+J^-1 (integral / step) with the iteration matrix J = dF/dy + dF/dy' / step. Steps whose effect is above the accuracy are suspects;
 `recheck` integrates them again with short steps, and warns where the motion differs.
 """
 
@@ -29,27 +29,29 @@ from mbdae.system.scene_system import SceneSystem
 from mbdae.ties import largest
 
 SEED = 20240229
-POINTS = 12  #: points in every step of a scene with possible short events: one that lasts a tenth of the step is then hit
-ALONG = 400  #: points along the whole run of such a scene: long steps get more of them
-JITTER = 0.5  #: random part of the interval of a point; 1 would leave gaps of twice that interval
-SHARE = 0.03  #: points of all other scenes over the residual evaluations of the run
-SINGLE = 2 / 3  #: part of them used as single points; the others are for steps that stand out
-FEWEST, MOST = 4, 400  #: single points
-OUTSTANDING = 30.0  #: defect of a single point over the median of all above which its step stands out
-DEGREE = 5  #: of the polynomial that is integrated exactly; the remainder by the trapezoidal rule
-BLOCK, DOUBTFUL = 8, 0.25  #: neighbouring steps that share J, where their effect is below this part of the limit
-LARGE = 0.1  #: defect over the largest of its step above which a point counts as one with a large defect
-ALIKE, QUARTER = 30.0, 0.25  #: with constant steps: largest usual effect over this quantile of the effects of all steps
-AT_ONCE, LARGEST, STORED = 64, 30000, 2_000_000  #: points evaluated in one call, unknowns of all of them, numbers stored
-SAMPLES = 20  #: steps of the run that add their speeds to the unit of velocities
+POINTS = 12  #: number of points in every step of a scene with possible short events; an event of a tenth of the step is then hit
+ALONG = 400  #: number of further points along the whole run of such a scene, most of them in long steps
+JITTER = 0.5  #: random part of the interval of a point; with 1, gaps of twice the interval could occur
+SHARE = 0.03  #: ratio of the number of points of all other scenes to the residual evaluations of the run
+SINGLE = 2 / 3  #: fraction of these used as single points; the others are for steps that stand out
+FEWEST, MOST = 4, 400  #: smallest and largest number of single points
+OUTSTANDING = 30.0  #: ratio of the defect at a single point to the median of all above which its step stands out
+DEGREE = 5  #: degree of the polynomial that is integrated exactly; the remainder is integrated by the trapezoidal rule
+#: number of neighbouring steps that share J; ratio of effect to limit above which a step gets a J of its own
+BLOCK, DOUBTFUL = 8, 0.25
+LARGE = 0.1  #: ratio of the defect at a point to the largest in its step above which it counts as large
+ALIKE, QUARTER = 30.0, 0.25  #: with constant steps: largest usual ratio of an effect to this quantile of the effects of all steps
+AT_ONCE, LARGEST, STORED = 64, 30000, 2_000_000  #: points evaluated in one call; unknowns at all of them; numbers stored at once
+SAMPLES = 20  #: number of steps of the run whose speeds determine the unit of velocities
 
 
 @dataclass(frozen=True)
 class Suspect:
     """A step in which the equations contradict the run.
 
-    step: its number; effect: change of the motion (as `motion_distance`); times (k,) s: where the defect was evaluated;
-    large (k,) bool: where it is large; equation: the one with the largest defect; allowed: largest effect without suspicion."""
+    step: its number; effect: change of the motion (as `motion_distance`); times (k,), s: where the defect was evaluated;
+    large (k,) bool: where it is large; equation: name of the one with the largest defect; allowed: largest effect without
+    suspicion."""
 
     step: int
     effect: float
@@ -60,10 +62,10 @@ class Suspect:
 
 
 class Defect:
-    """The defect of one run; evaluations: of the residual so far.
+    """The defect of one run; evaluations: number of residual evaluations so far.
 
-    rough: count only the part of the defect that no polynomial of degree 5 over a step describes; for constant steps, whose
-    smooth error nothing controls."""
+    rough: count only the part of the defect that no polynomial of degree 5 over a step describes; used for constant steps, whose
+    smooth error is not controlled."""
 
     def __init__(self, prepared: Prepared, system: SceneSystem, run: Solution, rough: bool = False) -> None:
         self.prepared, self.system, self.run, self.rough = prepared, system, run, rough
@@ -80,7 +82,7 @@ class Defect:
         return sorted((replace(s, allowed=limit) for s in found if s.effect > limit), key=lambda s: -s.effect)
 
     def _parts(self, steps: Any) -> Iterator[tuple[Any, Array]]:
-        """Steps with the points of (0, 1) at which the defect is evaluated, as many steps at once as memory allows."""
+        """Groups of steps, as large as memory allows, each with the points of (0, 1) at which the defect is evaluated."""
         counts = POINTS + (ALONG * self.widths[steps] / np.sum(self.widths)).astype(int)
         for count in np.unique(counts):
             inside, alike = self._inside(int(count)), steps[counts == count]
@@ -89,12 +91,12 @@ class Defect:
                 yield alike[first : first + size], inside
 
     def _inside(self, count: int) -> Array:
-        """`count` points of (0, 1), one in each of as many equal intervals, moved at random."""
+        """Points of (0, 1), one in each of `count` equal intervals, shifted at random."""
         return np.asarray((np.arange(count) + 0.5 + JITTER * (self.random.random(count) - 0.5)) / count)
 
     def _outstanding(self, limit: float) -> Any:
-        """Steps in which the defect of a single point stands out, of a scene without possible short events: half of the points
-        are spread over the time, so that long steps get more, half over the steps."""
+        """Steps in which the defect at a single point stands out, for scenes without possible short events: half of the points
+        are spread evenly over time, so that long steps get more, the other half over the steps."""
         t, budget = self.run.t, SHARE * self.run.stats.residuals
         count = min(int(budget * SINGLE), MOST)
         if count < FEWEST:
@@ -112,7 +114,7 @@ class Defect:
                           if s.effect > limit]).astype(int)  # fmt: skip
 
     def _residual(self, times: Array) -> tuple[Array, Array, Array]:
-        """F, y, y' (k, n) at points of the dense output; F is 0 where it is not defined."""
+        """F, y, y' (k, n) at points of the dense output; F is set to 0 where it is not defined."""
         y, yp, n = self.run(times), self.run.derivative(times), self.system.n
         out, size = np.zeros_like(y), 1 if not self.system.has_pattern else int(np.clip(LARGEST // n, 4, AT_ONCE))
         part = np.empty((size, n))
@@ -130,12 +132,12 @@ class Defect:
         return np.nan_to_num(out), y, yp
 
     def _effects(self, steps: Any, inside: Array, limit: float) -> list[Suspect]:
-        """Effect of the defect in steps (m,) at points (k,) of (0, 1)."""
+        """Steps (m,) as suspects, with the effect of the defect at points (k,) of (0, 1) in each."""
         times = self.run.t[steps, None] + inside * self.widths[steps, None]
         F, y, yp = (a.reshape(*times.shape, -1) for a in self._residual(times.ravel()))
         smooth, rest = integrals(inside)
         right = (rest if self.rough else smooth + rest) @ F
-        if not self.rough or len(inside) == 1:  # rows without derivatives hold at every point
+        if not self.rough or len(inside) == 1:  # rows without derivatives hold at every point, so their defect is not integrated
             right[..., self._algebraic] = F[..., self._algebraic]
         moved = np.empty_like(y)
         for first in range(0, len(steps), BLOCK):
@@ -156,29 +158,31 @@ class Defect:
                 for i, row in enumerate(worst)]  # fmt: skip
 
     def _moved(self, step: int, times: Array, y: Array, yp: Array, right: Array) -> Array:
-        """Change of the unknowns (m, k, n): - J^-1 right with J in the middle of a step."""
+        """Change of the unknowns (m, k, n), - J^-1 right, with J in the middle of a step."""
         k, h = len(times) // 2, float(self.widths[step])
         system = systems_at(self.run, times[k : k + 1], self.system)[0]
-        if not system.has_pattern and system.rhs is not None:  # y' = f, eliminated multipliers, chosen where nothing is stiff
+        # y' = f with eliminated multipliers is chosen only where nothing is stiff: J is about the unit matrix over the step
+        if not system.has_pattern and system.rhs is not None:
             return -h * right
         J = np.zeros((system.n,) * 2 if system.sparsity is None else system.sparsity.nnz)
         system.jacobian(float(times[k]), y[k], yp[k], 1 / h, J)
         columns = np.ascontiguousarray(right.reshape(-1, system.n).T)
         try:
             moved = np.linalg.solve(J, columns) if system.sparsity is None else splu(as_csc(system, J)).solve(columns)
-        except (np.linalg.LinAlgError, RuntimeError):  # singular: the motion is not determined there; `singular_positions` warns
+        # J is singular: the motion is not determined there, of which `singular_positions` warns
+        except (np.linalg.LinAlgError, RuntimeError):
             return np.zeros_like(right)
         return -np.asarray(moved).T.reshape(right.shape)
 
     def _distance(self, times: Array, y: Array, moved: Array) -> Array:
-        """(m,) largest distance in every step."""
+        """Largest distance of the motion in every step (m,)."""
         t, before, after = times.ravel(), y.reshape(-1, self.system.n), (y + moved).reshape(-1, self.system.n)
         motions = self.prepared.states(t, after)[:2], self.prepared.states(t, before)[:2]
         return np.asarray(np.max(apart(self.prepared, self.run, *motions).reshape(times.shape), axis=1))
 
 
 def apart(prepared: Prepared, run: Solution, a: Motion, b: Motion) -> Array:
-    """(k,) `motion_distance` of two motions in a part of a run, with the speeds of the whole run as units."""
+    """`motion_distance` (k,) of two motions in a part of a run, with velocities measured by the speeds of the whole run."""
     some = run.t[:: len(run.t) // SAMPLES + 1]
     here = prepared.states(some, run(some))[:2]
     q_a, u_a, q_b, u_b = (np.concatenate(pair) for pair in zip((*a, *b), (*here, *here), strict=True))
@@ -187,7 +191,7 @@ def apart(prepared: Prepared, run: Solution, a: Motion, b: Motion) -> Array:
 
 def integrals(inside: Array) -> tuple[Array, Array]:
     """Two matrices of weights (k, k) that turn values at points of (0, 1) into integrals from 0 to the next point (for the last
-    point, to 1): of a polynomial fitted to the values, exactly, and of the remainder, by the trapezoidal rule."""
+    point, to 1): exactly for a polynomial fitted to the values, and by the trapezoidal rule for the remainder."""
     degree = min(DEGREE, len(inside) // 2)
     basis = legendre.legvander(2 * inside - 1, degree)
     fit, to, one = np.linalg.pinv(basis), np.append(inside[1:], 1.0), np.eye(len(inside))

@@ -1,7 +1,7 @@
-"""Drift of a run: energy that it gains or loses without a cause, and joints whose equations hold accelerations alone (index 1).
+"""Drift of a run: energy gained or lost without a cause, and violation of joints held by their accelerations only (index 1).
 
-BDF of order above 2 feeds energy to undamped motion: measured, a pendulum gains a fifth of its energy in 1e4 periods at rtol =
-1e-6, and a damped oscillator can be made to grow. Neither constraints nor local errors show it; the energy balance does.
+BDF of order above 2 adds energy to undamped motion: measured, a pendulum gains a fifth of its energy in 1e4 periods at rtol =
+1e-6, and a damped oscillator can be made to grow. Neither constraints nor local errors show that; the energy balance does.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from mbdae.run.control import Controlled
 from mbdae.system.prepare import Prepared
 from mbdae.ties import largest
 
-ALLOWED = 10.0  #: energy error over the energy exchanged, in units of the accuracy asked (or rtol)
-SHARE = 1e-3  #: of the energy exchanged below which there is never a warning
-POINTS = 1000  #: steps of a run at which energies are compared
-SAMPLES = 200  #: steps of a run at which constraint rows are evaluated
+ALLOWED = 10.0  #: largest ratio of energy error to energy exchanged, in units of the accuracy asked (or rtol)
+SHARE = 1e-3  #: fraction of the energy exchanged below which there is no warning
+POINTS = 1000  #: number of steps of a run at which energies are compared
+SAMPLES = 200  #: number of steps of a run at which constraint rows are evaluated
 
 
 def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[str]:
-    """A warning where the energy balance drifts, unless the run met its accuracy and has dissipation or drives.
+    """A warning where the energy balance drifts; none if the run met its accuracy and has dissipation or drives.
 
     Constant steps, contacts and friction have a check of their own (`reliability`). Beams lose the energy of vibrations that long
-    steps leave out (`lost_vibrations`), so that with beams only BDF is checked."""
+    steps damp away (`lost_vibrations`), so that with beams only BDF is checked."""
     prepared, order = result.prepared, _order(run)
     supplied = has_power(prepared.mechanics)
     met = asked is not None and run.estimate <= asked
@@ -40,27 +40,27 @@ def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[s
     tolerance = asked if asked is not None else run.solver.rtol or 0.0
     if not abs(off) > max(max(SHARE, ALLOWED * tolerance) * exchanged, _at_rest(prepared, tolerance)):
         return []
-    cause = "BDF of order above 2 feeds undamped motion: use mb.RadauIIA(3), or" if order > 2 else "use"
+    cause = "BDF of order above 2 adds energy to undamped motion: use mb.RadauIIA(3), or" if order > 2 else "use"
     return [f"the energy balance drifts: {abs(off):.2g} J {'gained' if off > 0 else 'lost'} without a cause, where "
             f"{exchanged:.2g} J are exchanged; {cause} a smaller rtol or step"]  # fmt: skip
 
 
 def _at_rest(prepared: Prepared, tolerance: float) -> float:
-    """Energy (J) of the lightest body at a speed that the tolerance does not tell from rest."""
+    """Kinetic energy (J) of the lightest body at a speed below which the tolerance cannot tell it from rest."""
     masses = [b.mass for b in prepared.model.scene.bodies if b.mass > 0]
     return min(masses, default=0.0) * (tolerance * prepared.length / prepared.time) ** 2 / 2
 
 
 def _order(run: Controlled) -> int:
-    """Highest order of the BDF method of a run; 0 for other methods."""
+    """Highest order of a run with BDF; 0 for other methods."""
     if run.solver.label == "IDA" or "BDF" in run.solver.label:
         return int(getattr(run.solver, "max_order", None) or 5)
     return 0
 
 
 def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:
-    """A warning where g over the scene's length, or G u + g_t over its speed, exceeds the accuracy asked for, or the one expected
-    of the tolerance where none was asked."""
+    """A warning where g over the scene's length, or G u + g_t over its speed, exceeds the accuracy asked for; where none was
+    asked, the accuracy expected of the tolerance."""
     m, solver = prepared.mechanics, run.solver
     if not m.m:
         return []
@@ -70,12 +70,12 @@ def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> lis
     t = run.solution.t[:: len(run.solution.t) // SAMPLES + 1]
     q, u, _ = prepared.states(t, run.solution(t))
     speed = max(prepared.length / prepared.time, float(np.max(np.abs(u) * m.velocity_units, initial=0.0)))
-    units = max(prepared.length, 1.0), max(speed, speed / prepared.length)  # of rows in m, or in rad
+    units = max(prepared.length, 1.0), max(speed, speed / prepared.length)  # units of rows in m, or in rad
     off = [np.abs(m.position_residual(t, q)) / units[0], np.abs(m.velocity_residual(t, q, u)) / units[1]]
-    for values, what in zip(off, ("closed", "at rest in itself"), strict=True):
+    for values, what in zip(off, ("position", "velocity"), strict=True):
         worst = largest(np.max(values, axis=0))
         if np.max(values) > asked:
-            return [f"joint row {m.rows[worst].name} does not stay {what}: off by {np.max(values):.1e} of the scene's size or "
-                    f"speed; the index-1 form holds accelerations only: raise baumgarte, ask for a smaller accuracy, or use "
+            return [f"joint row {m.rows[worst].name} is violated in {what}, by {np.max(values):.1e} of the scene's size or "
+                    f"speed: the index-1 form holds accelerations only; raise baumgarte, ask for a smaller accuracy, or use "
                     f"mb.GGL()"]  # fmt: skip
     return []

@@ -1,4 +1,4 @@
-"""Where a comparison ran: versions and the number of CPUs; nothing identifies the computer or its user."""
+"""Versions of software, and the number of CPUs, of a run; nothing identifies the computer or its user."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ PACKAGES = ("mbdae", "numpy", "scipy", "scikit-sundae", "symengine")
 
 
 def environment() -> dict[str, str | int]:
-    """Versions of Python and of the numerical packages, operating system and processor type, CPUs this process may use."""
+    """Versions of Python and of the numerical packages, operating system, processor type, and CPUs this process may use."""
     import platform
 
     found: dict[str, str | int] = {"python": platform.python_version()}
@@ -17,7 +17,8 @@ def environment() -> dict[str, str | int]:
 
 
 def _version(package: str) -> str:
-    from importlib.metadata import PackageNotFoundError, version  # with e-mail and sockets: 0.02 s
+    # imported here because it imports e-mail and sockets too, which takes 0.02 s
+    from importlib.metadata import PackageNotFoundError, version
 
     try:
         return version(package)

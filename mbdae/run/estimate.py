@@ -1,13 +1,14 @@
 """The error of a run, estimated from companion runs at larger tolerances.
 
-Where a tolerance smaller by r makes the error smaller by r**fall at least, the errors e of a run and E of its companion obey
-e <= x E with x = r**fall. They differ by E - e or more, so that e <= x / (1 - x) times their difference.
+If a tolerance smaller by the factor r makes the error smaller by r**fall or more, the errors e of a run and E of its companion
+obey e <= x E with x = r**fall. They differ by at least E - e, so that e <= x / (1 - x) times their difference.
 
-A sequence of impacts breaks that law: the time of each depends on all before, errors at neighbouring tolerances may be nearly
-equal, and at loose tolerances they hardly fall. Measured on a slider-crank with play at tolerances from 1e-4 to 3e-10, errors
-from 3e-6 to 2e-2: with one companion at 10 times the tolerance and the exponent of smooth motion, the estimate of Radau IIA is
-more than three times too small in 11 % of 104 pairs, by a factor of 13 at worst. With FALL_WITH_IMPACTS and two companions, never
-in 94 cases (at 3 and 30 times; 2.2 at worst) and in 2 % of 83 (at 10 and 100 times; 4.0 at worst); that of IDA never in 28.
+Sequences of impacts violate this assumption: the time of each impact depends on all before, errors at neighbouring tolerances
+may be nearly equal, and at large tolerances they hardly fall. Measured on a slider-crank with clearance at tolerances from 1e-4
+to 3e-10 (errors from 3e-6 to 2e-2): with one companion at 10 times the tolerance and the exponent of smooth motion, the estimate
+of Radau IIA is too small by more than a factor of 3 in 11 % of 104 pairs, by 13 at worst. With FALL_WITH_IMPACTS and two
+companions this happens never in 94 cases (at 3 and 30 times the tolerance; factor 2.2 at worst) and in 2 % of 83 (at 10 and 100
+times; 4.0 at worst); with IDA never in 28.
 """
 
 from __future__ import annotations
@@ -22,27 +23,27 @@ from mbdae.integrators.solution import Solution
 from mbdae.system.base import Array, System
 
 FALL_WITH_IMPACTS = 0.5
-LEAST = 0.05  #: smallest part of a difference that is taken for the error, however far apart the tolerances are
+LEAST = 0.05  #: smallest ratio of error to difference that is assumed, even for very different tolerances
 
-Run = tuple[float, Solution]  #: tolerance and solution
+Run = tuple[float, Solution]  #: tolerance and solution of a run
 
 
 def companions(system: System, solver: Solver) -> list[float]:
-    """Tolerances of the runs a first run is compared with, over its own, the loosest first."""
+    """Tolerances of the companions of a first run, relative to its own, the largest first."""
     powers = (1.0,) if system.guards is None else (1.5, 0.5)
     return [float(solver.companion**power) for power in powers]
 
 
 def share_of(system: System, solver: Solver, ratio: float) -> float:
-    """Error of a run over its difference from one at a tolerance larger by 1 / ratio."""
+    """Ratio of the error of a run to its difference from one at a tolerance larger by 1 / ratio."""
     fall = solver.error_fall if system.guards is None else min(solver.error_fall, FALL_WITH_IMPACTS)
     x = ratio**fall
     return float(max(x / (1 - x), LEAST))
 
 
 def estimated(system: System, solver: Solver, runs: Sequence[Run], measure: Measure, outputs: Array) -> float:
-    """Error of the last of several runs with falling tolerances: the largest estimate from its companions, as many of the runs
-    before it as `companions` has."""
+    """Estimated error of the last of several runs with falling tolerances: the largest estimate from its companions, which are
+    the runs before it, as many as `companions` has."""
     tolerance, fine = runs[-1]
     found = 0.0
     for before, coarse in runs[-1 - len(companions(system, solver)) : -1]:

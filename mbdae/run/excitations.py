@@ -1,5 +1,5 @@
-"""Where vibrations begin in a run: at its start, and where an input of time excites them by a jump or by a change that is shorter
-than a mean step."""
+"""Times at which vibrations begin in a run: its start, and inputs of time that excite them by a jump or by a change shorter than
+a mean step."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 from mbdae.integrators.solution import Solution
 from mbdae.system.base import Array, System
 
-MOST = 4  #: excitations that count: those that change velocities and accelerations most
-LONG = 50.0  #: duration over the mean step above which a changing input is no excitation
+MOST = 4  #: largest number of excitations considered: those that change velocities and accelerations most
+LONG = 50.0  #: ratio of duration to mean step above which a changing input does not count as an excitation
 
 
 def windows(system: System, run: Solution, span: float) -> Iterator[tuple[float, float]]:
-    """(begin, end) of the parts of a run to be compared: `span` (s) after its start and after its excitations."""
+    """(begin, end), s, of the parts of a run to be compared, each `span` (s) long, after its start and after its excitations."""
     for a, b in _beginnings(system, run):
         yield a, min(b + span, float(run.t[-1]))
 
 
 def _beginnings(system: System, run: Solution) -> list[tuple[float, float]]:
-    """(begin, end) in s of the start of a run and of its excitations."""
+    """(begin, end), s, of the start of a run and of its excitations."""
     t0, t1 = float(run.t[0]), float(run.t[-1])
     line = None if system.timeline is None or not t1 > t0 else system.timeline(system.t0, t1)
     if line is None:
@@ -38,7 +38,7 @@ def _beginnings(system: System, run: Solution) -> list[tuple[float, float]]:
 
 
 def _merged(found: Array, near: float) -> list[tuple[float, float]]:
-    """Intervals (k, 2) in order, those nearer to each other than `near` made one."""
+    """Intervals (k, 2) in order, with those closer to each other than `near` joined."""
     clusters: list[list[float]] = []
     for a, b in found.tolist():
         if clusters and a - clusters[-1][1] < near:
@@ -49,7 +49,7 @@ def _merged(found: Array, near: float) -> list[tuple[float, float]]:
 
 
 def _change(system: System, run: Solution, excitation: tuple[float, float], h: float) -> float:
-    """Largest change of a velocity by an excitation, over its scale; that by the jump of its acceleration within a step added."""
+    """Largest change of a velocity by an excitation over its scale, plus that by the jump of its acceleration within one step."""
     velocities = np.array([kind == "v" for kind in system.kinds])
     a, b = excitation
     aside = 1e-9 * max(abs(a), abs(b), h)
@@ -60,10 +60,11 @@ def _change(system: System, run: Solution, excitation: tuple[float, float], h: f
 
 
 def beginning_at(system: System, run: Solution, t: float) -> System:
-    """The system with its start at a time inside a run, s, with consistent values."""
+    """The system started at a time t (s) inside a run, with consistent values."""
     if t <= system.t0:
         return system
     system.read_at(t)
     values = system.restarted(t, run(t))
     system.read_at(None)
-    return system.starting(t, *values)
+    other = system.starting(t, *values)
+    return other if system.sampled is None else other.sampling(system.sampled.going_on(t, run.t, run.y))

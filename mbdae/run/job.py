@@ -1,16 +1,16 @@
 """One call of `Scene.simulate`: from a prepared scene and an accuracy to a run with its error and its warnings.
 
-The modules of this folder in the order in which a run uses them:
+Modules of this folder in the order in which a run uses them:
 
-1. `choice`           joints, form and solver, where the user names none (`checks` shows it before the run);
+1. `choice`           joints, form and solver where the user names none (`checks` shows them before the run);
 2. `control`          runs of the solver until the estimated error (`estimate`) is below the accuracy; `contact_tolerances` bounds
-                      their tolerance where there is contact or friction;
-3. `lost_vibrations`  vibrations of stiff beams that long steps leave out, after the start and after `excitations`;
+                      the tolerance where there is contact or friction;
+3. `lost_vibrations`  vibrations of stiff beams that long steps damp away, after the start and after `excitations`;
    `verification`     with verify=True: a run of another method, and one on a finer `mesh` of the beams;
 4. `assessment`       warnings about the run that is returned: `reliability`, `drift`, `singular_positions`,
                       `quaternion_lengths`;
-5. `recheck`          steps whose `defect` is large are integrated again: something may have acted between the points at which
-                      the solver evaluated the equations (`short_events`).
+5. `recheck`          steps with a large `defect` are integrated again, since something may have acted between the points at
+                      which the solver evaluated the equations (`short_events`).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
-from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError, keeping
+from mbdae.errors import FINAL, AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError, keeping
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.checkpoints.keeper import keeping_runs
@@ -48,8 +48,9 @@ from mbdae.system.without_multipliers import WithoutMultipliers
 
 UNRESOLVED = ("of it, part are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with solver=mb.RadauIIA(3) "
               "follows them")  # fmt: skip
-LOOSER, MOST = 10.0, 1e-3  #: accuracy of a run that looks for the end of another, over that of the other; at most
-NEARLY = 10.0  #: largest estimate over the accuracy for which a tighter run is tried before one that resolves all vibrations
+#: ratio of the accuracy of a run that only locates an event to that of the run that ends there, and its largest accuracy
+LOOSER, MOST = 10.0, 1e-3
+NEARLY = 10.0  #: largest ratio of estimate to accuracy for which a tighter run is tried before one that resolves all vibrations
 
 
 def _same(value: Any) -> Any:
@@ -63,15 +64,15 @@ class Job:
     prepared: Prepared
     form: Form
     accuracy: float
-    asked: Asked  #: end, wall time and progress
-    times: Array  #: of the result, s
-    continued: bool  #: it begins where another run ended
+    asked: Asked  #: end time, wall time and progress
+    times: Array  #: output times of the result, s
+    continued: bool  #: whether it starts where another run ended
     choice: str = ""
     begin: float = field(default_factory=time.perf_counter)
     _systems: dict[tuple[Form, int], SceneSystem] = field(default_factory=dict)
 
     def run(self, solver: Solver, strict: bool = False) -> Controlled:
-        """A run of one solver to the accuracy, or with the tolerance or step that the user gave it. strict: with eliminated
+        """A run of one solver to the accuracy, or with the tolerance or step that the user set. strict: with eliminated
         multipliers, stop at singular positions, where another branch of the motion may begin."""
         refuse_unresolved(self.prepared, solver)
         system = self._system(solver)
@@ -79,7 +80,7 @@ class Job:
             system = system.strictly(strict)
         with self._attaching(solver):
             if not solver.fixed and solver.rtol is None and getattr(solver, "atol", None) is not None:
-                solver = solver.at_accuracy(self.accuracy, system.label)  # the user's own atol: run once, with rtol to match
+                solver = solver.at_accuracy(self.accuracy, system.label)  # the user set atol: run once, with rtol chosen to match
             if solver.fixed or solver.rtol is not None:
                 with python_warnings.catch_warnings(record=True) as caught:
                     python_warnings.simplefilter("always", AccuracyWarning)
@@ -93,7 +94,7 @@ class Job:
                 return self._with_waves(run, solver, system)
 
     def _system(self, solver: Solver) -> SceneSystem:
-        """The equations in the index a solver takes, built once."""
+        """The equations with the index that a solver takes, assembled once."""
         key = self.form, solver.highest_index
         if key not in self._systems:
             self._systems[key] = system_for(self.prepared, *key)
@@ -104,8 +105,8 @@ class Job:
         return run_controlled(system, self.prepared, solver, accuracy, replace(self.asked, begin=self.begin), self.times)
 
     def _with_waves(self, run: Controlled, solver: Solver, system: SceneSystem) -> Controlled:
-        """The run if the elastic vibrations that its long steps leave out are small enough; else a tighter one where they are
-        nearly small enough (shorter steps leave out less), or one that resolves them all."""
+        """The run if the elastic vibrations that its long steps damp away are small enough; else a tighter run if they are nearly
+        small enough (shorter steps damp less away), or one that resolves them all."""
         resolving = system_for(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
         run = with_lost_vibrations(self.prepared, resolving, run)
         if self.accuracy < run.estimate < NEARLY * self.accuracy and not self.prepared.contacts:
@@ -113,12 +114,13 @@ class Job:
             run = _better(run, lambda: with_lost_vibrations(self.prepared, resolving, tighter()))
         if run.estimate <= self.accuracy:
             return run
-        if self.prepared.contacts:  # every impact excites such vibrations anew: resolving all costs 10 to 40 times the steps
+        # every impact excites such vibrations anew, and resolving them all takes 10 to 40 times as many steps
+        if self.prepared.contacts:
             return replace(run, notes=(*run.notes, UNRESOLVED))
         return _better(run, lambda: replace(self._controlled(resolving, solver), waves=True))
 
     def until(self, solver: Solver, ends: Callable[[Prepared, Solution], Any]) -> float | None:
-        """The time of the event that ends a run, found by one at a larger tolerance that stops behind it; None: it has none."""
+        """Time (s) of the event that ends a run, found by a run at a larger tolerance that stops after it; None without event."""
         looser = min(LOOSER * self.accuracy, MOST)
         if not solver.fixed and solver.rtol is None:
             solver = solver.at_accuracy(looser, self._system(solver).label)
@@ -127,14 +129,14 @@ class Job:
         return found
 
     def _found(self, solver: Solver, asked: Asked, ends: Callable[[Prepared, Solution], Any]) -> float | None:
-        """The time of the event on one run, of which a checkpoint keeps nothing: it is short beside the run that follows."""
+        """Time (s) of the event on one run, which is not stored in a checkpoint because it is short."""
         try:
             with python_warnings.catch_warnings(), keeping_runs(None):
                 python_warnings.simplefilter("ignore", AccuracyWarning)
                 found = solver.run(self._system(solver), asked)
         except WallClockError:
             raise
-        except SolverError as error:  # behind the event the motion may end
+        except SolverError as error:  # after the event the motion may end
             if not isinstance(error.solution, Solution):
                 return None
             found = error.solution
@@ -142,10 +144,10 @@ class Job:
         return None if event is None else float(event.time)
 
     def run_default(self, choice: Choice, form: Form | None) -> tuple[Controlled, Job]:
-        """The run of what was chosen; of Radau IIA where that misses the accuracy or stops; of IDA where Radau IIA stops too;
-        and the job with the form of that run.
+        """The run of the chosen solver; of Radau IIA where it misses the accuracy or stops; of IDA where Radau IIA stops too; and
+        the job with the form of that run.
 
-        form: what the user asked for; with None the others take the default form."""
+        form: the one that the user asked for; with None the other solvers take the default form."""
         best: tuple[Controlled, Job] | None = None
         failure: MbdaeError | None = None
         why, runs, cpu = "", 0, 0.0
@@ -153,7 +155,7 @@ class Job:
             job = replace(self, form=own, choice=f"{solver.label}, {own.label}: {why}" if why else str(choice))
             try:
                 run = job.run(solver, strict=True)
-            except WallClockError:
+            except FINAL:
                 raise
             except (SolverError, OptionError) as error:
                 said = str(error)
@@ -173,16 +175,16 @@ class Job:
         return replace(best[0], runs=runs, cpu_s=cpu), best[1]
 
     def _missed(self, run: Controlled) -> str:
-        """Why another method should try, "" where it need not: the accuracy is missed, or joints held by their accelerations
-        alone drift."""
+        """Why another method should be tried, "" where it need not: the accuracy is missed, or joints held by their accelerations
+        only drift."""
         if not run.estimate <= self.accuracy:
             return f"came to {run.estimate:.1e}"
         doubts = [*run.notes, *joint_drift(self.prepared, run, self.accuracy)] if self.form.label == "Index1" else []
         return f"warned: {doubts[0]}" if doubts else ""
 
     def result(self, run: Controlled, verify: bool = False) -> Result:
-        """The Result with its warnings, each also issued as an AccuracyWarning; verify: compared with another method at a tenth
-        of the accuracy, and beams with a finer mesh."""
+        """The Result with its warnings, each also issued as an AccuracyWarning; verify: compare with another method at a tenth of
+        the accuracy, and beams with a finer mesh."""
         with self._attaching(run.solver), keeping(run.solution, UNTESTED):
             other = None
             if verify:
@@ -195,7 +197,7 @@ class Job:
             made = Result(self.prepared, run.solution, info, times)
             found = kept_value(lambda: assessed(made, run, self.form.label == "Index1"), tuple, lambda kept: Assessment(*kept))
             known = found.within(known)
-            if found.reliable and not found.singular:  # else the run has a warning already
+            if found.reliable and not found.singular:  # otherwise the run has a warning already
                 missed = kept_value(lambda: rechecked(self.prepared, self.form, self._system(run.solver), run, known.asked),
                                     asdict, Rechecked.again)  # fmt: skip
                 info, known = replace(info, cpu_s=info.cpu_s + missed.cpu_s), missed.within(known)
@@ -207,14 +209,14 @@ class Job:
 
     @contextmanager
     def _attaching(self, solver: Solver) -> Iterator[None]:
-        """Where a run fails or is interrupted inside, put what it computed on the error as a Result."""
+        """Where a run fails or is interrupted inside, attach its computed part to the error as a Result."""
         try:
             yield
         except (SolverError, KeyboardInterrupt, SystemExit) as error:
             solution, singular = getattr(error, "solution", None), self.prepared.rank.singular_here
             if isinstance(error, SolverError) and singular and error.time <= self.prepared.start.t:
                 error.args = (f"{error}; the scene starts in a singular position, where {singular[0].name} depends on the other "
-                              f"rows: start it a little beside that",)  # fmt: skip
+                              f"rows: start it slightly away from that position",)  # fmt: skip
             if isinstance(solution, Solution):
                 why = "the run failed before its end" if isinstance(error, SolverError) else "the run was interrupted"
                 known, stats = nothing_known(self.prepared, why), solution.stats
@@ -225,12 +227,12 @@ class Job:
 
 
 def _better(run: Controlled, attempt: Callable[[], Controlled]) -> Controlled:
-    """The run, or that of an attempt where its estimate is smaller; with the cost of both."""
+    """The run, or that of an attempt if its estimate is smaller; with the cost of both."""
     try:
         again = attempt()
-    except WallClockError:
+    except FINAL:
         raise
-    except OptionError:  # round-off does not allow the tolerance
+    except OptionError:  # round-off does not allow the smaller tolerance
         return run
     except SolverError as error:
         return run.after(1, cpu_of(error))

@@ -1,7 +1,7 @@
-"""The error that the elements of beams cause, by the same run on a finer mesh.
+"""The discretisation error of beams, from the same run on a finer mesh.
 
-The finer mesh has the same elements with one order more: measured, the estimate is 0.5 to 1.9 times the error. A comparison with
-half the elements gives a thousandth of the error where the motion has vibrations that a coarse mesh shifts (docs/beams.md).
+The finer mesh has the same elements with one order more; measured, the estimate is 0.5 to 1.9 times the error. A comparison with
+half the elements can give a thousandth of the error where a coarse mesh shifts the frequencies of vibrations (docs/beams.md).
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from mbdae.system.distance import position_distance
 from mbdae.system.model.beams import Line
 from mbdae.system.prepare import Prepared, prepare
 
-TIMES = 201  #: at which both meshes are compared
-PLACES = np.linspace(0, 1, 5)  #: of every element at which they are compared
-INWARDS = 1e-6  #: of an element: distance from the node that two elements share by which the section of one is meant
+TIMES = 201  #: number of times at which both meshes are compared
+PLACES = np.linspace(0, 1, 5)  #: places of every element at which they are compared
+INWARDS = 1e-6  #: distance, as a fraction of an element, from a shared node that selects the section of one element
 
 
 def with_finer_beams(scene: SceneData) -> SceneData:
-    """The scene with beams of one order more, or with twice as many elements where there is no higher order."""
+    """A copy of the scene with beams of one order more, or with twice as many elements where there is no higher order."""
     try:
         finer = copy.deepcopy(scene)
-    except TypeError as error:  # a law of the user holds an open file, a lock, ...
+    except TypeError as error:  # a law of the user contains an open file, a lock, ...
         raise OptionError(f"scene '{scene.name}' cannot be copied ({error}): keep such objects out of its laws") from error
     for beam in (body for body in finer.bodies if isinstance(body, Beam)):
         if beam.order < max(ORDERS):
@@ -46,9 +46,9 @@ def with_finer_beams(scene: SceneData) -> SceneData:
 
 
 def mesh_error(prepared: Prepared, form: Form, solver: Solver, run: Solution, asked: Asked) -> tuple[float, OtherRun]:
-    """Largest difference of positions (over the scene's length, rad), all along the beams and of all bodies, between a run and
-    the same on a finer mesh; and that finer run, whose reactions are compared too. The run must begin at the start of the scene.
-    Raises MbdaeError where the finer run fails."""
+    """Largest difference of positions (over the scene's length, rad), along the beams and of all bodies, between a run and the
+    same run on a finer mesh; and that finer run, with which reactions are compared too. The run must begin at the start of the
+    scene. Raises MbdaeError where the finer run fails."""
     end = float(run.t[-1])
     finer = prepare(with_finer_beams(prepared.model.scene), t0=prepared.start.t, t_end=end)
     again = solver.run(system_for(finer, form, solver.highest_index), replace(asked, t_end=end))
@@ -71,7 +71,7 @@ def distance_of_meshes(a: tuple[Prepared, Array], b: tuple[Prepared, Array]) -> 
 
 
 def _along(line: Line, q: Array, other: Line, q_other: Array, length: float) -> float:
-    """Largest difference of the sections of a beam on two meshes."""
+    """Largest difference between the sections of a beam on two meshes."""
     worst, ends = 0.0, other.mesh.places[np.r_[other.mesh.elements[:, 0], other.mesh.elements[-1, -1]]]
     for e, nodes in enumerate(line.mesh.elements):
         first, last = line.mesh.places[nodes[[0, -1]]]
@@ -86,7 +86,7 @@ def _along(line: Line, q: Array, other: Line, q_other: Array, length: float) -> 
 
 
 def _section(line: Line, q: Array, element: int, xi: float) -> tuple[Array, Array]:
-    """Position (nt, 3) and axes (nt, 3, 3) of the section at xi of an element."""
+    """Position (nt, 3), m, and axes (nt, 3, 3) of the section at xi of an element."""
     fields = Fields(line, table(line.mesh.order, np.array([xi])), element)
     found = fields.positions(q)
     return in_space(line, found)[:, 0, 0], fields.rotations(found)[:, 0, 0]

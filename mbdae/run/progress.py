@@ -1,4 +1,4 @@
-"""Progress of a run as a bar on the error stream, where that is a terminal."""
+"""Progress of a run as a bar on the error stream, if that is a terminal."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mbdae.values import function, optional
 
 
 class Bar:
-    """Callback (t, t_end, stats) of a run that draws a bar on the error stream; it disappears when the run ends."""
+    """Callback (t, t_end, stats) of a run that draws a progress bar; the bar disappears when the run ends."""
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -27,14 +27,14 @@ class Bar:
         self.show(t / t_end, "run", f"t = {t:.4g} of {t_end:g} s, {stats.steps} steps, {stats.cpu_s:.1f} s CPU")
 
     def show(self, share: float, what: str, note: str) -> None:
-        """Draw the bar at `share` (0 to 1) of the whole."""
+        """Draw the bar at `share` (0 to 1) of the whole run."""
         if not self._running:
             self._bar.start()
             self._running = True
         self._bar.update(self._task, completed=share, description=what, note=note, refresh=True)
 
     def close(self) -> None:
-        """Remove the bar; it comes back when it is drawn again."""
+        """Remove the bar; the next call of `show` draws it again."""
         if self._running:
             self._bar.stop()
             self._running = False
@@ -50,7 +50,7 @@ def bar() -> Bar:
 
 
 def progress_of(progress: Any) -> Any:
-    """The callback of a progress option: a bar for True, None for False."""
+    """The callback for a progress option: a bar for True, None for False; OptionError for what is no function."""
     if isinstance(progress, bool | np.bool_):
         return bar() if progress else None
     return optional("progress", progress, function, "give True for a bar, a function progress(t, t_end, stats), or None",

@@ -1,6 +1,6 @@
-"""Quaternions of different length along a beam, which falsify the interpolated rotations and strains.
+"""Quaternions of different length along a beam, which make interpolated rotations and strains wrong.
 
-A common length does not matter. Measured: lengths of 1 to 1.08 within an element change its strains by 1e-4."""
+A length common to all does not matter. Measured: lengths from 1 to 1.08 within an element change its strains by 1e-4."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from mbdae.results.result import Result
 
-UNEQUAL = 1e-3  #: largest over smallest length within an element, minus 1, above which there is a warning
-SAMPLES = 200  #: steps of the run at which they are compared
+UNEQUAL = 1e-3  #: bound of largest over smallest length within an element, minus 1, above which there is a warning
+SAMPLES = 200  #: number of steps of the run at which lengths are compared
 
 
 def unequal_lengths(result: Result) -> list[str]:

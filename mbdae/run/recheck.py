@@ -1,4 +1,4 @@
-"""Steps of a run whose defect is large, integrated again with steps so short that they resolve what acts for a short time."""
+"""Steps of a run with a large defect, integrated again with steps short enough to resolve what acts for a short time."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
 from mbdae.system.start.start import Start
 
-FINER = 10.0  #: accuracy of the run over that of the fine run
-BUDGET = 3000  #: residual evaluations between two points of the step
-BETWEEN = 8  #: instants compared between two points
-MOST = 5  #: suspicious steps of a run that are integrated again
-SHORTER = 0.8  #: step proposed in the warning over the longest one that would resolve what acts
-WARNED = 3.0  #: difference over the allowed one above which there is a warning
-UNCONTROLLED = 1e-6  #: accuracy that runs with constant steps are compared with
+FINER = 10.0  #: ratio of the accuracy of the run to that of the fine run
+BUDGET = 3000  #: largest number of residual evaluations between two points of the step
+BETWEEN = 8  #: number of instants compared between two points
+MOST = 5  #: largest number of suspicious steps of a run that are integrated again
+SHORTER = 0.8  #: ratio of the step proposed in the warning to the longest one that would resolve what acts
+WARNED = 3.0  #: ratio of a difference to the allowed one above which there is a warning
+UNCONTROLLED = 1e-6  #: accuracy assumed for runs with constant steps
 
 
 class FineRun:
@@ -41,8 +41,9 @@ class FineRun:
         self.solver = RadauIIA(3, rtol=max(wanted, 10 * method.tightest.get(form.label, method.tightest[""])))
 
     def difference(self, suspect: Suspect) -> float:
-        """Largest distance of the run from a fine run over one step. The fine run starts from the state at the begin of the step
-        and stops at every point with a large defect and at its neighbours. Where it fails, the effect of the defect."""
+        """Largest distance between the run and a fine run over one step. The fine run starts from the state at the begin of the
+        step and stops at every point with a large defect and at its neighbours. Where it fails, the effect of the defect is
+        returned."""
         run, i, worst = self.run, suspect.step, 0.0
         system = self._system(float(run.t[i]), run.y[i])
         first = float(np.min(np.diff(np.r_[run.t[i], suspect.times, run.t[i + 1]]))) / 4
@@ -65,10 +66,11 @@ class FineRun:
         q, u, s = p.states(at, y[None])
         a, multipliers = p.mechanics.accelerations(at, q, u, s)
         start = Start(t, q[0], u[0], s[0], a[0], multipliers[0])
-        return system_for(replace(p, start=start), self.form, self.solver.highest_index)
+        system = system_for(replace(p, start=start), self.form, self.solver.highest_index)
+        return system.sampling(None)  # controllers hold their outputs inside of a step
 
     def _stops(self, suspect: Suspect) -> Array:
-        """Times at which the fine run stops: points with a large defect, their neighbours, the end of the step."""
+        """Times (s) at which the fine run stops: points with a large defect, their neighbours, the end of the step."""
         large = suspect.large | np.append(suspect.large[1:], False) | np.append(False, suspect.large[:-1])
         return np.append(suspect.times[large], self.run.t[suspect.step + 1])
 
@@ -76,8 +78,8 @@ class FineRun:
 
 @dataclass(frozen=True)
 class Contradiction:
-    """Something that acts from about begin to end (s) inside a step of `step` s and was missed by it: the equation (name of its
-    row) with the largest defect, the difference it makes (as `motion_distance`), and the longest step (s) that resolves it."""
+    """Something that acts from about begin to end (s) inside a step of `step` s and that the step missed: name of the equation
+    with the largest defect, resulting difference (as `motion_distance`), and longest step (s) that resolves it."""
 
     begin: float
     end: float
@@ -88,7 +90,7 @@ class Contradiction:
 
     @classmethod
     def of(cls, run: Solution, suspect: Suspect, difference: float) -> Self:
-        """From a suspect and the difference that its fine run showed."""
+        """A contradiction from a suspect and the difference that its fine run showed."""
         times, step = suspect.times[suspect.large], float(run.t[suspect.step + 1] - run.t[suspect.step])
         begin, end = float(times[0]), float(times[-1])
         return cls(begin, end, step, suspect.equation, difference, (end - begin + step / len(suspect.times)) / 2)
@@ -96,38 +98,38 @@ class Contradiction:
 
 @dataclass(frozen=True)
 class Rechecked:
-    """Where the equations of motion contradict a run, worst first; number of suspicious steps; CPU time spent, s."""
+    """Contradictions between the equations of motion and a run, worst first; number of suspicious steps; CPU time, s."""
 
     contradictions: tuple[Contradiction, ...] = ()
     suspects: int = 0
     cpu_s: float = 0.0
-    allowed: float = 0.0  #: largest difference without a warning
+    allowed: float = 0.0  #: largest difference that causes no warning
 
     @classmethod
     def again(cls, stored: dict[str, Any]) -> Self:
-        """From its plain data."""
+        """The object made from its stored plain data."""
         return cls(**stored | {"contradictions": tuple(Contradiction(**c) for c in stored["contradictions"])})
 
     def within(self, known: Accuracy) -> Accuracy:
-        """The accuracy with the largest contradiction in it."""
+        """The accuracy with the largest contradiction included in its estimate."""
         if not self.contradictions or known.estimated is None:
             return known
         return replace(known, estimated=max(known.estimated, self.contradictions[0].difference))
 
     @property
     def notes(self) -> list[str]:
-        """The warning, if any: the worst contradiction, where the others are, and what to do."""
+        """The warning, if any: the worst contradiction, the times of the others, and what to do."""
         if not self.contradictions:
             return []
         c, *others = self.contradictions
-        also = "; so it is at t = " + ", ".join(f"{(o.begin + o.end) / 2:.6g}" for o in others) + " s" if others else ""
+        also = "; the same holds at t = " + ", ".join(f"{(o.begin + o.end) / 2:.6g}" for o in others) + " s" if others else ""
         if self.suspects > MOST:
-            also += f" ({self.suspects} steps are suspect, of which {MOST} were followed)"
-        return [f"from about t = {c.begin:.6g} to {c.end:.6g} s {c.equation} contradicts the run, whose step of {c.step:.3g} s "
-                f"did not look there: followed closely, the motion differs by {c.difference:.1e} (allowed {self.allowed:.0e})"
-                f"{also}. Something acts there for a short time: take steps below {c.longest:.2g} s, as with mb.RadauIIA(3, "
-                f"step={SHORTER * c.longest:.2g}), or end a run at t = {(c.begin + c.end) / 2:.6g} s and continue it with "
-                f"start="]  # fmt: skip
+            also += f" ({self.suspects} steps are suspect, of which {MOST} were integrated again)"
+        return [f"from about t = {c.begin:.6g} to {c.end:.6g} s {c.equation} is not satisfied by the run, whose step of "
+                f"{c.step:.3g} s was not evaluated there: with short steps the motion differs by {c.difference:.1e} (allowed "
+                f"{self.allowed:.0e}){also}. Something acts there for a short time: take steps below {c.longest:.2g} s, as with "
+                f"mb.RadauIIA(3, step={SHORTER * c.longest:.2g}), or end a run at t = {(c.begin + c.end) / 2:.6g} s and continue "
+                f"it with start="]  # fmt: skip
 
 
 def rechecked(prepared: Prepared, form: Form, system: SceneSystem, run: Controlled, asked: float | None) -> Rechecked:
@@ -145,7 +147,7 @@ def rechecked(prepared: Prepared, form: Form, system: SceneSystem, run: Controll
 
 
 def _expected(solver: Solver) -> float:
-    """The accuracy expected of a tolerance; UNCONTROLLED with constant steps."""
+    """The accuracy expected of a tolerance; UNCONTROLLED for constant steps."""
     if not solver.rtol:
         return UNCONTROLLED
     return max(10.0, 1 / max(solver.factors.get(solver.label, {"": 0.1}).values())) * solver.rtol

@@ -1,4 +1,4 @@
-"""How the equations of a scene become fewer, from the naive formulation to the one integrated by default; counted, not estimated.
+"""Numbers of unknowns, equations and operations of a scene, from the naive formulation to the one integrated by default.
 
 The naive formulation: in space, classical joints with their coordinates, all rows of all joints, no shared unknowns.
 """
@@ -30,8 +30,8 @@ from mbdae.system.without_multipliers import WithoutMultipliers
 
 @dataclass(frozen=True)
 class Size:
-    """Of a system: unknowns, equations, multipliers (of positions and of velocities), kernels, and operations of kernels for
-    residual and derivatives."""
+    """Size of a system: numbers of unknowns, equations, multipliers (of positions and of velocities), kernels, and operations of
+    kernels for residual and derivatives."""
 
     unknowns: int
     equations: int
@@ -90,7 +90,7 @@ def reductions(scene: SceneData, prepared: Prepared, choice: Choice) -> list[Red
 
 
 def absent(scene: SceneData) -> list[str]:
-    """Effects that the scene does not have, such as gravity."""
+    """Effects that the scene does not have, such as gravity, in words."""
     laws = [law for c in scene.connections for law in c.laws]
     rubbing = any(getattr(law, "friction", None) is not None for law in laws)
     timed = any(not isinstance(getattr(law, p), float | int | None) for law in laws for p in law.params)
@@ -100,7 +100,7 @@ def absent(scene: SceneData) -> list[str]:
 
 
 def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, Assembly]]:
-    """The reasons of the reductions with the system after each; every system has all reductions before it too."""
+    """Reason of each reduction and the system after it; every system includes the reductions before it."""
     spec, model = GGL().for_index(1).spec(), prepared.model
     by_rows = {c.name: "" for c in scene.joints if c.recursive or c.rigid}
 
@@ -115,7 +115,7 @@ def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, Assembl
         try:
             of = build(replaced(spatial, classical, Classical()) if classical else spatial, by_rows)
             yield reason, whole(of, constraint_rows(of))
-        except MbdaeError:  # some laws exist in the plane only
+        except MbdaeError:  # some laws exist only in the plane
             continue
     of = build(scene, by_rows)
     rows = constraint_rows(of)

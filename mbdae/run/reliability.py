@@ -1,7 +1,7 @@
 """Warnings about runs with contact or friction, and about constant steps.
 
-Measured: every run that left the true motion, although its solver reported success, had an energy error above a tenth of
-what it dissipated.
+Measured: every run that left the true motion, although its solver reported success, had an energy error above a tenth of the
+energy it dissipated.
 """
 
 from __future__ import annotations
@@ -20,27 +20,28 @@ from mbdae.run.control import Controlled
 from mbdae.system.prepare import Prepared
 from mbdae.system.start.contacts import ExpectedContact
 
-COARSE = 0.1  #: tolerance of positions over the penetration above which a result is doubtful
-ALARM = 0.1  #: energy error over the energy dissipated above which a result is not reliable
-MOVING = 1e-3  #: of the largest kinetic energy: what is compared where less was dissipated
-STORED = 0.1  #: of the largest energy that a contact stores: what is compared where hardly any is dissipated
-FEW_STEPS = 3  #: steps in the shortest contact below which it was not resolved
-#: a backward whirl has at least this ratio of whirl to spin rate, share of the time in contact, and turns around the race
+COARSE = 0.1  #: ratio of position tolerance to penetration above which a result is doubtful
+ALARM = 0.1  #: ratio of energy error to dissipated energy above which a result is not reliable
+MOVING = 1e-3  #: fraction of the largest kinetic energy that replaces a smaller dissipated energy in this ratio
+STORED = 0.1  #: fraction of the largest energy stored in a contact that replaces a smaller dissipated energy
+FEW_STEPS = 3  #: number of steps in the shortest contact below which it is not resolved
+#: least values for a backward whirl: ratio of whirl to spin rate, fraction of time in contact, turns around the race
 WHIRL_RATE, WHIRL_CONTACT, WHIRL_TURNS = 5.0, 0.9, 2.0
-RESOLVED_STEP = 1.0  #: step times angular frequency up to which an unstable oscillation grows in a run as in the equations
-GROWN = 5.0  #: logarithm of the growth that steps damped away above which there is a warning
+#: largest step times angular frequency for which an unstable oscillation grows in a run as it does in the equations
+RESOLVED_STEP = 1.0
+GROWN = 5.0  #: logarithm of the growth damped away by the steps above which there is a warning
 
 
 class Assessment(NamedTuple):
-    """Warnings about a run, and whether it is reliable."""
+    """Warnings about a run, and whether the run is reliable."""
 
     notes: tuple[str, ...] = ()
     reliable: bool = True
-    singular: bool = False  #: it passes a singular position, where two motions meet
-    off: float = 0.0  #: largest violation of a constraint row (over the scene's length, or rad), where there is a warning of it
+    singular: bool = False  #: whether it passes a singular position, where two branches of the motion meet
+    off: float = 0.0  #: largest violation of a constraint row (over the scene's length, or in rad), where it caused a warning
 
     def within(self, known: Accuracy) -> Accuracy:
-        """The accuracy with the violation of constraint rows in it."""
+        """The accuracy with the violation of constraint rows included in its estimate."""
         if not self.off or known.motion is None:
             return known
         unknown = dict(known.unknown) | {"reactions": "the joints are not kept closed"}
@@ -48,8 +49,8 @@ class Assessment(NamedTuple):
 
 
 def reliability(result: Result, run: Controlled) -> Assessment:
-    """Warnings about contact, friction and constant steps; not reliable where energy appears or is lost, or where the steps damp
-    an unstable contact."""
+    """Warnings about contact, friction and constant steps; not reliable where energy is gained or lost without a cause, or where
+    the steps damp an unstable contact."""
     prepared = result.prepared
     if run.solver.fixed and (made := _of_constant_steps(result)):
         return Assessment(tuple(made), False)
@@ -69,8 +70,8 @@ def reliability(result: Result, run: Controlled) -> Assessment:
 
 
 def _of_energy(result: Result) -> list[str]:
-    """A warning where the energy balance is off by more than a tenth of what contact and friction dissipate, or a hundredth of
-    what a contact stores, where that is more."""
+    """A warning where the energy balance is off by more than a tenth of what contact and friction dissipate, or by more than a
+    hundredth of what a contact stores, where that is larger."""
     e = result.energy
     off = float(np.max(np.abs(e.balance), initial=0.0))
     lost, moving = float(e.impact[-1] + e.friction[-1]), float(np.max(e.kinetic, initial=0.0))
@@ -81,7 +82,7 @@ def _of_energy(result: Result) -> list[str]:
 
 
 def _stored(result: Result) -> float:
-    """The largest energy (J) that a contact of a run stores."""
+    """The largest energy (J) stored by a contact of a run."""
     found = [0.0]
     for contact in result.prepared.contacts:
         deepest = contacts_at(result.prepared, result.solution, [contact]).deepest
@@ -102,7 +103,7 @@ def _of_constant_steps(result: Result) -> list[str]:
 
 
 def _of_contact(result: Result, run: Controlled, expected: ExpectedContact) -> list[str]:
-    """Warnings where penetrations are small against the tolerance, or large against what the law is a model of."""
+    """Warnings where penetrations are small compared with the tolerance, or beyond the range of validity of the contact law."""
     law, item, unit = expected.law, expected.item, expected.unit
     contacts = contacts_at(result.prepared, result.solution, [expected])
     if not len(contacts):
@@ -142,8 +143,8 @@ def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
 
 
 def _flutter(result: Result, sensor: ClearanceSensor, expected: ExpectedContact) -> list[str]:
-    """A warning where dry friction makes a contact unstable (flutter) and the steps are so long that an implicit method damps it:
-    see `instability` of its law."""
+    """A warning where dry friction makes a contact unstable (flutter) and the steps are so long that an implicit method damps
+    this; see `instability` of its law."""
     law, t = expected.law, result.solution.t
     if law.friction is None or len(t) < 3:
         return []
@@ -169,13 +170,13 @@ def _of_friction(prepared: Prepared, run: Controlled) -> list[str]:
 
 
 def doubts_of_steps(run: Controlled) -> list[str]:
-    """Warnings of contacts and laws that the steps did not resolve."""
+    """Warnings about contacts and laws that the steps did not resolve."""
     stats, found = run.solution.stats, []
     if stats.missed_dips:
         found.append(f"{stats.missed_dips} contacts may have been stepped over: use error control, or a smaller step")
     for item, count in stats.unresolved.items():
-        found.append(f"{count} steps went over what the law of '{item}' does within a part of them: use error control, or steps "
-                     f"of at most {stats.resolving_step:.1g} s")  # fmt: skip
+        found.append(f"{count} steps did not resolve the law of '{item}', which changes within a step: use error control or "
+                     f"steps of at most {stats.resolving_step:.1g} s")  # fmt: skip
     if 0 < stats.shortest_contact < FEW_STEPS:
         found.append(f"the shortest contact took {stats.shortest_contact} step(s): impacts are not resolved; use a smaller rtol")
     return found

@@ -1,4 +1,4 @@
-"""Whether something in a scene may act for a time, or over a distance, that is short against a step: a short event."""
+"""Whether something in a scene may act for a time, or over a distance, that is short compared with a step: a short event."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from mbdae.system.assembled.right_hand_side import state_rate_outputs
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
 
-STATED = (loads, position, state_rate_outputs)  #: what laws state: forces, rows of joints, rates of internal states
-OF_ROTATIONS = ("sin", "cos", "UnevaluatedExpr")  #: functions of rotations, in nearly every law (the last are parentheses)
+#: outputs of laws that are searched: forces, rows of joints, rates of internal states
+STATED = (loads, position, state_rate_outputs)
+OF_ROTATIONS = ("sin", "cos", "UnevaluatedExpr")  #: functions of rotations, in nearly every law; UnevaluatedExpr is a bracket
 
 
 def may_have_short_events(prepared: Prepared, system: SceneSystem) -> bool:
-    """Whether a scene has inputs of time that do not bound the steps (constant, uniform and uniformly accelerated ones aside), or
-    laws with functions that switch or are steep somewhere; contacts aside, whose gaps solvers watch."""
+    """Whether a scene has inputs of time that do not bound the steps (other than constant, uniform and uniformly accelerated
+    ones), or laws with functions that switch or are steep somewhere (other than contacts, whose gaps solvers watch)."""
     return _inputs(prepared, system) or _laws(prepared)
 
 
@@ -40,14 +41,14 @@ def _laws(prepared: Prepared) -> bool:
 
 @lru_cache(maxsize=512)
 def _switches(law: Any, structure: Any, sides: Any) -> bool:
-    """Whether a law between nodes of given kinds states anything steep."""
+    """Whether a law between nodes of given kinds states a steep function."""
     derived = derive(law, structure, sides)
     return bool(derived.noted("short_events.steep", lambda: any(
         _steep(e) for outputs in STATED for e in _subexpressions(plan(derived, outputs).kernel.expressions))))  # fmt: skip
 
 
 def _subexpressions(expressions: Sequence[Any]) -> Iterator[Any]:
-    """Every expression that is not a symbol or a number inside of others, once."""
+    """Every subexpression that is not a symbol or a number, once."""
     left, seen = [se.sympify(e) for e in expressions], set()
     while left:
         e = left.pop()

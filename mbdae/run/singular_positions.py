@@ -1,8 +1,8 @@
 """Positions in which the constraint rows of a closed loop lose rank: two branches of the motion meet there, and a run may change
 from one to the other.
 
-Where the smallest singular value of the rows is s, a violation of about s^2 lies between the branches: an error of that size is
-enough to change over, and a companion run may change over too, so that their difference does not show it.
+Where the smallest singular value of the rows is s, the states between the branches violate the rows by only about s^2: an error
+of that size suffices to change branch, and a companion run may change too, so that their difference does not show it.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from mbdae.results.result import Result
 from mbdae.scene.topology import spanning_tree
 from mbdae.system.base import Array
 
-SAMPLES = 200  #: positions evaluated along the run
-CHOSEN, REFINED = 5, 40  #: minima among them that are refined, and evaluations for each
-NEAR = 0.3  #: smallest singular value over its median below which a minimum is refined
-UNCONTROLLED = 1e-6  #: violation below which branches are not told apart by a run without a tolerance
+SAMPLES = 200  #: number of positions evaluated along the run
+CHOSEN, REFINED = 5, 40  #: largest number of minima that are refined, and evaluations for each
+NEAR = 0.3  #: ratio of the smallest singular value to its median below which a minimum is refined
+UNCONTROLLED = 1e-6  #: violation that a run without a tolerance is assumed to resolve
 GOLDEN = (5**0.5 - 1) / 2
 
 
 def singular_passages(result: Result, asked: float | None) -> list[str]:
-    """A warning where a run passes a singular position; none for trees, whose joints never lose rank."""
+    """A warning where a run passes a singular position; none for trees, whose rows never lose rank."""
     prepared = result.prepared
     scene = prepared.model.scene
     loops = [joint for joint in spanning_tree(scene).closing if not joint.loose]
@@ -34,12 +34,12 @@ def singular_passages(result: Result, asked: float | None) -> list[str]:
     if value**2 > resolved:
         return []
     return [f"passes a singular position of the loop closed by '{loops[0].name}' at t = {when:.6g} s (smallest singular value "
-            f"of its rows {value:.1e}): two motions meet there within what {resolved:.0e} resolves, and it may have left on the "
-            f"other; compare with runs at smaller accuracies, or keep apart from that position"]  # fmt: skip
+            f"of its rows {value:.1e}): two branches of the motion meet there, closer than {resolved:.0e} resolves, and the run "
+            f"may have changed branch; compare with runs at smaller accuracies, or avoid that position"]  # fmt: skip
 
 
 def _smallest(result: Result, times: Array) -> tuple[float, float]:
-    """The smallest singular value of the rows between the first and the last time, and when."""
+    """The smallest singular value of the rows between the first and the last time, and the time at which it occurs (s)."""
     seen = result(times).smallest_singular_value
     best = int(np.argmin(seen))
     found = [(float(seen[best]), float(times[best]))]
@@ -50,7 +50,7 @@ def _smallest(result: Result, times: Array) -> tuple[float, float]:
 
 
 def _minimum(result: Result, a: float, b: float) -> tuple[float, float]:
-    """The minimum between two times and its time, by golden section."""
+    """The minimum between two times and its time (s), by golden-section search."""
     c, d = b - GOLDEN * (b - a), a + GOLDEN * (b - a)
     at_c, at_d = (float(v) for v in result([c, d]).smallest_singular_value)
     for _ in range(REFINED):

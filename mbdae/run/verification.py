@@ -1,4 +1,4 @@
-"""The known errors of a run; with verify=True also from a run of another method, and from one on a finer mesh of the beams."""
+"""The known errors of a run: its estimate, and with verify=True differences from another method and a finer mesh of beams."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from mbdae.run.control import Controlled, measure_of, other_run, run_controlled
 from mbdae.run.mesh import mesh_error
 from mbdae.system.prepare import Prepared
 
-CONTINUED = "not measured: the run continues another, whose mesh and error of the mesh it has"
+CONTINUED = "not measured: the run continues another one on the same mesh, whose discretisation error it has too"
 
 
 @dataclass(frozen=True)
 class Verified:
     """motion: largest difference from the other method; mesh: from the run on a finer mesh; reactions, finer: states of these two
-    runs, to compare reactions; unknown: why an error is not known, by its word; runs: number of runs made."""
+    runs, to compare reactions; unknown: {error: why it is not known}; runs: number of runs made."""
 
     motion: float | None = None
     reactions: tuple[OtherRun, ...] = ()
@@ -36,7 +36,7 @@ class Verified:
 
 def verified(prepared: Prepared, form: Form, run: Controlled, accuracy: float, asked: Asked,
              continued: bool) -> Verified:  # fmt: skip
-    """A run against another method at a tenth of the accuracy, and, where it has beams, against a finer mesh."""
+    """Compare a run with another method at a tenth of the accuracy and, where it has beams, with a finer mesh."""
     found = _by_another_method(prepared, run, accuracy, asked)
     if not prepared.model.lines:
         return found
@@ -51,10 +51,10 @@ def verified(prepared: Prepared, form: Form, run: Controlled, accuracy: float, a
 
 
 def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, asked: Asked) -> Verified:
-    """Differences to a run of another method at a tenth of the accuracy."""
+    """Differences from a run of another method at a tenth of the accuracy."""
     radau, form = isinstance(run.solver, RadauIIA), default_form(prepared)
     other: Solver = IDA() if radau else RadauIIA(3)
-    if prepared.model.lines:  # IDA would take the steps of the fastest vibrations of beams
+    if prepared.model.lines:  # IDA would have to resolve the fastest vibrations of beams
         other = RadauIIA(2) if radau and run.solver.label == "RadauIIA(3)" else RadauIIA(3)
         form = replace(form, waves=True)  # type: ignore[type-var]
     system = system_for(prepared, form, other.highest_index)
@@ -79,5 +79,5 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
 
 
 def nothing_known(prepared: Prepared, why: str) -> Accuracy:
-    """The accuracy of a run that did not come to its end."""
+    """The accuracy of a run that did not reach its end, for the reason `why`."""
     return Accuracy(None, None, has_mesh=bool(prepared.model.lines), unknown=dict.fromkeys(WORDS, f"not estimated: {why}"))

@@ -14,9 +14,9 @@ from mbdae.scene.reading import Argument
 from mbdae.scene.shapes import Point, Shape
 from mbdae.values import BadValueError, array, shown
 
-ROUNDING = 1e-15  #: of the length of a direction
+ROUNDING = 1e-15  #: deviation of the length of a direction from 1 that counts as rounding
 SHAPES = "give mb.Plane, mb.Cylinder, mb.Sphere, mb.Point or mb.Box"
-READERS: dict[str, Callable[[Any], str]] = {}  #: "color": what draws enters how it reads colours
+READERS: dict[str, Callable[[Any], str]] = {}  #: "color" -> function that reads a colour, entered by the package that draws
 
 
 def shape(arg: Argument, value: Any) -> Shape:
@@ -39,12 +39,12 @@ def shape(arg: Argument, value: Any) -> Shape:
 
 
 def _unit(direction: Array) -> Array:
-    """Of length 1; one that has it stays as it is to the last bit, so that a stored scene states the same."""
+    """The direction at length 1; a unit vector is returned unchanged, so that a stored scene repeats its numbers exactly."""
     return direction if abs(np.linalg.norm(direction) - 1) <= ROUNDING else reading.unit(direction)
 
 
 def _edges(arg: Argument, value: Any) -> Array:
-    """Lengths (3,) of the edges of a box; 0 along z where two are given."""
+    """Lengths (3,), m, of the edges of a box; that along z is 0 where two are given."""
     try:
         found = array(value)
         if found.shape not in ((2,), (3,)) or (found < 0).any() or not found.any():
@@ -63,8 +63,8 @@ def shapes(arg: Argument, value: Any) -> tuple[Shape, ...]:
 
 
 def color(arg: Argument, value: Any) -> str:
-    """A colour as "#rrggbb": a text that matplotlib knows, or three numbers, or four, of which the opacity is not shown. Texts of
-    numbers, its greys, are refused, as texts are wherever a number is meant."""
+    """A colour as "#rrggbb", from a text that matplotlib knows or from 3 or 4 numbers (an opacity is ignored). matplotlib's grey
+    levels, numbers written as texts, are refused: no argument takes numbers as texts."""
     try:
         named = isinstance(value, str) and not value.strip().replace(".", "").isdigit()
         return READERS["color"](value if named else tuple(array(value, (3,), (4,)).tolist()))
@@ -76,7 +76,7 @@ def color(arg: Argument, value: Any) -> str:
 
 
 def placed(one: Any, point: Array) -> Any:
-    """The shape at a point as drawn (3,), m, where it says none itself."""
+    """The shape with its point `at`; where it has none, at `point` (3,), m, as drawn."""
     return one if one.at is not None else replace(one, at=np.array(point, dtype=float))
 
 

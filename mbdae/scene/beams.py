@@ -19,9 +19,10 @@ from mbdae.scene.section import Section
 from mbdae.ties import nearest
 from mbdae.values import shown
 
-HARMLESS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])  #: points in place of wrong ones
+#: points, m, used after a mistake, so that the other arguments are checked too
+HARMLESS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
 HARMLESS_SECTION = Section(1, 1, 1, 1, 1, 1, 1, 1)
-FOLDED = 1e-6  #: rad, smallest difference of a corner from half a turn
+FOLDED = 1e-6  #: rad, a corner of a beam that differs by less from half a turn folds the line back on itself
 TURNED = 0.9 * np.pi  #: rad, largest rotation between neighbouring nodes
 SAMPLES = 64  #: pieces of a curve for drawing and for finding the place nearest to a point
 
@@ -51,7 +52,7 @@ class BeamStatements(SceneItems):
     @statement
     def beam(self, name: str, *points: Any, section: Any, elements: Any = 4, order: int = 2, curve: Any = None, axis2: Any = None,
              velocity: Any = None, angular_velocity: Any = None) -> Beam:  # fmt: skip
-        """A flexible beam through `points` (corners are rigid) with a `section` (mb.Section), in `elements` of an `order` from
+        """A flexible beam through `points` (m; corners are rigid) with a `section` (mb.Section), in `elements` of an `order` from
         1 to 4: a number per segment, or one number spread by length.
 
         curve: "arc" for the circular arc through three points, or a function of a parameter from 0 to 1 that returns a point
@@ -94,9 +95,9 @@ class BeamStatements(SceneItems):
                     beam.axis2, beam.curve = None, beam.curve if option == "axis2" else None
 
     def _line(self, name: str, points: Any, curve: Any) -> tuple[Array, Any]:
-        """Outline (k, 3) and the curve, if it is one."""
+        """Outline (k, 3), m, and the curve; None in its place for a polyline."""
         outline, head = np.array(points).reshape(-1, 3), Argument(self, f"beam '{name}'", "curve")
-        if isinstance(curve, str):  # "arc", the only word there is
+        if isinstance(curve, str):  # it is "arc", the only word that is accepted
             if len(outline) == 3:
                 try:
                     return self._sampled(head, arc(*outline))
@@ -145,7 +146,7 @@ class BeamStatements(SceneItems):
 
 
 def check_attachments(scene: SceneItems, item: Connection) -> None:
-    """Attachments to beams must be at their nodes or not too near to them."""
+    """Joints and forces must attach to a beam at a node, or far enough from the nodes for a further one."""
     for side, beam in (("k", item.k), ("l", item.l)):
         if isinstance(beam, Beam):
             point = item.places.get(side, item.joint.point_on(side))
@@ -206,7 +207,8 @@ def nearest_place(beam: Beam, point: Array) -> float:
     a, b = beam.outline[:-1], beam.outline[1:]
     d = b - a
     share = np.clip(np.einsum("ij,ij->i", point - a, d) / np.einsum("ij,ij->i", d, d), 0, 1)
-    i = nearest(np.linalg.norm(a + share[:, None] * d - point, axis=1), float(np.max(np.abs(d))))  # the first where it closes
+    # the first of equally near pieces, as where the line closes
+    i = nearest(np.linalg.norm(a + share[:, None] * d - point, axis=1), float(np.max(np.abs(d))))
     if beam.curve is None:
         lengths = np.linalg.norm(d, axis=1)
         return float(lengths[:i].sum() + share[i] * lengths[i])

@@ -23,7 +23,7 @@ from mbdae.values import BadValueError, array, number, shown
 
 Array = NDArray[np.float64]
 FINE = 2048  #: number of chords by which the length along a curve is measured
-MOVING = ("position", "rotation", "velocity", "angular_velocity")  #: what a run changes
+MOVING = ("position", "rotation", "velocity", "angular_velocity")  #: of the motion, no attributes of bodies
 
 
 @dataclass(eq=False)
@@ -40,7 +40,7 @@ class Drawn:
 @dataclass(eq=False)
 class Body:
     """A body as drawn. `inertia` (3, 3) about the centre of mass in body axes, None for a point mass or the ground; `drawn`: see
-    `Drawn`. What moves in a run is no attribute of it: a number that stays as drawn would slip into a load."""
+    `Drawn`. The motion in a run is no attribute of it: a load would silently use the value as drawn."""
 
     name: str
     mass: float
@@ -55,14 +55,14 @@ class Body:
     is_ground: bool = False
     principal_plane: bool = False  #: inertia given as one number: about z only
     scene: Any = field(default=None, repr=False)  #: the scene it was stated in
-    shapes: tuple[Shape, ...] | None = None  #: drawn in place of what follows from mass and attachments; None: not stated
-    color: str | None = None  #: "#rrggbb"
+    shapes: tuple[Shape, ...] | None = None  #: shapes to draw; None: not stated, drawn from mass and attachments
+    color: str | None = None  #: "#rrggbb", None: chosen by the drawing
     drawn: Drawn = field(init=False)
 
     def __post_init__(self, position: Array, rotation: Array, velocity: Array, angular_velocity: Array) -> None:
         self.drawn = Drawn(position, rotation, velocity, angular_velocity)
 
-    if not TYPE_CHECKING:  # or every attribute would be one
+    if not TYPE_CHECKING:  # a type checker would take every attribute to exist
 
         def __getattr__(self, name: str) -> Any:
             if name not in MOVING:
@@ -82,7 +82,7 @@ class Body:
         return math.atan2(self.drawn.rotation[1, 0], self.drawn.rotation[0, 0])
 
     def at(self, point: Any) -> Place:
-        """A place fixed to the body, given as drawn (inertial coordinates, m); `at(s)` with 0..1 along a link."""
+        """A place fixed to the body: a point as drawn (inertial, m), or 0..1 along a link; OptionError for anything else."""
         try:
             given = array(point)
             if given.ndim == 0:
@@ -134,7 +134,7 @@ class Station(Body):
 
     beam: Body | None = None
     turned: float = 0.0  #: angle of its x axis as drawn, continuous along the beam, rad
-    quaternion: Array = field(default_factory=lambda: np.eye(4)[0])  #: of its axes as drawn, its sign that of the neighbours
+    quaternion: Array = field(default_factory=lambda: np.eye(4)[0])  #: of its axes as drawn; sign continuous along the beam
 
     @property
     def owner(self) -> Body:
@@ -187,8 +187,8 @@ class AsGiven:
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """A function that is called every so many seconds: paths of the sensors it reads, names of the outputs it sets, and what it
-    remembers at the start; None: it takes no memory."""
+    """A function that is called every `every` s: paths of the sensors it reads, names of the outputs it sets, and its memory at
+    the start; None: it has no memory."""
 
     name: str
     function: Callable[..., Any]
@@ -220,8 +220,8 @@ class Constrained(JointModel):
 
 @dataclass(frozen=True)
 class Kinematic(Constrained):
-    """Constraints between absolute nodes, and a further one where a coordinate is prescribed. A joint that states no such rows
-    keeps its coordinates as unknowns, as the classical one."""
+    """Constraints between the absolute coordinates of bodies, and a further one where a coordinate is prescribed. A joint whose
+    law states no such constraints keeps its coordinates as unknowns, as with `Classical`."""
 
 
 @dataclass(frozen=True)
@@ -244,7 +244,7 @@ class Clearance(JointModel):
     In space the pin stays in the middle along the axis and parallel to it (three rows); in the plane nothing is
     constrained. normal: mb.Hertz(...) or a normal law of one's own; friction: mb.Coulomb(...), mb.LuGre(...), one's own, or
     None. length: of a bearing, m: the pin touches at both its ends, each with the normal law given, and may tilt in it.
-    Equal radii are allowed: contact everywhere.
+    Equal radii are allowed: the gap is then 0 in every direction.
     """
 
     outer: float
@@ -259,8 +259,8 @@ class Clearance(JointModel):
 
 @dataclass(frozen=True)
 class Stop:
-    """An elastic stop at the limits of a joint's coordinate: force stiffness p + damping dp/dt, p the way past the limit, where
-    that presses. stiffness: N m/rad or N/m; damping: N m s/rad or N s/m."""
+    """An elastic stop at the limits of a joint's coordinate: force stiffness p + damping dp/dt where that pushes back, else 0; p:
+    excess over the limit, rad or m. stiffness: N m/rad or N/m; damping: N m s/rad or N s/m."""
 
     stiffness: float
     damping: float = 0.0
@@ -291,9 +291,9 @@ class Connection:
     prescribed: dict[str, Any] = field(default_factory=dict)  #: expressions of time by coordinate
     model: JointModel | None = None
     left_open: bool = False  #: whether the user named no joint model
-    as_kinematic: list[TwoBodyLaw] = field(default_factory=list)  #: as an ideal kinematic joint, where the model may need it
-    others: dict[str, Any] = field(default_factory=dict)  #: bodies of further frames by name
-    shapes: tuple[Shape, ...] = ()  #: of k and of l, where they touch by their shapes
+    as_kinematic: list[TwoBodyLaw] = field(default_factory=list)  #: laws of the ideal kinematic joint, for models that need it
+    others: dict[str, Any] = field(default_factory=dict)  #: bodies of frames beside k and l, by name of the frame
+    shapes: tuple[Shape, ...] = ()  #: the two shapes of a contact, of k and of l
     places: dict[str, Array] = field(default_factory=dict)  #: side "k" or "l" -> the point of that body the user named, as drawn
 
     @property

@@ -130,7 +130,7 @@ class ConnectionStatements(CouplingStatements):
         return item
 
     def _check_point_masses(self, item: Connection) -> None:
-        """A point mass has no axes and no extent."""
+        """Report torques and friction on point masses, which have no axes, and attachments at other points than their own."""
         for body, side in ((item.k, "k"), (item.l, "l")):
             for law in item.laws if body.is_point else ():
                 turns = isinstance(law, OnCoordinate) and law.loads and law.unit == "rad"

@@ -23,7 +23,7 @@ from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Shape, Sphere
 from mbdae.symbolic.law import TwoBodyLaw
 
 TWO = "a plane touches spheres, points, boxes and cylinders; a sphere touches spheres, points and cylinders"
-STANDING = 1e-9  #: component of an axis that is round-off
+STANDING = 1e-9  #: component of a unit vector up to which it counts as rounding
 
 
 class ContactStatements(SceneItems):
@@ -56,7 +56,7 @@ class ContactStatements(SceneItems):
         return self._connect(Connection(name, "contact", k, l, made_of, shapes=(one, other)))
 
     def _without_ends(self, one: Any) -> Any:
-        """What a ball touches: a cylinder that is a disc in a scene stated as planar has no ends in its plane."""
+        """The shape; without its ends where it is a cylinder that stands on the plane of a planar scene and is a disc there."""
         disc = self.space == "planar" and isinstance(one, Cylinder) and abs(abs(one.axis[2]) - 1) < STANDING
         return replace(one, length=None) if disc else one
 
@@ -65,7 +65,7 @@ def _rank(one: Shape) -> int:
     return next((i for i, kind in enumerate((Plane, Cylinder)) if isinstance(one, kind)), 2)
 
 
-Made = list[tuple[type[Contact], dict[str, Any]]]  #: laws with their places and numbers
+Made = list[tuple[type[Contact], dict[str, Any]]]  #: classes of laws, each with its places and numbers by name
 
 
 def _ball_on_plane(plane: Plane, ball: Any) -> Made:
@@ -73,7 +73,7 @@ def _ball_on_plane(plane: Plane, ball: Any) -> Made:
 
 
 def _box_on_plane(plane: Plane, box: Box) -> Made:
-    """The corners of the box."""
+    """The contact of every corner of the box."""
     axes = np.eye(3) if box.rotation is None else np.asarray(box.rotation)
     signs = product(*((-0.5, 0.5) if edge else (0.0,) for edge in box.size))
     corners = [box.at + axes @ (np.array(sign) * box.size) for sign in signs]
@@ -81,8 +81,8 @@ def _box_on_plane(plane: Plane, box: Box) -> Made:
 
 
 def _cylinder_on_plane(plane: Plane, cylinder: Cylinder) -> Made:
-    """With the frame's x along the part of the cylinder's axis that is in the plane; with its y where both directions are in the
-    plane z = 0, since x is normal to a planar scene."""
+    """The frame's x is along the part of the cylinder's axis in the plane. Where normal and axis both lie in the plane z = 0, y
+    is along that part instead, because x is then normal to the planar scene."""
     z = np.asarray(plane.normal)
     up = float(cylinder.axis @ z)
     across = cylinder.axis - up * z
@@ -106,7 +106,7 @@ def _ball_on_ball(one: Any, other: Any) -> Made:
                           "radius_l": getattr(other, "radius", None)})]  # fmt: skip
 
 
-#: how two shapes touch
+#: two kinds of shapes -> function that makes the laws of their contact
 PAIRS: dict[tuple[type[Shape], type[Shape]], Callable[[Any, Any], Made]] = {
     (Plane, Sphere): _ball_on_plane, (Plane, Point): _ball_on_plane, (Plane, Box): _box_on_plane,
     (Plane, Cylinder): _cylinder_on_plane, (Cylinder, Sphere): _ball_on_cylinder, (Cylinder, Point): _ball_on_cylinder,

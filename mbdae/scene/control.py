@@ -36,18 +36,18 @@ def _function(arg: Argument, value: Any) -> AsGiven:
 
 
 def _memory(arg: Argument, value: Any) -> AsGiven:
-    """Anything."""
+    """Any object, kept as it is."""
     return value if isinstance(value, AsGiven) else AsGiven(value)
 
 
 def _not_called(f: Any, values: int, remembers: bool) -> str:
-    """Why a function cannot be called with so many values, "" where it can or where Python does not know."""
+    """Why f cannot be called with the time, so many values and its memory; "" where it can or where that is unknown."""
     try:
         inspect.signature(f).bind(*range(1 + values + remembers))
     except TypeError as error:
         takes = ", ".join(["t", *(f"value {n + 1}" for n in range(values)), *(["memory"] if remembers else [])])
         return f"f cannot be called with ({takes}): {error}"
-    except ValueError:  # no signature is known
+    except ValueError:  # functions written in C may have no signature to check
         pass
     return ""
 
@@ -107,7 +107,7 @@ class ControlStatements(ConnectionStatements):
 
 
 def _symbol(path: str) -> Any:
-    """As SymPy sees it."""
+    """The SymPy symbol of a sensor's path."""
     import sympy
 
     return sympy.Symbol(symbols.symbol_name(path), real=True)

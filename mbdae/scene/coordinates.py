@@ -17,7 +17,7 @@ from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import TwoBodyLaw
 from mbdae.values import shown
 
-#: option -> reader for angles and for displacements
+#: option -> readers of its value for an angle and for a displacement
 READERS: dict[str, tuple[Reader, Reader]] = {
     "prescribed": (reading.driven("rad"), reading.driven("m")),
     "start": (reading.quantity("rad"), reading.quantity("m")),
@@ -31,7 +31,7 @@ READERS: dict[str, tuple[Reader, Reader]] = {
     "radius": (reading.quantity("m", "positive"),) * 2,
     "normal_force": (reading.quantity("N", "not negative"),) * 2,
 }
-Made = tuple[type[TwoBodyLaw], dict[str, Any]]  #: a law and its values
+Made = tuple[type[TwoBodyLaw], dict[str, Any]]  #: class of a law, and its arguments by name
 
 
 @dataclass
@@ -55,7 +55,7 @@ class OnCoordinates:
 
     @property
     def counts_turns(self) -> bool:
-        """Whether an angle has limits: bodies show it up to whole turns only, as an unknown of its own it is known with them."""
+        """Whether an angle has limits: it must count whole turns, which only a coordinate that is an unknown of its own does."""
         return any(self.law.coordinates[c].unit == "rad" for c in self.of("limits"))
 
     def forces(self) -> list[Made]:
@@ -84,8 +84,8 @@ class OnCoordinates:
 
 def on_coordinates(scene: Any, item: str, law: type[Joint], words: Mapping[str, str], given: Mapping[str, Any],
                    model: JointModel | None) -> OnCoordinates:  # fmt: skip
-    """The options of a joint by coordinate; mistakes are added to the scene's problems. words: option -> the word of the
-    statement, where that is another one."""
+    """The options of a joint by coordinate; mistakes are added to the scene's problems. words: option -> its name in the
+    statement, where that differs, such as "angle0" for "start"."""
     given = dict(given) | {option: _where_friction_acts(law, option, given) for option in ("radius", "normal_force")}
     given["stop"] = limits.for_each_limit(law, given.get("stop"), given.get("limits"))
     values = {option: by_coordinate(Argument(scene, item, words.get(option, option)), law, given.get(option), readers)
@@ -108,7 +108,7 @@ def on_coordinates(scene: Any, item: str, law: type[Joint], words: Mapping[str, 
 
 
 def _where_friction_acts(law: type[Joint], option: str, given: Mapping[str, Any]) -> Any:
-    """A radius or normal force given once for a joint of several coordinates: that of every coordinate with friction."""
+    """Radius or normal force by coordinate: one given once, for a joint of several coordinates, is that of each with friction."""
     value, friction = given.get(option), given.get("friction")
     if value is None or isinstance(value, Mapping) or not isinstance(friction, Mapping):
         return value

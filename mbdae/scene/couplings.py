@@ -15,11 +15,11 @@ from mbdae.scene.record import statement
 from mbdae.symbolic.coupling import Coupling, Reference
 from mbdae.values import BadValueError, number, shown
 
-NOBODY = ""  #: in place of a coordinate that is not known, whose mistake has been reported
+NOBODY = ""  #: used for a coordinate that was not found, after the mistake has been reported
 
 
 def reference(unit: str = "") -> reading.Reader:
-    """The name of a joint, or "joint.coordinate": one of its coordinates, of that unit where one is said; as
+    """Reader of one coordinate, with this unit where one is given: of the name of its joint, or of "joint.coordinate"; returns
     "joint.coordinate"."""
 
     def read(arg: Argument, value: Any) -> str:
@@ -100,8 +100,8 @@ class CouplingStatements(SceneItems):
     @reads(name=reading.name, of=_terms, value=reading.driven("rad or m"))
     @statement
     def couple(self, name: str, of: Any, value: Any = 0.0) -> Connection:
-        """The sum of multiples of coordinates, {"A.angle": 18, "C.angle": -18, "P.angle": 24}, has a value: a number or an
-        expression of mb.t."""
+        """The sum of multiples of coordinates, {"A.angle": 18, "C.angle": -18, "P.angle": 24}, equals a value in rad or m: a
+        number or an expression of mb.t."""
         return self._couple("couple", name, lambda *at: WeightedSum(name, at, list(of.values()), value), list(of))
 
     @reads(name=reading.name, driving=reference("rad"), driven=reference("rad"), ratio=_ratio)
@@ -165,7 +165,7 @@ class CouplingStatements(SceneItems):
 
 
 def _unit(law: Coupling, coordinate: str) -> str:
-    """rad or m where the law states one of them."""
+    """Unit of a coordinate, rad or m, where the law states one of them; else ""."""
     if coordinate not in law.coordinates:
         raise LawError(f"{type(law).__name__} has no coordinate {coordinate!r}")
     unit = law.coordinates[coordinate].unit

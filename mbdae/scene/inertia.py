@@ -8,7 +8,7 @@ from mbdae.scene.components import Array
 
 
 def of_rods(points: Array, mass: float) -> tuple[Array, Array]:
-    """Centre of mass (3,) and inertia (3, 3) about it, kg m^2, of a polyline of slender rods of one mass per length."""
+    """Centre of mass (3,), m, and inertia (3, 3) about it, kg m^2, of uniform slender rods through points (n, 3); mass in kg."""
     ends = np.stack([points[:-1], points[1:]], axis=1)
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     masses = mass * lengths / lengths.sum()
@@ -22,7 +22,7 @@ def of_rods(points: Array, mass: float) -> tuple[Array, Array]:
 
 
 def matrix(value: Array) -> Array:
-    """Inertia matrix from one number (about z), 3 principal values or 3x3."""
+    """Inertia matrix (3, 3), kg m^2, from one number (about z), 3 principal values or 3x3."""
     if value.ndim == 0:
         return np.diag([0.0, 0.0, float(value)])
     return np.diag(value) if value.shape == (3,) else np.asarray(value, dtype=float)
@@ -37,5 +37,5 @@ def problems(name: str, J: Array, planar: bool) -> list[str]:
         return [f"body '{name}': inertia has the negative principal moment {moments[0]:.6g} kg m^2"]
     if not planar and moments[0] + moments[1] < moments[2] * (1 - 1e-9):
         return [f"body '{name}': principal moments {moments[0]:.6g}, {moments[1]:.6g}, {moments[2]:.6g} kg m^2 violate the "
-                f"triangle inequality (the two smaller must reach the largest)"]  # fmt: skip
+                f"triangle inequality (the sum of the two smaller must be at least the largest)"]  # fmt: skip
     return []

@@ -24,7 +24,7 @@ class SceneItems:
         self.name = reading.name(Argument(self, "scene", "name"), name)
         head = f"scene '{self.name}'"
         self.space = reading.one_of("auto", "planar", "spatial")(Argument(self, head, "space"), space)
-        self.statements: list[Statement] = []  #: as plain data (see `record.py`)
+        self.statements: list[Statement] = []  #: calls of statements as plain data (see `record.py`)
         self.own: Own = {}  #: classes and functions by the names they have in `statements`
         self.recording = True
         self.gravity = reading.vector("m/s^2")(Argument(self, head, "gravity"), gravity)
@@ -36,8 +36,8 @@ class SceneItems:
         self.signals: list[Signal] = []  #: states, named expressions, outputs of controllers
         self.controllers: list[Controller] = []
         self._known: dict[str, Any] = {"ground": self.ground}  #: items by name, as far as `_by_name` has read the lists
-        self._read = [0] * 5
-        self._wanted: dict[str, set[str]] = {}  #: by names of joints what is read of them, see `keep_read_coordinates`
+        self._read = [0] * 5  #: how many entries of each list `_by_name` has read
+        self._wanted: dict[str, set[str]] = {}  #: joint's name -> its quantities that sensors read, see `keep_read_coordinates`
         self.attachments: dict[Beam, tuple[float, ...]] = {}  #: places on beams where something is attached, see `nearest_place`
 
     @property
@@ -70,7 +70,7 @@ class SceneItems:
         return ", ".join(repr(n) for n in names[:12]) + (", ..." if len(names) > 12 else "")
 
     def _keep_read_coordinates(self, item: Any) -> None:
-        """What a new item reads, and what others read of it."""
+        """Make unknowns of the coordinates that a new item reads, and of its own that others read."""
         keep_read_coordinates(self, read_by(item))
         keep_wanted(self, item)
 

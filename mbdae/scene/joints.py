@@ -1,4 +1,4 @@
-"""Statements of joints: one path for every joint, `joint`; the others are shorter words for it."""
+"""Statements of joints: `joint` takes every joint; the others are short forms of it."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ from mbdae.symbolic.law import TwoBodyLaw
 OPTIONS = ("prescribed", "start", "start_rate", "spring", "damper", "load", "limits", "stop", "friction")
 BODIES = {"name": reading.name, "k": reading.body, "l": reading.body, "at": reading.point}
 PLACED = {**BODIES, "axis": reading.direction}
-#: of laws with a statement that finds their parameters
+#: law -> what to use instead of `joint`, where a statement of its own measures the parameters
 MEASURED: dict[type[Joint], str] = {Distance: "use s.distance(...), which measures it"}
-EACH = dict.fromkeys(OPTIONS, reading.as_given)  #: options by coordinate, read where these are known
+EACH = dict.fromkeys(OPTIONS, reading.as_given)  #: readers of options by coordinate: checked when the coordinates are known
 FURTHER = {"model": joint_model, **EACH, "further": reading.as_given}
 
 
@@ -50,7 +50,7 @@ class JointStatements(ConnectionStatements):
               model: Any = None, prescribed: Any = None, start: Any = None, start_rate: Any = None, spring: Any = None,
               damper: Any = None, load: Any = None, limits: Any = None, stop: Any = None, friction: Any = None,
               **further: Any) -> Connection:  # fmt: skip
-        """A joint of a class derived from mb.Joint between k and l at a point, with its parameters by name.
+        """A joint of a class derived from mb.Joint between k and l at a point (m, as drawn), with its parameters by name.
 
         `model`: mb.Kinematic(), mb.Classical(), mb.Recursive() or, for joints with a pin, mb.Clearance(...). The other options
         belong to a coordinate: one value where the joint has one coordinate, else a mapping by coordinate name. `prescribed`: its
@@ -73,7 +73,7 @@ class JointStatements(ConnectionStatements):
                  angle0: float | None = None, rate0: float | None = None, spring: float | None = None,
                  damper: float | None = None, torque: Any = None, friction: Any = None, radius: float | None = None,
                  limits: Any = None, stop: Any = None, normal_force: float | None = None) -> Connection:  # fmt: skip
-        """l turns relative to k about `axis` through `at`; the angle is 0 as drawn, positive about the axis.
+        """l turns relative to k about `axis` through `at` (m, as drawn); the angle is 0 as drawn, positive about the axis.
 
         `angle` prescribes it (rad, number or expression of mb.t); `angle0` rad and `rate0` rad/s hold its start;
         `spring` N m/rad, `damper` N m s/rad and `torque` N m (on l) act about the axis. `friction` (mb.Coulomb, mb.LuGre or
@@ -94,10 +94,10 @@ class JointStatements(ConnectionStatements):
                   rate0: float | None = None, spring: float | None = None, damper: float | None = None,
                   force: Any = None, model: Any = None, friction: Any = None, normal_force: float | None = None,
                   limits: Any = None, stop: Any = None) -> Connection:  # fmt: skip
-        """l slides relative to k along `axis` without turning; 0 as drawn. `position` m prescribes the displacement;
-        `spring` N/m, `damper` N s/m, `force` N (on l) act along the axis. `friction` (mb.Coulomb, mb.LuGre or one's own) is
-        pressed by `normal_force` N, by default the joint's reaction normal to the axis (its moments do not count). `limits`
-        (lowest, highest) m with `stop=mb.Stop(stiffness, damping)`."""
+        """l slides relative to k along `axis` through `at` (m) without turning; 0 as drawn. `position` m prescribes the
+        displacement; `spring` N/m, `damper` N s/m, `force` N (on l) act along the axis. `friction` (mb.Coulomb, mb.LuGre or one's
+        own) is pressed by `normal_force` N, by default the joint's reaction normal to the axis (its moments do not count).
+        `limits` (lowest, highest) m with `stop=mb.Stop(stiffness, damping)`."""
         words = {"prescribed": "position", "start": "position0", "start_rate": "rate0", "load": "force"}
         options = {"prescribed": position, "start": position0, "start_rate": rate0, "spring": spring, "damper": damper,
                    "load": force, "friction": friction, "normal_force": normal_force, "limits": limits, "stop": stop}  # fmt: skip
@@ -153,19 +153,19 @@ class JointStatements(ConnectionStatements):
     @reads(**BODIES, model=joint_model)
     @statement
     def spherical(self, name: str, k: Any, l: Any, at: Any, model: Any = None) -> Connection:
-        """The points of k and l at `at` stay together."""
+        """The points of k and l at `at` (3,), m, as drawn, stay together; all rotations are free."""
         return self._joint("spherical", Spherical, name, k, l, at, (0, 0, 1), None, model, {}, {})
 
     @reads(name=reading.name, k=reading.body, l=reading.body, at=reading.point)
     @statement
     def weld(self, name: str, k: Any, l: Any, at: Any = None) -> Connection:
-        """l moves with k."""
+        """l is fixed to k: no relative displacement or rotation."""
         return self.add(Weld(name, k, l, at))
 
     @reads(name=reading.name, k=reading.body, l=reading.body, at_k=reading.point, at_l=reading.point)
     @statement
     def distance(self, name: str, k: Any, l: Any, at_k: Any, at_l: Any) -> Connection:
-        """Two points keep their distance: a massless rod with ball ends."""
+        """Two points, m as drawn, keep their distance: a massless rod with ball ends."""
         length = float(np.linalg.norm(at_l - at_k))
         if length == 0:
             self.problems.append(f"distance '{name}': the two points coincide (distance 0 m); use s.spherical")

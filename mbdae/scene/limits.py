@@ -67,7 +67,7 @@ def stop(stiffness: str, damping: str) -> Reader:
 
 
 def for_each_limit(law: type[Joint], given: Any, limited: Any) -> Any:
-    """One stop for every coordinate to which `limits` gives some, by coordinate; what is given otherwise as it is."""
+    """One stop given once becomes that of every coordinate with limits, by coordinate; anything else is returned unchanged."""
     if isinstance(given, Mapping) or given is None or not isinstance(limited, Mapping):
         return given
     return {c: given for c, value in limited.items() if c in law.coordinates and value is not None} or given

@@ -12,13 +12,13 @@ from mbdae.scene.reading import Argument, instance, quantity
 from mbdae.symbolic.joint import Joint
 from mbdae.values import shown
 
-MODELS = "mb.Kinematic(), mb.Classical(), mb.Recursive() or mb.Clearance(outer, inner, normal)"  #: for messages
+MODELS = "mb.Kinematic(), mb.Classical(), mb.Recursive() or mb.Clearance(outer, inner, normal)"  #: joint models, in messages
 a_friction = instance(Friction, "friction law", "give mb.Coulomb(mu, v_c), mb.LuGre(...) or None", Coulomb(0.0, 1.0))
 normal_law = instance(Normal, "normal law", "give mb.Hertz(stiffness, damping)")
 
 
 def friction_law(arg: Argument, value: Any) -> Any:
-    """A friction law; one without internal states may feed no energy at any speed."""
+    """A friction law; without internal states it must dissipate energy, or do no work, at every sliding velocity."""
     found = a_friction(arg, value)
     if found is not value or found.states:
         return found
@@ -34,7 +34,7 @@ def friction_law(arg: Argument, value: Any) -> Any:
 
 
 def joint_model(arg: Argument, value: Any) -> Any:
-    """A joint model whose numbers can be used; None, the kinematic one, where it has none."""
+    """A joint model with plain numbers; None, for the kinematic model, where it cannot be used."""
     before = len(arg.scene.problems)
     if isinstance(value, Clearance):
         _read_clearance(arg, value)
@@ -61,7 +61,7 @@ def _read_clearance(arg: Argument, model: Clearance) -> None:
 
 
 def _augments(model: JointModel) -> bool:
-    """Whether it has a scaling or penalty (paper Eq. 2)."""
+    """Whether the model has a scaling or penalty (paper Eq. 2)."""
     return isinstance(model, Constrained) and (model.scaling != 1 or model.penalty != 0)
 
 

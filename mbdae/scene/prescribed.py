@@ -9,10 +9,10 @@ import numpy as np
 import symengine as se
 
 from mbdae.inputs import timed
-from mbdae.inputs.breaks import TooManyError, jumps, unresolved
+from mbdae.inputs.breaks import TooManyError, beyond, jumps, unresolved
 from mbdae.inputs.resolution import Stretches, resolved
 from mbdae.inputs.sensed import paths
-from mbdae.inputs.tables import Table, lookup_of
+from mbdae.inputs.tables import lookup_of
 from mbdae.scene.components import BeamLoad, Connection, Signal
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
@@ -21,8 +21,8 @@ from mbdae.symbolic.vectors import Expr
 
 _RAMP = "; join the pieces by a smooth ramp such as h*(3*x**2 - 2*x**3), x = (mb.t - t1)/T from 0 to 1"
 _CUBIC = "; give kind=\"cubic\", and a table that ends without slope where it is held beyond its ends"
-JUMP = 1e-7  #: smallest jump reported, over the largest value: below are the rounding errors of the expression
-MOST = 20_000  #: number of stretches in which values are checked, at most
+JUMP = 1e-7  #: smallest jump reported, relative to the largest value: smaller ones are rounding errors of the expression
+MOST = 20_000  #: largest number of time intervals in which values are checked
 
 
 class Input(NamedTuple):
@@ -47,21 +47,21 @@ def inputs(connections: list[Connection], loads: list[BeamLoad]) -> Iterator[Inp
 
 
 def _fed(connections: list[Connection], signals: list[Signal]) -> Iterator[Input]:
-    """What depends on time alone in expressions of sensors."""
+    """Parts that depend on time alone, in expressions that read sensors."""
     stated = [(c.kind, c.name, getattr(law, key)) for c in connections for law in c.laws for key in law.params]
     stated += [(one.kind, one.name, one.value if one.law is None else getattr(one.law, "rate", None)) for one in signals]
     for kind, name, value in stated:
         if paths(value) or (kind in ("signal", "state") and getattr(value, "free_symbols", None)):
-            yield from (Input(f"{kind} '{name}': {e}", e, "1", False) for e in dict.fromkeys(_of_time(se.sympify(value))))
+            yield from (Input(f"{kind} '{name}': {e}", e, "1", False) for e in dict.fromkeys(of_time(se.sympify(value))))
 
 
-def _of_time(e: Expr) -> Iterator[Expr]:
+def of_time(e: Expr) -> Iterator[Expr]:
     """The largest parts of an expression that depend on time alone; of cases, which may not hold, those with tables."""
     if e.free_symbols == {timed.TIME} and not is_condition(e):
         yield e
         return
     for part in e.args:
-        yield from (one for one in _of_time(part) if not isinstance(e, se.Piecewise) or any(map(lookup_of, nodes(one))))
+        yield from (one for one in of_time(part) if not isinstance(e, se.Piecewise) or any(map(lookup_of, nodes(one))))
 
 
 def problems(scene: Any, t0: float, t_end: float, continued: bool = False) -> list[str]:
@@ -71,10 +71,12 @@ def problems(scene: Any, t0: float, t_end: float, continued: bool = False) -> li
 
 
 def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
-    short = [text for lookup, a, b, _ in timed.split((timed.sided(one.expression),)).readings
-             for text in _beyond(lookup.table, *sorted((a * t0 + b, a * t_end + b)))]  # fmt: skip
+    try:
+        short = beyond(one.expression, t0, t_end)
+    except TooManyError:
+        short = ""  # said below
     if short:
-        return [f"{one.what}: {short[0]}"]
+        return [f"{one.what}: {short}"]
     parts = list(timed.derivatives(one.expression)) if one.moves else [timed.sided(one.expression)]
     for part, name in zip(parts, ("value", "rate", "second derivative"), strict=False):
         start = float(timed.values(part, np.array([t0]))[0])
@@ -83,7 +85,7 @@ def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
     try:
         edges, found = resolved(timed.used(one.expression, one.moves), t0, t_end)
     except TooManyError as error:
-        return [f"{one.what} {error}: steps that follow it cannot be afforded; shorten the run, or give its mean"]
+        return [f"{one.what} {error}: following it would take too many steps; shorten the run, or give its mean"]
     twice = unresolved(one.expression, t0, t_end)
     if twice is not None:
         return [f"{one.what} changes at t = {twice[0]:.9g} s and again {twice[1]:.1e} s later, which no step can resolve at such "
@@ -109,16 +111,8 @@ def _looked_at(edges: Any, found: Stretches) -> tuple[Any, Any]:
     return np.r_[low, middle, high], np.r_[side, side, side]
 
 
-def _beyond(table: Table, low: float, high: float) -> list[str]:
-    """That a run reads a table with outside="error" before its first point or after its last."""
-    if table.outside != "error" or (table.t[0] <= low and high <= table.t[-1]):
-        return []
-    return [f"the table goes from {table.t[0]:g} to {table.t[-1]:g} s, and the run reads it from {low:g} to {high:g} s: give a "
-            f"longer table, outside=\"hold\" or \"periodic\", or another run"]  # fmt: skip
-
-
 def _jumps(one: Input, parts: list[Expr], values: list[Any], edges: Any, before: list[float]) -> list[str]:
-    """Breaks at which a prescribed motion, or its rate, jumps; before: a time just before the start, where that counts too."""
+    """Breaks at which a prescribed motion, or its rate, jumps; before: for a continued run, a time just before its start."""
     middle = np.r_[before, (edges[1:] + edges[:-1]) / 2]
     at = (edges if before else edges[1:])[:-1]
     if not len(at):

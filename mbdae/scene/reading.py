@@ -22,8 +22,8 @@ from mbdae.values import BadValueError, array, entries, number, shown, text, who
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
-NAMELESS = "without a name"  #: in place of a name that is no text
-ORTHOGONAL = 1e-9  #: what rounding may leave of R R^T - 1
+NAMELESS = "without a name"  #: used where the name of an item is no text
+ORTHOGONAL = 1e-9  #: largest entry of R R^T - 1 that counts as rounding
 MOST_ELEMENTS = 100_000
 FEEDS = "it would feed energy"  #: effect of negative damping, for messages
 
@@ -49,7 +49,7 @@ Reader = Callable[[Argument, Any], Any]
 
 
 def reads(**readers: Reader) -> Callable[[F], F]:
-    """Pass a statement plain values only. readers: of all its arguments by name; None stays where it is the default."""
+    """Decorator: a statement gets plain values only. readers: of all arguments by name; None stays where it is the default."""
 
     def decorate(method: F) -> F:
         signature = inspect.signature(method)
@@ -79,7 +79,7 @@ def reads(**readers: Reader) -> Callable[[F], F]:
 def _plain(arg: Argument, reader: Reader, parameter: inspect.Parameter, value: Any) -> Any:
     """The plain value of an argument; of `*points` each point by its number."""
     if parameter.kind is not inspect.Parameter.VAR_POSITIONAL:
-        return reader(arg, value)  # of **further by as_given: they are read where the joint is known
+        return reader(arg, value)  # arguments in **further pass unchanged (as_given); they are read when the joint is known
     return tuple(reader(arg.part(f"{arg.option[:-1]} {i + 1}"), v) for i, v in enumerate(value))
 
 
@@ -284,14 +284,14 @@ def joint_class(arg: Argument, value: Any) -> Any:
 
 
 class Nothing(Joint):
-    """A joint in place of one that is not known, whose mistake has been reported."""
+    """A joint used where no class of one is given, after the mistake has been reported."""
 
     def constraints(self, k: Any, l: Any) -> dict[str, Any]:
         return {}
 
 
 def nobody(scene: Any) -> Body:
-    """A body in place of one that is not known, whose mistake has been reported; it is in no list of the scene."""
+    """A body used where none of the scene is given, after the mistake has been reported; it is in no list of the scene."""
     zero, eye = np.zeros(3), np.eye(3)
     return Body("?", 0.0, eye, zero, eye, zero, zero, scene=scene)
 

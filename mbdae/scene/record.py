@@ -90,7 +90,7 @@ def encode(value: Any, own: Own | None = None) -> Any:
 
 
 def _encode_as_given(value: AsGiven, own: Own | None) -> dict[str, Any]:
-    """An object as it is in `own`, and as plain data for files."""
+    """Keep the object itself in `own`, and encode its value as plain data for files."""
     number = 0 if own is None else next(n for n in count() if own.setdefault(f"kept {n}", value) is value)
     return {"kept": f"kept {number}", "plain": encode(value.value)}
 
@@ -111,7 +111,7 @@ def tables_in(data: Any) -> Iterator[tuple[str, Any]]:
 
 
 def read(stored_: Any) -> Any:
-    """The expression of time that such data stands for; ValueError where it is none."""
+    """The expression of time from data that `stored` made; ValueError where that cannot be read."""
     for name, data in stored_.get("tables", {}).items():
         from_data(name, data)
     return text.read(stored_["expression"])
@@ -122,7 +122,7 @@ def _encode_expression(value: Any) -> Any:
         if not getattr(value, "free_symbols", None):
             return number(value)
         return stored(timed.expression(value, sensors=True))
-    except Exception:  # the statement itself reports it
+    except Exception:  # the statement that is recorded reports the mistake when it runs
         return {"unreadable": shown(value)}
 
 

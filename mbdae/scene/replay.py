@@ -106,6 +106,11 @@ def _word(name: str) -> str:
 # ---- arguments -----------------------------------------------------------------------------------------------------------
 
 
+def decoded(value: Any, scene: Any, known: Known) -> Any:
+    """A value from its plain data."""
+    return _decode(value, scene, known)
+
+
 def _decode(value: Any, scene: Any, known: Known) -> Any:
     """The argument an encoded value stands for, in `scene`."""
     if isinstance(value, list):
@@ -136,7 +141,7 @@ def _expression(value: Any, scene: Any, known: Known) -> Any:
 
 
 def _as_given(value: Any, scene: Any, known: Known) -> AsGiven:
-    """An object of the scene this one is made from, or made from plain data."""
+    """The object that the scene repeated here keeps; one made from plain data where the scene comes from a file."""
     own = known.own.get(value["kept"]) if isinstance(value["kept"], str) else None
     return own if isinstance(own, AsGiven) else AsGiven(_decode(value["plain"], scene, known))
 
@@ -146,7 +151,7 @@ def _place(value: Any, scene: Any, known: Known) -> Place:
 
 
 def _options(value: Any, scene: Any, known: Known) -> dict[str, Any]:
-    """Values of a law, or fields of a part; lists among them are tuples: what changes a statement can be hashed."""
+    """Values of a law, or fields of a part; lists in them become tuples, because options of laws must be hashable."""
 
     def fixed(v: Any) -> Any:
         return tuple(fixed(x) for x in v) if isinstance(v, list) else v

@@ -30,10 +30,12 @@ FRAME = reading.one_of("inertial", "body")
 
 
 class SceneData(BeamStatements, JointStatements, ContactStatements, ControlStatements):
-    """Bodies, joints and forces by name. Lengths in m, angles in rad, SI throughout; inertial frame, right-handed."""
+    """Bodies, joints and forces by name. Lengths in m, angles in rad, SI throughout; inertial frame, right-handed.
+
+    A mistake in a statement raises nothing at once: `check`, `simulate` and the other analyses raise SceneError with all."""
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """In another process its tables are made known first."""
+        """Unpickle: the tables of its expressions are registered first, because another process does not know them."""
         for stored in tables_in(state["statements"]):
             from_data(*stored)
         vars(self).update(state)
@@ -62,7 +64,7 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
     @statement
     def point_mass(self, name: str, mass: float, at: Any, velocity: Any = (0, 0, 0), shape: Any = None,
                    color: Any = None) -> Body:  # fmt: skip
-        """A mass point: no orientation, rotation rows of joints on it fall away. `shape` and `color` as in `rigid_body`."""
+        """A point mass without orientation, so that joints on it constrain no rotation. `shape`, `color` as in `rigid_body`."""
         speed = np.array(velocity, dtype=float)
         body = Body(name, mass, None, at, np.eye(3), speed, np.zeros(3), given_velocity=bool(np.any(speed)), outline=at[None],
                     is_point=True)  # fmt: skip
@@ -73,8 +75,8 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
     @statement
     def link(self, name: str, *points: Any, mass: float | None = None, mass_per_length: float | None = None, shape: Any = None,
              color: Any = None) -> Body:  # fmt: skip
-        """A rigid polyline of slender rods through `points`; `mass` kg in all, or `mass_per_length` kg/m. `shape` and `color` as
-        in `rigid_body`."""
+        """A rigid polyline of slender rods through `points` (m); `mass` kg in all, or `mass_per_length` kg/m. `shape` and `color`
+        as in `rigid_body`."""
         outline = np.array(points)
         if len(points) < 2 or not np.all(np.linalg.norm(np.diff(outline, axis=0), axis=1) > 0):
             self.problems.append(f"link '{name}': needs at least two points, each different from the one before")
@@ -96,7 +98,7 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
     @statement
     def spring(self, name: str, k: Any, l: Any, at_k: Any, at_l: Any, stiffness: float, damping: float = 0.0,
                length: float | None = None) -> Connection:  # fmt: skip
-        """Spring (N/m) and damper (N s/m) between two points; natural `length` m (default: as drawn)."""
+        """Spring (N/m) and damper (N s/m) between two points (m, as drawn); natural `length` m (default: as drawn)."""
         natural = float(np.linalg.norm(at_l - at_k)) if length is None else length
         if damping and natural == 0:
             self.problems.append(f"spring '{name}': its natural length is 0 m, so its damper has no direction where the points "
@@ -126,13 +128,14 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
     @reads(name=reading.name, body=reading.body, value=reading.components("N", sensors=True), at=reading.point, frame=FRAME)
     @statement
     def force(self, name: str, body: Any, value: Any, at: Any = None, frame: str = "inertial") -> Connection:
-        """Applied force, N, three numbers or expressions of mb.t and sensors, in the inertial frame or along the body's axes."""
+        """Applied force, N, three numbers or expressions of mb.t and sensors, in the inertial frame or along the body's axes; at
+        the point `at`, m as drawn, by default the centre of mass."""
         return self._load("force", AppliedForce, ("fx", "fy", "fz"), name, body, value, at, frame)
 
     @reads(name=reading.name, body=reading.body, value=reading.components("N m", sensors=True), frame=FRAME)
     @statement
     def torque(self, name: str, body: Any, value: Any, frame: str = "inertial") -> Connection:
-        """Applied torque, N m, three numbers or expressions of mb.t and sensors."""
+        """Applied torque, N m, three numbers or expressions of mb.t and sensors, inertial or along the body's axes."""
         return self._load("torque", AppliedTorque, ("mx", "my", "mz"), name, body, value, None, frame)
 
     def _load(self, kind: str, law: type[Force], names: tuple[str, ...], name: str, body: Any, value: Any, at: Any,
@@ -143,8 +146,8 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
         return self._connect(Connection(name, kind, self.ground, body, [load]))
 
     def replace(self, *names: str, model: JointModel) -> Any:
-        """A new scene with another model of the named joints, without names of all joints of one or two coordinates
-        that admit it."""
+        """A new scene with another model of the named joints; without names, of all joints of one or two coordinates that admit
+        it. Raises SceneError where a name is no joint, or a joint does not admit the model."""
         return replaced(self, names, model)
 
     def recursive(self) -> Any:

@@ -63,7 +63,7 @@ class Section:
         self._read_shape()
 
     def _read_shape(self) -> None:
-        """Refuse a shape that is none; leave out one that is not that of the stiffnesses, such as after `dataclasses.replace`."""
+        """Refuse a wrong shape; drop one that does not belong to the stiffnesses, such as after `dataclasses.replace`."""
         if self.E is None and not self.shape:
             return
         try:
@@ -79,7 +79,7 @@ class Section:
             object.__setattr__(self, "shape", ())
 
     def _read(self, name: str, unit: str, **bounds: float) -> list[str]:
-        """Make a field a plain number; a list of the mistake in it, or empty."""
+        """Replace a field by a plain number; a list with the mistake in it, or an empty one."""
         try:
             object.__setattr__(self, name, number(getattr(self, name), **bounds))
         except BadValueError as refused:
@@ -95,7 +95,7 @@ class Section:
 
     @property
     def rigid(self) -> tuple[str, ...]:
-        """Names of the stiffnesses that are infinite: their strains are constraints, only the mixed form has them."""
+        """Names of the infinite stiffnesses: their strains are constraints, which need the mixed form (stresses as unknowns)."""
         return tuple(name for name in _STIFFNESSES if math.isinf(getattr(self, name)))
 
     @property
@@ -135,7 +135,7 @@ class Section:
     @classmethod
     def _of_shape(cls, A: float, I: tuple[float, float, float], k: float, J: float, E: float, nu: float, rho: float,
                   damping: float, shape: tuple[Any, ...]) -> Section:  # fmt: skip
-        """From area, polar and second moments, shear correction factor and torsion constant."""
+        """From area A, m^2, second moments I about axes 1, 2, 3, m^4, shear correction factor k and torsion constant J, m^4."""
         E, rho = _positive(E=(E, "Pa"), rho=(rho, "kg/m^3"))
         G = E / (2 * (1 + nu))
         inertia = tuple(rho * i for i in I)
@@ -143,13 +143,13 @@ class Section:
 
 
 def _of_tube(outer: float, inner: float) -> tuple[float, float, float]:
-    """Area and second moments about axes 2 and 3."""
+    """Area, m^2, and second moments about axes 2 and 3, m^4."""
     I = math.pi / 4 * (outer**4 - inner**4)
     return math.pi * (outer**2 - inner**2), I, I
 
 
 def _of_rectangle(width: float, height: float) -> tuple[float, float, float]:
-    """Area and second moments about axes 2 and 3."""
+    """Area, m^2, and second moments about axes 2 and 3, m^4."""
     return width * height, height * width**3 / 12, width * height**3 / 12
 
 

@@ -14,8 +14,8 @@ from mbdae.scene.sensor_names import parsed, placed, rates_of
 from mbdae.symbolic.joint import Joint
 from mbdae.values import BadValueError
 
-MOTION = {"position": (3,), "velocity": (3,), "angular_velocity": (3,), "rotation": (3, 3)}  #: of bodies, with their shapes
-#: what follows from accelerations: known when the loads are, so that no load can depend on it
+MOTION = {"position": (3,), "velocity": (3,), "angular_velocity": (3,), "rotation": (3, 3)}  #: of bodies: quantity -> shape
+#: quantities that follow from accelerations, and so from the loads: no load can depend on them
 LOOPS = ("force", "torque", "power", "acceleration", "angular_acceleration", "drive", "gap", "normal_force")
 
 
@@ -79,7 +79,7 @@ def _unknown(scene: Any, path: str) -> str:
     close = get_close_matches(path, known, 1)
     meant = f"did you mean '{close[0]}'? " if close else ""
     few = ", ".join(repr(one) for one in known[:12]) + (", ..." if len(known) > 12 else "")
-    return f"there is no sensor '{path}': {meant}There are {few or 'none'}"
+    return f"there is no sensor '{path}': {meant}known sensors: {few or 'none'}"
 
 
 def known_paths(scene: Any) -> list[str]:
@@ -104,7 +104,7 @@ def read_by(item: Any) -> list[str]:
 
 
 def fed(scene: Any) -> list[tuple[str, list[str]]]:
-    """What depends on sensors: the item in words, and the paths."""
+    """Items that depend on sensors: each in words, with the paths of its sensors."""
     out = [(f"controller '{one.name}'" if isinstance(one, Controller) else f"{one.kind} '{one.name}'", read_by(one))
            for one in (*scene.connections, *scene.signals, *scene.controllers)]  # fmt: skip
     return [(item, read) for item, read in out if read]
@@ -138,7 +138,7 @@ def _circles(scene: Any) -> list[str]:
 
 def keep_read_coordinates(scene: Any, read: Iterable[str]) -> None:
     """Angles that are read by these paths, and coordinates that bodies do not show, become unknowns of their own: whole turns
-    count. Joints may be stated later: `_wanted` of the scene has what is read of every name, and each joint asks for its own."""
+    count. A joint may be stated after what reads it: `_wanted` of the scene keeps what is read by name for `keep_wanted`."""
     names = dict[str, None]()
     for path in read:
         name, quantity, _ = parsed(path)
@@ -149,7 +149,7 @@ def keep_read_coordinates(scene: Any, read: Iterable[str]) -> None:
 
 
 def keep_wanted(scene: Any, c: Any) -> None:
-    """The same of one item, where it is a joint of which something is read."""
+    """Make unknowns of the coordinates that are read of one item, where it is a joint; see `keep_read_coordinates`."""
     wanted = scene._wanted.get(c.name) if isinstance(c, Connection) and c.is_joint else None
     if not wanted or c.loose:
         return

@@ -15,7 +15,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Plane(Shape):
-    """A half space; `normal` points out of it, to the side that is free."""
+    """A half space; `normal`, as drawn, points out of it, to the free side."""
 
     normal: Any = (0, 0, 1)
 
@@ -34,7 +34,7 @@ class Point(Shape):
 
 @dataclass(frozen=True)
 class Cylinder(Shape):
-    """A cylinder of `radius` and `length` (m) with its middle at `at`; without a length it has no ends."""
+    """A cylinder about `axis`, as drawn, of `radius` and `length` (m), its middle at `at`; without a length it has no ends."""
 
     axis: Any = (0, 0, 1)
     radius: float = 1.0

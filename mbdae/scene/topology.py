@@ -22,8 +22,8 @@ class Tree:
 
 
 def leader(item: T, leads: dict[T, T]) -> T:
-    """The representative of the group of `item`; leads: item -> an item of its group nearer to the representative, with
-    ways shortened as they are gone."""
+    """The representative of the group of `item`; leads: item -> an item of its group nearer to the representative; the way to it
+    is shortened for later calls."""
     while item in leads:
         before, item = item, leads[item]
         leads[before] = leads.get(item, item)
@@ -31,9 +31,9 @@ def leader(item: T, leads: dict[T, T]) -> T:
 
 
 def spanning_tree(scene: SceneItems, joints: Collection[Connection] | None = None) -> Tree:
-    """Recursive joints come first, then rigid ones, then those whose start is prescribed or held, then the order of the
-    scene; joints with clearance come last. Where bodies float freely, a root is one that is l of no joint, if there is one: what
-    is held at the start moves l relative to k, whichever body was stated first.
+    """Spanning forest in which recursive joints come first, then rigid ones, then those whose start is prescribed or held, then
+    the order of the scene; joints with clearance come last. Where bodies float freely, a root is one that is l of no joint, if
+    there is one: values held at the start then move l relative to k, whichever body was stated first.
 
     joints: those that count; all by default."""
     leads: dict[Body, Body] = {}

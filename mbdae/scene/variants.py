@@ -16,7 +16,7 @@ from mbdae.scene.sensed import keep_read_coordinates
 from mbdae.scene.topology import spanning_tree
 from mbdae.values import shown
 
-FEW = 2  #: coordinates of a joint whose model is replaced although it is not named
+FEW = 2  #: largest number of coordinates of the joints that `replace` changes without naming them
 
 
 @cache
@@ -71,7 +71,7 @@ def keeping(scene: SceneItems, read: list[str]) -> Any:
 
 
 def _ideal(joint: Connection) -> Any:
-    """The law of a joint without play."""
+    """The law of a joint; where it has clearance, that of the joint without it."""
     return joint.as_kinematic[0] if joint.loose else joint.joint
 
 
@@ -94,7 +94,7 @@ def may_be_recursive(c: Connection) -> bool:
 
 def with_open_tree(scene: SceneItems) -> Any | None:
     """The scene with recursive joints in place of those whose model its statements leave open, where the joints of rigid bodies
-    form a tree in which nothing can stick; None where there is nothing to change, or a statement cannot be repeated."""
+    form a tree without friction that can stick; None where there is nothing to change, or a statement cannot be repeated."""
     joints = [c for c in scene.joints if not c.loose]
     open_ = [c.name for c in joints if c.left_open and may_be_recursive(c) and "rotation" not in map(c.unit, c.coordinates)]
     sticking = any(law.may_stick(law.states) for c in joints for law in c.laws)

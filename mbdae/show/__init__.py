@@ -1,1 +1,1 @@
-"""Pictures of results: plots, drawings, films."""
+"""Pictures of results: plots, drawings, animations."""

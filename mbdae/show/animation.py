@@ -1,4 +1,4 @@
-"""The motion of a result as a GIF or as a page that plays it."""
+"""Animations of a result, as a GIF or as an HTML page with a player."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from mbdae.errors import OptionError
 from mbdae.files import replacing, write_file
 from mbdae.notation import axis_label
 from mbdae.scene.components import Body, Connection, Place
-from mbdae.show.drawing import Picture, axes_for, figure_size, show_gravity
+from mbdae.show.drawing import LETTERS, Picture, axes_for, entitled, figure_size, show_gravity
 from mbdae.show.film import SMOOTH, Curve, Film, digits, filmed, frame_times, natural_speed
+from mbdae.show.names import fitting
 from mbdae.show.player import page
 from mbdae.show.plots import PLACE, checked, dress, names_of, numbers, steady, style, track
 from mbdae.values import number, option, optional, sequence, text
 
-DPI = 80  #: pixels per inch of a GIF
+DPI = 80  #: resolution of a GIF, pixels per inch
 
 
 class Animation:
-    """A film that was made: `html` is its page (of a .gif the picture); a notebook plays it. path: its file, or None."""
+    """An animation: `html` is its page (for a .gif the picture), which a notebook shows; path: its file, or None."""
 
     def __init__(self, name: str, html: str, path: Path | None) -> None:
         self.name, self.html, self.path = name, html, path
@@ -37,7 +38,7 @@ class Animation:
 
 def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: float | None, trail: Any,
             hide: Any = ()) -> Animation:  # fmt: skip
-    """Make a film, written as .gif or .html player where a path is given; see `Result.animate`."""
+    """Make an animation, and write it as .gif or .html where a path is given; see `Result.animate`."""
     file = None if path is None else checked(path, (".gif", ".html"), "animate")
     given = [sensors] if isinstance(sensors, str) else sensors
     sensors = option("sensors", given, sequence, "give a sensor such as 'C.angle', or a list of them", each=text)
@@ -53,7 +54,7 @@ def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: f
     duration = float(result.t[-1] - result.t[0])
     rate = natural_speed(duration) if speed is None else speed
     gif = file is not None and file.suffix.lower() == ".gif"
-    delay = max(2, round(100 / fps)) / 100 if gif else 1 / fps  # a GIF counts in hundredths of a second
+    delay = max(2, round(100 / fps)) / 100 if gif else 1 / fps  # a GIF counts time in hundredths of a second
     times = frame_times(float(result.t[0]), duration, rate * delay, 2 if gif else SMOOTH)
     film = filmed(result, times, sensors, places, rate, hidden)
     if file is not None and gif:
@@ -80,18 +81,18 @@ def _place(value: Any) -> Any:
 
 
 def write_gif(film: Film, file: Path, delay: float) -> None:
-    """Draw every frame; `delay` s between frames, to the hundredth. All have the colours of the frame in the middle."""
+    """Draw every frame, `delay` s apart (rounded to 0.01 s); all frames use the palette of the middle one."""
     stage = _Stage(film)
     count = len(film.seen.t)
     palette = stage.frame(count // 2).quantize()
     frames = (stage.frame(i).quantize(palette=palette, dither=0) for i in range(count))
-    shown = 10 * max(2, round(100 * delay))  # ms
+    shown = 10 * max(2, round(100 * delay))  # display time of a frame, ms
     with replacing(file) as part:
         next(frames).save(part, format="GIF", save_all=True, append_images=frames, duration=shown, loop=0)
 
 
 class _Stage:
-    """A figure with the mechanism, and charts of sensors over time below. What stands still is drawn once."""
+    """A figure of the mechanism with charts of sensors over time below it; what does not move is drawn once."""
 
     def __init__(self, film: Film) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -106,7 +107,7 @@ class _Stage:
         margins = {} if film.seen.planar else sides
         grid = figure.add_gridspec(1 + n, 1, height_ratios=[height, *[0.9] * n], **margins)
         self.figure, self.axes = figure, axes_for(figure, film.seen, grid[0])
-        self.title = self.axes.set_title(" ", fontsize="medium", loc="left", family="monospace")
+        self.title = entitled(self.axes, film.seen, self._told(-1), family="monospace")
         self.picture = Picture(self.axes, film.seen)
         show_gravity(self.axes, film.seen)
         self.trails = [self.picture.trail(trail.points, trail.colour) for trail in film.trails]
@@ -146,11 +147,15 @@ class _Stage:
         return axis.axvline(self.t[0], color="0.2", linewidth=1.2)
 
     def show(self, i: int) -> None:
-        """Move everything to the i-th frame."""
+        """Move everything that moves to its place in the i-th frame."""
         self.picture.show(i)
         for lengthen in self.trails:
             lengthen(i * self.film.fine)
         for marker in self.markers:
             marker.set_xdata([self.t[i]] * 2)
+        self.title.set_text(fitting(self._told(i), LETTERS))
+
+    def _told(self, i: int) -> str:
+        """The title of the i-th frame."""
         pace = "" if self.film.speed == 1 else f"   (speed x {self.film.speed:g})"
-        self.title.set_text(f"{self.film.seen.name}   t = {self.t[i]:.{digits(self.t)}f} s{pace}")
+        return f"{self.film.seen.name}   t = {self.t[i]:.{digits(self.t)}f} s{pace}"

@@ -1,6 +1,6 @@
-"""Pictures and films as methods of `Result`: entered from here, so that results know nothing of drawings.
+"""Adds plots and animations as methods of `Result`, so that the results package need not import the drawing code.
 
-What draws is imported by the first picture: a run without one does not pay for it."""
+The drawing code is imported by the first picture, so that a run without pictures does not wait for it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mbdae.scene.appearance import READERS
 
 
 def _by(module: str, name: str) -> Callable[..., Any]:
-    """A function of a module of this package, which its first call imports."""
+    """A function that imports its module of this package at the first call."""
     return lambda *args, **options: getattr(import_module(f"mbdae.show.{module}"), name)(*args, **options)
 
 

@@ -1,7 +1,7 @@
-"""Bodies as they are drawn.
+"""Shapes with which bodies are drawn.
 
-A body is drawn by the shapes stated for it; without any by its outline and the shapes by which it touches others; without those
-by lines from its centre of mass to the points where something is attached, and by the ellipsoid of its mass and inertia.
+A body is drawn by the shapes stated for it; without any by its outline and the shapes by which it touches others; else by lines
+from its centre of mass to the points where something is attached, and by the ellipsoid of its mass and inertia.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from mbdae.show import solids, symbols
 from mbdae.show.collected import Collected
 from mbdae.show.geometry import INK, Label, Shape
 
-GREY = "#8a8a8a"  #: of shapes fixed to the ground
-TINY = 0.02  #: an extent over the size of the scene that is not seen
+GREY = "#8a8a8a"  #: colour of shapes fixed to the ground
+TINY = 0.02  #: ratio of an extent to the size of the scene below which it is not drawn
 
 
 class BodyShapes(Collected):
@@ -44,7 +44,7 @@ class BodyShapes(Collected):
         return self._by_mass(body, colour, bool(drawn))
 
     def _by_mass(self, body: Body, colour: str, shaped: bool) -> None:
-        """A body without outline."""
+        """Draw a body that has no shapes."""
         corners = [p for p in self.attached[body.name] if np.linalg.norm(p) > TINY * self.size]
         extent = [] if shaped else self._extent(body, bool(corners))
         centre = [] if shaped else [("centre", np.zeros((1, 3)))]
@@ -55,8 +55,8 @@ class BodyShapes(Collected):
         self.labels.append(Label(body.name, anchor[None], body.name, True))
 
     def _extent(self, body: Body, framed: bool) -> list[tuple[str, Array]]:
-        """The body's ellipsoid; in the plane a disc, unless it is drawn as a plate or bars (framed); a box where it is tiny, or
-        where it is larger than the scene without it: then mass and inertia are no body's."""
+        """The body's ellipsoid of inertia, in the plane a disc unless drawn as plate or bars (framed). A box where it is tiny, or
+        larger than the rest of the scene, in which case mass and inertia do not belong to a real body."""
         axes = half_axes(body, self.planar)
         if self.planar and framed:
             return []
@@ -76,7 +76,7 @@ class BodyShapes(Collected):
     # -- shapes
 
     def _solid(self, item: str, one: Any, body: Body, colour: str) -> Any:
-        """Draw a shape fixed to a body; planes when it is known how far they reach."""
+        """Draw a shape fixed to a body; planes are drawn later, when it is known how far they must reach."""
         if isinstance(one, solid.Plane):
             self.planes.append((item, one, body, []))
             return one
@@ -87,7 +87,7 @@ class BodyShapes(Collected):
         return one
 
     def _contact(self, item: Connection) -> None:
-        """The shapes of a contact on the ground, on beams, and planes; its name beside a shape that is drawn for it alone."""
+        """Draw the shapes of a contact on the ground, on beams, and planes, with its name beside a shape that only it has."""
         first, second = item.shapes
         one: Any
         for body, other, one in ((item.k, item.l, first), (item.l, item.k, second)):
@@ -107,7 +107,7 @@ class BodyShapes(Collected):
                 self._name(item.name, body, np.asarray(one.at))
 
     def _planes(self) -> None:
-        """Planes as far as the bodies that touch them move."""
+        """Draw planes as far as the bodies that touch them move."""
         fixed = [np.asarray(one.at) for _, one, body, _ in self.planes if body.is_ground]
         for item, one, body, others in self.planes:
             reach = [self.extents[name] for name in others if name in self.extents] or \
@@ -118,7 +118,7 @@ class BodyShapes(Collected):
             self._add(item, part.kind, part.points, body, GREY if body.is_ground else self.colours.get(body.name, INK))
 
     def _seen_from(self, body: Body, reach: list[Array]) -> list[Array]:
-        """Points over time (nt, n, 3) as a body sees them, as drawn."""
+        """Points over time (nt, n, 3), m, relative to a body, placed as that body is drawn."""
         if body.is_ground:
             return reach
         pose = self.poses[body.name]
@@ -137,7 +137,7 @@ def half_axes(body: Body, planar: bool) -> list[float]:
 
 
 def _frame(corners: Array, planar: bool) -> list[tuple[str, Array]]:
-    """A body without outline by its attachments (n, 3) and its centre of mass: a plate, or bars."""
+    """A body without outline, drawn by its attachment points (n, 3) and centre of mass: a plate, or bars."""
     points = np.vstack([np.zeros((1, 3)), corners.reshape(-1, 3)])
     if len(points) < 2:
         return []

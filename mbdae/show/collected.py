@@ -1,4 +1,4 @@
-"""What all shapes of a result are made from: poses of bodies over time, points of joints, sizes of symbols, names."""
+"""Data from which all shapes of a result are made: poses of bodies over time, points of joints, sizes of symbols, names."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from mbdae.show import solids, symbols
 from mbdae.show.geometry import INK, Label, Pose, Shape, moved
 from mbdae.system.model.beams import Line
 
-MARK = 0.03  #: size of symbols over the size of the scene
-SMOOTH = 32  #: least number of chords of a beam
+MARK = 0.03  #: ratio of the size of symbols to the size of the scene
+SMOOTH = 32  #: smallest number of straight pieces with which a beam is drawn
 
 
 class Collected:
-    """What is collected of one result: poses, deformed axes of beams, sizes, and the shapes and names made so far."""
+    """Data of one result: poses, deformed axes of beams, sizes, and the shapes and names made so far."""
 
     def __init__(self, result: Result, hide: Sequence[str] = ()) -> None:
         self.hidden = _hidden(result, hide)
@@ -41,16 +41,16 @@ class Collected:
         self.shapes: list[Shape] = []
         self.labels: list[Label] = []
         self._grounded: list[Array] = []
-        self.fixed: list[Any] = []  #: shapes on the ground that are drawn
+        self.fixed: list[Any] = []  #: shapes on the ground that are already drawn
         self.colours: dict[str, str] = {}
         self.planes: list[tuple[str, Any, Body, list[str]]] = []  #: item, plane, its body, names of the bodies that touch it
 
     def shown(self, items: Iterable[Any]) -> list[Any]:
-        """Those that are not hidden."""
+        """The items that are not hidden."""
         return [item for item in items if item.name not in self.hidden]
 
     def _attached(self, body: Body) -> Array:
-        """Points (n, 3) of a body at which something is attached, in its own axes, each once."""
+        """Points (n, 3), m, of a body at which something is attached, in its own axes, without duplicates."""
         points: list[Array] = []
         for item in self.scene.connections if body not in self.lines else []:
             for side in (item.k, item.l) if not item.shapes else ():
@@ -60,8 +60,8 @@ class Collected:
         return np.array(points).reshape(-1, 3)
 
     def _sizes(self) -> tuple[float, float]:
-        """Largest extent (m) of all bodies, their attachments, and the points of joints and shapes on the ground; infinite, then
-        the length of the model, where that is a point."""
+        """Extent (m) of all bodies, their attachments, points of joints and shapes on the ground: as the limit for drawn bodies,
+        and as the size for symbols; for a scene that is a single point no limit, and the length of the model."""
         fixed = [p for c in self.shown(self.scene.connections) if c.kind not in ("force", "torque")
                  for i, side in enumerate((c.k, c.l)) if side.is_ground
                  for p in (solids.outline(c.shapes[i]) if c.shapes else [ends(c)[i]])]  # fmt: skip
@@ -71,7 +71,7 @@ class Collected:
         return (extent, extent) if extent > 1e-9 else (np.inf, self.result.prepared.model.length)
 
     def _spanned(self, body: Body) -> Array:
-        """Points (nt, n, 3), m, between which a body is."""
+        """Points (nt, n, 3), m, whose bounding box contains a body over time."""
         if body in self.lines:
             return self.lines[body]
         shapes = [self._local(body, points) for one in self.looks[body.name] for points in solids.outline(one)]
@@ -79,17 +79,17 @@ class Collected:
 
     @staticmethod
     def _local(body: Body, points: Sequence[Array] | Array) -> Array:
-        """Points (n, 3) given as drawn, in the body's axes from its centre of mass."""
+        """Points (n, 3) as drawn, in the body's axes from its centre of mass, m."""
         return np.asarray((np.asarray(points).reshape(-1, 3) - body.drawn.position) @ body.drawn.rotation)
 
     def _over_time(self, body: Body, point: Array) -> Array:
-        """(nt, 3) of a point given as drawn."""
+        """Position over time (nt, 3), m, of a point given as drawn."""
         if body.is_ground:
             return np.broadcast_to(point, (len(self.result.t), 3))
         return moved(self.poses[body.name], self._local(body, [point]))[:, 0]
 
     def _on_sections(self, item: Connection) -> Connection:
-        """The item with a body in place of every beam: one that moves with the section nearest to the item's point as drawn."""
+        """The connection with every beam replaced by a body that moves with the section nearest to the connection's point."""
         sides = {"k": item.k, "l": item.l}
         for (side, body), at in zip(sides.items(), ends(item), strict=True):
             if body in self.lines:
@@ -103,7 +103,7 @@ class Collected:
         return replace(item, **sides)
 
     def _add(self, item: str, kind: str, points: Array, body: Body | None = None, colour: str = INK) -> None:
-        """A shape by points (n, 3) as drawn on a body, or (nt, n, 3) in the inertial frame."""
+        """Add a shape: points (n, 3), m, as drawn on a body, or (nt, n, 3) in the inertial frame."""
         if body is None or body.is_ground:
             self.shapes.append(Shape(item, kind, colour, points if points.ndim == 3 else points[None]))
         else:
@@ -114,11 +114,11 @@ class Collected:
         self.labels.append(Label(text, self._local(body, [point]) if on else point.reshape(-1, 3), on, of_body))
 
     def _marked(self, item: Connection, kind: str, body: Body) -> None:
-        """A marker at the joint's point of a body."""
+        """Draw a marker at the joint's point on a body."""
         self._add(item.name, kind, np.array([ends(item)[1 if body is item.l else 0]]), body)
 
     def _ground(self, item: str, point: Array, down: Array | None = None) -> None:
-        """Draw the symbol of the ground under a point, unless there is one."""
+        """Draw the ground symbol under a point, unless one is there already."""
         if any(np.linalg.norm(point - p) < self.mark for p in self._grounded):
             return
         self._grounded.append(point)
@@ -130,7 +130,7 @@ class Collected:
         self._add(item.name, "thin", symbols.zigzag(a, b, 0.7 * self.mark))
 
     def _gather(self) -> None:
-        """Join the names at one point to one text, such as those of joints that share a pin."""
+        """Join the names at one point into one text, such as those of joints that share a pin."""
         groups: dict[tuple[Any, ...], list[Label]] = {}
         for label in self.labels:
             where = tuple(np.round(self.place_of(label) / (0.5 * self.mark)).astype(int))
@@ -140,12 +140,12 @@ class Collected:
         self.labels = list(chain.from_iterable(merged))
 
     def place_of(self, label: Label) -> Array:
-        """Point (3,), m, of a name at the first time."""
+        """Position (3,), m, of a name at the first time."""
         return moved(self.poses[label.body], label.points)[0, 0] if label.body else np.asarray(label.points[0])
 
 
 def looks_of(scene: Any, lines: Container[Body]) -> dict[str, list[Any]]:
-    """By rigid body the shapes stated for it, or else those by which it touches others, each once."""
+    """Shapes of every rigid body: those stated for it, else those by which it touches others, without duplicates."""
     found: dict[str, list[Any]] = {b.name: list(b.shapes or ()) for b in scene.bodies}
     touching = [(body, one) for item in scene.connections if item.shapes
                 for body, one in zip((item.k, item.l), item.shapes, strict=True)]  # fmt: skip
@@ -157,17 +157,17 @@ def looks_of(scene: Any, lines: Container[Body]) -> dict[str, list[Any]]:
 
 
 def _hidden(result: Result, hide: Sequence[str]) -> set[str]:
-    """The names to leave out; SceneError where there is no such item."""
+    """Names of items to leave out; SceneError where there is no such item."""
     for name in hide:
         _ = result.prepared.model.scene[name]
     return set(hide)
 
 
 def ends(item: Connection) -> tuple[Array, Array]:
-    """Points (3,) of k and of l a connection attaches to, as drawn, m."""
+    """Points (3,) on k and on l that a connection joins, as drawn, m."""
     return item.joint.point_on("k"), item.joint.point_on("l")
 
 
 def _pieces(line: Line) -> int:
-    """Number of chords per element with which a beam is drawn."""
+    """Number of straight pieces per element with which a beam is drawn."""
     return 1 if line.mesh.order == 1 else max(2, -(-SMOOTH // len(line.mesh.elements)))

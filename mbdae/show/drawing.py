@@ -17,16 +17,16 @@ from mbdae.show.plots import dress, written
 from mbdae.show.shapes import geometry
 from mbdae.system.prepare import Prepared
 
-PAD = 0.07  #: margin over the size of the drawing
-LIGHT = np.array([0.4, -0.8, 0.9])  #: direction to the light, z upright
-LETTERS = 70  #: that fit into the title of a picture
-DARKER = 0.3  #: of every other sector of a ball or cylinder
+PAD = 0.07  #: ratio of the margin to the size of the drawing
+LIGHT = np.array([0.4, -0.8, 0.9])  #: direction towards the light, with z upright
+LETTERS = 70  #: largest number of letters in the title of a picture
+DARKER = 0.3  #: reduction of brightness of every other sector of a ball or cylinder
 
 
 @dataclass(frozen=True)
 class Look:
-    """How a kind of shape is drawn: line width and marker size in points, layer, dashes, opacity of its area (0..1), marker and
-    its colour ("ink", "own" for that of the shape, or a name)."""
+    """Style of a kind of shape: line width and marker size in points, layer, dashes, opacity of its area (0 to 1), marker and its
+    colour ("ink", "own" for the colour of the shape, or a colour name)."""
 
     width: float = 1.2
     layer: int = 4
@@ -35,7 +35,7 @@ class Look:
     marker: str = ""
     size: float = 0.0
     face: str = ""
-    casing: bool = False  #: a dark edge along the line
+    casing: bool = False  #: whether the line has a dark edge
 
 
 LOOKS: dict[str, Look] = {
@@ -65,7 +65,7 @@ LOOKS: dict[str, Look] = {
 
 
 class Picture:
-    """A geometry drawn on axes; `show(i)` moves it to its i-th time."""
+    """A geometry drawn on matplotlib axes; `show(i)` moves it to its i-th time."""
 
     def __init__(self, axes: Any, seen: Geometry) -> None:
         self.axes, self.seen = axes, seen
@@ -80,12 +80,12 @@ class Picture:
 
     @property
     def artists(self) -> list[Any]:
-        """What `show` and the functions of trails move."""
+        """Artists that `show` and the functions returned by `trail` move."""
         drawn = [artist for artist, _ in self._lines + self._fills]
         return drawn + self._trails + ([] if self._solids is None else [self._solids.faces])
 
     def show(self, i: int) -> None:
-        """Move every line to the i-th time."""
+        """Move every shape to the i-th time."""
         for artist, line in self._lines:
             self._place(artist, line[i])
         for patch, line in self._fills:
@@ -132,14 +132,14 @@ class Picture:
         return self.axes.add_patch(patch)
 
     def trail(self, points: Array, colour: str) -> Any:
-        """A function that draws the path up to the i-th of its points."""
+        """A function of i that draws the path up to its i-th point."""
         line = self._line(Shape("", "trail", colour, points[None]))
         self._trails.append(line)
         return lambda i: self._place(line, points[: i + 1])
 
 
 class Solids:
-    """Faces of all solids in space, one collection: the nearer ones hide those behind."""
+    """Faces of all solids in space in one collection, so that nearer faces hide those behind."""
 
     def __init__(self, axes: Any, seen: Geometry, shapes: list[Shape]) -> None:
         from matplotlib.colors import to_rgb
@@ -167,12 +167,12 @@ class Solids:
 
 
 def upwards(seen: Geometry) -> str:
-    """The axis that is drawn upright in space."""
+    """Name of the axis that is drawn upright in space."""
     return "xyz"[int(np.argmax(np.abs(seen.gravity)))] if np.any(seen.gravity) else "z"
 
 
 def axes_for(figure: Any, seen: Geometry, position: Any) -> Any:
-    """Axes with equal scales, m, large enough for all times."""
+    """Axes with equal scales, m, that contain the geometry at all times."""
     low, high = seen.bounds
     pad = PAD * float(np.max(high - low))
     if seen.planar:
@@ -195,7 +195,7 @@ def axes_for(figure: Any, seen: Geometry, position: Any) -> Any:
 
 
 def figure_size(seen: Geometry, width: float = 7.0) -> tuple[float, float]:
-    """Width and height (inch) for the extent of a geometry."""
+    """Width and height (inch) of a figure for the extent of a geometry."""
     if not seen.planar:
         return width, 6.0
     low, high = seen.bounds
@@ -204,7 +204,7 @@ def figure_size(seen: Geometry, width: float = 7.0) -> tuple[float, float]:
 
 
 def draw(prepared: Prepared, path: Any = None, hide: Sequence[str] = ()) -> Any:
-    """The scene as it starts: bodies, joints, forces, ground, names and gravity; a matplotlib figure."""
+    """Drawing of the scene at its start, as a matplotlib figure: bodies, joints, forces, ground, names and gravity."""
     from mbdae.show.figure import Figure
 
     seen = geometry(started(prepared), hide)
@@ -212,7 +212,7 @@ def draw(prepared: Prepared, path: Any = None, hide: Sequence[str] = ()) -> Any:
     margins = {} if seen.planar else {"left": 0.02, "right": 0.92, "bottom": 0.04, "top": 0.94}
     axes = axes_for(figure, seen, figure.add_gridspec(1, 1, **margins)[0])
     Picture(axes, seen)
-    axes.set_title(fitting(f"{seen.name}, t = {seen.t[0]:g} s", LETTERS), fontsize="medium", loc="left")
+    entitled(axes, seen, f"{seen.name}, t = {seen.t[0]:g} s")
     show_gravity(axes, seen)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
@@ -220,8 +220,16 @@ def draw(prepared: Prepared, path: Any = None, hide: Sequence[str] = ()) -> Any:
     return written(figure, path, "draw")
 
 
+def entitled(axes: Any, seen: Geometry, title: str, **look: Any) -> Any:
+    """The artist of a title: above the axes in space, across the whole figure in the plane, where the axes can be narrow."""
+    text = fitting(title, LETTERS)
+    if seen.planar:
+        return axes.figure.suptitle(text, x=0.02, ha="left", fontsize="medium", **look)
+    return axes.set_title(text, fontsize="medium", loc="left", **look)
+
+
 def show_gravity(axes: Any, seen: Geometry) -> None:
-    """An arrow along gravity in a corner (in the plane), or its direction in words."""
+    """Draw an arrow along gravity in a corner (in the plane), or write its direction in words."""
     g = float(np.linalg.norm(seen.gravity))
     if not g:
         return
@@ -233,7 +241,8 @@ def show_gravity(axes: Any, seen: Geometry) -> None:
     from matplotlib.patches import FancyArrowPatch
     from matplotlib.transforms import ScaledTranslation
 
-    inches = axes.figure.dpi_scale_trans + ScaledTranslation(1, 1, axes.transAxes)  # from the upper right corner
+    # coordinates in inches from the upper right corner
+    inches = axes.figure.dpi_scale_trans + ScaledTranslation(1, 1, axes.transAxes)
     middle, half = np.array([-0.14, 0.15]), 0.13 * seen.gravity[:2] / g
     ends = (tuple(middle - half), tuple(middle + half))
     look = {"arrowstyle": "-|>", "mutation_scale": 10, "shrinkA": 0, "shrinkB": 0, "color": "0.25", "clip_on": False}

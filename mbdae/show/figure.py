@@ -1,4 +1,4 @@
-"""Figures that a notebook shows, whatever its backend; pyplot does not know them, so that none appears twice."""
+"""Figures that notebooks show with any backend; they are unknown to pyplot, so that no figure appears twice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The motion of a result for the screen: times of the frames, geometry at them, places followed, sensors below."""
+"""Data of an animation: times of the frames, geometry at these times, paths of places, curves of sensors."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from mbdae.show.geometry import Geometry
 from mbdae.show.plots import COLOURS, strips, track
 from mbdae.show.shapes import geometry
 
-LARGEST = 600  #: frames
-SMOOTH = 240  #: least frames of a player, which may be played slowly, and least points of a line over time
-COMFORTABLE = (1.0, 60.0, 8.0)  #: duration on the screen, s: least and most shown in real time, and the one aimed at otherwise
+LARGEST = 600  #: largest number of frames
+SMOOTH = 240  #: smallest number of frames of a player, which may run slowly, and of points of a line over time
+#: s on the screen: shortest and longest duration shown in real time, and the duration aimed at otherwise
+COMFORTABLE = (1.0, 60.0, 8.0)
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,8 @@ class Trail:
 
 @dataclass(frozen=True)
 class Film:
-    """Everything that a film shows: the geometry at the times of the frames; trails and curves with `fine` points per frame, at
-    times (n,) s."""
+    """Data of an animation: geometry at the times of the frames; trails and curves with `fine` points per frame, at times (n,),
+    s."""
 
     seen: Geometry
     fine: int
@@ -50,7 +51,7 @@ class Film:
 
 
 def natural_speed(duration: float) -> float:
-    """Simulated s per s on the screen: 1 where that is a comfortable duration, else 1, 2 or 5 times a power of ten."""
+    """Simulated s per s on the screen: 1 where that gives a suitable duration, else 1, 2 or 5 times a power of ten."""
     least, most, aim = COMFORTABLE
     if duration <= 0 or least <= duration <= most:
         return 1.0
@@ -60,14 +61,14 @@ def natural_speed(duration: float) -> float:
 
 
 def frame_times(start: float, duration: float, step: float, least: int = 2) -> Array:
-    """Times (nt,) of the frames, s; more than `LARGEST` are thinned."""
+    """Times (nt,) of the frames, s, at most `LARGEST` and at least `least` of them."""
     n = int(np.clip(np.ceil(duration / step - 1e-9) + 1, least if duration > 0 else 1, LARGEST))
     return np.asarray(start + np.linspace(0.0, duration, n))
 
 
 def filmed(result: Any, t: Array, sensors: Sequence[str], places: Sequence[Any], speed: float,
            hide: Sequence[str] = ()) -> Film:  # fmt: skip
-    """The film of a result with frames at times t (nt,)."""
+    """The data of an animation with frames at times t (nt,), s."""
     fine = max(1, -(-SMOOTH // len(t))) if len(t) > 1 else 1
     times = np.interp(np.arange((len(t) - 1) * fine + 1) / fine, np.arange(len(t)), t)
     dense = result(times)
@@ -79,6 +80,6 @@ def filmed(result: Any, t: Array, sensors: Sequence[str], places: Sequence[Any],
 
 
 def digits(t: Array) -> int:
-    """Decimals with which the times of any two frames differ."""
+    """Number of decimals that distinguishes the times of any two frames."""
     step = float(t[-1] - t[0]) / 200
     return int(np.clip(np.ceil(-np.log10(step)), 0, 9)) if step > 0 else 2

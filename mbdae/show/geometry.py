@@ -1,4 +1,4 @@
-"""The geometry of a scene over time: shapes fixed to bodies or given at every time; what drawings, GIFs and the player show."""
+"""Geometry of a scene over time, for drawings, GIFs and the player: shapes fixed to bodies, or given at every time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ INK = "#222222"
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A polyline or markers of one item. `points` (1, n, 3), m: in axes of the body named, from its centre of mass; where `body`
+    """A polyline or markers of one item. `points`, m: (1, n, 3) in axes of the named body, from its centre of mass; where `body`
     is "", in the inertial frame, (nt, n, 3), or (1, n, 3) if it does not move."""
 
     item: str
@@ -21,13 +21,13 @@ class Shape:
     colour: str
     points: Array
     body: str = ""
-    faces: tuple[tuple[int, ...], ...] = ()  #: of a solid, by the numbers of its points, counter-clockwise seen from outside
-    shades: tuple[int, ...] = ()  #: of each face, 0 or 1
+    faces: tuple[tuple[int, ...], ...] = ()  #: faces of a solid by point numbers, counter-clockwise from outside
+    shades: tuple[int, ...] = ()  #: shade of each face, 0 or 1
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Position (nt, 3), m, of the centre of mass and rotation (nt, 3, 3), body to inertial."""
+    """Position (nt, 3), m, of the centre of mass and rotation matrix (nt, 3, 3), body to inertial."""
 
     position: Array
     rotation: Array
@@ -35,7 +35,7 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class Label:
-    """A name and its point: (1, 3) in axes of the body, else (1, 3) or (nt, 3) in the inertial frame, as for a `Shape`."""
+    """A name and its point, m: (1, 3) in axes of the body, or (1, 3) or (nt, 3) in the inertial frame, as for a `Shape`."""
 
     text: str
     points: Array
@@ -63,14 +63,14 @@ class Geometry:
         return np.broadcast_to(shape.points, (len(self.t), *shape.points.shape[1:]))
 
     def place(self, label: Label) -> Array:
-        """Points (nt, 3) a name belongs to, m."""
+        """Positions (nt, 3), m, to which a name belongs."""
         if label.body:
             return moved(self.poses[label.body], label.points)[:, 0]
         return np.broadcast_to(label.points, (len(self.t), 3))
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Lowest and highest coordinates (3,), m, over all times; those of a cube of 1 m around a single point."""
+        """Lowest and highest coordinates (3,), m, over all times; for a single point those of a cube of 1 m around it."""
         lines = [self.polyline(shape).reshape(-1, 3) for shape in self.shapes]
         points: Array = np.concatenate(lines)
         low, high = points.min(axis=0), points.max(axis=0)
@@ -78,5 +78,5 @@ class Geometry:
 
 
 def moved(pose: Pose, local: Array) -> Array:
-    """Points (nt, n, 3) of a body over time from points (n, 3) in its axes."""
+    """Positions (nt, n, 3), m, over time of a body's points (n, 3) given in its axes."""
     return np.asarray(pose.position[:, None] + np.einsum("tij,nj->tni", pose.rotation, local))

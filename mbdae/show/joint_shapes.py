@@ -1,7 +1,7 @@
-"""Symbols of joints, chosen by the motion that a joint leaves free: axes about which it turns, directions in which it slides.
+"""Symbols of joints, chosen by the relative motion that a joint allows: axes of rotation, directions of sliding.
 
-One axis is a pin, two are a cross in two forks, three a ball; one direction is a guide with a slider, two are a plane. A thread
-is drawn where one coordinate turns and slides. Joints that state no motion have symbols of their own.
+One axis is drawn as a pin, two as a cross in two forks, three as a ball; one direction as a guide with a slider, two as a plane.
+A thread is drawn where one coordinate turns and slides. Joints that state no motion have symbols of their own.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from mbdae.show.collected import Collected, ends
 from mbdae.symbolic.joint import Joint
 from mbdae.system.model.joint_motion import JointMotion
 
-SLIGHT = 1e-9  #: rates (m or rad over the unit of a coordinate) and sines of angles below are zero
+SLIGHT = 1e-9  #: bound below which rates (m or rad per unit of a coordinate) and sines of angles count as zero
 
 
 @dataclass(frozen=True)
 class Freedom:
-    """The motion of l relative to k that a joint leaves free where it is drawn: by coordinate the velocity (3,) of l's point
-    (m/s) and the angular velocity (3,) (rad/s) that a rate of 1 causes; ball: whether l turns about all axes."""
+    """Motion of l relative to k that a joint allows, as drawn: for each coordinate the velocity (3,) of l's point (m/s) and the
+    angular velocity (3,) (rad/s) per unit rate; ball: whether l turns about all axes."""
 
     rates: dict[str, tuple[Array, Array]]
     ball: bool
 
     @cached_property
     def slides(self) -> list[Array]:
-        """Unit vectors along which it slides, each direction once."""
+        """Unit vectors (3,) along which l slides, without duplicates."""
         return _directions([v for v, _ in self.rates.values()])
 
     @cached_property
     def turns(self) -> list[Array]:
-        """Unit vectors about which it turns, each direction once."""
+        """Unit vectors (3,) about which l turns, without duplicates."""
         return list(np.eye(3)) if self.ball else _directions([w for _, w in self.rates.values()])
 
     @property
@@ -48,7 +48,7 @@ class Freedom:
 
 
 def freedom(item: Connection) -> Freedom | None:
-    """What a joint leaves free; None where it states no motion."""
+    """The motion that a joint allows; None where it states no motion."""
     law: Any = (item.as_kinematic or item.laws)[0] if item.loose else item.joint
     if not isinstance(law, Joint) or not law.states_motion():
         return None
@@ -80,7 +80,7 @@ class JointShapes(Collected):
         if item.l.is_ground:
             self._ground(item.name, at_l)
 
-    # -- joints that state no motion
+    # -- joints that state no motion, drawn by the rows they hold
 
     def _by_rows(self, item: Connection, law: Any) -> None:
         if isinstance(law, Distance):
@@ -93,7 +93,7 @@ class JointShapes(Collected):
             if not self.planar:
                 self._add(item.name, "guide", law.at + np.outer([-5, 5], self.mark * law.axis), item.k)
 
-    # -- joints by their motion
+    # -- joints drawn by their motion
 
     def _by_motion(self, item: Connection, free: Freedom) -> None:
         slides, turns = free.slides, free.turns
@@ -117,7 +117,7 @@ class JointShapes(Collected):
             self._on_coordinate(item, c, v, w)
 
     def _pin(self, item: Connection, axis: Array, slides: list[Array]) -> None:
-        """A pin, in space with a ring about its axis; a ring alone about the guide on which a sleeve turns."""
+        """Draw a pin, in space with a ring about its axis; only a ring for a sleeve that turns about its guide."""
         body, at = (item.l, ends(item)[1]) if slides else (item.k, ends(item)[0])
         sleeve = _along([axis], slides)
         if not sleeve:
@@ -130,7 +130,7 @@ class JointShapes(Collected):
                 self._add(item.name, "line", at + np.outer([-2.5, 2.5], self.mark * axis), body)
 
     def _cross(self, item: Connection, turns: list[Array]) -> None:
-        """Two crossed pins, the first in a fork of k, the second in a fork of l."""
+        """Draw two crossed pins, the first in a fork of k, the second in a fork of l."""
         at, at_l = ends(item)
         normal = symbols.unit(np.cross(turns[0], turns[1]))
         away = at - item.k.drawn.position if item.l.is_ground else item.l.drawn.position - at_l
@@ -140,7 +140,7 @@ class JointShapes(Collected):
         self._marked(item, "dot", item.k)
 
     def _guide(self, item: Connection, along: Array, thread: float) -> None:
-        """The way of a slider on k, with the ground at its begin; a thread about it."""
+        """Draw the guide of a slider on k, with a ground symbol at its start, and a thread about it."""
         low, high = self._reach(item, along)
         at = item.joint.at
         self._add(item.name, "guide", at + np.outer([low, high], along), item.k)
@@ -151,7 +151,7 @@ class JointShapes(Collected):
             self._ground(item.name, at + low * along, self._aside(along))
 
     def _plane(self, item: Connection, along: list[Array]) -> None:
-        """The plane on k in which l slides, as large as its way."""
+        """Draw the plane on k in which l slides, as large as the displacement of l."""
         (a, b), (c, d) = (self._reach(item, e) for e in along)
         corners = [x * along[0] + y * along[1] for x, y in ((a, c), (b, c), (b, d), (a, d), (a, c))]
         self._add(item.name, "guide", item.joint.at + np.array(corners), item.k)
@@ -165,17 +165,17 @@ class JointShapes(Collected):
         return -side if side @ self.down < 0 else side
 
     def _reach(self, item: Connection, along: Array) -> tuple[float, float]:
-        """First and last place of l along a direction fixed to k, m from the joint as drawn, with room for the symbol."""
+        """Smallest and largest position of l along a direction fixed to k, m from the joint as drawn, and room for its symbol."""
         at = item.joint.at
         apart = self._over_time(item.l, at) - self._over_time(item.k, at)
         axis = self._over_time(item.k, at + along) - self._over_time(item.k, at)
         way = np.einsum("ti,ti->t", apart, axis)
         return float(way.min() - 2.5 * self.mark), float(way.max() + 2.5 * self.mark)
 
-    # -- what acts on a coordinate
+    # -- springs, drives and loads on a coordinate
 
     def _on_coordinate(self, item: Connection, c: str, v: Array, w: Array) -> None:
-        """Springs on a coordinate, and a turning arrow where its angle is prescribed or a torque acts."""
+        """Draw springs on a coordinate, and a turning arrow where its angle is prescribed or a torque acts."""
         acting = [law for law in item.laws if isinstance(law, JointSpring | JointLoad) and law.name_of_coordinate == c]
         sprung = any(isinstance(law, JointSpring) for law in acting)
         at = item.joint.at
@@ -195,5 +195,5 @@ class JointShapes(Collected):
 
 
 def _along(turns: list[Array], slides: list[Array]) -> bool:
-    """Whether a sleeve turns on the only direction along which it slides."""
+    """Whether the only axis of rotation is also the only direction of sliding, as of a sleeve."""
     return len(turns) == len(slides) == 1 and bool(np.linalg.norm(np.cross(turns[0], slides[0])) < SLIGHT)

@@ -1,4 +1,4 @@
-"""Names in pictures: beside their items, inside the picture, none over another."""
+"""Placement of names in pictures: beside their items, inside the picture, without overlap."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ import numpy as np
 from mbdae.scene.components import Array
 from mbdae.show.geometry import INK, Geometry, Label
 
-WIDE = 26  #: letters in a line of a name
-FAR = 22.0  #: points between a name and its item from which a line leads to it
-LAPPED, OUTSIDE = 1e4, 1e6  #: cost of a square pixel over another name, and outside the picture
+WIDE = 26  #: largest number of letters in a line of a name
+FAR = 22.0  #: distance (points) of a name from its item above which a line connects them
+LAPPED, OUTSIDE = 1e4, 1e6  #: cost of a square pixel over another name, and of one outside the picture
 
 Box = tuple[float, float, float, float]  #: left, bottom, right, top in pixels
 
 
 def fitting(text: str, letters: int) -> str:
-    """A text in lines of at most so many letters, broken at blanks and after commas, in words where nothing else helps."""
+    """A text in lines of at most `letters` letters, broken at blanks, or inside words that are longer than a line."""
     return "\n".join(wrap(text, letters, break_on_hyphens=False)) or text
 
 
 class Namer:
-    """Writes every name beside its item, where it covers little else."""
+    """Places every name beside its item, where it covers little else."""
 
     ANGLES = np.radians([45, 135, -45, -135, 90, 0, 180, -90, 22, 158, -22, -158])
     WAYS = tuple((float(np.cos(a)), float(np.sin(a))) for a in ANGLES)
     REACHES = (7.0, 13.0, 21.0, 32.0, 48.0, 70.0, 100.0, 140.0, 200.0)
-    HEIGHTS = (8.0, 7.0, 6.0, 5.0, 4.0)  #: of the letters, points
+    HEIGHTS = (8.0, 7.0, 6.0, 5.0, 4.0)  #: heights of the letters, points
 
     def __init__(self, axes: Any, seen: Geometry) -> None:
         self.axes, self.seen, self.figure = axes, seen, axes.figure
@@ -40,9 +40,9 @@ class Namer:
         self.width, self.height = (float(x) for x in self.figure.get_size_inches() * self.figure.dpi)
 
     def _written(self) -> list[Any]:
-        """Texts that are there already: title, names and numbers of the axes, gravity."""
+        """Texts already in the picture: title, names and numbers of the axes, gravity."""
         axis = [self.axes.xaxis, self.axes.yaxis]
-        found = [self.axes.title, self.axes._left_title, *self.axes.texts]
+        found = [*self.figure.texts, self.axes._left_title, *self.axes.texts]
         if self.seen.planar:
             found += [a.label for a in axis] + [label for a in axis for label in a.get_ticklabels()]
         return [text for text in found if text.get_visible() and text.get_text()]
@@ -59,7 +59,7 @@ class Namer:
 
     @staticmethod
     def _dense(line: Array) -> Array:
-        """Points every few pixels along a line (n, 2)."""
+        """Points (n, 2) every few pixels along a line."""
         parts = [line]
         for a, b in pairwise(line):
             n = int(np.hypot(*(b - a)) / 4)
@@ -67,7 +67,7 @@ class Namer:
         return np.vstack(parts)
 
     def place(self) -> None:
-        """Write every name, in smaller letters where they do not all find room."""
+        """Place every name, with smaller letters where there is not room for all."""
         already = list(self.boxes)
         for height in self.HEIGHTS:
             self.boxes, texts = list(already), [self._text(label, height) for label in self.seen.labels]
@@ -91,7 +91,7 @@ class Namer:
         return text
 
     def _placed(self, label: Label, text: Any) -> tuple[Array, Box, bool]:
-        """Point of the item and box of its name, in pixels, and whether that covers another name."""
+        """Point of the item and box of its name, in pixels, and whether the box covers another name."""
         anchor = self._pixels(self.seen.place(label)[:1])[0]
         l, b, r, t = self._extent(text)
         box = self._best(anchor, np.array([r - l, t - b]) + self.point)
@@ -100,7 +100,7 @@ class Namer:
         return anchor, box, lapped
 
     def _best(self, anchor: Array, size: Array) -> Box:
-        """Beside the item; anywhere in the picture where there is no room beside it."""
+        """The box of least cost beside the item; anywhere in the picture where there is no room beside it."""
         tries = [(self._inside(self._box(anchor, way, reach, size)), reach) for reach, way in product(self.REACHES, self.WAYS)]
         costs = [self._cost(box, reach) for box, reach in tries]
         if min(costs) >= LAPPED:
@@ -116,7 +116,7 @@ class Namer:
         return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
     def _inside(self, box: Box) -> Box:
-        """The box, moved into the picture."""
+        """The box moved into the picture."""
         rim = 2 * self.point
         x = max(rim - box[0], 0.0) + min(self.width - rim - box[2], 0.0)
         y = max(rim - box[1], 0.0) + min(self.height - rim - box[3], 0.0)
@@ -130,12 +130,12 @@ class Namer:
         return float(np.count_nonzero(covered) + LAPPED * self._lapped(box) + OUTSIDE * outside + 0.4 * reach)
 
     def _lapped(self, box: Box) -> float:
-        """Square pixels over other names."""
+        """Area of a box over other names, square pixels."""
         l, b, r, t = box
         return sum(max(0.0, min(r, R) - max(l, L)) * max(0.0, min(t, T) - max(b, B)) for L, B, R, T in self.boxes)
 
     def _lead(self, anchor: Array, box: Box) -> None:
-        """A thin line from a name to its item, where it is far from it."""
+        """Draw a thin line from a name to its item where they are far apart."""
         near = np.clip(anchor, box[:2], box[2:])
         if np.linalg.norm(near - anchor) > FAR * self.point:
             from matplotlib.lines import Line2D
@@ -145,5 +145,5 @@ class Namer:
 
 
 def _lines(points: Array, faces: tuple[tuple[int, ...], ...]) -> list[Array]:
-    """A polyline, or both diagonals of each face."""
+    """Lines of a shape: the polyline, or both diagonals of each face."""
     return [points[[face[0], face[2], face[1], face[-1]]] for face in faces] or [points]

@@ -1,4 +1,4 @@
-"""A page that plays a film in any browser; the film is JSON in the page, which needs neither network nor library."""
+"""An HTML page that plays an animation in any browser; the data are JSON in the page, so that it loads nothing."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from mbdae.show.player_page import PAGE
 from mbdae.show.player_view import VIEW
 from mbdae.show.plots import COLOURS
 
-GRAIN = 1e-4  #: resolution of stored coordinates over the size of the scene
+GRAIN = 1e-4  #: ratio of the resolution of stored coordinates to the size of the scene
 SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 
 
 def page(film: Film) -> str:
-    """The whole page as text."""
+    """The page as HTML text."""
     data = json.dumps(film_data(film), separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")
     name = html.escape(film.seen.name)
     options = "".join(f'<option value="{s:g}"{" selected" if s == film.speed else ""}>&times; {s:g}</option>'
@@ -38,7 +38,7 @@ def page(film: Film) -> str:
 
 
 def film_data(film: Film) -> dict[str, Any]:
-    """Plain data of a film: coordinates as whole multiples of `unit` m, rotations as multiples of `GRAIN`."""
+    """Data of an animation for JSON: coordinates as whole multiples of `unit` m, rotations as multiples of `GRAIN`."""
     seen = film.seen
     unit, low_high = seen.size * GRAIN, np.array(seen.bounds)
     if film.trails:
@@ -63,13 +63,13 @@ def _whole(points: Array, unit: float) -> Any:
 
 
 def _short(values: Array) -> Any:
-    """Seven significant digits."""
+    """Values rounded to seven significant digits, as lists."""
     rounded = [float(f"{v:.7g}") for v in np.asarray(values).ravel()]
     return np.reshape(rounded, np.shape(values)).tolist()
 
 
 def _pose(seen: Geometry, name: str, unit: float) -> dict[str, Any]:
-    """Position (nt, 3) and the entries of the rotation (nt, 9), or (1, 9) where it never changes."""
+    """Position (nt, 3) and entries of the rotation matrix (nt, 9), or (1, 9) where it never changes."""
     pose = seen.poses[name]
     turn = pose.rotation.reshape(-1, 9)
     still = bool(np.all(np.abs(turn - turn[0]) < GRAIN / 2))

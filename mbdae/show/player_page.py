@@ -1,4 +1,4 @@
-"""The HTML of the player; `player.page` replaces the fields between @ signs."""
+"""HTML of the player; `player.page` replaces the fields between @ signs."""
 
 PAGE = r"""<!doctype html>
 <html lang="en">

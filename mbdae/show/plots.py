@@ -1,4 +1,4 @@
-"""Plots of sensors: readable in grey prints and by colour-blind readers, with units on all axes."""
+"""Plots of sensors, readable in grey prints and by colour-blind readers, with units on all axes."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from mbdae.scene.components import Array, Body, Connection, Place
 from mbdae.scene.sensor_names import measured, placed, split
 from mbdae.values import file_to_write, of_class, option, sequence, shown, text
 
-#: the colours of Okabe and Ito by falling contrast; the line style changes with the colour for grey prints
+#: colours of Okabe and Ito by falling contrast; the line style changes with the colour, for grey prints
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1)))
-#: components of strains and stress resultants of beams, and the panels they are drawn in: first letter, name, unit
+#: components of beam strains and stress resultants; panels they are drawn in: first letter, name, unit
 SECTION = {"strain": ["Γ1", "Γ2", "Γ3", "K1", "K2", "K3"], "stress_resultants": ["N1", "N2", "N3", "M1", "M2", "M3"]}
 PANELS = {"strain": (("Γ", "strain", "-"), ("K", "curvature", "1/m")),
           "stress_resultants": (("N", "section force", "N"), ("M", "section moment", "N m"))}  # fmt: skip
-WIDTH = 100  #: letters that fit in one line of a legend
+WIDTH = 100  #: largest number of letters in one line of a legend
 PLACE = "name a body, a joint, a position sensor or a place such as body.at(point)"
 PICTURES = (".png", ".svg", ".pdf")
 
 
 def new_figure(rows: int, width: float = 7.0, height: float = 2.4) -> tuple[Any, list[Any]]:
-    """A figure with `rows` axes under each other; the user's backend of matplotlib stays as it is."""
+    """A figure with `rows` axes one below the other; matplotlib's backend is left as it is."""
     from mbdae.show.figure import Figure
 
     figure = Figure(figsize=(width, 0.6 + height * rows), layout="constrained")
@@ -40,14 +40,14 @@ def new_figure(rows: int, width: float = 7.0, height: float = 2.4) -> tuple[Any,
 
 
 def dress(axis: Any) -> None:
-    """Give axes a light grid and no box."""
+    """Give axes a light grid and remove the frame."""
     axis.grid(True, color="0.9")
     axis.set_axisbelow(True)
     axis.spines[["top", "right"]].set_visible(False)
 
 
 def steady(axis: Any) -> None:
-    """Widen the limits of axes on which only round-off changes, so that their ticks are readable."""
+    """Widen the limits of axes whose values differ only by round-off, so that their ticks are readable."""
     low, high = axis.dataLim.intervaly
     size = max(abs(low), abs(high))
     if high - low < 1e-9 * size:
@@ -55,13 +55,13 @@ def steady(axis: Any) -> None:
 
 
 def style(i: int) -> dict[str, Any]:
-    """Colour and dash of the i-th line; no pair comes twice before the 49th."""
+    """Colour and line style of the i-th line; the first 49 pairs are different."""
     n = len(COLOURS)
     return {"color": COLOURS[i % n], "linestyle": STYLES[(i + i // n) % len(STYLES)], "linewidth": 1.4}
 
 
 def checked(path: Any, suffixes: Sequence[str] = PICTURES, what: str = "plot") -> Path:
-    """The path to write to; OptionError where its suffix or its folder cannot be used."""
+    """The checked path to write to; OptionError for an unknown suffix or a folder that cannot be used."""
     known = ", ".join(suffixes[:-1]) + f" or {suffixes[-1]}"
     file: Path = option("path", path, file_to_write, f"{what} writes {known} into a folder that exists", suffixes=suffixes)
     return file
@@ -75,7 +75,7 @@ def hexadecimal(colour: Any) -> str:
 
 
 def names_of(what: str, given: Any) -> list[str]:
-    """Names of items: one, or a list of them."""
+    """Names of items from one item or a list of them."""
     names: list[str] = option(what, [given] if isinstance(given, str | Body | Connection) else given, sequence,
                               "give the name of an item, or a list of them", each=_name)  # fmt: skip
     return names
@@ -97,7 +97,7 @@ def written(figure: Any, path: Any, what: str = "plot") -> Any:
 
 
 def numbers(result: Any, sensor: str) -> Array:
-    """A sensor as (nt, n) numbers; SceneError where there is none of that name, OptionError where it is no number."""
+    """Values (nt, n) of a sensor; SceneError where there is none of that name, OptionError where it is not numeric."""
     values = result.read(sensor)
     if values.dtype.kind not in "fi" or values.shape[:1] != result.t.shape:
         raise OptionError(f"'{sensor}' is not a quantity over time; plot a sensor such as '{sensor.rpartition('.')[0]}.position'")
@@ -105,8 +105,8 @@ def numbers(result: Any, sensor: str) -> Array:
 
 
 def components(result: Any, sensor: str) -> list[tuple[str, Array]]:
-    """(component, values (nt,)) of a sensor: "x", "y", "z" of vectors, "" of scalars, "N1" to "M3" of sections of beams; of a
-    planar model only those in its plane."""
+    """(component, values (nt,)) of a sensor: "x", "y", "z" for vectors, "" for scalars, "N1" to "M3" for sections of beams; in a
+    planar model only those in the plane."""
     values, quantity = numbers(result, sensor), split(sensor)[1]
     pair = ["x", "y"] if quantity == "orbit" else ["near end", "far end"]
     count = values.shape[1]
@@ -123,7 +123,7 @@ def components(result: Any, sensor: str) -> list[tuple[str, Array]]:
 
 
 def strips(result: Any, sensor: str) -> list[tuple[str, list[tuple[str, Array]]]]:
-    """Label with unit, and components, of every panel in which a sensor is drawn."""
+    """For every panel in which a sensor is drawn: label with unit, and components."""
     parts, known = components(result, sensor), PANELS.get(split(sensor)[1], ())
     split_up = [(f"{sensor} [{unit}]", [p for p in parts if p[0].startswith(letter)]) for letter, _, unit in known]
     return split_up or [(label_of(result, sensor), parts)]
@@ -135,7 +135,7 @@ def label_of(result: Any, sensor: str) -> str:
 
 
 def with_unit(name: str, unit: str) -> str:
-    """A name with a unit, [-] where there is none."""
+    """A name with its unit, [-] where there is none."""
     return f"{name} [{unit or '-'}]"
 
 
@@ -160,7 +160,7 @@ def track(result: Any, place: Any) -> tuple[str, Array]:
 
 
 def compared(result: Any, against: Any, labels: Sequence[str] | None) -> list[tuple[str, Any]]:
-    """(label, result) of a result and those it is compared with; without labels, by scene or solver."""
+    """(label, result) of a result and those compared with it; without labels they are named by scene or solver."""
     given = [] if against is None else against if isinstance(against, list | tuple) else [against]
     others = option("against", given, sequence, "give a Result, or a list of them", each=of_class, base=Result)
     results = [result, *others]
@@ -185,7 +185,7 @@ def _different_names(results: list[Any]) -> list[str]:
 
 
 def plot_results(result: Result, sensors: Sequence[str], against: Any, labels: Sequence[str] | None, path: Any) -> Any:
-    """`Result.plot`: one panel per quantity; sensors of the same quantity share it, vectors show their components."""
+    """Implements `Result.plot`: one panel per quantity; sensors of the same quantity share it, vectors show their components."""
     results = compared(result, against, labels)
     place = checked(path) if path is not None else None
     if not sensors:
@@ -226,7 +226,7 @@ def _legend(axis: Any) -> None:
 
 
 def plot_phase(result: Result, x: str, y: str, against: Any, labels: Sequence[str] | None, path: Any) -> Any:
-    """`Result.phase`: one sensor against another; components of vectors in pairs."""
+    """Implements `Result.phase`: one sensor over another; components of vectors in pairs."""
     results = compared(result, against, labels)
     place = checked(path, what="phase") if path is not None else None
     figure, (axis,) = new_figure(1, 6.0, 4.2)
@@ -244,7 +244,7 @@ def plot_phase(result: Result, x: str, y: str, against: Any, labels: Sequence[st
 
 
 def plot_orbit(result: Result, place: Any, axes: str, against: Any, labels: Sequence[str] | None, path: Any) -> Any:
-    """`Result.orbit`: path of a place seen along the third axis, equal scales, m."""
+    """Implements `Result.orbit`: path of a place projected on a plane of two axes, equal scales, m."""
     results = compared(result, against, labels)
     if not (isinstance(axes, str) and len(axes) == 2 and axes[0] != axes[1] and set(axes) <= set("xyz")):
         raise OptionError(f"axes = {shown(axes)} is not a plane: give two of x, y and z, such as 'xy'")
@@ -260,7 +260,7 @@ def plot_orbit(result: Result, place: Any, axes: str, against: Any, labels: Sequ
 
 
 def _path(axis: Any, x: Array, y: Array, label: str | None) -> None:
-    """A line with its start (ring) and end (square) marked."""
+    """Draw a line with its start (ring) and end (square) marked."""
     look = style(len(axis.lines) // 3)
     axis.plot(x, y, label=label, **look)
     for k, marker, face in ((0, "o", "white"), (-1, "s", look["color"])):

@@ -1,6 +1,6 @@
-"""The geometry of a result: bodies (`body_shapes.py`), joints by the motion they leave (`joint_shapes.py`), forces, couplings.
+"""The geometry of a result: bodies (`body_shapes.py`), joints by the motion they allow (`joint_shapes.py`), forces, couplings.
 
-Rigid bodies move by position and rotation, beams by the interpolation of their elements; what is attached to a beam moves with
+Rigid bodies move by position and rotation, beams by the interpolation of their elements; an item attached to a beam moves with
 the section there.
 """
 
@@ -25,7 +25,7 @@ from mbdae.symbolic.coupling import Coupling
 from mbdae.values import shown
 
 ARROWS = 9  #: number of arrows of a distributed load
-UNMARKED = ("force", "torque", "spring", "pointspring")  #: forces without a marker at their point
+UNMARKED = ("force", "torque", "spring", "pointspring")  #: kinds of forces drawn without a marker at their point
 
 
 def geometry(result: Result, hide: Sequence[str] = ()) -> Geometry:
@@ -34,7 +34,7 @@ def geometry(result: Result, hide: Sequence[str] = ()) -> Geometry:
 
 
 class _Builder(JointShapes, BodyShapes):
-    """Draws bodies, joints and forces."""
+    """Draws bodies, joints, forces and couplings."""
 
     def build(self) -> Geometry:
         for i, body in enumerate(self.scene.bodies):
@@ -84,7 +84,7 @@ class _Builder(JointShapes, BodyShapes):
             self._ground(item.name, at_l)
 
     def _coupling(self, item: Connection, law: Coupling) -> None:
-        """A dashed line through the joints whose coordinates it couples, a dashed ring where they are at one point."""
+        """Draw a dashed line through the joints whose coordinates are coupled, or a dashed ring where they coincide."""
         joints = [self.scene[joint] for joint, _ in law.coordinates_in(item.name)]
         path = np.stack([self._place_of(joint) for joint in joints], axis=1)
         if np.max(np.ptp(path[0], axis=0)) < self.mark:
@@ -93,7 +93,7 @@ class _Builder(JointShapes, BodyShapes):
         self._add(item.name, "dashed", path)
 
     def _place_of(self, joint: Connection) -> Array:
-        """(nt, 3), m, of a joint's point on l."""
+        """Position over time (nt, 3), m, of a joint's point on l."""
         at = ends(joint)[1]
         return self.result[Place(joint.l, at)].position if joint.l in self.lines else self._over_time(joint.l, at)
 
@@ -101,7 +101,7 @@ class _Builder(JointShapes, BodyShapes):
         self._spring_between(item, law.at, law.at_l)
 
     def _bushing(self, item: Connection, law: Any) -> None:
-        """A spring along every elastic axis of k."""
+        """Draw a spring along every elastic axis of k."""
         for i, stiffness in enumerate("xyz"):
             if not getattr(law, f"k{stiffness}", None):
                 continue
@@ -125,7 +125,7 @@ class _Builder(JointShapes, BodyShapes):
         self._add(item.name, "arrow", np.array(lines))
 
     def _distributed(self, load: BeamLoad) -> None:
-        """A row of arrows along the beam, as long as the load is large, joined at their tails."""
+        """Draw a row of arrows along the beam, with lengths proportional to the load, joined at their tails."""
         t = self.result.t
         parts = [getattr(load.law, f"f{i}") or 0.0 for i in (1, 2, 3)]
         values = np.stack([timed.values(timed.expression(part), t) for part in parts], axis=1)

@@ -1,4 +1,4 @@
-"""Shapes of bodies as they are drawn: outlines and hatched lines in the plane, faces and grids in space."""
+"""Shapes as they are drawn: outlines and hatched lines in the plane, faces and grids in space."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from mbdae.scene.components import Array
 from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Shape, Sphere
 from mbdae.show import symbols
 
-AROUND, STACKS = 24, 10  #: faces around a ball or cylinder, and from pole to pole
-SECTOR = 6  #: faces around of one shade: shades alternate, so that turning is seen
-ENDLESS = 3.0  #: length drawn of a cylinder without ends over the size of the scene
+AROUND, STACKS = 24, 10  #: number of faces around a ball or cylinder, and from pole to pole
+SECTOR = 6  #: number of neighbouring faces with one shade; shades alternate so that rotation is visible
+ENDLESS = 3.0  #: drawn length of a cylinder without ends, relative to the size of the scene
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A polyline (n, 3), m as drawn, and its kind; of a solid its corners with the faces, counter-clockwise seen from outside,
-    and a shade (0 or 1) each."""
+    """A polyline (n, 3), m as drawn, and its kind; for a solid its corners, its faces (counter-clockwise seen from outside) and
+    a shade (0 or 1) of each."""
 
     kind: str
     points: Array
@@ -30,7 +30,7 @@ class Drawn:
 
 
 def drawn(one: Any, planar: bool, size: float) -> list[Drawn]:
-    """What is drawn of a shape that is not a plane; size: of the scene, m."""
+    """Pieces with which a shape other than a plane is drawn; size: extent of the scene, m."""
     if isinstance(one, Point):
         return [Drawn("dot", one.at[None])]
     if planar:
@@ -43,7 +43,7 @@ def drawn(one: Any, planar: bool, size: float) -> list[Drawn]:
 
 
 def outline(one: Any) -> list[Array]:
-    """Points (1 or n, 3), m as drawn, between which a shape is: none of a plane, ends of a cylinder where it has some."""
+    """Points (n, 3), m as drawn, that bound a shape: none for a plane; for a cylinder its ends where it has some."""
     if isinstance(one, Plane):
         return []
     if isinstance(one, Box):
@@ -54,7 +54,7 @@ def outline(one: Any) -> list[Array]:
 
 
 def _flat(one: Any, size: float) -> list[Drawn]:
-    """Outlines in the plane z = 0."""
+    """Outlines of a shape in the plane z = 0."""
     upright = isinstance(one, Cylinder) and abs(one.axis[2]) > 1 / 2**0.5
     if isinstance(one, Sphere) or upright:
         x, y = one.radius * np.eye(3)[:2]
@@ -69,7 +69,7 @@ def _flat(one: Any, size: float) -> list[Drawn]:
 
 
 def corners(box: Box) -> Array:
-    """(8, 3), m, as drawn."""
+    """Corners (8, 3), m, of a box as drawn."""
     axes = np.eye(3) if box.rotation is None else np.asarray(box.rotation)
     return np.asarray(box.at + np.array(list(product((-0.5, 0.5), repeat=3))) * box.size @ axes.T)
 
@@ -80,7 +80,7 @@ def _box(box: Box) -> Drawn:
 
 
 def _band(low: int, high: int) -> list[tuple[int, ...]]:
-    """Faces between two rings of corners that begin at these numbers."""
+    """Faces between two rings of corners with the numbers of their first corners."""
     return [(low + i, low + j, high + j, high + i) for i, j in pairwise([*range(AROUND), 0])]
 
 
@@ -112,7 +112,7 @@ def _cylinder(one: Cylinder, length: float) -> Drawn:
 
 
 def plane(one: Plane, reach: Array, size: float, planar: bool) -> Drawn:
-    """A plane as far as the points reach (n, 3), m, in the axes of the plane as drawn: a hatched line, or a grid."""
+    """A plane as far as the points (n, 3), m, in the axes of the plane as drawn: a hatched line, or a grid."""
     normal = np.asarray(one.normal)
     if planar:
         along = symbols.across(normal)
@@ -127,7 +127,7 @@ def _ends(ways: Array, more: float) -> tuple[float, float]:
 
 
 def _hatched(a: Array, b: Array, down: Array) -> Array:
-    """A line with strokes on its lower side, as one polyline."""
+    """A line with hatching on its lower side, as one polyline."""
     way = float(np.linalg.norm(b - a))
     along = symbols.unit(b - a) * np.linalg.norm(down)
     on = a + np.linspace(0, 1, int(np.clip(way / (1.2 * np.linalg.norm(down)), 8, 400)))[:, None] * (b - a)
@@ -135,7 +135,7 @@ def _hatched(a: Array, b: Array, down: Array) -> Array:
 
 
 def _grid(at: Array, axes: tuple[Array, Array], sides: Sequence[tuple[float, float]]) -> Array:
-    """A grid of about ten squares as one polyline that goes to and fro."""
+    """A grid of about ten by ten squares as one polyline that runs back and forth."""
     (a, b), (c, d) = sides
     step = max(b - a, d - c) / 10
     x, y = (np.linspace(low, high, max(2, round((high - low) / step) + 1)) for low, high in sides)
@@ -146,7 +146,7 @@ def _grid(at: Array, axes: tuple[Array, Array], sides: Sequence[tuple[float, flo
 
 
 def same(one: Shape, other: Shape) -> bool:
-    """Whether two shapes are drawn alike: planes at any of their points."""
+    """Whether two shapes are drawn alike; planes may have different points."""
     if type(one) is not type(other):
         return False
     if isinstance(one, Plane) and isinstance(other, Plane):

@@ -10,13 +10,13 @@ Z = np.array([0.0, 0.0, 1.0])
 
 
 def unit(v: Array) -> Array:
-    """v (3,) over its length; zero where v is zero."""
+    """v (3,) divided by its length; zero where v is zero."""
     length = float(np.linalg.norm(v))
     return v / length if length else v
 
 
 def across(direction: Array) -> Array:
-    """A unit vector (3,) normal to a direction, in the plane z = 0 where there is one."""
+    """A unit vector (3,) normal to a direction, in the plane z = 0 where possible."""
     side = np.cross(Z, direction)
     if np.linalg.norm(side) < 1e-6 * (np.linalg.norm(direction) or 1.0):
         side = np.array([1.0, 0.0, 0.0])
@@ -24,7 +24,7 @@ def across(direction: Array) -> Array:
 
 
 def zigzag(a: Array, b: Array, width: float, turns: int = 6) -> Array:
-    """A spring (nt, n, 3) from points a to b, both (nt, 3)."""
+    """A coil spring as a zigzag (nt, n, 3) between points a and b (nt, 3); width: half its width, m."""
     share = np.r_[0, 0.12, 0.12 + 0.76 * (np.arange(2 * turns) + 0.5) / (2 * turns), 0.88, 1]
     offset = np.r_[0, 0, width * (-1.0) ** np.arange(2 * turns), 0, 0]
     side = np.array([across(d) for d in b - a])
@@ -33,7 +33,7 @@ def zigzag(a: Array, b: Array, width: float, turns: int = 6) -> Array:
 
 
 def arrow(tail: Array, tip: Array, head: float) -> Array:
-    """An arrow (5, 3) as one polyline."""
+    """An arrow (5, 3) as one polyline; head: length of its head, m."""
     d = unit(tip - tail)
     side = across(d)
     head = min(head, float(np.linalg.norm(tip - tail)))
@@ -47,13 +47,13 @@ def circle(center: Array, e1: Array, e2: Array, points: int = 48) -> Array:
 
 
 def plane_of(axis: Array) -> tuple[Array, Array]:
-    """Two unit vectors normal to a unit axis and to each other; right-handed with it."""
+    """Two unit vectors normal to a unit axis and to each other; with the axis they are right-handed."""
     e1 = across(axis)
     return e1, np.cross(axis, e1)
 
 
 def turning_arrow(center: Array, axis: Array, radius: float) -> Array:
-    """An arrow (n, 3) of three quarters of a turn about an axis."""
+    """An arrow (n, 3) along about 0.7 of a circle about an axis."""
     e1, e2 = plane_of(unit(axis))
     a = np.linspace(-0.25, 1.15, 24) * np.pi
     arc = center + radius * (np.cos(a)[:, None] * e1 + np.sin(a)[:, None] * e2)
@@ -64,7 +64,7 @@ def turning_arrow(center: Array, axis: Array, radius: float) -> Array:
 
 
 def spiral(center: Array, axis: Array, radius: float) -> Array:
-    """A torsion spring (n, 3) about an axis."""
+    """A torsion spring (n, 3) as a spiral about an axis."""
     e1, e2 = plane_of(unit(axis))
     a = np.linspace(0, 5 * np.pi, 60)
     r = radius * (0.45 + 0.55 * a / a[-1])
@@ -72,7 +72,7 @@ def spiral(center: Array, axis: Array, radius: float) -> Array:
 
 
 def helix(start: Array, end: Array, radius: float, pitch: float) -> Array:
-    """A thread (n, 3) about the line between two points; pitch: m a turn, right-handed where positive."""
+    """A thread (n, 3) about the line between two points; pitch: m per turn, right-handed where positive."""
     way = float(np.linalg.norm(end - start))
     e1, e2 = plane_of(unit(end - start))
     s = np.linspace(0.0, 1.0, max(2, int(24 * way / abs(pitch)) + 1))[:, None]
@@ -81,12 +81,12 @@ def helix(start: Array, end: Array, radius: float, pitch: float) -> Array:
 
 
 def yoke(center: Array, pin: Array, back: Array) -> Array:
-    """A fork (8, 3) that holds a pin: half the pin's length as a vector, and the vector from the pin to the fork's base."""
+    """A fork (8, 3) that holds a pin; pin: half the pin as a vector, back: vector from the pin to the base of the fork."""
     return np.asarray(center + np.array([pin, -pin, -pin + back, back, 1.8 * back, back, pin + back, pin]))
 
 
 def hatching(point: Array, down: Array, size: float, foot: bool = True) -> Array:
-    """The ground under a point (n, 3) as one polyline: a triangle with its top in the point, a base line, short strokes."""
+    """Ground symbol (n, 3) under a point as one polyline: a triangle with its apex in the point, a base line, short strokes."""
     down = unit(down)
     side = across(down)
     base = point + (size if foot else 0.0) * down
@@ -110,7 +110,7 @@ def slider(center: Array, axis: Array, length: float, height: float, flat: bool)
 
 
 def hull(points: Array) -> Array:
-    """Corners (n, 3) of the convex outline of points (m, 3) in the plane z = 0, counter-clockwise."""
+    """Corners (n, 3) of the convex hull of points (m, 3) in the plane z = 0, counter-clockwise."""
     order = [tuple(p) for p in np.unique(np.asarray(points)[:, :2], axis=0)]
     if len(order) < 3:
         return np.array([[*p, 0.0] for p in order])

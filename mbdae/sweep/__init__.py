@@ -1,4 +1,4 @@
-"""One job at every point of a grid, in processes, in a cluster or in any executor."""
+"""Sweeps: one job at every point of a grid, in processes, in a cluster or in any executor."""
 
 from mbdae.sweep.sweep import Sweep, SweepRow, sweep
 

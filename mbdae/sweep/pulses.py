@@ -16,13 +16,14 @@ import symengine as se
 
 from mbdae.errors import OptionError
 from mbdae.inputs import timed
+from mbdae.inputs.sensed import paths
 from mbdae.scene.record import encode, read
 
 NUMBERS = ("begin", "width", "strength")  #: quantities of a pulse that can be varied
 SAMPLES = 20001  #: times of the run at which inputs are sampled to find pulses
-CONSTANT = 1e-12  #: relative to the largest change of an input: smaller changes count as none
+CONSTANT = 1e-12  #: change of an input that counts as none, relative to its largest change
 BISECTIONS = 60
-PARTS = 8  #: of a pulse: a reference restarts at each, so that it does not step over the middle of a smooth pulse either
+PARTS = 8  #: number of parts of a pulse: a reference run restarts at each, so that it does not step over a smooth pulse
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Pulse:
 
     @property
     def stops(self) -> list[float]:
-        """Times at which a reference restarts, s."""
+        """Times at which a reference run restarts, s."""
         return [float(t) for t in self.begin + self.width * np.arange(PARTS + 1) / PARTS]
 
 
@@ -79,11 +80,11 @@ class Varying:
     number: str
 
     def at(self, value: float) -> Pulse:
-        """The pulse at a value."""
+        """The pulse with the varied number at a value."""
         return replace(self.pulse, **{self.number: value})
 
     def set(self, arguments: dict[str, Any], value: float) -> None:
-        """Give the expressions of the statement the pulse at a value."""
+        """Replace the expressions of the statement by the pulse with the varied number at a value."""
         old, new = self.pulse, self.at(value)
         pace = old.width / new.width if self.number == "width" else 1.0
         time = _exact(old.begin) + _exact(pace) * (timed.TIME - _exact(new.begin))
@@ -117,11 +118,11 @@ def pulses(statements: Any, t_end: float) -> list[Pulse]:
 
 
 def _places(holder: Any, path: Sequence[str]) -> Iterator[tuple[Any, Any]]:
-    """(list or mapping, key) of every expression of time in nested data below a path of names and numbers."""
+    """(list or mapping, key) of every expression of time alone in nested data below a path of names and numbers."""
     for key, value in enumerate(holder) if isinstance(holder, list) else holder.items():
         rest = path[1:] if path and str(key) == path[0] else path
         if isinstance(value, dict) and "expression" in value:
-            if not rest:
+            if not rest and not paths(read(value)):
                 yield holder, key
         elif isinstance(value, list | dict):
             yield from _places(value, rest)

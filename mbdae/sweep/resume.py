@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 from mbdae.errors import OptionError
-from mbdae.files import first_difference, write_file
+from mbdae.files import first_difference, read_file, write_file
 from mbdae.values import BadValueError, file_to_write, optional, shown
 
 T = TypeVar("T")
@@ -27,7 +27,7 @@ class ResumeFile:
     path: Path | None
     identity: dict[str, Any]
 
-    kind: ClassVar[str]  #: what is kept, in messages
+    kind: ClassVar[str]  #: word for what is kept, in messages
     file_format: ClassVar[str]
 
     @contextmanager
@@ -37,7 +37,7 @@ class ResumeFile:
             yield None
             return
         try:
-            data = json.loads(self.path.read_text(encoding="utf-8"))
+            data = json.loads(read_file(self.path))
         except (OSError, ValueError, RecursionError) as error:
             raise OptionError(f"resume = '{self.path}' cannot be read: {error}; delete it, or name another file") from error
         if not isinstance(data, dict) or data.get("format") != self.file_format:
@@ -70,7 +70,7 @@ def interruption(path: Any, done: int, total: int, what: str) -> str:
 
 @contextmanager
 def damage_refused(path: Path) -> Iterator[None]:
-    """What goes wrong inside, where a file is read, is told as damage of the file."""
+    """Context in which a file is read: any error inside is raised as OptionError, that the file is damaged."""
     try:
         yield
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, zlib.error) as error:
@@ -101,7 +101,7 @@ def _fits(value: Any, declared: str) -> bool:
 
 
 def check_same(path: Path, what: str, there: Any, here: Any) -> None:
-    """Refuse a file that holds something else, the first difference named."""
+    """OptionError where a file holds something else, with the first difference."""
     difference = first_difference(there, json.loads(json.dumps(here)))
     if difference:
         raise OptionError(f"resume = '{path}' holds another {what}: {difference}; ask for the same one, or name another file")

@@ -5,7 +5,9 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
+import pickle
 import re
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
@@ -16,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError, interrupted
-from mbdae.files import first_difference, path_of, write_file
+from mbdae.files import first_difference, path_of, read_file, write_file
 from mbdae.integrators.base import end_after, output_times
-from mbdae.integrators.checkpoints.trees import read_tree, write_tree
+from mbdae.integrators.checkpoints.trees import DamagedError, read_tree, write_tree
 from mbdae.results.storable import by_item
 from mbdae.results.storage import own_laws
 from mbdae.run.control import plausible
@@ -31,7 +33,7 @@ from mbdae.system.prepare import modelled
 from mbdae.values import BadValueError, array, number, option, several, shown, text, whole
 
 FORMAT = "mbdae sweep of a scene 3"
-PART, ALONE, PIECES = 512, 8, 8  #: points of a part in batches, and of their own; pieces of a part that failed
+PART, ALONE, PIECES = 512, 8, 8  #: points per part in batches, points per part run one by one, pieces of a part that failed
 STATEMENT = "statement.json"  #: file of a folder that says what its sweep is
 FOLDER = "give a folder, new or one that such a call made, or None"
 GRID = "give a mapping of names such as 'crank.mass' to lists of numbers, or a list of such points"
@@ -70,7 +72,7 @@ class Points:
 
     @classmethod
     def of(cls, grid: Any) -> Points:
-        """Read what a user gave."""
+        """The points of a grid as a user gives it; OptionError where it is none."""
         if isinstance(grid, Mapping):
             axes = tuple(option(f"grid: {shown(name)}", values, _axis, GRID) for name, values in grid.items())
             return cls(_names(grid), axes, None)
@@ -142,7 +144,7 @@ class SceneSweep(ListsAttributes):
 
     @property
     def warnings(self) -> dict[int, str]:
-        """What to know of points, by their number."""
+        """Warnings of points, by their number."""
         return {first + int(i): said for (first, _), part in self._all() for i, said in part["warnings"].items()}
 
     def point(self, i: int) -> dict[str, float]:
@@ -172,10 +174,10 @@ class SceneSweep(ListsAttributes):
 
     def _read(self, place: tuple[int, int]) -> Any:
         kept = self._parts[place]
-        return read_tree(kept) if isinstance(kept, Path) else kept
+        return _part(kept) if isinstance(kept, Path) else kept
 
     def add(self, place: tuple[int, int], part: dict[str, Any]) -> None:
-        """Keep the points from a number to before another one."""
+        """Keep the results of the points place[0] to place[1] - 1."""
         self.names = self.names or tuple(part["names"])
         self._parts[place] = part
         if self._folder is not None:
@@ -184,13 +186,13 @@ class SceneSweep(ListsAttributes):
             self._parts[place] = path
 
     def read_folder(self, again: bool) -> None:
-        """Know the parts that a folder holds, and state there what it holds; again: without those in which a point failed."""
+        """Take over the finished parts of the folder, and write its statement; again: without parts in which a point failed."""
         assert self._folder is not None
         for path in sorted(self._folder.glob("part*.npz")):
             named = _NAME.fullmatch(path.name)
             if named is None:
                 continue
-            part = read_tree(path)
+            part = _part(path)
             if part.get("sweep") != self._key:
                 raise OptionError(f"resume = '{self._folder}' holds another sweep: {path.name} is not of this one; "
                                   f"delete the folder, or name another one")  # fmt: skip
@@ -204,6 +206,14 @@ class SceneSweep(ListsAttributes):
         return f"<SceneSweep: {self.done} of {len(self.grid)} points done {how}, {len(self.failures)} failed>"
 
 
+def _part(path: Path) -> Any:
+    """A part of a sweep from its file; OptionError where that is damaged."""
+    try:
+        return read_tree(path)
+    except DamagedError as error:
+        raise OptionError(f"resume: {error}") from error
+
+
 def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers: int | None, resume: Any, again: bool, tell: Any,
                 t_end: Any, accuracy: Any, outputs: Any) -> SceneSweep:  # fmt: skip
     """`sweep` of a scene: see there."""
@@ -213,6 +223,8 @@ def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers:
     for name, value in zip(points.names, points.values(0, 1)[0], strict=True):
         replace(job, names=(name,)).at([value])  # refuses unknown names before anything is computed
     job = planned(job, points.extent())
+    if executor is None:
+        _check_sent(job)
     made = SceneSweep(points, job, *_folder(resume, job, points))
     if resume is not None:
         made.read_folder(again)
@@ -227,9 +239,22 @@ def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers:
     return made
 
 
+def _check_sent(job: SceneJob) -> None:
+    """Refuse a scene that cannot be sent to other processes."""
+    advice = ("define functions and classes of your own at the top level of a file, or pass "
+              "executor=concurrent.futures.ThreadPoolExecutor()")  # fmt: skip
+    try:
+        sent = pickle.dumps(job)
+    except Exception as error:
+        raise OptionError(f"scene '{job.scene.name}' cannot be sent to another process ({error}): {advice}") from error
+    if b"__main__" in sent and not hasattr(sys.modules["__main__"], "__file__"):
+        raise OptionError(f"scene '{job.scene.name}' has something that was typed in, which worker processes cannot import: "
+                          f"{advice}")  # fmt: skip
+
+
 def _compute(made: SceneSweep, job: Any, points: Points, left: Sequence[tuple[int, int]], executor: Executor | None,
              workers: int | None, tell: Any) -> None:  # fmt: skip
-    """Compute parts; one that fails is divided, until what is to blame is alone."""
+    """Compute parts; one whose worker fails is divided, until the point at fault is alone."""
     while left:
         sent = {first: {"values": points.values(first, last)} for first, last in left}
         ends, left = dict(left), []
@@ -265,7 +290,7 @@ def _folder(resume: Any, job: SceneJob, points: Points) -> tuple[Path | None, st
     place, statement = folder / STATEMENT, json.dumps(said)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        there = json.loads(place.read_text(encoding="utf-8")) if place.exists() else None
+        there = json.loads(read_file(place)) if place.exists() else None
     except (OSError, ValueError) as error:
         raise OptionError(f"resume = '{folder}' cannot be used ({error}): {FOLDER}") from error
     if there is not None and (difference := first_difference(there, json.loads(statement))):

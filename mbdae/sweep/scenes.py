@@ -25,11 +25,11 @@ from mbdae.sweep.statements import changed
 from mbdae.system.base import Array
 from mbdae.system.prepare import modelled
 
-SAMPLED = 7  #: values of a name at which the numbers of laws are looked at
-TOGETHER = 6  #: names of one item whose least and largest values are checked together
-STRAIGHT = 1e-12  #: deviation of a number from a straight line over the value, over its size
-BESIDE = 1.0009  #: the scene of a batch has other numbers than 0 and 1, which would be compiled in
-SAME = 1e-9  #: difference of start and equations of a point in a batch from its own, above which batches are not taken
+SAMPLED = 7  #: largest number of values of a name at which the numbers of laws are compared
+TOGETHER = 6  #: largest number of names of one item, all combinations of whose extreme values are checked
+STRAIGHT = 1e-12  #: largest deviation of a number of a law from a straight line, relative to its size
+BESIDE = 1.0009  #: factor on the values with which a batch is compiled, because numbers equal to 1 would be compiled in
+SAME = 1e-9  #: largest relative difference of start and equations between a batch and a scene of a point's own
 Line = tuple[float, float]  #: a number of a law at value 0, and its slope over the value
 
 
@@ -50,7 +50,7 @@ class SceneJob:
 
     @cached_property
     def key(self) -> str:
-        """The same for equal jobs, in every process."""
+        """A hash of the job, the same for equal jobs in every process."""
         options = self.names, self.t_end, self.accuracy, self.outputs.tobytes(), self.middle, repr(self.lines)
         return hashlib.sha256(pickle.dumps((self.scene.name, self.scene.statements, *options))).hexdigest()
 
@@ -134,8 +134,8 @@ def _law_numbers(scene: SceneData) -> tuple[list[Any], list[float], dict[str, fl
 
 
 def _check_together(job: SceneJob, values: Array) -> None:
-    """Refuse points (k, names) at which a statement is wrong by several of its numbers together: what it refuses is beyond bounds
-    of numbers and of their sums, so that all points are right where those of least and largest values are."""
+    """Refuse points (k, names) at which numbers of a statement are wrong together. Only their least and largest values are
+    combined: statements have bounds of numbers and of sums of them, which all points keep where these combinations do."""
     items = [name.partition(".")[0] for name in job.names]
     for item in dict.fromkeys(items):
         of_item = [i for i, other in enumerate(items) if other == item]
@@ -148,8 +148,8 @@ def _check_together(job: SceneJob, values: Array) -> None:
 
 
 def _compare(job: SceneJob, values: Array) -> None:
-    """Equations and start of some points (k, names) in a batch against those of scenes of their own: what a name does besides may
-    not be seen in the laws, and numbers that the equations do not read are left out."""
+    """Equations and start of some points (k, names) in a batch against those of scenes of their own: a name may
+    change more than the numbers of laws, and numbers that the equations do not read are left out."""
     batch = _batches(job)
     for point in values:
         own = Batches(job.at(point), job.t_end, job.accuracy, job.outputs).system
@@ -189,7 +189,7 @@ def solved(job: SceneJob, values: Array) -> dict[str, Any]:
 
 
 def _each(job: SceneJob, values: Array) -> dict[str, Any]:
-    """The same by a scene and a call of `simulate` per point."""
+    """Results as those of `solved`, by a scene and a call of `simulate` per point."""
     names: tuple[str, ...] = ()
     found: list[Any] = []
     for point in values:

@@ -25,7 +25,7 @@ def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tu
     """The scene with the argument `name` ("item.argument", dots go into a model or section, numbers into a list) set, and
     the factor on the end of its run: a faster drive runs for the same number of turns. Pulses of inputs are sought in t_end s.
     SceneError where the scene given is wrong."""
-    if scene.problems:  # what is wrong is not among the statements: another scene would come out of them
+    if scene.problems:  # replaying the statements could give another scene, without the mistake
         raise SceneError(scene.problems)
     item, *keys = name.split(".")
     if not keys:
@@ -127,7 +127,7 @@ def _by_coordinate(call: dict[str, Any], option: str) -> list[tuple[dict[str, An
 
 
 def _alone(places: list[tuple[dict[str, Any], str]], name: str, word: str) -> tuple[dict[str, Any], str]:
-    """The only place; an error where there are several."""
+    """The only one of some places; OptionError where there are several."""
     if len(places) != 1:
         options = " or ".join(f"'{name.partition('.')[0]}.{word}.{key}'" for _, key in places)
         raise OptionError(f"vary: '{name}': this joint has several; say {options}")

@@ -18,7 +18,7 @@ from typing import Any, TextIO, overload
 import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError, interrupted
-from mbdae.files import write_file
+from mbdae.files import read_file, write_file
 from mbdae.scene.scene import SceneData
 from mbdae.sweep.resume import check_same, damage_refused, interruption, resume_path
 from mbdae.sweep.scene_sweep import SceneSweep, sweep_scene
@@ -30,7 +30,7 @@ from mbdae.values import BadValueError, flag, function, option, optional, sequen
 FORMAT = "mbdae sweep 1"
 MOST_WORKERS = 1024
 GRID = "give a mapping of names to lists of values, or a list of points (dicts)"
-Progress = Callable[[int, int], None]  #: points done, points in all
+Progress = Callable[[int, int], None]  #: called with the number of points done and of all points
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Sweep(ListsAttributes):
             rows.append([*(_cell(row.point.get(name)) for name in names), *values])
         cells = [rows[0], *(line for line, row in zip(rows[1:], self.rows, strict=True) if row.error is None)]
         widths = [max(len(line[j]) for line in (cells if j >= len(names) else rows)) for j in range(len(rows[0]))]
-        widths += [0] * (len(names) + 1 - len(widths))  # where every point failed
+        widths += [0] * (len(names) + 1 - len(widths))  # for the errors, where every point failed
         return "\n".join("  ".join(f"{c:>{w}}" for c, w in zip(line, widths, strict=False)) for line in rows)
 
     def to_json(self, path: Any = None) -> str:
@@ -279,13 +279,13 @@ class _Kept:
         except TypeError as error:
             raise OptionError(f"resume = '{path}': points cannot be written to a file: {error}; give numbers or texts") from error
         try:
-            lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
+            lines = read_file(path).splitlines(keepends=True) if path.exists() else []
         except (OSError, ValueError) as error:
             raise OptionError(f"resume = '{path}' cannot be read: {error}; delete it, or name another file") from error
         if lines:
             self._read(path, lines, json.loads(head))
         rows = [_json(_line(i, row)) for i, row in self.rows.items()]
-        write_file(path, "\n".join([head, *rows]) + "\n")  # without an incomplete line, and rows to be computed again
+        write_file(path, "\n".join([head, *rows]) + "\n")  # drops an incomplete line, and rows to be computed again
         self.file = path.open("a", encoding="utf-8")
 
     def _read(self, path: Path, lines: list[str], meant: dict[str, Any]) -> None:

@@ -50,12 +50,12 @@ class Worker:
         self._received()
 
     def send(self, message: bytes) -> None:
-        """Give it a message; that a worker has died is told by `receive`."""
+        """Send a message; where the worker has died, `receive` raises the error."""
         with suppress(OSError):
             self.connection.send_bytes(message)
 
     def receive(self) -> Any:
-        """Its next answer, unpickled; None where it says that it has begun. WorkerDiedError where it has ended."""
+        """The next answer, unpickled; None where the worker says that it has begun. WorkerDiedError where it has ended."""
         data = self._received()
         return pickle.loads(data) if data != READY else None
 
@@ -89,7 +89,7 @@ def _ended(code: int) -> str:
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """Start Python without the working directory on its path: a random.py there would replace the module of that name."""
+    """Start Python without the working directory on its path: a file random.py there would replace Python's module random."""
     before = os.environ.get(SAFE_PATH)
     _set(SAFE_PATH, "1")
     try:
@@ -99,7 +99,7 @@ def _safe_path() -> Iterator[None]:
 
 
 def _set(name: str, value: str | None) -> None:
-    """An environment variable, or none."""
+    """Set an environment variable; remove it where the value is None."""
     if value is None:
         os.environ.pop(name, None)
     else:

@@ -16,7 +16,7 @@ from mbdae.sweep.worker import Worker, WorkerDiedError
 
 DIED = "worker died"
 GUARD = ("the worker processes do not start: they import the script again, so keep what it runs under "
-         "`if __name__ == '__main__':`; what they said is above")  # fmt: skip
+         "`if __name__ == '__main__':`; their messages are printed above")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class _Workers:
         self._begun = True
 
     def give(self, worker: Worker, i: int, payload: bytes) -> None:
-        """Send a point to a worker; that it has ended in between is found by `answers`."""
+        """Send a point to a worker; where that has ended in the meantime, `answers` reports it."""
         self.busy[worker.connection] = worker, i
         worker.send(payload)
 

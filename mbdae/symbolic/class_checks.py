@@ -190,7 +190,8 @@ def _check_names(cls: Any, instance: Sequence[str]) -> None:
 
 def _checked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
     read, wanted = RETURNS[name]
-    unstated = method.__module__ in ("mbdae.symbolic.law", "mbdae.symbolic.joint")  # what a class of the base says by default
+    # methods of the base classes, which state nothing
+    unstated = method.__module__ in ("mbdae.symbolic.law", "mbdae.symbolic.joint")
 
     @wraps(method)
     def checked(self: Any, *args: Any, **kwargs: Any) -> Any:

@@ -78,7 +78,7 @@ class _Stated(NamedTuple):
     thrust: tuple[Expr, Expr] | None
 
     def parts(self) -> dict[str, Any]:
-        """By names for messages."""
+        """The parts by their names in messages."""
         along, push = self.thrust or (_ZERO, _ZERO)
         return {"the energy": self.energy, "the dissipation": self.rayleigh, "the force": self.force, "the torque": self.torque,
                 "the coordinate of its thrust": along, "the thrust": push}  # fmt: skip
@@ -92,16 +92,16 @@ class _Derivation(Statement):
         self.feeds = feeds
 
     def key(self) -> str | None:
-        """A digest of all that the law states, forces by its own reactions included; None where that has none."""
+        """A digest of all that the law states, forces by its own reactions included; None where it cannot be cached on disk."""
         if not store().used:
             return None
         try:
             return key_of("law", Digests().of([self.answers(), self._by_reactions(), self._fed()]))
-        except Exception:  # a mistake in a law, which its derivation finds, or nothing that can be told apart from others
+        except Exception:  # a mistake in the law, which `run` reports, or a value that has no digest
             return None
 
     def _fed(self) -> list[Any]:
-        """What is fed into the law: every name with its statement on the frames that are read, and states of other laws."""
+        """The sensors that the law reads: every name with its statement on the frames that are read, and states of other laws."""
         return [[list(pair) for pair in self.feeds.stated(self.read_frames)], self.feeds.foreign]
 
     def _by_reactions(self) -> list[Any] | None:
@@ -133,11 +133,11 @@ class _Derivation(Statement):
 
     @property
     def read_frames(self) -> tuple[Frame, ...]:
-        """The frames that are added for what is read."""
+        """The frames that are added for the sensors that the law reads."""
         return self.frames[len(self.frames) - len(self.feeds.sides) :]
 
     def _define_feeds(self) -> None:
-        """Name what is fed into the law."""
+        """Define the names of the sensors that the law reads."""
         for name, statement in self.feeds.stated(self.read_frames):
             e = without_overflow(one_sided(statement))
             for frame, quantity in self.undefined(e):
@@ -231,7 +231,8 @@ class _Derivation(Statement):
                                 for c in (part if isinstance(part, Vec) else (part,))))  # fmt: skip
         for f in self.frames:
             load = self._wrench_on(f, wrench)  # type: ignore[arg-type]
-            if not f.symbols & symbols:  # derivatives of a Piecewise by what it does not contain are no plain zeros
+            # symengine gives no 0 for the derivative of a Piecewise by a symbol that it does not contain
+            if not f.symbols & symbols:
                 force[f.side] = self._in_plane(load, f, "its force")
                 loads -= _power(load, f)
                 continue
@@ -242,13 +243,13 @@ class _Derivation(Statement):
             loads -= _power(load, f)
             total = (sum(p, ZERO) for p in zip(v.gradient(f, energy), drag, load, strict=True))
             force[f.side] = self._in_plane((next(total), next(total)), f, "its force")
-        if self.feeds and energy != 0:  # what feeds it does work on it, so that it stores nothing of its own
+        if self.feeds and energy != 0:  # the sensors that it reads do work on it, so that it stores no energy of its own
             return force, (_ZERO, dissipated, dissipated - sum((_power(force[f.side], f) for f in self.frames), _ZERO))
         resisting = law.dissipative or isinstance(law, Joint)
         return force, (energy, dissipated - loads, clocked) if resisting else (energy, dissipated, clocked + loads)
 
     def _wrench_on(self, f: Frame, wrench: tuple[Vec, Vec]) -> Pair:
-        """Covector of the wrench at l.r on one side (left-hand side: minus what is applied)."""
+        """Generalised force of the wrench at l.r on one side (left-hand side: minus what is applied)."""
         force, torque = wrench
         if f.side not in ("k", "l") or all(e == 0 for e in (*force, *torque)):
             return ZERO, ZERO

@@ -18,7 +18,7 @@ from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
 Side = tuple[NodeKind, Axes]
-Pair = tuple[Vec, Vec]  #: (translational, rotational) part of a covector, inertial components
+Pair = tuple[Vec, Vec]  #: (force, moment) on a node, a generalised force by its inertial components
 _ZERO = se.Integer(0)
 
 
@@ -29,7 +29,7 @@ class NotPlanarError(LawError):
 
     @classmethod
     def of(cls, law: Any, what: str) -> NotPlanarError:
-        """For a law."""
+        """The error for a law."""
         made = cls(f"{type(law).__name__} is not planar: {what} acts out of the plane")
         made.what = what
         return made
@@ -39,8 +39,8 @@ class Terms(NamedTuple):
     """The terms of a law in the equations. Expressions are in the symbols of its frames."""
 
     g: tuple[Expr, ...]
-    G: tuple[dict[str, Pair], ...]  #: per row and side
-    force: dict[str, Pair]  #: left-hand side, without multipliers
+    G: tuple[dict[str, Pair], ...]  #: gradient of every row, by side
+    force: dict[str, Pair]  #: generalised force by side, on the left-hand side and without multipliers
     energy: Expr
     dissipated_power: Expr
     work_power: Expr
@@ -56,13 +56,13 @@ class Facts(NamedTuple):
     vanished: tuple[str, ...]  #: rows that vanish identically, or are undefined
     undefined: tuple[str, ...]  #: rows left out because they need axes that a point mass does not have
     states: tuple[str, ...]
-    forced: bool  #: whether it states forces
+    forced: bool  #: whether the law states forces
 
 
 class Derived:
     """A law for given kinds of nodes with its `Facts`, and its `Terms`, which are derived when they are first asked for.
 
-    key: that of the statement, under which entries on disk begin; None where it has none. feeds: what is fed into it."""
+    key: digest of the statement, with which its keys in the cache on disk begin; None: not cached. feeds: sensors it reads."""
 
     rows: tuple[str, ...]
     vanished: tuple[str, ...]
@@ -77,7 +77,8 @@ class Derived:
         if found is None:
             try:
                 keep(key, found := tuple(self._derivation[0]))
-            except NotPlanarError as refused:  # which a scene in space comes to in every process: it is tried in the plane first
+            # cached too, because every process tries a scene in space in the plane first
+            except NotPlanarError as refused:
                 keep(key, refused.what)
                 raise
         if isinstance(found, str):
@@ -89,7 +90,7 @@ class Derived:
         return self._run()
 
     def noted(self, what: str, find: Callable[[], Any]) -> Any:
-        """A plain fact that follows from the terms, found or recalled from disk. what: name of the question with its module."""
+        """A plain value that follows from the terms, by `find` or from the cache on disk. what: its name with its module."""
         key = None if self.key is None else key_of("note", self.key, what)
         found = recall(key)
         if found is None:

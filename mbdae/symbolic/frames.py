@@ -25,7 +25,7 @@ from mbdae.errors import LawError
 from mbdae.symbolic.quaternions import rotation_columns, rotation_per_component
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
-#: of every kind of node the number of position and of velocity unknowns
+#: kind of node -> numbers of its position and of its velocity unknowns
 SIZES = {"spatial": (7, 6), "planar": (3, 3), "point": (3, 3), "planar point": (2, 2), "ground": (0, 0), "planar ground": (0, 0),
          "joint coordinate": (1, 1), "joint rotation": (4, 3)}  # fmt: skip
 
@@ -49,7 +49,7 @@ class NodeKind(Enum):
 
     @property
     def by_quaternion(self) -> bool:
-        """Whether they are a quaternion, behind the translations."""
+        """Whether the rotational unknowns are a quaternion, after the translations."""
         return self in (NodeKind.SPATIAL, NodeKind.ROTATION)
 
     @property
@@ -113,9 +113,9 @@ class Frame:
     y: Vec
     z: Vec
     w: Vec  #: angular velocity, inertial components, rad/s
-    center: Vec  #: position of the node
+    center: Vec  #: position of the node, m
     center_velocity: Vec
-    arm: Vec  #: from the node to the point
+    arm: Vec  #: from the node to the point, m
     body: tuple[Vec, Vec, Vec]  #: columns of R
     heading: Expr  #: planar: rotation since the drawing, rad
     spin: Vec  #: angular velocity in body components

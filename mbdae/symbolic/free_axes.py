@@ -1,4 +1,4 @@
-"""Axes along and about which a joint lets l move, from its motion: what its reactions do not hold."""
+"""Axes along and about which a joint lets l move, from its motion: its reactions do no work along and about them."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from mbdae.symbolic.vectors import ZERO, Vec
 
 
 def free_axes(law: Any, k: Frame, l: Frame, coordinate: str) -> list[Vec]:
-    """Unit vectors, inertial: the axis of one coordinate, and the directions in which any coordinate slides l, each once; without
-    an axis of rotation where these span space together, so that nothing would be left."""
+    """Unit vectors, inertial, along which reactions do not press: the axis of one coordinate, and the directions in which any
+    coordinate slides l, each once. An axis of rotation is left out where all of them together would span space."""
     motion = symbolic_motion(law)
     assert motion is not None
     own = [i for i, step in enumerate(motion.steps) if se.Symbol(coordinate) in step.amount.free_symbols]
@@ -29,7 +29,8 @@ def free_axes(law: Any, k: Frame, l: Frame, coordinate: str) -> list[Vec]:
         axis = _axis(law, k, l, motion.steps, i)
         if not any(all(a == b for a, b in zip(axis, other, strict=True)) for other in found):
             found.append(axis)
-    return found[1:] if len(found) > 2 and motion.steps[own[0]].turns else found  # of a plate on a plane its thrust presses
+    # a planar joint is pressed by the reaction along its axis of rotation
+    return found[1:] if len(found) > 2 and motion.steps[own[0]].turns else found
 
 
 def _names(law: Any) -> set[Any]:

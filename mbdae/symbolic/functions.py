@@ -23,7 +23,7 @@ KINDS = {
 
 
 def limited(low: float, high: float) -> Scale:
-    """PHI(u) = u between two limits, constant beyond."""
+    """PHI(u) = u between two limits, constant beyond them."""
     return lambda u: np.minimum(np.maximum(u, low), high)
 
 

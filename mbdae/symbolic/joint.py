@@ -2,9 +2,9 @@
 
 The *motion* takes the axes of k to those of l by the joint's coordinates (`symbolic/motion.py`). From it follow the recursive
 joint, the start, and the rows of the joint with its coordinates as unknowns: the pose of l is that of the motion. *Rows*
-(`constraints`) state the same joint without coordinates, where fewer do: the kinematic model. `coordinate` reads the coordinates
-from the frames then, and `ties` are rows that vanish where a coordinate has a value: they prescribe it, or tie it to the bodies
-as an unknown.
+(`constraints`) state the same joint by fewer equations without coordinates: the kinematic model. `coordinate` then reads the
+coordinates from the frames, and `ties` are rows that vanish where a coordinate has a value: they prescribe it, or tie it to the
+bodies as an unknown.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from mbdae.symbolic.variation import let, rate
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.values import flag, shown, word
 
-OPTIONS = ("kept", "friction", "rubs")  #: of every joint, see `Joint`
-UNITS = ("rad", "m", "rotation")  #: of coordinates; a rotation is a quaternion, its rates an angular velocity
-SENSORS = ("force", "torque", "power", "rate", "reaction_is_unique", "contacts")  #: of joints beside their coordinates
+OPTIONS = ("kept", "friction", "rubs")  #: options that every joint has, see `Joint`
+UNITS = ("rad", "m", "rotation")  #: units of coordinates; a rotation is a quaternion, its rates an angular velocity
+SENSORS = ("force", "torque", "power", "rate", "reaction_is_unique", "contacts")  #: sensors of joints beside their coordinates
 SLIGHT = 1e-9  #: N, a reaction below which the normal force is smoothed: sqrt(F.F + SLIGHT^2)
 
 
@@ -40,8 +40,8 @@ class Joint(TwoBodyLaw):
     `friction_radius`, and the options kept (its coordinates are unknowns of their own), friction (a friction law) and rubs (the
     name of the coordinate against which it acts, by default the first)."""
 
-    coordinates: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})  #: of the motion it leaves free: rad or m, 0 as drawn
-    loose: ClassVar[type[Joint] | None] = None  #: the joint that remains where pin and race have play
+    coordinates: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})  #: of the motion left free: rad or m, 0 as drawn
+    loose: ClassVar[type[Joint] | None] = None  #: class of the joint that remains where pin and race have clearance
     optional: ClassVar[tuple[str, ...]] = ()  #: parameters that a statement may leave out
     kept: Any  #: None or False: its coordinates are no unknowns
     _derived: ClassVar[frozenset[str]] = frozenset()  #: parameters that follow from the coordinates
@@ -58,7 +58,8 @@ class Joint(TwoBodyLaw):
         super().__init_subclass__(**kwargs)
         for name, entry in cls.coordinates.items():
             if name in SENSORS or name.endswith("_rate"):
-                raise LawError(f"{cls.__name__}: the coordinate '{name}' has the name of another sensor of joints; choose one")
+                raise LawError(f"{cls.__name__}: the coordinate '{name}' has the name of another sensor of joints; choose "
+                               f"another name")
             if entry.unit not in UNITS:
                 raise LawError(f"{cls.__name__}: the coordinate '{name}' has the unit '{entry.unit}'; give 'rad', 'm' or "
                                f"'rotation'")  # fmt: skip

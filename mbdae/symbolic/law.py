@@ -63,6 +63,7 @@ class Law:
     axes_of: ClassVar[str] = "axis"  #: source of the frames' axes: z along the item's "axis", or the axes of body "k" or "l"
     timeless: ClassVar[bool] = False  #: whether its parameters may not depend on time
     at_nodes: ClassVar[bool] = False  #: whether it acts at its bodies' nodes along inertial axes: no other axes matter
+    loads: ClassVar[bool] = False  #: whether it is a load, which an equilibrium applies step by step
     dissipative: ClassVar[bool] = False  #: whether the power of `wrench` counts as dissipated rather than as work
     #: whether bodies may stick by it, as by friction: equations are stiff there. None: they may where the law has states
     sticks: ClassVar[bool | None] = None
@@ -156,7 +157,7 @@ class Law:
 
     @classmethod
     def derived(cls) -> frozenset[str]:
-        """Parameters and options that it has without stating them."""
+        """Parameters and options that it has without declaring them."""
         return frozenset()
 
     @classmethod
@@ -199,20 +200,21 @@ class TwoBodyLaw(Law):
         self.k, self.l, self.at, self.axis, self.at_l, self.axis_x = k, l, at, axis, at_l, axis_x
 
     def point_on(self, side: str) -> Any:
-        """Where it acts on the body of a frame as drawn, (3,), m."""
+        """The point (3,), m, as drawn, at which the law acts on the body of a frame."""
         if side in self.points:
             return self.points[side]
         return self.at_l if side == "l" and self.at_l is not None else self.at
 
 
-SLOW = 1e-2  #: part of the scene's size that moves in its characteristic time, where nothing is known of a speed
+SLOW = 1e-2  #: distance, over the scene's size, assumed to be moved in the characteristic time where no speed is known
 
 
 class Impact(NamedTuple):
-    """What is known of a contact before the run; m, kg, or rad, kg m^2.
+    """What is known of a contact before the run, in m and kg, or in rad and kg m^2.
 
-    mass: smallest effective mass of an impact; speed: of the two sides relative to each other; force: of the ideal joint in its
-    place, 0 where it is not known; gap: the smallest; size: the scene's length, or 1 rad; time: in which motion changes, s."""
+    mass: smallest effective mass of an impact; speed: of the two sides relative to each other, m/s or rad/s; force: of the
+    ideal joint in its place, N or N m, 0 where it is not known; gap: the smallest; size: the scene's length, or 1 rad; time:
+    characteristic time of the motion, s."""
 
     mass: float
     speed: float
@@ -223,8 +225,8 @@ class Impact(NamedTuple):
 
     @property
     def likely_speed(self) -> float:
-        """The largest of: the speed of the start, that at which the gap closes in `time`, a small part of that at which the whole
-        scene is crossed in it."""
+        """The largest of the speed at the start, the speed that closes the gap in `time`, and the part `SLOW` of the speed that
+        crosses the whole scene in `time`."""
         return max(self.speed, self.gap / self.time, SLOW * self.size / self.time)
 
 
@@ -259,7 +261,7 @@ class Force(TwoBodyLaw):
 
     # -- of a one-sided law
 
-    with_joints: ClassVar[bool] = False  #: whether what joints tie to its bodies takes part in an impact, in its effective mass
+    with_joints: ClassVar[bool] = False  #: whether bodies that joints tie to its bodies count in the effective mass of an impact
 
     @property
     def has_gaps(self) -> bool:
@@ -285,7 +287,7 @@ class Force(TwoBodyLaw):
         return "m"
 
     def gap_names(self) -> Sequence[str]:
-        """What to call each gap beside the name of the item; empty: the item's name says it."""
+        """Words for each gap beside the name of the item; empty where that name suffices."""
         return ()
 
     def contact_duration(self, mass: float, speed: Any) -> Any:
@@ -311,7 +313,7 @@ class Force(TwoBodyLaw):
         return ""
 
     def doubtful_depth(self) -> tuple[float, str, str]:
-        """Penetration (m or rad) beyond which the law is no model of the contact, what that depth is, and what follows."""
+        """Penetration (m or rad) beyond which the law is no model of the contact, what that depth is, and what may be wrong."""
         return inf, "", ""
 
     def instability(self, mass: float, depth: Any, force: Any, rub: Any) -> tuple[Any, Any] | None:

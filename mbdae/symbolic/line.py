@@ -45,7 +45,7 @@ class Field:
 
     @property
     def rate(self) -> Expr:
-        """Its time derivative."""
+        """Symbol of the time derivative of the field."""
         return se.Symbol(f"{self.symbol}_t")
 
 
@@ -55,8 +55,8 @@ class LinePoint:
 
     kind: NodeKind
     r: Vec  #: position, m
-    r_s: Vec  #: dr/ds
-    axes: tuple[Vec, Vec, Vec]  #: of the section, axis 1 along the line; inertial
+    r_s: Vec  #: dr/ds, s: length along the reference curve
+    axes: tuple[Vec, Vec, Vec]  #: axes of the section, axis 1 along the line; inertial
     curvature: Vec  #: twist and curvatures in section axes: d(axis)/ds = curvature x axis, 1/m
     v: Vec  #: velocity, inertial, m/s
     spin: Vec  #: angular velocity in section axes, rad/s

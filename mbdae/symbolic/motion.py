@@ -42,12 +42,12 @@ class Rotation:
 
     @classmethod
     def of(cls, P: Sequence[Expr], spin: Vec) -> Rotation:
-        """By its quaternion and angular velocity."""
+        """A free rotation by its quaternion and angular velocity."""
         return cls(tuple(P), rotation_columns(P), spin)
 
     @property
     def quaternion(self) -> list[Expr]:
-        """That of the rotation, or of its inverse."""
+        """Quaternion of the rotation, or of its inverse."""
         return [self.P[0], *(-p if self.inverse else p for p in self.P[1:])]
 
     @property
@@ -100,7 +100,7 @@ class Motion:
                        for s in reversed(self.steps)])  # fmt: skip
 
     def substituted(self, table: Any) -> Motion:
-        """The same with symbols of its amounts replaced."""
+        """The motion with symbols in its amounts replaced."""
         return Motion([replace(s, amount=s.amount.subs(table)) for s in self.steps])
 
     @property
@@ -224,7 +224,7 @@ def _is_known(e: Expr, at: dict[Expr, Expr]) -> bool:
 
 def value_of(e: Expr) -> complex | None:
     """The value of an expression without symbols, complex or infinite where it is so; None where symengine cannot evaluate it."""
-    for read in (complex, float):  # neither knows all functions
+    for read in (complex, float):  # each of these fails for some functions of symengine
         try:
             return complex(read(e))
         except (RuntimeError, TypeError):
@@ -233,11 +233,11 @@ def value_of(e: Expr) -> complex | None:
 
 
 def real_value(e: Expr) -> float:
-    """The same where it is real; NaN elsewhere."""
+    """The value of an expression without symbols where it is real; NaN elsewhere."""
     found = value_of(e)
     return found.real if found is not None and found.imag == 0 else nan
 
 
 def no_rotation() -> Rotation:
-    """The rotation by nothing."""
+    """The identity, as a free rotation."""
     return Rotation.of([se.Integer(i == 0) for i in range(4)], ZERO)

@@ -21,7 +21,7 @@ Target = tuple[Any, ...]
 
 
 def scatter_pair(f: Frame, pair: Pair, role: str = "u") -> list[tuple[Target, Expr]]:
-    """Entries of a covector in the velocity coordinates of a node: v inertial, spin in body components."""
+    """Entries of a generalised force in the velocity coordinates of a node: v inertial, spin in body components."""
     move, turn = pair
     n = f.kind.translations
     entries = [] if not f.kind.moves else [((role, f.side, i), move[i]) for i in range(n)]
@@ -154,7 +154,7 @@ def jacobian_G(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def reaction(d: Derived) -> list[tuple[Target, Expr]]:
-    """Force and torque (about l.r) on body l, inertial components: minus the covector of side l."""
+    """Force and torque (about l.r) on body l, inertial components: minus the generalised force of side l."""
     if len(d.sides) < 2:  # a law on coordinates alone: its forces appear in the joints of these
         return [(("reaction", i), se.Integer(0)) for i in range(6)]
     l = d.frames[1]
@@ -168,7 +168,7 @@ def reaction(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def power(d: Derived) -> list[tuple[Target, Expr]]:
-    """Power a law delivers to its bodies: minus its covector times the velocities."""
+    """Power a law delivers to its bodies: minus its generalised force times the velocities."""
     total: Expr = se.Integer(0)
     for f in d.frames:
         move, turn = covector(d, f, d.reaction_forces)
@@ -214,7 +214,7 @@ def derivatives(d: Derived, e: Expr) -> dict[Target, Expr]:
             result |= _node_derivatives(d.variation, f, e)
     free = se.sympify(e).free_symbols
     for target, symbol in input_symbols(d):
-        if target[0] == "up" and symbol not in free:  # accelerations are never part of an intermediate result
+        if target[0] == "up" and symbol not in free:  # no intermediate result contains accelerations
             continue
         if target[0] not in ("q", "u"):
             result[target] = d.variation.diff(e, symbol)

@@ -15,7 +15,7 @@ from mbdae.symbolic.rebuild import substituted
 from mbdae.symbolic.vectors import Expr, Vec
 
 _ZERO = se.Integer(0)
-STEPPED = ("floor", "ceiling")  #: functions that do not change but where they jump
+STEPPED = ("floor", "ceiling")  #: functions that are constant between their jumps
 
 
 class Program:
@@ -49,7 +49,7 @@ class Program:
             return self._named(e.func(*args))
         if isinstance(e, se.Piecewise):
             return se.Piecewise(*zip(args[::2], args[1::2], strict=True))
-        return e.func(*args) if hasattr(e, "func") else e.subs(dict(zip(e.args, args, strict=True)))  # a comparison
+        return e.func(*args) if hasattr(e, "func") else e.subs(dict(zip(e.args, args, strict=True)))  # a comparison has no `func`
 
     def vec(self, v: Vec) -> Vec:
         """A vector of named components."""
@@ -82,7 +82,7 @@ class Program:
         return [self._tangent(e, tangent) for e in outputs]
 
     def along(self, outputs: Sequence[Expr], changes: Mapping[Expr, Expr]) -> list[Expr]:
-        """Changes of outputs by those of inputs: symbols that belong to inputs."""
+        """Changes of outputs that follow from changes of inputs (input -> change)."""
         one = se.Integer(1)
         tangent: dict[Expr, dict[Expr, Expr]] = {x: {one: change} for x, change in changes.items()}
         for name in self.needed(outputs):
@@ -128,8 +128,8 @@ class Program:
         return x, pivots
 
     def closed(self, outputs: Sequence[Expr]) -> list[Expr]:
-        """Outputs in terms of inputs alone. Every step stays one shared node (an unevaluated expression): without that
-        sums are flattened into their users and compilation explodes."""
+        """Outputs in terms of inputs alone. Every step stays one shared node (an unevaluated expression): otherwise sums are
+        expanded wherever they are used, and the expressions grow exponentially."""
         table: dict[Expr, Expr] = {}
         for name in self.needed(outputs):
             table[name] = se.UnevaluatedExpr(substituted(self.steps[name], table))

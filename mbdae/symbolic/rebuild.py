@@ -48,7 +48,7 @@ def rebuilt(e: Expr, rule: Callable[[Expr, list[Expr]], Expr | None]) -> Expr:
 
 
 def joined(node: Expr, args: list[Expr]) -> Expr:
-    """A function or a condition of other arguments."""
+    """The function or condition of a node, with other arguments."""
     if isinstance(node, se.Piecewise):
         return se.Piecewise(*((args[i], args[i + 1]) for i in range(0, len(args), 2)))
     if isinstance(node, se.FunctionSymbol):

@@ -40,7 +40,7 @@ def steps(expressions: Sequence[Expr], names: dict[Expr, str], language: Languag
 
 
 def reached(pairs: Sequence[tuple[Expr, Expr]], outputs: Sequence[Expr]) -> list[tuple[Expr, Expr]]:
-    """Those of the pairs (name, expression of earlier names) on which outputs depend."""
+    """The pairs (name, expression of earlier names) on which outputs depend."""
     live = set[Expr]().union(*(e.free_symbols for e in outputs))
     found = []
     for name, e in reversed(pairs):
@@ -84,7 +84,7 @@ def python(functions: Sequence[str]) -> Language:
 
 
 def python_function(symbols: Sequence[Expr], expressions: Sequence[Expr], space: Mapping[str, object]) -> Callable[..., list]:  # type: ignore[type-arg]
-    """The function of a sequence of inputs that returns the list of outputs; space: what the functions are by name."""
+    """The function of a sequence of inputs that returns the list of outputs; space: the functions by name."""
     found, outputs = steps(expressions, {s: f"x[{i}]" for i, s in enumerate(symbols)}, python(tuple(space)))
     lines = ["def function(x):", *(f"    {name} = {text}" for name, text in found), f"    return [{', '.join(outputs)}]"]
     made = dict(space)

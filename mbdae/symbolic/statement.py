@@ -68,8 +68,8 @@ def foreign(symbol: str) -> str:
 
 @dataclass(frozen=True)
 class Feeds:
-    """What is fed into a law: readings, and names with their expressions in the symbols of readings, of names before, of numbers
-    and of values prescribed in time. Those that are parameters of the law are its fed parameters."""
+    """The sensors that a law reads: readings, and names with their expressions in the symbols of readings, of names before, of
+    numbers and of values prescribed in time. Names that are parameters of the law are the parameters that follow from sensors."""
 
     readings: tuple[Reading, ...] = ()
     names: tuple[tuple[str, Expr], ...] = ()

@@ -26,7 +26,7 @@ EQUAL = 1e-12  #: relative difference up to which two branches of a Piecewise co
 NEARBY = (-1e-2, 0.0, 1e-2)  #: where branches are compared, relative to the place where the condition changes
 ONE = se.Integer(1)
 LOCAL_POWER = 8  #: from this exponent on a power is noticeable only near the largest base, as cos(x)^2000 is
-TINIEST = se.RealDouble(1e-300)  #: keeps logarithms finite
+TINIEST = se.RealDouble(1e-300)  #: added to arguments of logarithms, which keeps them finite
 
 
 class Switch(NamedTuple):
@@ -46,7 +46,7 @@ def switches_of(d: Derived) -> list[Switch]:
     arguments = insert(d, [resolve(name(s.argument)) for s in found])
     of_motion = {symbol for target, symbol in input_symbols(d) if target[0] in ("q", "u", "s", "foreign")}
     of_motion |= set(d.variation.clock)
-    reactions = {*d.multipliers, *d.stabilisers}  # not known where they are eliminated
+    reactions = {*d.multipliers, *d.stabilisers}  # without a value where they are eliminated
     out: dict[tuple[str, Expr], Switch] = {}
     for switch, e in zip(found, arguments, strict=True):
         free = e.free_symbols
@@ -68,7 +68,7 @@ def known_switches(d: Derived) -> tuple[Switch, ...]:
 
 
 def switch_kinds(d: Derived) -> list[tuple[str, Expr]]:
-    """Kind and exponent of every one of them."""
+    """Kind and exponent of every switch of a law."""
     found: list[tuple[str, Expr]] = d.noted("switches", lambda: [(s.kind, s.exponent) for s in known_switches(d)])
     return found
 
@@ -104,7 +104,7 @@ class _Search:
         self.points = {c for f in d.frames for v in (f.center, f.arm) for c in v if c.free_symbols}
 
     def inside(self, e: Any) -> Iterator[Switch]:
-        """Those of e and of everything in it."""
+        """The switches of e and of every part of it."""
         for part in e if isinstance(e, Vec) else (se.sympify(e),):
             if part in self.seen:
                 continue
@@ -138,7 +138,7 @@ class _Search:
         return e.is_Number or isinstance(e, se.atan2) or e in self.angles or (-e) in self.angles or isinstance(-e, se.atan2)
 
     def _power(self, base: Expr, exponent: Expr) -> Iterator[Switch]:
-        if not base.free_symbols:  # exp(u), 2^u
+        if not base.free_symbols:  # such as exp(u) or 2^u
             if exponent.free_symbols:
                 yield Switch("decaying", exponent * (ONE if base == se.E else se.log(base)))
             return
@@ -148,7 +148,8 @@ class _Search:
         whole = isinstance(exponent, se.Integer)
         if exponent.free_symbols or not whole or int(exponent) < 0:
             falls = not exponent.free_symbols and float(exponent) < 0
-            if (falls and not self.damps) or base.free_symbols & self.own:  # else a length, which has no width
+            # other bases are lengths, without a width of their own
+            if (falls and not self.damps) or base.free_symbols & self.own:
                 yield Switch("power", base, exponent)
 
 

@@ -54,7 +54,7 @@ class TreeProgram:
             self.nodes.append(self._carried(j, link))
         self.force = self._projected("wu", self._members())
         self.correction = self._projected("wq", {}) if structure.loaded else {}
-        self.size = len(self.program.steps)  #: before it is differentiated
+        self.size = len(self.program.steps)  #: number of steps before the program is differentiated
 
     @staticmethod
     def _program() -> Program:
@@ -151,7 +151,7 @@ class TreeProgram:
         return found.w, found.al
 
     def _arm(self, j: int, link: Link, side: str, node: State) -> Vec:
-        """From a node to the joint's point on it."""
+        """Vector from a node to the joint's point on it, inertial."""
         offset, _ = self._in_body(j, link, side, link.axes[side != link.side])
         return self.program.vec(node.of_body([offset])[0])
 

@@ -27,13 +27,13 @@ class Link:
     law: type[Joint]
     structure: Structure
     parent: int
-    side: str  #: of the joint on which the parent is, "k" or "l"
-    kind: NodeKind  #: of the node carried
-    axes: tuple[Axes, Axes]  #: of the joint on its parent and on the node carried
+    side: str  #: side of the joint on which the parent is, "k" or "l"
+    kind: NodeKind  #: kind of the node carried
+    axes: tuple[Axes, Axes]  #: structure of the joint's axes on its parent and on the node carried
     numbers: Numbers
     moves: bool  #: False of a joint that only holds a point where it is
     coordinates: tuple[str, ...]
-    prescribed: tuple[bool, ...]  #: coordinate by coordinate
+    prescribed: tuple[bool, ...]  #: whether each coordinate is prescribed
     first: int  #: number of its first coordinate among those of the tree, from 1
 
 

@@ -90,7 +90,7 @@ class Variation:
         if isinstance(e, se.Piecewise):
             args = [self.name(a) for a in e.args]
             return se.Piecewise(*zip(args[::2], args[1::2], strict=True))
-        if not hasattr(e, "func"):  # a comparison
+        if not hasattr(e, "func"):  # a comparison has none
             return e.subs({a: self.name(a) for a in e.args})
         function = se.Function(e.get_name()) if isinstance(e, se.FunctionSymbol) else e.func
         inner = function(*map(self.name, e.args))
@@ -164,7 +164,7 @@ class Variation:
         return Vec(*(_diff(e, c) for c in f.center)), turn
 
     def velocity_gradient(self, f: Frame, e: Expr) -> tuple[Vec, Vec]:
-        """(de/dv, de/dw)."""
+        """Derivatives (de/dv, de/dw) by the velocity of a node and its angular velocity, inertial."""
         if not f.kind.moves:
             return ZERO, ZERO
         move, turn = Vec(*(_diff(e, c) for c in f.center_velocity)), Vec(*(_diff(e, c) for c in f.w))
@@ -198,8 +198,8 @@ class Variation:
     def insertion(self, shared: bool = False) -> dict[Expr, Expr]:
         """Every name and frame symbol as a function of unknowns and parameters.
 
-        shared: names stay one node each, an unevaluated expression: flattened into their users they would make the
-        compilation of a large law explode."""
+        shared: names stay one node each, an unevaluated expression: expanded wherever they are used, they would make the
+        expressions of a large law grow exponentially."""
         table = self._tables.setdefault(shared, {})
         for f in self.frames if not table else ():
             for symbol, value in f.meaning.items():

@@ -222,7 +222,7 @@ def test_what_more_steps_do_not_give_is_told(monkeypatch: pytest.MonkeyPatch) ->
 def test_linearize_names_floquet() -> None:
     s = ground_resonance(1)
     e = s.equilibrium(frame="hub")
-    with pytest.raises(mb.SteadyError, match=r"periodic, use floquet: s.floquet\(period\)"):
+    with pytest.raises(mb.SteadyError, match=r"periodic, use s.floquet\(period\)"):
         s.linearize(at=e, frame="hub")
     assert s.floquet(ROTOR, at=e).growth.max() == pytest.approx(2.1013475883784443, abs=1e-8)
 

@@ -320,9 +320,9 @@ def test_wordings_are_listed() -> None:
 def test_example_of_the_documentation(tmp_path, monkeypatch) -> None:
     page = (Path(__file__).parents[2] / "docs" / "reports.md").read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "universal.audit").write_text(re.search(r"```text\n(title: The cross.*?)```", page, re.S)[1], encoding="utf-8")
     names: dict = {}
-    exec(re.search(r"```python\n(import mbdae as mb\n\nclass Universal.*?)```", page, re.S)[1], names)
+    for begin in ('printed = """\n', "import mbdae as mb\n\nclass Universal"):
+        exec(re.search(rf"```python\n({re.escape(begin)}.*?)```", page, re.S)[1], names)
     assert [(r.verdict, r.repair) for r in names["found"].equations] == [
         ("RIGHT", ""), ("MISPRINT", "sign of ~b1k*b2l*(s*mu + 2*p*c)")]  # fmt: skip
     assert (tmp_path / "universal.html").is_file()

@@ -64,11 +64,11 @@ def test_a_finished_comparison_is_read_and_the_same(tmp_path):
 
 
 @pytest.mark.parametrize(("change", "named"), [
-    ({"scene": pendulum(2.0)}, r"scene.statements\[0\]\[2\].mass is 1.0 there and 2.0 here"),
-    ({"t_end": 0.4}, "t_end is 0.5 there and 0.4 here"),
-    ({"accuracies": [1e-3]}, r"accuracies is \[0.001, 1e-05\] there and \[0.001\] here"),
-    ({"runs": [mb.Run(mb.IDA(max_order=2)), *RUNS[1:]]}, r"runs\[0\].solver.fields.max_order is 5 there and 2 here"),
-    ({"measure": "hinge.angle"}, 'measure is null there and "hinge.angle" here'),
+    ({"scene": pendulum(2.0)}, r"scene.statements\[0\]\[2\].mass is 1.0 as stored and 2.0 in this call"),
+    ({"t_end": 0.4}, "t_end is 0.5 as stored and 0.4 in this call"),
+    ({"accuracies": [1e-3]}, r"accuracies is \[0.001, 1e-05\] as stored and \[0.001\] in this call"),
+    ({"runs": [mb.Run(mb.IDA(max_order=2)), *RUNS[1:]]}, r"runs\[0\].solver.fields.max_order is 5 as stored and 2 in this call"),
+    ({"measure": "hinge.angle"}, 'measure is null as stored and "hinge.angle" in this call'),
 ])  # fmt: skip
 def test_another_comparison_is_refused_and_the_difference_named(change, named, tmp_path):
     asked = {"scene": pendulum(), "t_end": 0.5, "runs": RUNS, "accuracies": ASKED}

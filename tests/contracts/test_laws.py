@@ -25,7 +25,9 @@ selftest = import_module("mbdae.contracts.selftest")
 kernels_plan = sys.modules["mbdae.kernels.plan"]  # the package exports a function of that name
 LAWS = [getattr(module, name) for module in (joints, couplings, forces, elements) for name in module.__all__]
 LAWS.append(contact.JournalContact)
-LONG = ("JournalContact", "Planar", "PointOnPlane", "PointOnLine")  #: others have their frictions, and as many coordinates
+#: others have their frictions, and as many coordinates
+LONG = ("JournalContact", "Planar", "PointOnPlane", "PointOnLine", "Prismatic", "FixedOrientation", "Universal",
+        "JointFriction", "Free")
 
 
 @pytest.mark.parametrize("law", [pytest.param(law, marks=[pytest.mark.slow] * (law.__name__ in LONG)) for law in LAWS],
@@ -163,7 +165,7 @@ def test_own_joint_passes() -> None:
     assert "spatial - spatial" in mb.selftest(Screw, pitch=0.01).variants
 
 
-@pytest.mark.parametrize(("law", "count"), [(Rope, 22), (Halfway, 20)])
+@pytest.mark.parametrize(("law", "count"), [pytest.param(Rope, 22, marks=pytest.mark.slow), (Halfway, 20)])
 def test_laws_of_three_frames(law: Any, count: int) -> None:
     found = mb.selftest(law).variants
     assert len(found) == count

@@ -223,6 +223,23 @@ def test_counts_of_all_processes_are_added(store):
     assert store.content() == (0, 0, 0, 0)
 
 
+def test_entries_are_few_enough_to_look_through(store, monkeypatch):
+    monkeypatch.setattr("mbdae.disk.store.MOST", 10)
+    for i in range(30):
+        store.write(f"{i:064x}", b"content")
+        os.utime(file_of(store, f"{i:064x}"), (i, i))
+        assert store.content().entries <= 10
+    assert store.read(f"{29:064x}") == b"content"
+    assert Store(store.folder).read(f"{0:064x}") is None
+
+
+def test_counts_go_on_after_their_file_was_shortened(store):
+    for _ in range(2):
+        store.read(KEY)
+        store._count()
+        store._shorten()
+    assert store.content().misses == 3  # the second process of a store counts all that it missed
+
 @pytest.mark.parametrize(("variables", "found"), [
     ({"MBDAE_CACHE": "off"}, None), ({"MBDAE_CACHE": "OFF"}, None), ({"MBDAE_CACHE": "/a/b"}, "/a/b"),
     ({"MBDAE_CACHE": "~/a", "HOME": "/h"}, "/h/a"), ({"MBDAE_CACHE": "~", "HOME": "/h"}, "/h"),

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import copy
 import json
+import os
 import random
+import re
 import sys
 import warnings
 import zipfile
@@ -22,9 +24,11 @@ import pytest
 import sympy as sp
 
 import mbdae as mb
+from mbdae.disk.store import store
 from mbdae.results import archive
 
 MARK = "executed-by-a-file"
+ENTRY = re.compile(r"[0-9a-f]{16,64}\.(kept|part)")
 OUTSIDE = ("os.system", "subprocess.Popen", "os.exec", "os.posix_spawn", "os.fork", "socket.connect", "shutil.rmtree",
     "os.remove",
            "os.rename", "os.mkdir", "pickle.find_class", "ctypes.dlopen", "exec", "import", "marshal.loads")  # fmt: skip
@@ -50,6 +54,21 @@ def wave(s: float) -> Any:
 LAWS = [Rubber, wave]
 
 
+def _writes(event: str, args: tuple[Any, ...]) -> bool:
+    """Whether a file is opened to be written; a descriptor was opened by its path before."""
+    if event != "open" or isinstance(args[0], int):
+        return False
+    return bool(set(args[1]) & set("wax+") if args[1] else args[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC))
+
+
+def _keeps(event: str, args: tuple[Any, ...]) -> bool:
+    """Whether entries of the cache are written: their names are hashes of mbdae's, their content is what it derived."""
+    paths = {"open": args[:1], "os.rename": args[:2], "os.remove": args[:1]}.get(event, ())
+    folder = str(store().folder)
+    return bool(paths) and all(os.path.split(os.path.realpath(path))[0] == folder and ENTRY.fullmatch(os.path.basename(path))
+                               for path in map(os.fsdecode, paths))  # fmt: skip
+
+
 class Seen:
     """Events of Python's audit hooks while it is switched on; a hook cannot be removed."""
 
@@ -60,12 +79,27 @@ class Seen:
     def hook(cls, event: str, args: tuple[Any, ...]) -> None:
         if not cls.on:
             return
-        writes = event == "open" and len(args) > 1 and isinstance(args[1], str) and set(args[1]) & set("wax+")
-        if event in OUTSIDE or writes:
+        if (event in OUTSIDE or _writes(event, args)) and not _keeps(event, args):
             cls.events.append((event, ascii(args)[:300]))
 
 
 sys.addaudithook(Seen.hook)
+
+
+def test_what_is_written_outside_of_the_cache_is_seen(tmp_path: Path) -> None:
+    folder = store().folder
+    assert folder is not None
+    entry = folder / f"{'0' * 64}.kept"
+    Seen.events, Seen.on = [], True
+    try:
+        for path in (tmp_path / "x", tmp_path / entry.name, entry, folder / "x.py", folder / ".." / entry.name):
+            os.close(os.open(path, os.O_WRONLY | os.O_CREAT))
+            os.replace(path, path)
+            path.unlink()
+    finally:
+        Seen.on = False
+    assert [event for event, _ in Seen.events] == ["open", "os.rename", "os.remove"] * 4
+    assert not any(ascii(str(entry)) in args for _, args in Seen.events)
 
 
 def rich() -> mb.Scene:

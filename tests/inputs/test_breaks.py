@@ -8,7 +8,7 @@ import sympy as sp
 
 import mbdae as mb
 from mbdae.inputs import timed
-from mbdae.inputs.breaks import TooManyError, breaks, jump
+from mbdae.inputs.breaks import TooManyError, breaks, distinct, jump
 from mbdae.inputs.enclosure import Enclosure
 from mbdae.inputs.resolution import stretches
 
@@ -138,3 +138,12 @@ def test_a_pulse_that_no_step_resolves_is_refused() -> None:
     with pytest.raises(mb.SceneError, match=r"changes at t = 1 s and again 1.0e-13 s later"):
         scene(1e-13).simulate(2.0)
     assert scene(1e-6).simulate(2.0)["A"].rate[-1] == pytest.approx(0.1, rel=1e-5)
+
+
+def test_edges_that_differ_by_round_off_are_one():
+    times = np.array([0.0, 0.3, np.nextafter(0.3, 1), 1.0 - 1e-15, 1.0, 1e-300])
+    np.testing.assert_array_equal(distinct(times), [0.0, 0.3, 1.0])
+    two = mb.table([0, 0.3, 1], [0, 1, 0]) + mb.table([0, float(np.nextafter(0.3, 1)), 1], [0, 1, 0])
+    made = stretches((timed.expression(two),), np.array([0.0, 1.0]))
+    assert np.diff(made.edges).min() > 1e-12
+    assert len(made.kinks) == 1

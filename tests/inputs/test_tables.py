@@ -362,3 +362,36 @@ def test_a_missing_file(tmp_path: Path) -> None:
         mb.read_table(tmp_path / "no.csv", "t", "F")
     with pytest.raises(mb.OptionError, match="file = 3 is not a path"):
         mb.read_table(3, "t", "F")
+
+
+UNTIL_1 = mb.table([0, 1], [0, 1], outside="error")
+
+
+@pytest.mark.parametrize(("force", "way"), [
+    (sp.Piecewise((UNTIL_1, mb.t < 1), (2, True)), 1 / 6 + 0.5 + 1),
+    (sp.Piecewise((UNTIL_1, mb.t <= 1), (2, True)), 1 / 6 + 0.5 + 1),
+    (sp.Piecewise((0, mb.t < 1), (UNTIL_1.subs(mb.t, mb.t - 1), True)), 1 / 6),
+    (sp.Piecewise((UNTIL_1.subs(mb.t, mb.t - 0.5), sp.And(mb.t > 0.5, mb.t < 1.5)), (0, True)), 1 / 6 + 0.25),
+    (sp.Piecewise((sp.Piecewise((UNTIL_1, mb.t < 0.5), (1, True)), mb.t < 1.5), (0, True)), None),
+])  # fmt: skip
+def test_a_table_with_an_end_is_read_where_its_case_holds(force, way):
+    s = mb.Scene("block")
+    block = s.point_mass("b", 1.0, at=(0, 0))
+    s.force("F", block, (force, 0, 0))
+    end = s.simulate(2.0, accuracy=1e-9)["b"].position[-1, 0]
+    v, x = 0.125, 0.125 / 6  # of the last: 0.5 t^2 until 0.5 s, then 1 N until 1.5 s
+    assert end == pytest.approx(way if way is not None else x + v + 0.5 + (v + 1) * 0.5, abs=1e-9)
+
+
+@pytest.mark.parametrize(("force", "read"), [
+    (UNTIL_1, "from 0 to 2 s"), (sp.Piecewise((UNTIL_1, mb.t < 1.2), (2, True)), "from 0 to 1.2 s"),
+    (sp.Piecewise((0, mb.t < 0.5), (UNTIL_1, True)), "from 0.5 to 2 s"), (sp.Max(UNTIL_1, 3), "from 0 to 2 s"),
+])  # fmt: skip
+def test_a_table_with_an_end_is_refused_where_it_is_read_beyond(force, read):
+    s = mb.Scene("block")
+    block = s.point_mass("b", 1.0, at=(0, 0))
+    with pytest.raises(mb.OptionError, match=f"reads it {read}"):
+        s.simulate(2.0, record=[force > 0.5])
+    s.force("F", block, (force, 0, 0))
+    with pytest.raises(mb.SceneError, match=f"reads it {read}"):
+        s.simulate(2.0)

@@ -95,17 +95,13 @@ OLD = {
     "exp((-1/3)*t)*sqrt(1 + t)/(2 + t)**(3/2)": sp.exp(-t / 3) * sp.sqrt(t + 1) / (t + 2) ** sp.Rational(3, 2),
     "-1 - t": -1 - t, "2**-t**2": 2 ** (-(t**2)), "t**(-1)": 1 / t, "2 - 3*-t - t": 2 + 2 * t, "Max(t, 2, Mod(t, 3))": sp.Max(t,
     2, t % 3),
-    "t*pi + exp(2) - abs(t)": t * sp.pi + sp.exp(2) - sp.Abs(t), "1.5e3*t - .5 + 0.5" : None, "frac(t) + Heaviside(t)":
+    "t*pi + exp(2) - abs(t)": t * sp.pi + sp.exp(2) - sp.Abs(t), "1.5e3*t - .5 + 0.5": 1500 * t, "frac(t) + Heaviside(t)":
         sp.frac(t) + sp.Heaviside(t),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("written", OLD, ids=list(OLD))
 def test_the_notation_of_python_is_read(written: str) -> None:
-    if OLD[written] is None:
-        with pytest.raises(ValueError, match="does not belong to it"):
-            text.read(written)
-        return
     times = np.linspace(0.1, 5, 50)
     read, meant = (timed.values(timed.expression(e), times) for e in (text.read(written), OLD[written]))
     np.testing.assert_allclose(read, meant, rtol=1e-14, atol=1e-14)
@@ -123,7 +119,7 @@ HOSTILE = [
     "*t", "t,t",
     "(" * 5000 + "t" + ")" * 5000, "-" * 100000 + "t", "sin(" * 500 + "t" + ")" * 500, "9" * 200000, "t+" * 60000 + "t", "1 < I",
     "True", "True + 1", "Not(t)", "Not(t < 1, t < 2)", "t\x00", "\ud800", "ţ", "٣*t", "t¹", "1_000", "0x10", "1j", "'t'", '"t"',
-    "t#",
+    "t#", "t.5", "1.5.5", ".", "1..5.", ".t", ".e5",
     None, 1, 1.0, ["t"], {"t": 1}, b"t",
 ]  # fmt: skip
 

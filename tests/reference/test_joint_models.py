@@ -84,7 +84,8 @@ def test_starts(kind):
         assert start_off(c, prepare(scene_of(c, models, q, v)), 0.0, q, v) < AGREE
 
 
-@pytest.mark.parametrize("kinds", [("universal", "screw"), ("cylindrical", "boom"), ("spherical", "cam")])
+@pytest.mark.parametrize("kinds", [("universal", "screw"), pytest.param(("cylindrical", "boom"), marks=pytest.mark.slow),
+                                   pytest.param(("spherical", "cam"), marks=pytest.mark.slow)])
 def test_runs(kinds):
     rng = np.random.default_rng(3)
     c = drawn(rng, kinds, "lk")

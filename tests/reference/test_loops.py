@@ -38,8 +38,8 @@ PLANAR = {
     "five-bar": lambda rng, **own: over.planar(rng, "RRRRR", **own),
     "six-bar": over.six_bar,
 }
-ONE = [(name, seed) for name in CHAINS for seed in range(8)] + [(name, seed) for name in SPECIAL for seed in range(2)]
-TWO = [(name, seed) for name in DOUBLE for seed in range(5)]
+ONE = [(name, seed) for name in CHAINS for seed in range(4)] + [(name, seed) for name in SPECIAL for seed in range(2)]
+TWO = [(name, seed) for name in DOUBLE for seed in range(3)]
 
 
 @pytest.fixture(autouse=True)

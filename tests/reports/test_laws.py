@@ -23,8 +23,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from reading import holds_and_defines
 
+LONG = ("journalcontact", "cylinderonplane", "balloncylinder")  #: contacts that take ten seconds and more; others are like them
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n == "journalcontact")) for n in names()])
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in names()])
 def test_report_holds_and_defines_its_symbols(name):
     """Its checks hold, its hash is that of the equations derived anew, every symbol it uses is defined in it, and has one unit
     where the coordinate is known; only sums of coordinates of any kind leave it open."""

@@ -14,6 +14,7 @@ import mbdae as mb
 import mbdae.run.choice as choices
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
+LONG = ("arm_control", "clearance_rotor")
 
 
 def chain(n: int, **options: Any) -> mb.Scene:
@@ -26,8 +27,9 @@ def chain(n: int, **options: Any) -> mb.Scene:
     return s
 
 
+# every second example at 1e-8, the others at 1e-5
 @pytest.mark.parametrize(("name", "accuracy"), [
-    pytest.param(path.stem, accuracy, marks=[pytest.mark.slow] * (i % 2 != (accuracy < 1e-6)))  # every second one at 1e-8
+    pytest.param(path.stem, accuracy, marks=[pytest.mark.slow] * (path.stem in LONG or i % 2 != (accuracy < 1e-6)))
     for i, path in enumerate(sorted(EXAMPLES.glob("*.py"))) for accuracy in (1e-5, 1e-8)])  # fmt: skip
 @pytest.mark.filterwarnings("ignore::mbdae.AccuracyWarning")
 def test_check_predicts_what_is_run(name: str, accuracy: float, monkeypatch: Any) -> None:

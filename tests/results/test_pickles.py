@@ -32,8 +32,9 @@ def sensors(r: mb.Result) -> dict[str, np.ndarray]:
     return {f"{item}.{name}": r.read(f"{item}.{name}") for item, names in items for name in names}
 
 
-@pytest.mark.parametrize("way", COPIES)
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize(("name", "way"), [
+    pytest.param(name, way, marks=[pytest.mark.slow] * ((i + k) % 3 > 0), id=f"{name}-{way}")
+    for i, name in enumerate(RUNS) for k, way in enumerate(COPIES)])  # fmt: skip
 def test_runs_keep_every_bit(name: str, way: str) -> None:
     make, end, options = scenes.RUNS[name]
     with warnings.catch_warnings():

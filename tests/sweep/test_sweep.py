@@ -98,9 +98,9 @@ def test_resume_computes_what_is_missing(tmp_path: Path) -> None:
     again = mb.sweep(jobs.deadly, grid, workers=1, resume=file)
     assert set(jobs.calls(folder)) == set(range(5)) - kept
     assert [row.values for row in again.rows] == [row.values for row in first.rows]
-    with pytest.raises(mb.OptionError, match=r"another sweep: grid.number is \[0, 1, 2, 3, 4\] there and \[0, 1, 2, 3, 4, 5\]"):
+    with pytest.raises(mb.OptionError, match=r"sweep: grid.number is \[0, 1, 2, 3, 4\] as stored and \[0, 1, 2, 3, 4, 5\]"):
         mb.sweep(jobs.deadly, grid | {"number": range(6)}, resume=file)
-    with pytest.raises(mb.OptionError, match=r"another sweep: job is \"jobs.deadly\" there and \"jobs.product\" here"):
+    with pytest.raises(mb.OptionError, match=r"sweep: job is \"jobs.deadly\" as stored and \"jobs.product\" in this call"):
         mb.sweep(jobs.product, grid, resume=file)
     file.write_text("{}\n")
     with pytest.raises(mb.OptionError, match="is not a sweep kept by resume"):

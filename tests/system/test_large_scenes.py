@@ -1,5 +1,7 @@
 """Scenes of many bodies: sparse rank, start and accelerations against closed relations and against dense matrices."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -143,6 +145,37 @@ def test_steps_on_disk_are_those_in_memory(monkeypatch):
     after = s.simulate(2.0, solver=solver)
     assert np.array_equal(before.q, after.q)
     assert np.array_equal(before.solution.yp, after.solution.yp)
+
+
+@pytest.mark.parametrize("at_once", [1, 5, 300])
+def test_steps_are_held_once(at_once):
+    """While they are made, but for some room, and where they are given out: no copy is made of all of them."""
+    many, row = 20_000, 8 * 10
+    tracemalloc.start()
+    rows = kept_rows.Rows("y", np.zeros(10))
+    for first in range(0, many, at_once):
+        rows.extend(first + np.arange(at_once)[:, None] * np.ones(10))
+    held, most = tracemalloc.get_traced_memory()
+    count = len(rows)
+    found = rows.array(count)
+    after, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert np.array_equal(found[1:, 0], np.arange(count - 1))
+    assert most < count * row * (1 + 2 / kept_rows.SPARE) + 2 * kept_rows.BLOCK * row + 100_000
+    assert max(peak, after) < count * row * (1 + 2 / kept_rows.SPARE) + 2 * kept_rows.BLOCK * row + 100_000
+    assert held > count * row  # it was counted
+
+
+def test_rows_given_out_stay_as_they_were():
+    rows = kept_rows.Rows("y", np.zeros(2))
+    rows.extend(np.ones((2000, 2)))
+    first = rows.array(2001)
+    before = first.copy()
+    rows.tail[-1] = np.full(2, 7.0)  # as a run is restarted from other values
+    for _ in range(3000):
+        rows.append(np.full(2, 5.0))
+    assert np.array_equal(first, before)
+    assert np.array_equal(rows.array(5001)[[0, 1, 1999, 2000, 2001, 5000], 0], [0, 1, 1, 7, 5, 5])
 
 
 @pytest.mark.parametrize("damage", ["cut", "gone", "other"])

@@ -13,6 +13,7 @@ from runner import Case, Claim, Found, Row, measure
 claim = Claim("interrupted", "a run that is kept in a folder and killed at random times returns the bits of one that was not",
               0.0, "runs", "the same run, kept too, without a kill")  # fmt: skip
 KILLS, FEW = 20, 3
+QUICK = ("DOP853, breaks and friction", "Radau IIA, rows in force", "Radau IIA, impacts", "generalised-alpha, index 3", "IDA")
 
 
 def different(name: str, kills: int, how: int) -> Found:
@@ -24,9 +25,10 @@ def different(name: str, kills: int, how: int) -> Found:
 
 
 def cases() -> list[Case]:
-    kinds = ((KILLS, signal.SIGKILL, True), (FEW, signal.SIGTERM, True), (FEW, signal.SIGKILL, False))
+    every, kill = scenes.RUNS, signal.SIGKILL
+    kinds = ((KILLS, kill, every, True), (FEW, signal.SIGTERM, every, True), (FEW, kill, QUICK, False))
     return [Case(f"{kills} {how.name}", name, partial(different, name, kills, how), slow=slow)
-            for kills, how, slow in kinds for name in scenes.RUNS]  # fmt: skip
+            for kills, how, names, slow in kinds for name in names]  # fmt: skip
 
 
 def run() -> list[Row]:

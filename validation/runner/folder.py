@@ -41,8 +41,8 @@ def module_of(folder: Path, name: str) -> Any:
 
 
 def load(folder: Path, name: str, hours: float | None = None, out: Path | None = None) -> Check:
-    """What check.py of one claim states. With `hours`, its `during(hours, out)` measures: for so long, going on from what a folder
-    `out` has of it; OptionError where the claim has an end of its own."""
+    """What check.py of one claim states. With `hours`, its `during(hours, out)` measures: for so long, going on from what a
+    folder `out` has of it; OptionError where the claim has an end of its own."""
     module = module_of(folder, name)
     if module.claim.name != name:
         raise OptionError(f"validation/{name}/check.py states the claim '{module.claim.name}': give it the folder's name")

@@ -20,7 +20,7 @@ def manoeuvre(elements: int, order: int) -> list[Found]:
     d = data("spin_up_beam")
     rows, L = np.array(d["reference"]["rows"]), d["parameters"]["L"]
     times = np.unique(np.r_[0.0, rows[:, 0], np.linspace(15, 20, 101)])
-    r = spin_up(elements, order).simulate(20.0, solver=mb.RadauIIA(3, rtol=5e-7), outputs=times)
+    r = spin_up(elements, order).simulate(20.0, solver=mb.RadauIIA(3, rtol=2e-7), outputs=times)
     a, tip = spin_up_angle(r.t), r["beam"].at(1.0).position
     u = np.column_stack([np.cos(a) * tip[:, 0] + np.sin(a) * tip[:, 1] - L, np.cos(a) * tip[:, 1] - np.sin(a) * tip[:, 0]])
     at = np.searchsorted(r.t, rows[:, 0])

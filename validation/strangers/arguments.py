@@ -22,7 +22,8 @@ PLAIN: dict[str, Unit] = {
     "normal_force": FORCE, "length": LENGTH, "every": (0, 0, 1), "v_c": (0, 1, -1), "EA": FORCE, "GA2": FORCE, "GA3": FORCE,
     "GJ": (1, 3, -2), "EI2": (1, 3, -2), "EI3": (1, 3, -2), "mass_per_length": (1, -1, 0), "rotary_inertia": (1, 1, 0),
     "outer": LENGTH, "inner": LENGTH}  # fmt: skip
-LAWS: dict[str, dict[str, Unit]] = {"Hertz": {"stiffness": (1, -0.5, -2), "damping": (0, -1, 1)}, "Section": {"damping": (0, 0, 1)}}
+LAWS: dict[str, dict[str, Unit]] = {"Hertz": {"stiffness": (1, -0.5, -2), "damping": (0, -1, 1)},
+                                    "Section": {"damping": (0, 0, 1)}}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,7 @@ def changed(story: Story, c: Change) -> Story:
 
 
 def _said(a: Said, c: Change, kinds: dict[str, str]) -> Said:
+    a = Said(a.verb, {"axis": (0, 0, 1), **a.args}) if a.verb == "revolute" else a  # the axis where none is said
     return Said(a.verb, {key: _argument(a, key, value, c, kinds) for key, value in a.args.items()})
 
 
@@ -76,6 +78,8 @@ def _argument(a: Said, key: str, value: Any, c: Change, kinds: dict[str, str]) -
         return c.point(value)
     if key == "points":
         return tuple(c.point(p) for p in value)
+    if key == "axis2":
+        return c.vector(value)
     if key in ("axis", "pin"):
         return c.vector(value, axial=a.verb not in SLIDES)
     if key == "rotation":

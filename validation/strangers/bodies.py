@@ -61,6 +61,7 @@ class World:
     turned: Array
     scalars: Functionals = field(default_factory=Functionals)
     constraints: list[tuple[dict[int, float], Input | None]] = field(default_factory=list)
+    owners: list[str] = field(default_factory=list)  #: of every constraint, the statement that makes it
     coordinates: dict[str, int] = field(default_factory=dict)
 
     def number(self, name: str) -> int:
@@ -111,6 +112,7 @@ def world_of(story: Story) -> World:
             _joint(w, a)
         elif a.verb == "couple" or a.verb in ("gear", "rack", "differential"):
             _coupling(w, a)
+        w.owners += [a.name] * (len(w.constraints) - len(w.owners))
     return w
 
 

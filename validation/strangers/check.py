@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
-
 from typing import Any
 
 from runner import Case, Claim, Found, Row, measure
 
-claim = Claim("strangers", "scenes drawn at random (trees, loops, couplings, contact, control, beams; smooth and hostile inputs) are "
-              "right within three times the accuracy or say that they are not; turned, mirrored, in other units, order, joint models, "
-              "forms, divided, later, stored or in space they move alike within ten times", 0.0, "scenes",
+claim = Claim("strangers", "scenes drawn at random (trees, loops, couplings, contact, control, beams; smooth and hostile inputs) "
+              "are right within three times the accuracy or say that they are not; turned, mirrored, in other units, order, "
+              "joint models, forms, divided, later, stored or in space they move alike within ten times", 0.0, "scenes",
               "Newton and Euler for every body with multipliers, dense, by SciPy between the instants at which inputs jump")
 WRONG = ("silent", "refused", "crashed", "wrong start", "differs")
 TOLD = 0.2  #: share of runs that may say that they are not right, or not be judged

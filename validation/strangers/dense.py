@@ -128,8 +128,8 @@ class Reference:
         self.now = [None if d is None else [d.derivative(middle, k) for k in range(3)] for d in self.drives]
         self.loads.between(middle)
 
-    def accelerations(self, t: float, m: Motion, c: Array) -> Array:
-        """(6 n,) of all bodies."""
+    def accelerations(self, t: float, m: Motion, c: Array) -> tuple[Array, Array]:
+        """(6 n,) of all bodies, and the multipliers of the rows `kept`."""
         n = self.n
         Q = self.loads.forces(t, m, c)
         R = m.R[:n]
@@ -142,20 +142,21 @@ class Reference:
         inverse[:, 3:, 3:] = np.linalg.inv(turning)
         free = np.einsum("nij,nj->ni", inverse, Q[:n]).ravel()
         if not len(self.A):
-            return np.asarray(free)
+            return np.asarray(free), np.zeros(0)
         G = self.A @ m.J[:, : 6 * n]
         if self.kept is None:
             self.kept = independent(G)
         G, A = G[self.kept], self.A[self.kept]
         wanted = np.array([0.0 if d is None else d[2](t) for d in self.now])[self.kept] - A @ m.bias
         MG = np.einsum("nij,rnj->rni", inverse, G.reshape(len(G), n, 6)).reshape(len(G), -1)
-        return np.asarray(free + MG.T @ np.linalg.solve(G @ MG.T, wanted - G @ free))
+        multipliers = np.linalg.solve(G @ MG.T, wanted - G @ free)
+        return np.asarray(free + MG.T @ multipliers), multipliers
 
     def rhs(self, t: float, y: Array) -> Array:
         """Rates of the state."""
         n = self.n
         m = self.moved(y)
-        a = self.accelerations(t, m, y[13 * n :]).reshape(n, 6)
+        a = self.accelerations(t, m, y[13 * n :])[0].reshape(n, 6)
         P, o = y[3 * n : 7 * n].reshape(n, 4), m.o[:n]
         turned = np.concatenate([-dot(P[:, 1:], o)[:, None], P[:, :1] * o + cross(o, P[:, 1:])], axis=1) / 2
         found = np.concatenate([m.v[:n].ravel(), turned.ravel(), a[:, :3].ravel(), a[:, 3:].ravel(), m.rate[self.watched]])
@@ -235,7 +236,8 @@ class Reference:
 
 def quaternion(R: Array) -> Array:
     """Of a rotation matrix: the eigenvector for 1 of Bar-Itzhack's matrix, without cases."""
-    K = np.array([[np.trace(R), R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]])
+    K = np.zeros((4, 4))
+    K[0] = np.trace(R), R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
     K[1:, 1:] = R + R.T - np.trace(R) * np.eye(3)
     K[1:, 0] = K[0, 1:]
     return np.asarray(np.linalg.eigh(K / 3)[1][:, -1])

@@ -14,21 +14,25 @@ from strangers.story import Along, Made, Said, Story, script
 Draw = Any
 GRAVITY = (0.0, -9.81, 0.0)
 PLANE = [(1.0, 0.0), (0.0, -1.0), (0.8, 0.6), (-0.6, 0.8), (-1.0, 0.0), (0.6, -0.8), (0.0, 1.0), (-0.28, -0.96)]
-SPACE = [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (0.48, 0.6, 0.64), (-0.36, 0.48, -0.8), (0.0, -0.6, 0.8), (0.8, -0.6, 0.0)]
+SPACE = [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (0.48, 0.6, 0.64), (-0.36, 0.48, -0.8), (0.0, -0.6, 0.8),
+         (0.8, -0.6, 0.0)]  # fmt: skip
 LENGTHS = [0.5, 1.0, 0.3, 0.7]
 ENDS = [0.5, 0.3, 1.0]
 ACCURACIES = [1e-5, 1e-4, 1e-3, 1e-6, 1e-7]
 PLANAR_JOINTS = ["revolute", "revolute", "revolute", "prismatic", "weld", "planar", "fixed_orientation", "distance", "bushing"]
 JOINTS = ["revolute", "revolute", "spherical", "prismatic", "cylindrical", "screw", "universal", "planar", "point_on_line",
           "point_on_plane", "fixed_orientation", "weld", "distance", "bushing"]  # fmt: skip
-SOLVERS: list[dict[str, str]] = [{}, {}, {}, {}, {"solver": "'radau3'"}, {"solver": "'radau2'"}, {"solver": "'radau5'"}, {"solver": "'ida'"},
+SOLVERS: list[dict[str, str]] = [
+           {}, {}, {}, {}, {"solver": "'radau3'"}, {"solver": "'radau2'"}, {"solver": "'radau5'"}, {"solver": "'ida'"},
            {"solver": "'dop853'", "form": "'index1'"}, {"solver": "'cvode'", "form": "'index1'"}, {"form": "'ggl'"},
            {"solver": "'radau3'", "form": "'index1'"}, {"solver": "'radau3'", "form": "'index3'"},
            {"solver": "mb.CVODE(method='BDF')", "form": "'index1'"}, {"solver": "mb.HHT()"}, {"verify": "True"},
            {"solver": "mb.GeneralizedAlpha()"}, {"outputs": "7"}]  # fmt: skip
 
+BODIES, LOADS = ("rigid_body", "link", "point_mass"), ("force", "torque", "spring", "own")
 BEAM_WAYS: list[dict[str, str]] = [{}, {}, {"solver": "'radau3'"}, {"solver": "'radau2'"}, {"solver": "'radau5'"}]
 MODELS = ["", "", "", "kinematic", "classical", "recursive"]
+IN_SPACE = [["revolute"], ["universal", "spherical"], ["spherical", "cylindrical"], ["revolute"]]  #: joints of a loop
 
 
 def shifted(a: Any, b: Any, factor: float = 1.0) -> tuple[float, ...]:
@@ -134,7 +138,8 @@ def with_loads(draw: Draw, names: list[str], ends: dict[str, Any], planar: bool,
         kind = draw(st.sampled_from(["force", "spring", "torque", "own", "force"]))
         end = ends[name]
         if kind == "force":
-            args = {"name": f"F{i}", "body": name, "value": Along(draw(loads(T, 5.0)), (*draw(directions(planar)), 0.0)[:3]), "at": end}
+            value = Along(draw(loads(T, 5.0)), (*draw(directions(planar)), 0.0)[:3])
+            args = {"name": f"F{i}", "body": name, "value": value, "at": end}
             found.append(Said("force", {**args, "frame": "body"} if maybe(draw, 3) else args))
         elif kind == "torque":
             e = (0.0, 0.0, 1.0) if planar else draw(directions(False))
@@ -167,42 +172,49 @@ def ways(story: Story, count: int) -> list[Story]:
         if slow and story.family == "contact":
             continue
         least = 1e-4 if slow else 1e-5 if story.family in ("contact", "beam") else 1e-7
-        model = rng.choice(MODELS) if models(story.statements) else ""
+        model = rng.choice(models(story.statements))
         found.append(story.but(options=dict(options), accuracy=rng.choice([a for a in ACCURACIES if a >= least]), model=model))
     return found
 
 
-def models(statements: Any) -> bool:
-    """Whether there are joints whose model may be replaced: all but those with clearance."""
-    return any(a.verb in ("revolute", "prismatic", "cylindrical", "screw") for a in statements) and not any(
-        "model" in a.args for a in statements)
+def models(statements: Any) -> list[str]:
+    """Models for all joints: none for those with clearance; recursive where that leaves something to solve for, and where no
+    slender rod gets into space by it (recursive joints of fixed orientation have a displacement out of the plane)."""
+    if not any(a.verb in ("revolute", "prismatic", "cylindrical", "screw") for a in statements) or any(
+            "model" in a.args for a in statements):  # fmt: skip
+        return [""]
+    joints = [a for a in statements if a.verb not in (*BODIES, *LOADS, "weld")]
+    moves = any("angle" not in a.args and "position" not in a.args for a in joints)
+    loose = any(a.verb == "fixed_orientation" for a in joints) and any(a.verb == "link" for a in statements)
+    return [m for m in MODELS if m != "recursive" or (moves and not loose)]
 
 
 def told(draw: Draw, family: str, statements: list[Said], planar: bool, T: float, finest: float = 1e-7) -> Story:
     """The story with a way to run it."""
     way = dict(draw(st.sampled_from(SOLVERS)))
     coarse = [a for a in ACCURACIES if a >= (1e-4 if "HHT" in str(way) or "Alpha" in str(way) else finest)]
-    model = draw(st.sampled_from(MODELS)) if models(statements) else ""
+    model = draw(st.sampled_from(models(statements)))
     g = gravity(draw, planar)
     return Story(family, tuple(statements), T, draw(st.sampled_from(coarse)), g, model=model, options=way)
 
 
+@st.composite
+def _limb(draw: Draw, i: int, ends: dict[str, Any], planar: bool, T: float, kinds: list[str] | None) -> list[Said]:
+    """The next body of a tree and its joint; a strategy of its own, so that shrinking may leave out the one before."""
+    name, earlier = f"b{i + 1}", draw(st.booleans())
+    parent = list(ends)[-2:][0 if earlier else -1]
+    a = ends[parent]
+    b = shifted(a, draw(directions(planar)), draw(st.sampled_from(LENGTHS)))
+    if maybe(draw, 8) and kinds is None:
+        return [Said("point_mass", {"name": name, "mass": 0.5, "at": b}),
+                Said("distance", {"name": f"J{i + 1}", "k": parent, "l": name, "at_k": a, "at_l": b})]  # fmt: skip
+    ends[name] = b
+    return [body(draw, name, a, b, planar), joint(draw, f"J{i + 1}", parent, name, a, b, planar, T, kinds)]
+
+
 def _tree(draw: Draw, planar: bool, T: float, most: int = 4, kinds: list[str] | None = None) -> tuple[list[Said], Any, list[str]]:
     ends: dict[str, Any] = {"ground": (0.0,) * (2 if planar else 3)}
-    found: list[Said] = []
-    points: set[str] = set()
-    for i in range(draw(st.integers(1, most))):
-        name = f"b{i + 1}"
-        parent = draw(st.sampled_from(list(ends)[-2:][::-1]))
-        a = ends[parent]
-        b = shifted(a, draw(directions(planar)), draw(st.sampled_from(LENGTHS)))
-        if kinds is None and maybe(draw, 8):
-            found += [Said("point_mass", {"name": name, "mass": 0.5, "at": b}),
-                      Said("distance", {"name": f"J{i + 1}", "k": parent, "l": name, "at_k": a, "at_l": b})]  # fmt: skip
-            points.add(name)
-            continue
-        found += [body(draw, name, a, b, planar), joint(draw, f"J{i + 1}", parent, name, a, b, planar, T, kinds)]
-        ends[name] = b
+    found = [a for i in range(draw(st.integers(1, most))) for a in draw(_limb(i, ends, planar, T, kinds))]
     return found, ends, [n for n in ends if n != "ground"]
 
 
@@ -220,18 +232,17 @@ def trees(draw: Draw) -> Story:
 def loops(draw: Draw) -> Story:
     """Chains whose end is joined to the ground where it is: four-bars, five-bars, slider-cranks, and loops in space."""
     planar, T = draw(st.booleans()), draw(st.sampled_from(ENDS))
-    n = draw(st.integers(3, 4)) if planar else draw(st.integers(3, 4))
     found: list[Said] = []
     a: Any = (0.0, 0.0) if planar else (0.0, 0.0, 0.0)
     parent, ends = "ground", {}
     turn = 0
-    for i in range(n):
+    for i in range(draw(st.integers(3, 4))):
         turn += draw(st.integers(1, 2)) if planar else draw(st.integers(1, 3))
         step = [(1.0, 0.0), (0.6, 0.8), (0.0, 1.0), (-0.6, 0.8), (-1.0, 0.0), (-0.6, -0.8), (0.0, -1.0), (0.6, -0.8)][turn % 8]
         step = step if planar else SPACE[turn % len(SPACE)]
         b = shifted(a, step, draw(st.sampled_from([0.4, 0.7, 1.0])))
         name = f"b{i + 1}"
-        kinds = ["revolute"] if planar else [["revolute"], ["universal", "spherical"], ["spherical", "cylindrical"], ["revolute"]][i]
+        kinds = ["revolute"] if planar else IN_SPACE[i]
         found += [body(draw, name, a, b, planar), joint(draw, f"J{i + 1}", parent, name, a, b, planar, T, kinds, i > 0)]
         parent, ends[name], a = name, b, b
     closing = ["revolute", "revolute", "point_on_line", "distance"] if planar else ["spherical", "spherical", "distance"]
@@ -285,7 +296,8 @@ def beams(draw: Draw) -> Story:
     a: Any = (0.0, 0.0) if planar else (0.0, 0.0, 0.0)
     b: Any = (1.0, 0.0) if planar else (0.8, 0.6, 0.0)
     found = [Said("beam", {"name": "beam", "points": (a, b), "section": section, "elements": draw(st.integers(1, 3)),
-                           "order": draw(st.sampled_from([2, 1, 3]))})]  # fmt: skip
+                           "order": draw(st.sampled_from([2, 1, 3])), "axis2": (-0.6, 0.8, 0.0)})]  # fmt: skip
+    found = [Said("beam", {k: v for k, v in found[0].args.items() if k != "axis2"})] if planar else found
     hold = draw(st.sampled_from(["weld", "revolute", "spherical", "free"]))
     if hold == "revolute":
         args: dict[str, Any] = {"name": "J", "k": "ground", "l": "beam", "at": a, "axis": axes(draw, planar)}
@@ -304,10 +316,13 @@ def beams(draw: Draw) -> Story:
         found.append(Said("line_load", {"name": "q", "beam": "beam", "per_length": value}))
     way = draw(st.sampled_from(BEAM_WAYS))
     model = draw(st.sampled_from(["", "", "classical"])) if hold == "revolute" else ""
-    return Story("beam", tuple(found), T, draw(st.sampled_from([1e-4, 1e-3, 1e-5])), gravity(draw, planar), model=model, options=way)
+    accuracy = draw(st.sampled_from([1e-4, 1e-3, 1e-5]))
+    space = "auto" if planar else "spatial"  # elements in space differ from those in the plane until they are many
+    return Story("beam", tuple(found), T, accuracy, gravity(draw, planar), space, model, way)
 
 
-FAMILIES = {"tree": trees(), "loop": loops(), "coupling": couplings(), "contact": contacts(), "control": controlled(), "beam": beams()}
+FAMILIES = {"tree": trees(), "loop": loops(), "coupling": couplings(), "contact": contacts(), "control": controlled(),
+            "beam": beams()}  # fmt: skip
 
 
 def stories(*families: str) -> st.SearchStrategy[Story]:

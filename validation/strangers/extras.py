@@ -6,7 +6,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 from strangers.inputs import loads
-from strangers.story import Along, Feed, Input, Made, Sampled, Said
+from strangers.story import Along, Feed, Input, Made, Said, Sampled
 
 Draw = Any
 WORD = {"revolute": "angle", "prismatic": "displacement", "screw": "angle"}
@@ -17,9 +17,9 @@ def coupled(draw: Draw, found: list[Said], T: float) -> list[Said]:
     """A wheel beside the tree whose turn, or a rack whose way, is coupled to a joint of it."""
     joints = [a for a in found if a.verb in WORD and not any(key in a.args for key in HELD)]
     if not joints:
-        joints = [a for a in found if a.verb in WORD][:1]
-        found = [a.but(**{}) if a is not joints[0] else Said(a.verb, {k: v for k, v in a.args.items() if k not in HELD}) for a in found]
-        joints = [next(a for a in found if a.name == joints[0].name)]
+        i = next(i for i, a in enumerate(found) if a.verb in WORD)
+        joints = [Said(found[i].verb, {k: v for k, v in found[i].args.items() if k not in HELD})]
+        found = [*found[:i], *joints, *found[i + 1 :]]
     one = draw(st.sampled_from(joints))
     spatial = any(a.verb in ("rigid_body", "link") and len(a.args.get("at", a.args.get("points", [()])[0])) == 3 for a in found)
     at = (2.0, 0.0, 0.0) if spatial else (2.0, 0.0)
@@ -42,10 +42,11 @@ def coupled(draw: Draw, found: list[Said], T: float) -> list[Said]:
 def fed(draw: Draw, found: list[Said]) -> list[Said]:
     """One joint gets feedback: smooth, limited, or sampled."""
     i = draw(st.sampled_from([i for i, a in enumerate(found) if a.verb in ("revolute", "prismatic")]))
-    a = Said(found[i].verb, {key: v for key, v in found[i].args.items() if key in ("name", "k", "l", "at", "axis", "spring", "damper", "rate0")})
+    kept = ("name", "k", "l", "at", "axis", "spring", "damper", "rate0")
+    a = Said(found[i].verb, {key: v for key, v in found[i].args.items() if key in kept})
     coordinate = WORD[a.verb]
     load = "torque" if a.verb == "revolute" else "force"
-    gain, rate_gain, target = draw(st.sampled_from([20.0, 60.0])), draw(st.sampled_from([2.0, 0.5])), draw(st.sampled_from([0.3, -0.5]))
+    gain, rate_gain, target = (draw(st.sampled_from(some)) for some in ([20.0, 60.0], [2.0, 0.5], [0.3, -0.5]))
     kind = draw(st.sampled_from(["smooth", "limited", "sampled"]))
     if kind == "sampled":
         f = Made("Holding", {"gain": gain, "rate_gain": rate_gain, "target": target})
@@ -53,12 +54,13 @@ def fed(draw: Draw, found: list[Said]) -> list[Said]:
         control = Said("controller", {"name": "hold", "f": f, "every": every,
                                       "reads": (f"{a.name}.{coordinate}", f"{a.name}.rate"), "sets": ("u",)})  # fmt: skip
         return [*found[:i], control, a.but(**{load: Sampled("u")}), *found[i + 1 :]]
-    feed = Feed(a.name, coordinate, "rate", gain, rate_gain, target, None if kind == "smooth" else draw(st.sampled_from([3.0, 0.5])))
+    limit = None if kind == "smooth" else draw(st.sampled_from([3.0, 0.5]))
+    feed = Feed(a.name, coordinate, "rate", gain, rate_gain, target, limit)
     return [*found[:i], a.but(**{load: feed}), *found[i + 1 :]]
 
 
 def _laws(draw: Draw) -> dict[str, Any]:
-    normal = Made("Hertz", {"stiffness": draw(st.sampled_from([1e6, 3e5, 1e7])), "damping": draw(st.sampled_from([0.0, 0.3]))})
+    normal = Made("Hertz", {"stiffness": draw(st.sampled_from([1e7, 3e6, 1e8])), "damping": draw(st.sampled_from([0.0, 0.3]))})
     friction = draw(st.sampled_from([None, Made("Coulomb", {"mu": 0.3, "v_c": 0.05})]))
     return {"normal": normal, "friction": friction}
 
@@ -88,11 +90,13 @@ def touching(draw: Draw, planar: bool, T: float) -> list[Said]:
                 args["angular_velocity"] = (3.0, 1.0, -8.0)
         found.append(Said("rigid_body", args))
         shape = Made("Sphere", {"at": where, "radius": 0.1})
-        found.append(Said("contact", {"name": f"C{i + 1}", "k": floor, "l": name, "shape_k": plane, "shape_l": shape, **_laws(draw)}))
+        touch = {"name": f"C{i + 1}", "k": floor, "l": name, "shape_k": plane, "shape_l": shape}
+        found.append(Said("contact", {**touch, **_laws(draw)}))
         if i:
             first = next(a for a in found if a.name == "ball1").args["at"]
             one = Made("Sphere", {"at": first, "radius": 0.1})
-            found.append(Said("contact", {"name": "CC", "k": "ball1", "l": name, "shape_k": one, "shape_l": shape, **_laws(draw)}))
+            touch = {"name": "CC", "k": "ball1", "l": name, "shape_k": one, "shape_l": shape}
+            found.append(Said("contact", {**touch, **_laws(draw)}))
     if draw(st.booleans()):
         found.append(Said("force", {"name": "F", "body": "ball1", "value": Along(draw(loads(T, 8.0)), (0.6, 0.8, 0.0))}))
     return found

@@ -45,10 +45,10 @@ def box(draw: Draw, T: float) -> Input:
     """1 for a time, as users write it; short ones are scaled up to an impulse of a tenth."""
     a, b = _window(draw, T)
     said = draw(st.sampled_from([
-        "sp.Piecewise((0, {t} < %r), (1, {t} < %r), (0, True))" % (a, b),
-        "sp.Piecewise((1, ({t} > %r) & ({t} < %r)), (0, True))" % (a, b),
-        "(sp.Heaviside({t} - %r) - sp.Heaviside({t} - %r))" % (a, b),
-        "(sp.sign({t} - %r) - sp.sign({t} - %r)) / 2" % (a, b)]))  # fmt: skip
+        f"sp.Piecewise((0, {{t}} < {a!r}), (1, {{t}} < {b!r}), (0, True))",
+        f"sp.Piecewise((1, ({{t}} > {a!r}) & ({{t}} < {b!r})), (0, True))",
+        f"(sp.Heaviside({{t}} - {a!r}) - sp.Heaviside({{t}} - {b!r}))",
+        f"(sp.sign({{t}} - {a!r}) - sp.sign({{t}} - {b!r})) / 2"]))  # fmt: skip
     return Input("box", said, ((-inf, "0"), (a, "1"), (b, "0")), scale=_impulse(T, b - a))
 
 

@@ -36,6 +36,7 @@ class Loads:
         self.given: list[Input] = story.inputs
         self.held: dict[str, Held] = {}
         self.all: list[Force] = []
+        self.owners: list[str] = []  #: of every force, the statement that makes it
         self.steps = story.t_end / LONGEST
         for a in story.statements:
             made = getattr(self, f"_{a.verb}", None)
@@ -43,6 +44,7 @@ class Loads:
                 made(a)
             if any(name.split(".")[0] == a.name for name in tracked):
                 self._on_coordinates(a)
+            self.owners += [a.name] * (len(self.all) - len(self.owners))
 
     # -- what changes between pieces
 

@@ -1,10 +1,11 @@
-"""A session of drawn runs and checks: block by block, every block from its seed, resumable, failures shrunk and written as scripts."""
+"""A session of drawn runs and checks: blocks from their seeds, resumable; failures are made smaller and written as scripts."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import random
+import re
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -17,7 +18,7 @@ from hypothesis import HealthCheck, Phase, find, settings
 from hypothesis.errors import NoSuchExample
 from strangers.changes import WAYS, check, failed
 from strangers.draw import FAMILIES, ways
-from strangers.judge import Verdict, judge
+from strangers.judge import Verdict, judge, text
 from strangers.story import Story, script, stored
 
 BLOCK = {"run": 6, "check": 6}  #: scenes of a block
@@ -28,16 +29,24 @@ QUIET = settings(deadline=None, database=None, phases=[Phase.generate, Phase.shr
 
 @dataclass
 class Counts:
-    """What a session found: verdicts by kind and family (of checks "way: verdict"), scenes seen, blocks done, files of failures."""
+    """What a session found: verdicts by kind and family (of checks "way: verdict"), scenes seen, blocks done, files of
+    failures."""
 
     verdicts: dict[str, Counter[str]] = field(default_factory=dict)
     seen: set[str] = field(default_factory=set)
     done: set[str] = field(default_factory=set)
     failures: list[str] = field(default_factory=list)
+    remarks: Counter[str] = field(default_factory=Counter)  #: of what told or was not judged, without its numbers
+    examples: dict[str, str] = field(default_factory=dict)  #: a script for every remark
 
-    def add(self, kind: str, family: str, verdict: str) -> None:
-        """Count one."""
+    def add(self, kind: str, family: str, verdict: str, note: str, story: Story) -> None:
+        """Count one, and its remark."""
         self.verdicts.setdefault(f"{kind} {family}", Counter())[verdict] += 1
+        if note:
+            way = ", ".join(story.options.values()) or "default"
+            remark = f"{kind} {family}: {verdict} ({way}): {re.sub(r'[0-9][0-9.e+-]*', '#', note)[:120]}"
+            self.remarks[remark] += 1
+            self.examples.setdefault(remark, script(story))
 
     def of(self, *verdicts: str) -> int:
         """How many had one of some verdicts, runs and checks together."""
@@ -49,7 +58,8 @@ class Counts:
 
     def write(self, path: Path) -> None:
         """For the next session."""
-        data = {"verdicts": self.verdicts, "seen": sorted(self.seen), "done": sorted(self.done), "failures": self.failures}
+        data = {"verdicts": self.verdicts, "seen": sorted(self.seen), "done": sorted(self.done), "failures": self.failures,
+                "remarks": self.remarks, "examples": self.examples}  # fmt: skip
         part = path.with_suffix(".part")
         part.write_text(json.dumps(data))
         part.replace(path)
@@ -61,7 +71,7 @@ class Counts:
             return cls()
         data = json.loads(path.read_text())
         verdicts = {name: Counter(counts) for name, counts in data["verdicts"].items()}
-        return cls(verdicts, set(data["seen"]), set(data["done"]), data["failures"])
+        return cls(verdicts, set(data["seen"]), set(data["done"]), data["failures"], Counter(data["remarks"]), data["examples"])
 
     def __str__(self) -> str:
         lines = [f"  {name}: " + ", ".join(f"{n} {v}" for v, n in sorted(c.items())) for name, c in sorted(self.verdicts.items())]
@@ -100,19 +110,21 @@ def block(kind: str, family: str, seed: int, counts: Counts, out: Path, end: flo
     begun: list[Failure] = []
 
     def fails(story: Story) -> bool:
-        if begun:
-            return begun[0].again(story)
         mark = hashlib.sha256(f"{kind}{script(story)}".encode()).hexdigest()[:12]
-        if mark in counts.seen or time.monotonic() > end:
+        if begun or mark in counts.seen or time.monotonic() > end:
             return False
         counts.seen.add(mark)
-        begun[:] = list(_failures(kind, family, story, counts))[:1]
-        return bool(begun)
+        begun.extend(list(_failures(kind, family, story, counts))[:1])
+        return False
 
-    drawn = settings(QUIET, max_examples=BLOCK[kind])
-    with suppress(NoSuchExample):
-        find(FAMILIES[family], fails, settings=drawn, random=random.Random(f"{kind} {family} {seed}"))
+    def draw(asked: Callable[[Story], bool]) -> None:
+        drawn = settings(QUIET, max_examples=BLOCK[kind])
+        with suppress(NoSuchExample):
+            find(FAMILIES[family], asked, settings=drawn, random=random.Random(f"{kind} {family} {seed}"))
+
+    draw(fails)
     for failure in begun:
+        draw(failure.again)
         counts.failures.append(failure.write(out, f"{kind}_{family}_{seed}"))
         say(f"{counts.failures[-1]}: {failure.verdict}")
 
@@ -149,17 +161,25 @@ class Failure:
 
 def verdict_of(name: str, story: Story) -> Verdict:
     """The verdict on a run (name "run") or on one of the metamorphic checks."""
-    return judge(story) if name == "run" else check(story, [name]).get(name, Verdict("claims nothing"))
+    return judge(story) if name == "run" else _checked(story, [name]).get(name, Verdict("claims nothing"))
+
+
+def _checked(story: Story, names: list[str]) -> dict[str, Verdict]:
+    try:
+        return check(story, names)
+    except Exception as error:  # of a result that is looked at
+        return {name: Verdict("crashed", note=text(error)) for name in names[:1]}
 
 
 def _failures(kind: str, family: str, story: Story, counts: Counts) -> Iterator[Failure]:
     """Count what becomes of a scene, and yield what fails."""
     other = random.Random(script(story)).sample(list(WAYS), CHECKS)
     for one in ways(story, RUNS - 1) if kind == "run" else [story]:
-        found = {"run": judge(one)} if kind == "run" else check(one, other)
-        counts.add(kind, family, "scenes" if found else "claims nothing")
+        found = {"run": judge(one)} if kind == "run" else _checked(one, other)
+        counts.add(kind, family, "scenes" if found else "claims nothing", "", one)
         for name, verdict in found.items():
-            counts.add(kind, family, verdict.verdict if kind == "run" else f"{name}: {verdict.verdict}")
+            said = verdict.note if verdict.verdict in ("told", "not judged") else ""
+            counts.add(kind, family, verdict.verdict if kind == "run" else f"{name}: {verdict.verdict}", said, one)
             if verdict.wrong if kind == "run" else failed(verdict):
                 way = {"options": one.options, "accuracy": one.accuracy, "model": one.model}
                 yield Failure(name, one, verdict, way, time.process_time() + SHRINKING, {script(one): True})

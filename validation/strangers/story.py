@@ -1,4 +1,4 @@
-"""A drawn scene as plain data: a list of statements, from which the scene is built, the script printed and the reference computed."""
+"""A drawn scene as plain data: a list of statements, from which the scene is built, the script printed, the reference made."""
 
 from __future__ import annotations
 
@@ -80,8 +80,7 @@ class Along:
 
 @dataclass(frozen=True)
 class Feed:
-    """Feedback of a joint's coordinate: limit of gain (target - value) - rate_gain rate + through an input, and with `memory` (1/s)
-    the error passes a filter, a state of the scene."""
+    """Feedback of a joint's coordinate: gain (target - value) - rate_gain rate, within `limit`."""
 
     joint: str
     coordinate: str
@@ -120,7 +119,8 @@ class Made:
     args: dict[str, Any] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        return f"{'' if self.word == 'Holding' else 'mb.'}{self.word}({', '.join(f'{key}={said(value)}' for key, value in self.args.items())})"
+        args = ", ".join(f"{key}={said(value)}" for key, value in self.args.items())
+        return f"{'' if self.word == 'Holding' else 'mb.'}{self.word}({args})"
 
 
 @dataclass(frozen=True)

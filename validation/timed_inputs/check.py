@@ -11,7 +11,7 @@ from timed_inputs.tables import found
 claim = Claim("timed_inputs", "loads and prescribed motions that act for a part of a run, at any width, are right within three "
               "times the accuracy asked, or the run says that they are not; none is refused", 0.0, "runs",
               "equations of motion by hand, DOP853 of SciPy at rtol 1e-12 between breaks that the maker of the inputs knows")
-QUICK, WHOLE = range(10), range(600)
+QUICK, WHOLE = range(5), range(600)
 
 
 def judge(seeds: Iterable[int]) -> list[Found]:

@@ -15,7 +15,7 @@ from mbdae.symbolic.part import Parameter
 from mbdae.symbolic.variation import let
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
-DEEP = 10.0  #: a start that penetrates by more than a body's radius over DEEP is refused, more in a run is doubtful
+DEEP = 10.0  #: a start that penetrates by more than a body's radius over DEEP is refused; in a run it is warned of
 RESTING = 1e-24  #: m^2/s^2, keeps the sliding speed differentiable at rest
 CENTRED = 1e-40  #: m^2, keeps a distance differentiable where it is 0
 
@@ -24,13 +24,13 @@ CENTRED = 1e-40  #: m^2, keeps a distance differentiable where it is 0
 class Station:
     """A place where the bodies may touch. Expressions of the frames; SI units."""
 
-    penetration: Expr  #: > 0 in contact
-    rate: Expr
+    penetration: Expr  #: m, positive in contact
+    rate: Expr  #: time derivative of the penetration
     overlap: Expr  #: penetration where positive, else 0
     inward: Vec  #: unit vector along which penetration grows with the motion of l: the normal force on l is against it
     tangent: Vec  #: direction in which friction with internal states acts
     sliding: Vec  #: velocity of l relative to k at the contact, without its normal part
-    slip: Expr  #: its component along the tangent
+    slip: Expr  #: component of `sliding` along the tangent
     arm: Vec  #: from l.r to the point of contact
 
 
@@ -80,13 +80,13 @@ class Contact(Force):
 
     @staticmethod
     def sliding(k: Frame, l: Frame, from_l: Vec, from_k: Vec) -> Vec:
-        """Velocity of the material point of l at the contact relative to that of k; from_l, from_k: where it is."""
+        """Velocity of the material point of l at the contact relative to that of k; from_l, from_k: from l.r, k.r to there."""
         return (l.v + l.w.cross(from_l)) - (k.v + k.w.cross(from_k))
 
     # -- forces
 
     def _normal_force(self, at: Station) -> tuple[Expr, Expr]:
-        """f_n, and the part of it that is not elastic."""
+        """Normal force f_n, N, and the part of it that is not elastic."""
         elastic = self.normal.elastic_force(at.overlap)
         damped = self.normal.damping_force(at.overlap, at.rate)
         if damped == 0:

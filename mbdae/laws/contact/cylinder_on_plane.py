@@ -11,7 +11,7 @@ from mbdae.symbolic.part import params
 from mbdae.symbolic.variation import let
 from mbdae.symbolic.vectors import ZERO, Vec
 
-STANDING = 1e-3  #: rad
+STANDING = 1e-3  #: rad, tilt up to which an end counts as parallel to the plane
 
 
 class CylinderOnPlane(SurfaceContact):
@@ -52,7 +52,7 @@ class CylinderOnPlane(SurfaceContact):
                 for sign, end in zip((-1, 1), self.ends, strict=True)]  # fmt: skip
 
     def _station(self, k: Frame, l: Frame, along: Vec, shift: Vec) -> Station:
-        """The circle in the plane through l.r + shift."""
+        """The contact of the circle in the plane through l.r + shift."""
         up = (k.z - along * (k.z @ along)).named("u")
         upwards = (up * (se.sqrt(1 + STANDING**2) / let(se.sqrt(up @ up + STANDING**2)))).named("n")
         lowest = shift - upwards * self.radius

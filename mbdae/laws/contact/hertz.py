@@ -1,4 +1,7 @@
-"""Hertz contact with Hunt-Crossley damping."""
+"""Hertz contact with Hunt-Crossley damping.
+
+Damping: K.H. Hunt, F.R.E. Crossley, J. Appl. Mech. 42 (1975) 440.
+"""
 
 from __future__ import annotations
 

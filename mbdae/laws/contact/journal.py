@@ -16,9 +16,9 @@ from mbdae.symbolic.variation import let
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
 CORE = 1e-12  #: m, without clearance the direction of contact is smoothed within this distance
-#: penetration assumed where nothing is known at the start, over the play and over the radius of the pin; the run corrects it
+#: smallest penetration expected at the start, relative to the play and to the radius of the pin; the run corrects it
 PLAY, PIN = 1e-2, 1e-6
-DIFFERENCE = 1e-4  #: of the penetration, to find the stiffness of a contact
+DIFFERENCE = 1e-4  #: relative change of the penetration by which the stiffness of a contact is computed
 
 
 def _tilts(k: Frame, l: Frame) -> bool:

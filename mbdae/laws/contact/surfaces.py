@@ -60,7 +60,7 @@ class SurfaceContact(Contact):
     def expected_depth(self, impact: Impact) -> float:
         """Penetration (m) of an impact at the likely speed, or under a known force where that is more."""
         still = float(self.normal.penetration(impact.force))
-        moves = impact.mass < inf  # else what touches cannot move
+        moves = impact.mass < inf  # otherwise neither of the bodies can move
         return max(float(self.normal.impact(impact.mass, impact.likely_speed)[0]), still) if moves else still
 
     def summary_of_contact(self) -> str:
@@ -82,7 +82,7 @@ class SurfaceContact(Contact):
 
 
 def outside(u: Vec, name: str = "d") -> tuple[Expr, Vec]:
-    """Length of a vector that is not 0 where anything touches, and its direction."""
+    """Length of a vector (smoothed at 0, where nothing touches), and its direction."""
     distance = let(se.sqrt(u @ u + RESTING), name)
     return distance, (u * (1 / distance)).named("n")
 

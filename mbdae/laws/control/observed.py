@@ -1,4 +1,4 @@
-"""An expression of sensors whose value is looked at: by controllers, events and results."""
+"""An expression of sensors whose value is read by controllers, events and results."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mbdae.symbolic.vectors import Expr
 
 
 class Observed(TwoBodyLaw):
-    """A value that acts on nothing."""
+    """A value that is computed and exerts no force."""
 
     frames = ()
     params = params(value=("1", "what is observed"))

@@ -20,7 +20,7 @@ from mbdae.laws.elements.line_frames import headings, quaternions, relative, sec
 from mbdae.laws.elements.line_shape import Array, Table, mass_points, node_positions
 from mbdae.ties import largest
 
-NEAR = 1e-9  #: of a segment: what counts as the same place
+NEAR = 1e-9  #: distance, relative to a segment, up to which two places count as one
 SHORTEST = 1e-3  #: smallest length of an element cut by an attachment, over its neighbours'
 Curve = Callable[[float], Any]  #: position (3,) by a parameter from 0 to 1
 
@@ -30,12 +30,12 @@ class LineMesh:
     """Nodes and elements of a line, as drawn. n nodes, m elements of p + 1 nodes."""
 
     order: int
-    positions: Array  #: (n, 3) of the nodes, m
+    positions: Array  #: positions of the nodes (n, 3), m
     quaternions: Array  #: (n, 4) axes of the nodes, unit length
     headings: Array  #: (n,) angle of axis 1 in the plane z = 0, rad, continuous along the line
     elements: NDArray[np.intp]  #: (m, p + 1) nodes of every element
     turns: Array  #: (m, p + 1, 4) rotation from the node's axes to the section's; (1, 0, 0, 0) where they are equal
-    offsets: Array  #: (m, p + 1) the same in the plane, rad
+    offsets: Array  #: (m, p + 1) angle from the node's axes to the section's in the plane z = 0, rad
     places: Array  #: (n,) of the nodes on the line as it is stated: length along the polyline, m, or parameter of the curve
 
     @property
@@ -184,8 +184,9 @@ def _with_nodes(edges: Array, order: int, wanted: Array) -> Array:
         at = int(np.searchsorted(cut, place))
         smallest = min(sizes[at - 1], sizes[at])
         if smallest < SHORTEST * max(sizes[max(at - 2, 0) : at + 2]):
-            raise OptionError(f"an attachment at {place:.9g} of its segment would leave an element of {smallest:.3g} of it: "
-                              f"attach at the node at {nearest:.9g}, or move it away from there")  # fmt: skip
+            raise OptionError(f"an attachment at {place:.9g} of the length of its segment would leave an element of "
+                              f"{smallest:.3g} of that length: attach at the node at {nearest:.9g}, or move it away from "
+                              f"there")  # fmt: skip
         edges = cut
     return edges
 

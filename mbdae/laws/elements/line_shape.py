@@ -20,7 +20,7 @@ class Table:
     """Shape functions at points of the unit element: xi (points,), values and slopes d/dxi (points, p + 1)."""
 
     xi: Array
-    weights: Array  #: of the quadrature, (points,), sum 1; zeros where the points are no quadrature
+    weights: Array  #: weights of the quadrature (points,), sum 1; zeros where the points are no quadrature
     values: Array
     slopes: Array
 

@@ -22,6 +22,7 @@ class AppliedForce(Force):
     options = ("following",)
     external = True
     axes_of = "l"
+    loads = True
 
     def wrench(self, k: Frame, l: Frame) -> tuple[Vec, Vec]:
         return _resolved(l, components(self.fx, self.fy, self.fz), self.following), ZERO
@@ -34,6 +35,7 @@ class AppliedTorque(Force):
     options = ("following",)
     external = True
     axes_of = "l"
+    loads = True
 
     def wrench(self, k: Frame, l: Frame) -> tuple[Vec, Vec]:
         return ZERO, _resolved(l, components(self.mx, self.my, self.mz), self.following)

@@ -15,6 +15,7 @@ class Gravity(Force):
     )  # fmt: skip
 
     external = True
+    loads = True
     at_nodes = True
 
     def energy(self, k: Frame, l: Frame) -> Expr:

@@ -13,7 +13,7 @@ from mbdae.symbolic.law import Impact, params
 from mbdae.symbolic.variation import let, rate
 from mbdae.symbolic.vectors import Expr
 
-ALLOWED = 1e-6  #: of the scene's length, or rad: way past a limit at the start that counts as round-off
+ALLOWED = 1e-6  #: excess over a limit at the start that counts as rounding, in the scene's length or rad
 
 
 class _Limit(NamedTuple):

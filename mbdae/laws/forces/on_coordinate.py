@@ -1,4 +1,4 @@
-"""What forces on a coordinate of a joint have in common."""
+"""Base of forces on a coordinate of a joint."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ class OnCoordinate(Force):
     options: joint (its class), coordinate (the name), kept."""
 
     options: ClassVar[tuple[str, ...]] = ("joint", "coordinate", "kept")
-    loads: ClassVar[bool] = False  #: whether it is a load: joints show it as their drive
 
     @property
     def own_coordinates(self) -> tuple[str, ...]:
@@ -28,11 +27,11 @@ class OnCoordinate(Force):
 
     @property
     def unit(self) -> str:
-        """rad or m."""
+        """Unit of the coordinate, rad or m."""
         return str(self.joint.coordinates[self.name_of_coordinate].unit)
 
     def value(self, k: Frame, l: Frame) -> Expr:
-        """The coordinate."""
+        """Expression of the coordinate, rad or m."""
         if self.kept:
             return getattr(self, self.name_of_coordinate)
         plain = Structure(options=tuple((option, None) for option in self.joint.options))

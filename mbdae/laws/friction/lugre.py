@@ -1,4 +1,7 @@
-"""LuGre friction: bristles that deflect, slip and store energy."""
+"""LuGre friction: bristles that deflect, slip and store energy.
+
+C. Canudas de Wit, H. Olsson, K.J. Astrom, P. Lischinsky, IEEE Trans. Automat. Contr. 40 (1995) 419.
+"""
 
 from __future__ import annotations
 

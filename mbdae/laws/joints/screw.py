@@ -63,7 +63,7 @@ class Screw(Joint):
                 f"does not turn it, and where friction is smoothed it creeps"]  # fmt: skip
 
     def _travel(self) -> Expr:
-        """Along k.z, m a radian."""
+        """Travel along k.z per radian of the angle, m."""
         return self.lead / (2 * se.pi)
 
     def _steepness(self) -> float:

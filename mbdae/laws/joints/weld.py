@@ -10,7 +10,7 @@ from mbdae.symbolic.vectors import Expr
 
 
 class Weld(Joint):
-    """l moves with k."""
+    """l is fixed to k."""
 
     def motion(self, from_k: Motion) -> Motion:
         return from_k

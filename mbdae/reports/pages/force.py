@@ -1,4 +1,4 @@
-"""Reports of laws without rows: forces stated by an energy, a dissipation function or a wrench; bodies with kinetic energy."""
+"""Reports of laws without constraint rows: forces by an energy, a dissipation function or a wrench; bodies by kinetic energy."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from mbdae.symbolic.outputs import dynamics
 
 
 class ForceReport(LawPage):
-    """One law of force."""
+    """The report of one force law."""
 
     def __init__(self, law: type[Force], structure: Structure) -> None:
         s = Statement(law, structure)
@@ -52,7 +52,7 @@ class ForceReport(LawPage):
         return document(title_of(self.s.cls), head, pages, CONVENTION, [provenance(self.d, planar)])
 
     def _derived(self, e: Any) -> Any:
-        """Values of an expression that the derived law states."""
+        """Values of an expression of the derived law at the random states."""
         return self.state.scalar(self.d.variation.resolve(self.d.variation.name(e)))
 
     def _law(self) -> Section:
@@ -73,7 +73,7 @@ class ForceReport(LawPage):
         return Section("Law", [*blocks, *thrust_blocks(self)])
 
     def _forces(self) -> Section:
-        """Forces and moments that act on the bodies, and what the law adds to the equations of joint coordinates."""
+        """Forces and moments on the bodies, and terms of the law in the equations of joint coordinates."""
         total, partials = self.all_pairs(), (self.elastic[1], self._drag(), self.stated_partials)
         lines = [self.line(letter, -total[side][i]) for letter, side, i in self.letters()]
         lines += [self.line(effort(name), sum((part[symbol] for part in partials), se.Integer(0)))
@@ -99,7 +99,7 @@ class ForceReport(LawPage):
         return [Section("Internal states", state_blocks(self))] if self.d.states else []
 
     def _gaps(self) -> list[Section]:
-        """Gaps of a law that acts where they are negative."""
+        """Section on the gaps of a law that acts where they are negative; empty without gaps."""
         if not self.gaps:
             return []
         lines, several = list[str](), len(self.gaps) > 1
@@ -113,7 +113,7 @@ class ForceReport(LawPage):
         return [self.section("Gap", text, *lines)]
 
     def _power(self) -> Section:
-        """Power and its sign."""
+        """Section on the dissipated power and its sign."""
         d, s, blocks, title = self.d, self.s, list[Block](), "Power"
         dissipated: Any = np.asarray(self.state.scalar(d.dissipated_power))
         if not np.any(dissipated != 0):
@@ -137,7 +137,7 @@ class ForceReport(LawPage):
 
 
 class ElementPage(Page):
-    """The law of a body."""
+    """The page of a body's law."""
 
     def __init__(self, law: type[Element], structure: Structure) -> None:
         self.d, self.flat = (derive(law, structure, ((k, Axes.GENERAL),)) for k in (NodeKind.SPATIAL, NodeKind.PLANAR))
@@ -163,13 +163,13 @@ class ElementPage(Page):
         return document(title_of(cls), described(cls), [(self, self.blocks())], "", [provenance(self.d, self.flat)])
 
     def _run(self, values: dict[str, Any]) -> dict[Any, Any]:
-        """Outputs of the compiled kernel by target; inputs without a letter are 0.3."""
+        """Outputs of the compiled kernel by target; inputs without a letter are set to 0.3."""
         p = plan(self.d, dynamics)
         x = np.stack([values.get(str(s), np.full(POINTS, 0.3)) for s in p.all_inputs.symbols], -1)
         return dict(zip(p.targets, p.kernel.values(x).T, strict=True))
 
     def blocks(self) -> list[Block]:
-        """Energy and rows."""
+        """Sections on the kinetic energy and the equations of motion that follow from it."""
         rows = dynamics(self.d)
         if not rows:
             return [Section("Kinetic energy", [Paragraph("The node has no inertia of its own.")])]

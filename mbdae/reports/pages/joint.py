@@ -1,4 +1,4 @@
-"""Report of a law stated by constraints: from the rows to forces, rates and geometric stiffness, each line read back."""
+"""Report of a law stated by constraint rows: forces, rates and geometric stiffness derived from them, each line read back."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ ABOUT_FORCES = (
 
 
 class JointReport(LawPage):
-    """The report of one joint law: its rows, and forces, rates and stiffness that follow from them."""
+    """The report of one joint law: its rows, and the forces, rates and stiffness derived from them."""
 
     def __init__(self, law: type[Law], structure: Structure) -> None:
         statement = Statement(law, structure)
@@ -59,7 +59,7 @@ class JointReport(LawPage):
         self._want_rows()
         self._want_forces()
 
-    # -- what the equations must be
+    # -- required values of the equations
 
     def _want_rows(self) -> None:
         missing = [row for row in self.s.rows if row not in self.d.rows]
@@ -85,7 +85,7 @@ class JointReport(LawPage):
             self.want(rf"\delta{letter}", np.imag(self.covector(self.varied, side)[i]) / STEP, MOVED)
         want_efforts(self)
 
-    # -- sections
+    # -- sections of the report
 
     def document(self) -> Document:
         """The whole report."""
@@ -118,7 +118,7 @@ class JointReport(LawPage):
         return Section(found.title, [*found.blocks, *([Paragraph(text)] if augmented else [])])
 
     def _variation(self) -> Section:
-        """delta c by the rule, then its triple products regrouped: what multiplies each virtual displacement."""
+        """delta c by the rule delta a = delta psi x a, then regrouped by virtual displacements."""
         rule, blocks = self.s.variation, list[Block]()
         changes = {name: rule.scalar(e) for name, e in self.s.rows.items()}
         for i, (name, change) in enumerate(changes.items()):
@@ -130,7 +130,7 @@ class JointReport(LawPage):
         return Section("Variation", [*blocks, *self.told("The virtual work of the rows:", rf"\delta W = {work}")])
 
     def _sorted(self, row: str) -> str:
-        """The variation of a row, sorted by virtual displacements."""
+        """The variation of a row, with terms grouped by virtual displacement."""
         w, (pairs, partial) = self.writer, self.s.gradients[row]
         terms = []
         for side in self.s.record.sides:
@@ -142,7 +142,7 @@ class JointReport(LawPage):
         return summed(terms)
 
     def _forces(self) -> Section:
-        """The generalised forces on the bodies and coordinates, from the factors of the virtual displacements."""
+        """Generalised forces on bodies and coordinates: the factors of the virtual displacements."""
         w, totals, virtual = self.writer, self.totals(), self.s.virtual
         work = [rf"{letter}\cdot {w.atom(Base('dpsi' if i else 'du', side))}" for letter, side, i in self.letters()]
         work += [rf"{effort(name)}\,{w.scalar(virtual[symbol])}" for name, symbol in self.s.coordinates.items()]
@@ -182,7 +182,7 @@ class JointReport(LawPage):
         return Section("Jacobian, rate and acceleration", blocks)
 
     def _jacobian(self) -> list[Block]:
-        """G as a matrix, and the rates as its product with the velocities."""
+        """G as a matrix, and the rates of the rows as its product with the velocities."""
         w, of_time = self.writer, self.s.of_time()
         sides = [side for side in self.s.record.sides if side not in self.s.still]
         columns = [(side, i) for side in sides for i in (0, 1) if i or side in self.s.sides]
@@ -220,17 +220,17 @@ def below(row: str) -> str:
 
 
 def effort(name: str) -> str:
-    """The letter of the generalised force of the rows on a coordinate."""
+    """Letter of the generalised force of the rows on a coordinate."""
     return f"h_{below(name)}"
 
 
 def want_efforts(page: Any) -> None:
-    """What a law adds to the equations of the coordinates must be what its compiled kernel adds."""
+    """Require that the law's terms in the equations of the coordinates equal those of its compiled kernel."""
     for name in page.s.coordinates:
         values = page.kernel.get(("u", page.s.places[name], 0), 0.0)
         page.want(effort(name), values, KERNEL, effort_unit(page.known[name].unit))
 
 
 def report_outputs(d: Derived) -> list[tuple[Any, Expr]]:
-    """What a joint contributes to the equations: rows, their first and second rates, forces."""
+    """Terms of a joint in the equations: rows, their first and second rates, forces."""
     return [*position(d), *velocity(d), *acceleration(d), *dynamics(d)]

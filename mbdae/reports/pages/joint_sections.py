@@ -1,4 +1,4 @@
-"""Sections of a joint's report: its coordinates and their motion; the solution set of its rows, found from random attitudes."""
+"""Sections of a joint's report: coordinates and their motion; solution set of the rows, found from random attitudes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mbdae.symbolic.motion import AXES, Motion, Step, motion_of, no_rotation
 
 
 def title_of_joint(s: Statement) -> str:
-    """The name of the joint, and which statement of it this is."""
+    """The name of the joint, and whether its coordinates are unknowns."""
     cls = s.cls
     title = title_of(cls) if "oint" in cls.__name__ or not issubclass(cls, Joint) else f"{title_of(cls)} joint"
     if issubclass(cls, Joint) and s.places and not cls.must_keep():
@@ -28,7 +28,7 @@ def title_of_joint(s: Statement) -> str:
 
 
 def other_statements(s: Statement) -> list[Block]:
-    """How to get the reports of the other statements of the same joint."""
+    """Sentence on how to get reports of the joint with other options."""
     cls = s.cls
     if not issubclass(cls, Joint) or not cls.coordinates:
         return []
@@ -45,7 +45,7 @@ def other_statements(s: Statement) -> list[Block]:
 
 
 def motion_in(s: Statement) -> Motion | None:
-    """The motion of a joint in the symbols of a statement; None where it states none, or a free rotation without its unknowns."""
+    """Motion of a joint in a statement's symbols; None if the joint states none, or has a free rotation that is no unknown."""
     if not isinstance(s.law, Joint):
         return None
     symbols: dict[str, Any] = {name: s.values.get(name, s.symbol(name)) for name in s.law.coordinates}
@@ -54,7 +54,7 @@ def motion_in(s: Statement) -> Motion | None:
 
 
 def coordinates_section(r: LawPage) -> list[Section]:
-    """Table of the coordinates, chain of motions, coordinates as frames show them; none for a joint without."""
+    """Section with table of coordinates, elementary motions, and coordinates as functions of the frames; empty without them."""
     specs, motion, blocks = specs_of_coordinates(r.s.law), motion_in(r.s), list[Block]()
     if not specs and motion is None:
         return []
@@ -81,7 +81,7 @@ def _unit(unit: str) -> str:
 
 
 def chain(motion: Motion, page: LawPage, names: list[str]) -> list[Block]:
-    """The elementary motions of a joint, one after the other."""
+    """Table of the elementary motions of a joint, in order."""
     if not motion.steps:
         return [Paragraph("Motion: none, l moves with k.")]
     free, rows = [name for name in names if page.s.law.coordinates[name].unit == "rotation"], []
@@ -101,18 +101,18 @@ def _axis(step: Step) -> str:
     return named or f"({', '.join(f'{float(c):.6g}' for c in step.axis)})"
 
 
-# -- solution set
+# -- solution set of the rows
 
-STARTS = 60  #: random attitudes from which the rows are solved
+STARTS = 60  #: number of random attitudes from which the rows are solved
 
 
 def _moved(r: LawPage) -> list[str]:
-    """Rows that depend on the motion of l; the others prescribe coordinates that are unknowns."""
+    """Rows that depend on the motion of l; the other rows prescribe coordinates that are unknowns."""
     return [row for row, (pairs, _) in r.s.gradients.items() if any(part.terms for part in pairs[r.s.sides[1]])]
 
 
 def _rows(r: LawPage, state: State, rows: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Values (points, rows) of some rows, and their derivatives (points, rows, 6) by displacement and rotation of l."""
+    """Values (points, rows) of some rows and derivatives (points, rows, 6) by displacement and rotation of l."""
     n, shape, side = r.numbers(state), (state.points, 3), r.s.sides[1]
     c = [np.broadcast_to(n.scalar(r.s.rows[row]), shape[:1]) for row in rows]
     with np.errstate(all="ignore"):
@@ -121,8 +121,8 @@ def _rows(r: LawPage, state: State, rows: list[str]) -> tuple[NDArray[Any], NDAr
 
 
 def solved(r: LawPage, rows: list[str]) -> tuple[State, NDArray[Any], NDArray[Any], NDArray[np.bool_]]:
-    """Random states with l moved until some rows vanish (Gauss-Newton, steps up to 0.7 rad), rows and derivatives there,
-    and where they vanish; where a row is not defined l stays."""
+    """Random states with l moved by Gauss-Newton (steps up to 0.7 rad) until some rows vanish: states, rows, derivatives, and
+    whether the rows vanish; where a row is undefined l is not moved."""
     state = random_state(r.d, seed=11, points=STARTS, spread=3.0)
     for _ in range(60):
         c, J = _rows(r, state, rows)
@@ -145,16 +145,16 @@ def solution_set(r: LawPage) -> list[Block]:
     blocks, wrong, n = _told(r, J[reached]), np.zeros(STARTS, dtype=bool), r.numbers(state)
     if not r.s.branches:
         return [*blocks, Paragraph("The rows have no unwanted branch.")]
-    blocks.append(Paragraph("The rows alone allow the opposite too; required is:"))
+    blocks.append(Paragraph("The rows alone allow the opposite orientation too; on the wanted branch:"))
     for i, (name, e) in enumerate(r.s.branches.items()):
         wrong |= np.broadcast_to(n.scalar(e), (STARTS,)) <= 0
         blocks += r.lines(f"b_{{{i + 1}}} = {r.writer.scalar(e)} > 0", note=name)
-    text = f"{int((wrong & reached).sum())} of the {reached.sum()} solutions lie on an unwanted branch; a start refuses them."
+    text = f"{int((wrong & reached).sum())} of the {reached.sum()} solutions lie on an unwanted branch; no run starts there."
     return [*blocks, *([Paragraph(text)] if np.any(reached) else [])]
 
 
 def _told(r: LawPage, J: NDArray[Any]) -> list[Block]:
-    """The rank of the Jacobians at the solutions, and the motions that are left; or which rows have no solution, and why."""
+    """Rank of the Jacobians at the solutions and the remaining motions; or which rows have no solution."""
     moved = _moved(r)
     fixed = [row_name(row) for row in r.s.rows if row not in moved]
     rows = f"The row {fixed[0]} contains" if len(fixed) == 1 else f"The rows {', '.join(fixed)} contain"

@@ -1,4 +1,4 @@
-"""Report of a law on a line (a beam): strains, stress resultants, virtual work, balance, linearised form."""
+"""Report of a law on a line (a beam): strains, stress resultants, virtual work, balance equations, linearised form."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ CONVENTION = (
 
 
 class LineWriter(Writer):
-    """Writes the vectors of a line."""
+    """LaTeX writer for the vectors of a line."""
 
     @staticmethod
     def plain(base: Base) -> str:
@@ -55,7 +55,7 @@ class LineWriter(Writer):
 
 
 class LinePage(Page):
-    """A law stated at a point of a line."""
+    """The page of a law stated at a point of a line."""
 
     def __init__(self, law: type[LineLaw], structure: Structure) -> None:
         self.cls, self.law, self.record = law, law.symbolic(structure), Record()
@@ -107,7 +107,7 @@ class LinePage(Page):
         return known | inertial_axes(POINTS)
 
     def symbol(self, name: str) -> Any:
-        """Values of a scalar."""
+        """Values of a scalar symbol (points,)."""
         if name.startswith("rate_"):
             moved = self.state.moving()
             return np.imag(Numbers(self.record, moved.atom, moved.symbol).scalar(self.strains[name.removeprefix("rate_")])) / STEP
@@ -123,14 +123,14 @@ class LinePage(Page):
     # -- sections
 
     def blocks(self) -> list[Block]:
-        """Strains, resultants, virtual work, balance, load, inertia."""
+        """Sections: strains, resultants, virtual work, balance, load, inertia, planar form."""
         kept, gone = (", ".join(names) or "none" for names in (self.flat.stresses, self.flat.vanished))
         text = f"In the plane z = 0 stress resultants {kept} remain; {gone} vanish identically and are left out."
         strain = [*self._strain(), self._balance()] if self.strains else []
         return [*strain, *self._loads(), *self._inertia(), self.section("Planar form", text)]
 
     def _strain(self) -> list[Section]:
-        """Strains and their stress resultants."""
+        """Sections on the strains and their stress resultants."""
         lines, resultants = [], []
         for i, (name, e) in enumerate(self.strains.items()):
             given, row = self.state.given, se.sympify(self.d.rows[i])
@@ -158,7 +158,7 @@ class LinePage(Page):
 
     @cached_property
     def variations(self) -> dict[str, tuple[Vector, Vector, Vector]]:
-        """For every strain the vectors that multiply delta r', delta psi and delta psi' in its variation."""
+        """For every strain the factors of delta r', delta psi and delta psi' in its variation."""
         found = {}
         for name, e in self.strains.items():
             move, turn, slope = self.record.zero(), self.record.zero(), self.record.zero()
@@ -177,7 +177,7 @@ class LinePage(Page):
         return found
 
     def _balance(self) -> Section:
-        """Virtual work of the stress resultants, and what follows by parts."""
+        """Virtual work of the stress resultants, and the balance equations that follow by partial integration."""
         w, record = self.writer, self.record
         work, sums = se.Integer(0), [record.zero()] * 3
         for name, parts in self.variations.items():
@@ -202,7 +202,7 @@ class LinePage(Page):
         return Section("Virtual work and balance", [*self.told(text, *lines), *self.told(told, *strong)])
 
     def _work(self) -> Any:
-        """Virtual work of the derived forces dual to the fields, per reference length."""
+        """Virtual work of the derived generalised forces of the fields, per reference length."""
         moved, total = self.state.changed(), np.zeros(POINTS)
         for field, e in self.d.duals:
             name = str(field.symbol)
@@ -211,7 +211,7 @@ class LinePage(Page):
         return total / self.state.given["weight"]
 
     def _strong(self, work: list[Any]) -> tuple[Any, Any]:
-        """Rates of momentum and angular momentum for which the virtual work of bumps (1 - s^2) e vanishes."""
+        """Rates of momentum and angular momentum per length for which the virtual work of test fields (1 - s^2) e vanishes."""
         n, q, m = work
         s, weights = np.polynomial.legendre.leggauss(4)
         bump, slope = 1 - s**2, -2 * s
@@ -230,7 +230,7 @@ class LinePage(Page):
         return [self.section("Load", "Force per reference length on the axis, N/m:", line)]
 
     def _inertia(self) -> list[Section]:
-        """Kinetic energy per length and the momenta that follow."""
+        """Kinetic energy per length and the momenta derived from it."""
         kinetic, record = se.sympify(self.law.kinetic_energy(self.x)), self.record
         if kinetic == 0:
             return []
@@ -266,7 +266,7 @@ class LinePage(Page):
 
 
 class LinearPage(Page):
-    """Small displacements of a straight line along axis 1, compared with a complex step of the strains."""
+    """Strains of small displacements of a straight line along axis 1, compared with a complex step of the exact strains."""
 
     def __init__(self, of: LinePage) -> None:
         self.of = of
@@ -289,7 +289,7 @@ class LinearPage(Page):
                 Letter(r"\theta_1, \theta_2, \theta_3", "rad", "small rotations").row]  # fmt: skip
 
     def blocks(self) -> list[Block]:
-        """The strains to first order."""
+        """Section with the strains to first order."""
         lines, numbers = [], Numbers(self.of.record, _straight, lambda s: 0.0)
         for name, parts in self.of.variations.items():
             start = float(numbers.scalar(self.of.strains[name]))

@@ -12,7 +12,7 @@ from mbdae.symbolic.vectors import Expr
 
 
 class LineState:
-    """Positions, quaternions and their derivatives along the line at random points, parameters and stress resultants."""
+    """Random positions, quaternions, their derivatives along the line, parameters and stress resultants."""
 
     def __init__(self, rng: Any, law: Any, given: dict[str, Any] | None = None) -> None:
         names = ["r1", "r2", "r3", "P1", "P2", "P3", "P4"]
@@ -28,14 +28,14 @@ class LineState:
             self.dr, self.dpsi, self.dpsi_s = (rng.normal(size=(POINTS, 3)) for _ in range(3))
 
     def get(self, symbol: Expr) -> Any:
-        """Value of a symbol of the derived law."""
+        """Value of a symbol of the derived law (points,)."""
         return self.given[str(symbol)]
 
     def _fields(self, end: str = "") -> tuple[Any, Any]:
         return tuple(np.stack([self.given[f"{n}{i}{end}"] for i in range(1, k)], axis=-1) for n, k in (("r", 4), ("P", 5)))  # type: ignore[return-value]
 
     def atom(self, base: Base) -> Any:
-        """Vectors of the cross-section, (points, 3)."""
+        """Values of a vector of the cross-section (points, 3)."""
         _, P = self._fields()
         slope, _ = self._fields("_xi")
         if base.kind == "rs":
@@ -43,7 +43,7 @@ class LineState:
         return _columns(P)[..., "xyz".index(base.kind)]
 
     def symbol(self, name: str) -> Any:
-        """Value of a curvature, parameter or stress resultant by its name."""
+        """Value of a curvature, parameter or stress resultant by its name (points,)."""
         if name.startswith("kappa"):
             return self._curvature()[:, int(name[-1]) - 1]
         return self.given[name]
@@ -55,15 +55,15 @@ class LineState:
         return 2 * vector / np.sum(P * P, axis=-1, keepdims=True) / self.given["ds"][:, None]
 
     def at_rest(self) -> LineState:
-        """The state without rates."""
+        """This state with all rates zero."""
         return LineState(None, None, {n: 0 * v if n.endswith("_t") else v for n, v in self.given.items()})
 
     def moving(self) -> LineState:
-        """The state after a complex step along its rates."""
+        """This state after a complex step in time along its rates."""
         return LineState(None, None, {n: v + 1j * STEP * self.given.get(f"{n}_t", 0) for n, v in self.given.items()})
 
     def changed(self) -> LineState:
-        """The state after a complex step along dr', dpsi and dpsi': P changes by (0, dpsi) o P / 2, its slope likewise."""
+        """This state after a complex step along dr', dpsi and dpsi': P changes by (0, dpsi) o P / 2, P' accordingly."""
         _, P = self._fields()
         slope, dP = self._fields("_xi")
         change = spun(self.dpsi, P)
@@ -78,7 +78,7 @@ class LineState:
 
 
 def _columns(P: Any) -> Any:
-    """Rotation matrices (points, 3, 3), complex too."""
+    """Rotation matrices (points, 3, 3) of quaternions, real or complex."""
     n = np.sum(P * P, axis=-1)[:, None, None]
     p0, p = P[:, 0, None, None], P[:, 1:]
     tilde = np.stack([np.cross(p, np.broadcast_to(e, p.shape)) for e in np.eye(3)], axis=-1)

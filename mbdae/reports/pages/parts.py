@@ -1,4 +1,4 @@
-"""Friction and normal laws: the part of a law that contains them which speaks of them alone, with limits and power."""
+"""Reports of friction laws and normal laws: the equations, limits and power that concern them in a law that contains them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CENTRED = {"friction": None, "length": None}
 
 
 class Coefficient(Friction):
-    """A friction law of which nothing is known but its coefficient."""
+    """A friction law with an unspecified coefficient, to separate the coefficient's own equations from the rest."""
 
     params = params(mu=("1", "signed friction coefficient"))
 
@@ -39,7 +39,7 @@ class Coefficient(Friction):
 
 
 class PartPage(LawPage):
-    """A friction law in a sliding joint, or a normal law in a journal: the lines of that law which speak of the part."""
+    """A friction law in a sliding joint, or a normal law in a journal contact: the equations that concern it."""
 
     def __init__(self, structure: PartStructure) -> None:
         self.part, self.key = structure, "friction" if issubclass(structure.cls, Friction) else "normal"
@@ -62,7 +62,7 @@ class PartPage(LawPage):
     # -- friction
 
     def friction(self) -> list[Block]:
-        """The force of a coefficient of the sliding velocity: law, limits, power."""
+        """Sections on a friction force given by a coefficient of the sliding velocity: law, limits, power."""
         (c,) = self.s.coordinates.values()
         v = self.s.clock[c]
         self.known |= {str(v): Letter("v", "m/s", "sliding velocity of l relative to k, signed"),
@@ -86,7 +86,7 @@ class PartPage(LawPage):
         return [Section("Law", out), Section("Limits", self._limits(mu, v)), Section("Power and sign", self._power(mu, v))]
 
     def _steady(self, v: Expr) -> dict[Any, Any]:
-        """States at rest, for rates linear in their state."""
+        """Internal states at constant velocity, for rates linear in their state."""
         found = {}
         for name, rate in self.symbolic.rate(v).items():
             s = se.Symbol(f"state_{name}")
@@ -153,7 +153,7 @@ class PartPage(LawPage):
     # -- normal force
 
     def normal(self) -> list[Block]:
-        """A force of the penetration, as the contact of a journal has it: law, limits and power."""
+        """Sections on a force that depends on the penetration, as in the contact of a journal: law, limits and power."""
         record, n = self.s.record, self.numbers()
         stated = self.d.law.observed(*self.d.sides)["normal_force"][0]
         force = self.s.scalar(self.s.law.observed(*self.s.frames)["normal_force"][0])
@@ -180,7 +180,7 @@ class PartPage(LawPage):
         return [self.section("Law", text, *lines), Section("Limits and power", [Paragraph(self._lost(a)), picture])]
 
     def _slope(self, energy: Expr, a: Expr) -> Any:
-        """dV/da by the complex step."""
+        """dV/da by a complex step."""
         def get(s: Expr) -> Any:
             return self.state.get(s) + 1j * STEP if s == a else self.state.get(s)
 
@@ -200,7 +200,7 @@ class PartPage(LawPage):
 
 
 def part_section(s: Statement) -> list[Section]:
-    """The friction and normal laws a law contains, and where they are derived."""
+    """Section on the friction and normal laws contained in a law, and the calls that report them."""
     parts = [(key, part, part.cls.__name__) for key, part in s.structure.options if isinstance(part, PartStructure)]
     rows = [[key, f"`mb.report(mb.{name}(...))`", short_hash(PartPage(part).d)] for key, part, name in parts]
     head = ["law", "its report", "sha256 there"]

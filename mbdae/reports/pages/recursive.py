@@ -1,4 +1,4 @@
-"""A joint as a recursive one: the program of a tree, run with vectors."""
+"""Report of a joint in the recursive formulation: the recursion over a tree, executed with vectors instead of numbers."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ FORCES, BIAS = [r"\mathbf{F}_l", r"\mathbf{M}_l"], r"\mathbf{a}_0"
 
 
 class RecursivePage(RecursiveValues):
-    """One joint as the link of a tree: its lines."""
+    """Page of one joint in the recursive formulation."""
 
     # -- sections
 
     def blocks(self) -> list[Block]:
-        """Outwards, map and bias, inwards, mass and geometric stiffness."""
+        """Sections: motion outwards, forces inwards, map, mass and bias, geometric stiffness."""
         parts = {"Motion outwards": self._outwards, "Forces inwards": self._inwards, "Map, mass and bias": self._map,
                  "Geometric stiffness of the recursion": self._stiffness}  # fmt: skip
         return [Paragraph(INTRODUCED), *(Section(title, make()) for title, make in parts.items())]
 
     def _outwards(self) -> list[Block]:
-        """Position, attitude, velocity and acceleration of l."""
+        """Position, attitude, velocity and acceleration of l from those of k and the coordinates."""
         t, l, lines = self.tree, self.tree.l, list[str]()
         if t.reached and not any(step.rotation for step in self.motion.steps):
             lines += [self.line(rf"\mathbf{{{name}}}_l", a) for name, a in zip("xyz", t.reached, strict=True)]
@@ -63,12 +63,12 @@ class RecursivePage(RecursiveValues):
 
     @cached_property
     def motion(self) -> Any:
-        """The motion the joint states, in the symbols of its coordinates."""
+        """The joint's motion in the symbols of its coordinates."""
         return motion_in(self.s)
 
     @cached_property
     def efforts(self) -> list[tuple[str, Expr, str]]:
-        """Letter, row and unit of every coordinate, and of every component of a free rotation."""
+        """Letter, row and unit for every coordinate, and for every component of a free rotation."""
         found = []
         for number, name in enumerate(self.tree.link.coordinates, 1):
             unit = effort_unit(self.s.law.coordinates[name].unit)
@@ -79,7 +79,7 @@ class RecursivePage(RecursiveValues):
         return found
 
     def _inwards(self) -> list[Block]:
-        """What the joint leaves on k and in the equations of the coordinates."""
+        """Force and moment passed on to k, and the equations of the coordinates."""
         (F, N), rows = self.tree.root, self.rows()
         lines = [self.line(r"\bar{\mathbf{F}}_k", F, rows[:, :3], TREE), self.line(r"\bar{\mathbf{M}}_k", N, rows[:, 3:6], TREE)]
         lines += [self.line(latex, e, rows[:, 6 + i], TREE, unit) for i, (latex, e, unit) in enumerate(self.efforts)]
@@ -102,7 +102,7 @@ class RecursivePage(RecursiveValues):
         return found
 
     def _map(self) -> list[Block]:
-        """The map from the velocities of k and of the coordinates, what it makes of forces and mass, and the bias."""
+        """Map B from velocities of k and coordinates to those of l, its effect on forces and mass, and the bias acceleration."""
         w, record, t = self.writer, self.s.record, self.tree
         zero, spin = record.zero(), Base("w", "l")
         v, d = inserted(t.l.v, {spin: t.spins[0]}, {}), (t.l.r - record.atom("c", "k"))
@@ -133,13 +133,14 @@ class RecursivePage(RecursiveValues):
         self._want_mass()
         self.known["mass"] = MATRIX
         w.used.add("mass")
-        text = "The rates of the coordinates and of k enter linearly; accelerations leave a rest, the bias, where they are zero:"
+        text = ("Velocities and accelerations of l are linear in those of k and of the coordinates; the bias is the acceleration"
+                " of l that remains where theirs are zero:")  # fmt: skip
         mass = r"\bar{\mathbf{M}} = \mathbf{B}^{\mathsf{T}}\,\mathbf{M}\,\mathbf{B}"
         told = "The mass of l, passed on in the same way:"
         return [*self.told(text, *lines, *product), Paragraph(told), Equation(mass)]
 
     def _still(self, zero: Vector) -> tuple[dict[Base, Vector], dict[Expr, Expr]]:
-        """Accelerations of k and of the coordinates, replaced by zero."""
+        """Tables that replace the accelerations of k and of the coordinates by zero."""
         return {Base("ac", "k"): zero, Base("al", "k"): zero}, {symbol: se.Integer(0) for symbol in self._seconds()}
 
     def _seconds(self) -> list[Expr]:
@@ -150,7 +151,7 @@ class RecursivePage(RecursiveValues):
         return found
 
     def _stiffness(self) -> list[Block]:
-        """Change of what is passed on, at constant force and moment."""
+        """Change of the force and moment passed on, at constant force and moment on l."""
         rule, (F, N), values = self.s.variation, self.tree.root, self._varied()
         changes = [(rf"\delta\bar{{\mathbf{{{letter}}}}}_k", rule.vector(a), values[:, n : n + 3], "")
                    for letter, a, n in (("F", F, 0), ("M", N, 3))]  # fmt: skip
@@ -163,13 +164,13 @@ class RecursivePage(RecursiveValues):
 
 
 def matrix(rows: list[str]) -> str:
-    """A matrix, its rows as cells between ampersands."""
+    """A matrix in LaTeX from rows whose cells are separated by ampersands."""
     inside = r" \\ ".join(rows)
     return rows[0] if len(rows) == 1 and "&" not in rows[0] else rf"\begin{{bmatrix}} {inside} \end{{bmatrix}}"
 
 
 def recursive_pages(s: Statement, others: frozenset[str]) -> list[tuple[Any, list[Block]]]:
-    """The page on a joint as a recursive one; none for a joint that states no motion of l relative to k."""
+    """The page on a joint in the recursive formulation; empty for a joint that states no motion of l relative to k."""
     if not (isinstance(s.law, Joint) and s.law.states_motion() and s.sides == ("k", "l")):
         return []
     page = RecursivePage(type(s.law), s.structure, others)
@@ -177,7 +178,7 @@ def recursive_pages(s: Statement, others: frozenset[str]) -> list[tuple[Any, lis
 
 
 def recursive_report(laws: tuple[type[Joint], ...] = (Revolute, Prismatic), options: Mapping[str, Any] | None = None) -> Document:
-    """The report of recursive joints, each with its own sections. options: those of the laws."""
+    """The report of recursive joints, a page for each; LawError where one states no motion. options: those of the laws."""
     pages: list[tuple[Any, list[Block]]] = []
     for law in laws:
         if not law.states_motion() or law.frames != ("k", "l"):
@@ -191,7 +192,7 @@ def recursive_report(laws: tuple[type[Joint], ...] = (Revolute, Prismatic), opti
 
 
 def origin(pages: list[RecursivePage]) -> Section:
-    """The hashes of the programs and of the rows."""
+    """Section with the hashes of the recursion programs and of the rows."""
     rows = [[f"`{type(p.s.law).__name__}`", f"`{p.hash[:32]}…`", short_hash(p.d)] for p in pages]
     text = "The lines are those of the program that is integrated; the rows name the reactions."
     head = ["law", "sha256 of the program", "sha256 of the rows"]

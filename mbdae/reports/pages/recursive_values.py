@@ -1,4 +1,4 @@
-"""The values that the lines of a recursive joint must have: its compiled program of a tree at states on the motion."""
+"""Values required of the equations of a recursive joint, from its compiled recursion at states that satisfy the joint."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MATRIX = Letter(r"\mathbf{M}", INERTIA, "derivatives of $\\mathbf{F}_l, \\mathbf
 
 
 class RecursiveValues(LawPage):
-    """One joint as the link of a tree, and the values its lines must have at states on the motion."""
+    """One joint as a tree of two bodies, and the values required of its equations at states that satisfy the joint."""
 
     def __init__(self, law: type[Joint], structure: Structure, others: frozenset[str] = frozenset()) -> None:
         plain = {"kept": True, "friction": None, "rubs": None}
@@ -38,7 +38,7 @@ class RecursiveValues(LawPage):
         super().__init__(s, rows=False, others=others, state=random_state(s.derived, seed=4))
         link = link_of(law, s.structure, s.law.derived())
         self.tree, self.plan = VectorTree(s, link), tree_plan(tree_of(link))
-        self.further: dict[str, Any] = {}  #: values of symbols of single sections
+        self.further: dict[str, Any] = {}  #: values of symbols that single sections use
         self._letters()
         self._on_motion()
 
@@ -57,14 +57,14 @@ class RecursiveValues(LawPage):
 
     @property
     def hash(self) -> str:
-        """sha256 of the program of the tree that is integrated."""
+        """sha256 of the recursion program that is integrated."""
         made = self.plan.programmed
         return program_fingerprint(made.tree.program, [e for _, e in [*made.rows, *made.motion]])
 
-    # -- values
+    # -- values from the compiled recursion
 
     def _on_motion(self) -> None:
-        """Random states of k and of the coordinates, with l where the compiled program of the tree takes it."""
+        """Random states of k and of the coordinates, with l moved by the compiled recursion."""
         free, rng = self.state, np.random.default_rng(5)
         sides = [f.side for f in free.d.frames[2:]]
         self.starts = np.cumsum([0, *(3 if side in self.s.turning.values() else 1 for side in sides)])
@@ -77,7 +77,7 @@ class RecursiveValues(LawPage):
 
     def run(self, piece: Piece, load: Any = None, up: Any = None, state: State | None = None,
             stepped: bool = False) -> dict[Any, Any]:  # fmt: skip
-        """Values of a kernel of the tree; stepped: by NumPy, after a complex step."""
+        """Values of a kernel of the tree by target; stepped: evaluated with NumPy after a complex step."""
         columns = [self._place(place, load, up, state or self.state) for place in piece.inputs]
         x = np.stack([np.broadcast_to(column, (POINTS,)) for column in columns], -1)
         values = piece.kernel.oracle(x.astype(complex)) if stepped else piece.kernel.values(x)
@@ -97,12 +97,12 @@ class RecursiveValues(LawPage):
         return st.given[str((f.q if head == "q" else f.u)[i])]
 
     def _rows(self, found: dict[Any, Any]) -> tuple[Any, Any]:
-        """Rows of k (force, moment) and of the coordinates, (points, n), and the moment in inertial axes."""
+        """Rows of k (force, moment) and of the coordinates, (points, n), and the moment in inertial axes, (points, 3)."""
         rows = np.stack([np.broadcast_to(found.get(("u", *place), 0.0), (POINTS,)) for place in self._targets()], -1)
         return rows, np.einsum("pij,pj->pi", self.Rk, rows[:, 3:6])
 
     def rows(self, load: Any = None) -> Any:
-        """The same with the moment in inertial axes, about the centre of k."""
+        """Rows (points, n) with the moment on k in inertial axes, about the centre of k."""
         rows, moment = self._rows(self.run(self.plan.residual, load))
         return np.concatenate([rows[:, :3], moment, rows[:, 6:]], axis=1)
 
@@ -128,11 +128,11 @@ class RecursiveValues(LawPage):
         super().want(latex, values, source, unit)
 
     def printed(self, blocks: list[Block]) -> list[Check]:
-        """The equations of numbered blocks read back, and the joint's own rows on the motion."""
+        """Checks of the equations in numbered blocks, and of the joint's own rows at the states."""
         return [*super().printed(blocks), *self.on_rows()]
 
     def on_rows(self) -> list[Check]:
-        """The rows of the joint and their rates vanish where the program takes l, second rates with its accelerations."""
+        """Checks that the joint's rows and their first and second rates vanish for the motion of l from the recursion."""
         d, st = self.s.derived, self.state
         if not d.rows:
             return []
@@ -153,7 +153,7 @@ class RecursiveValues(LawPage):
         return value + sum(G * ends[t[2]][:, t[3]] for t, G in found.items() if t[:2] == ("G", i))
 
     def _want_mass(self) -> None:
-        """A random mass at l, as the compiled kernels pass it on: forces of unit accelerations, less those of none."""
+        """Require the passed-on part of a random mass at l: compiled forces for unit accelerations minus those for zero."""
         rng, n = np.random.default_rng(6), 6 + self.starts[-1]
         M = rng.normal(size=(POINTS, 6, 6))
         out = np.zeros((POINTS, n, n))
@@ -166,14 +166,14 @@ class RecursiveValues(LawPage):
         self.want(r"\bar{\mathbf{M}}", out)
 
     def _accelerations(self, e: Any) -> Any:
-        """Inertial accelerations of l for those of the unknowns, inertial."""
+        """Inertial accelerations of l (points, 6) for given inertial accelerations of the unknowns."""
         up = np.concatenate([e[:, :3], np.einsum("pji,pj->pi", self.Rk, e[:, 3:6]), e[:, 6:]], axis=1)
         found = self.run(self.plan.forward, up=up)
         a = np.stack([found["up", 1, i] for i in range(6)], -1)
         return np.concatenate([a[:, :3], np.einsum("pij,pj->pi", self.Rl, a[:, 3:])], axis=1)
 
     def _varied(self) -> Any:
-        """The change of the rows of k and of the coordinates by the complex step, the force on l kept in inertial axes."""
+        """Change of the rows of k and of the coordinates by a complex step, with constant inertial force on l."""
         st, s = self.state, self.s
         turns = {side: st.atom(Base("dpsi", side)) for side in ("k", *s.turning.values())}
         symbols = {str(c): st.given[str(dc)] for c, dc in s.virtual.items()}
@@ -196,7 +196,7 @@ class RecursiveValues(LawPage):
         return change
 
     def _turn(self, turn_k: Any, symbols: dict[str, Any]) -> Any:
-        """Virtual rotation of l: the compiled velocities of the tree for virtual rates."""
+        """Virtual rotation of l (points, 3): compiled velocities of the tree with virtual rates as input."""
         st, s = self.state, self.s
         given = dict(st.given) | {f"k_v{i + 1}": np.zeros(POINTS) for i in range(3)}
         spin = np.einsum("pji,pj->pi", self.Rk, turn_k)

@@ -23,13 +23,14 @@ from mbdae.symbolic.motion import motion_of, no_rotation
 from mbdae.symbolic.outputs import dynamics, position
 from mbdae.symbolic.vectors import UNIT, Expr
 
-VIEW = np.array([[0.86, 0.5, 0.0], [-0.29, 0.5, 0.82]])  #: directions of the drawing, right and up, for z upwards
-ANGLE, LENGTH = 0.6, 0.9  #: at which coordinates are drawn, rad and axis lengths
+#: rightward and upward direction of the drawing in inertial axes, with z up
+VIEW = np.array([[0.86, 0.5, 0.0], [-0.29, 0.5, 0.82]])
+ANGLE, LENGTH = 0.6, 0.9  #: drawn values of coordinates: angles in rad, displacements in axis lengths
 COLOURS = ("#d55e00", "#009e73", "#0072b2")
 
 
 def figure_of(s: Statement) -> list[Block]:
-    """The two bodies of a law with their frames; nothing for a law on other frames."""
+    """Figure of the two bodies of a law with their frames; empty for a law on other frames."""
     if s.sides != ("k", "l"):
         return []
     moved, axes, drawn = _pose(s)
@@ -65,7 +66,7 @@ def figure_of(s: Statement) -> list[Block]:
 
 
 def _pose(s: Statement) -> tuple[Any, Any, list[str]]:
-    """Displacement and axes (columns) of l for drawn coordinates, and these."""
+    """Displacement (3,) and axes (3, 3, in columns) of l, and the values of the coordinates it is drawn at, in words."""
     law, drawn = s.law, list[str]()
     if not isinstance(law, Joint) or not law.states_motion():
         return np.zeros(3), np.eye(3), drawn
@@ -86,7 +87,7 @@ def _pose(s: Statement) -> tuple[Any, Any, list[str]]:
 
 
 def thrust_blocks(r: LawPage) -> list[Block]:
-    """The generalised force of a law, on the length or angle along which it works, and where it appears; none without one."""
+    """The generalised force of a law, the length or angle on which it acts, and where it appears; empty without one."""
     if r.s.thrust is None:
         return []
     (along, push), unit = r.s.thrust, r.unit(r.s.thrust[0])
@@ -100,7 +101,7 @@ def thrust_blocks(r: LawPage) -> list[Block]:
 
 
 def resistance_section(r: LawPage) -> list[Section]:
-    """The section on friction: force and torque, internal states, sign of the power; none without friction."""
+    """Section on friction: force and torque, internal states, sign of the power; empty without friction."""
     s, w, lines, blocks = r.s, r.writer, list[str](), list[Block]()
     if s.wrench is None and s.thrust is None:
         return []
@@ -121,12 +122,12 @@ def resistance_section(r: LawPage) -> list[Section]:
 
 
 def plus(text: str) -> str:
-    """A further term of a sum."""
+    """A further term of a sum in LaTeX, with its sign; empty for zero."""
     return "" if text in (r"\mathbf{0}", "0") else f" - {text[1:].lstrip()}" if text.startswith("-") else f" + {text}"
 
 
 def state_blocks(r: LawPage) -> list[Block]:
-    """Rates and start values of internal states."""
+    """Equations of the rates and initial values of internal states."""
     lines = []
     for i, name in enumerate(r.d.states):
         latex = r.known[f"state_{name}"].latex
@@ -136,7 +137,7 @@ def state_blocks(r: LawPage) -> list[Block]:
 
 
 def power_blocks(r: LawPage, pairs: dict[str, Pair], partials: dict[Expr, Expr]) -> list[Block]:
-    """The power of the stated forces on the bodies, minus what the energy balance of a run counts as dissipated."""
+    """Power of the stated forces on the bodies, which must be minus the dissipated power in the energy balance of a run."""
     record, s, total = r.s.record, r.s, se.Integer(0)
     for side, (move, turn) in pairs.items():
         total -= move @ record.atom("v", side) if side not in s.still and side in s.sides else 0
@@ -156,7 +157,7 @@ PLANE = (
 
 
 class PlanarPage(LawPage):
-    """A law in the plane: the same statement with vectors in the plane, compared with the planar kernel."""
+    """A law in the plane, stated with the same vectors and compared with the planar kernel."""
 
     def __init__(self, of: LawPage) -> None:
         statement = Statement(of.s.cls, of.s.structure, planar=True)
@@ -165,7 +166,7 @@ class PlanarPage(LawPage):
         self.kernel = self.compiled(lambda d: [*position(d), *dynamics(d)])
 
     def blocks(self) -> list[Block]:
-        """Rows that remain, forces and moments with them."""
+        """Rows that remain in the plane, with their forces and moments."""
         sign, lines = -1 if isinstance(self.s.law, Force) else 1, []
         for i, row in enumerate(self.d.rows):
             letter = f"c^{{\\text{{2D}}}}_{{\\text{{{row_name(row)}}}}}"
@@ -188,7 +189,7 @@ class PlanarPage(LawPage):
 
 
 def planar_pages(r: LawPage) -> tuple[Derived | None, list[Section], list[tuple[PlanarPage, list[Block]]]]:
-    """The law in the plane, and its page; or the section that says that there is none."""
+    """The law in the plane and its page; or a section that says that it has no planar form."""
     planar, title = planar_of(r.s), "Planar form"
     if planar is None:
         return None, [Section(title, [Paragraph("The law has no planar form.")])], []

@@ -1,4 +1,4 @@
-"""The program of a tree run with vectors instead of components: the recursion of a joint as it is integrated, as formulas."""
+"""The recursion program of a tree executed with vectors instead of components, which gives the formulas of a recursive joint."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
 
 def link_of(law: Any, structure: Structure, derived: frozenset[str]) -> Link:
-    """The joint as the link of a tree of two bodies in space, k the root."""
+    """The joint as the only link of a tree of two bodies in space with root k."""
     of_side = [*("p1", "p2", "p3"), *(f"Q{a}{i}" for a in "xyz" for i in (1, 2, 3)), *(f"P{i}" for i in range(4))]
     numbers = [f"{side}_{name}" for side in "kl" for name in of_side]
     numbers += [name for name in law.params if name not in derived and name not in structure.absent]
@@ -29,12 +29,12 @@ def link_of(law: Any, structure: Structure, derived: frozenset[str]) -> Link:
 
 
 def tree_of(link: Link) -> TreeStructure:
-    """The tree of that link alone, with loads on body l."""
+    """The tree of that link, with loads on body l."""
     return TreeStructure(NodeKind.SPATIAL, (link,), (), (1,))
 
 
 class _Vectors(Program):
-    """Names nothing: sums get names where products need them. After the last rotation the axes are those of l."""
+    """Program that names no result; sums are named where products need it. After the last rotation the axes are those of l."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -58,10 +58,10 @@ class _Vectors(Program):
 
 
 class VectorTree(TreeProgram):
-    """A joint from k to l in vectors of the record of its statement.
+    """Motion and forces of a joint from k to l, as vectors of its statement's record.
 
-    reached: axes of l; spins: angular velocity of l and its rate in terms of k and of the coordinates; l: its motion;
-    root: force and moment that the joint leaves on k."""
+    reached: axes of l; spins: angular velocity and acceleration of l by those of k and the coordinates; l: its motion;
+    root: force and moment that the joint passes on to k."""
 
     def __init__(self, s: Statement, link: Link) -> None:
         self.s, self.link = s, link
@@ -74,7 +74,7 @@ class VectorTree(TreeProgram):
         self._label()
 
     def _label(self) -> None:
-        """Letters of angular velocities and accelerations on the way."""
+        """Give letters to angular velocities and accelerations between k and l."""
         for number, value in self.s.record.vectors.items():
             for kind, letter in (("w", r"\boldsymbol{\omega}"), ("al", r"\dot{\boldsymbol{\omega}}")):
                 if Base(kind, "k") in value.terms and number not in self.s.record.labels:
@@ -86,7 +86,7 @@ class VectorTree(TreeProgram):
         return _Vectors()
 
     def second(self, name: str) -> Expr:
-        """The symbol of the second rate of a coordinate."""
+        """The symbol of the second time derivative of a coordinate."""
         return se.Symbol(f"{name}_second")
 
     def _input(self, *place: Any) -> Expr:
@@ -136,7 +136,7 @@ class VectorTree(TreeProgram):
 
 
 def inserted(a: Vector, atoms: dict[Base, Vector], symbols: dict[Expr, Expr]) -> Vector:
-    """A vector with atoms and symbols replaced, products taken term by term; named vectors that contain none stay."""
+    """A vector with atoms and symbols replaced and products expanded; named vectors without any of them are kept."""
     record, total = a.record, a.record.zero()
     for atom, c in a.terms.items():
         total = total + _replaced(record, atom, atoms, symbols) * se.sympify(c).subs(symbols)

@@ -1,1 +1,1 @@
-"""The report of a scene: its sheet, and its joint forces in closed form."""
+"""Reports of scenes: an overview of the system, and its joint forces in closed form."""

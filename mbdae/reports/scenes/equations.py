@@ -1,8 +1,8 @@
 """The equations of motion of a scene in symbols, solved for the multipliers.
 
-The rows are M u' + G^T lambda = f with the entries of G that the laws of this scene have. Force balances give one multiplier
-each (its coefficient is 1 or -1); what is left falls into the smallest blocks that stand for themselves: single rows of trees,
-from the leaves to the root, and the two rows of a dyad. Each block is solved by determinants.
+The rows are M u' + G^T lambda = f with the entries of G that the laws of this scene have. Each force balance gives one
+multiplier (its coefficient is 1 or -1); the remaining rows are split into the smallest blocks that can be solved one after
+the other: single rows in trees, from leaves to root, and two rows per dyad. Each block is solved by determinants.
 """
 
 from __future__ import annotations
@@ -27,37 +27,37 @@ from mbdae.symbolic.outputs import Target, scatter_pair
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.system.prepare import Prepared
 
-LARGEST_BLOCK = 3  #: rows that are solved together by determinants
-LARGEST_SCENE = 60  #: multipliers above which no closed form is sought
-SHORT = 2  #: symbols of an entry of G that is written out
+LARGEST_BLOCK = 3  #: largest number of rows that are solved together by determinants
+LARGEST_SCENE = 60  #: largest number of multipliers for which a closed form is sought
+SHORT = 2  #: largest number of symbols in an entry of G that is written out instead of getting a letter
 _ZERO = se.Integer(0)
-Row = dict[Any, Expr]  #: coefficients by multiplier; under None what has none
+Row = dict[Any, Expr]  #: coefficients by multiplier; the constant term under None
 
 
 def symbols_of_rows(d: Derived) -> list[tuple[Target, Expr]]:
-    """Every symbol in the gradients of the rows of a law, and in its arms."""
+    """Every symbol in the gradients of a law's rows and in its arms."""
     found = set().union(*(se.sympify(c).free_symbols for row in d.G for pair in row.values() for part in pair for c in part))
     found = found.union(*(se.sympify(c).free_symbols for f in d.frames if d.rows for c in arm_of(d, f)))
     return [(("symbol", str(s)), s) for s in sorted(found, key=str)]
 
 
 def arm_of(d: Derived, f: Frame) -> Vec:
-    """The arm of a frame, its zeros inserted."""
+    """The arm of a frame with components that are known to be zero inserted."""
     return Vec(*map(d.variation.resolve, f.arm))
 
 
 class Velocity(NamedTuple):
-    """A velocity of a body: its subscript, the letter of what it moves, and that of its inertia."""
+    """A velocity of a body: index, letter of the position, letter of the inertia."""
 
     below: str
     letter: str
     mass: str
-    unit: str  #: of what it moves
-    of: str  #: what it moves, in words
+    unit: str  #: unit of the position
+    of: str  #: the position, in words
 
     @property
     def effort(self) -> Unit:
-        """Unit of what does work along it."""
+        """Unit of the generalised force along this velocity."""
         return unit("J") / unit(self.unit)
 
 
@@ -76,16 +76,16 @@ class SceneEquations:
         self.prepared, self.m = prepared, prepared.mechanics
         self._refuse()
         self.latex: dict[str, str] = {}
-        self.said: dict[str, Said] = {}  #: by the LaTeX of a letter
+        self.said: dict[str, Said] = {}  #: unit and meaning, by the LaTeX of a letter
         self.names = Names()
         self.writer = Writer(Record(), self.latex)
         units = [unit_of_row(prepared.model, row, effort=True) for row in self.m.rows]
         self.unknowns = [self.letter(f"l{i}", rf"\lambda_{{{self.names.said('row', row.name)}}}", units[i],
                                      f"multiplier of the row {row.name}") for i, row in enumerate(self.m.rows)]  # fmt: skip
-        self.entries: dict[str, tuple[int, int]] = {}  #: letters of entries of G, with row and place in u
+        self.entries: dict[str, tuple[int, int]] = {}  #: letter of an entry of G -> (row, place in u)
         self.places: dict[Any, str] = {}  #: (group, instance, symbol of the law) -> name of the letter
         self.rows = self._equations()
-        #: unknowns with the rows that give them and their places in u (those of a block), in order
+        #: blocks in order of solution: unknowns, rows that determine them, places of these rows in u
         self.steps: list[tuple[list[Any], list[Row], list[int]]] = []
         self._solve()
         self.on_l = self._forces_on_l()
@@ -102,7 +102,7 @@ class SceneEquations:
                 raise ValueError(reason)
 
     def letter(self, name: str, latex: str, unit_: str, meaning: str) -> Expr:
-        """A symbol with its LaTeX, its unit and what it is."""
+        """A new symbol with its LaTeX, unit and meaning."""
         self.latex[name] = latex
         self.said[latex] = Said(unit_, meaning)
         return se.Symbol(name)
@@ -136,7 +136,7 @@ class SceneEquations:
 
     @cached_property
     def mass(self) -> dict[int, dict[int, float]]:
-        """The entries of the mass matrix that are not zero, by row and column."""
+        """Nonzero entries of the mass matrix, by row and column."""
         full = np.asarray(self.m.mass.todense() if hasattr(self.m.mass, "todense") else self.m.mass)
         return {i: {int(j): float(row[j]) for j in np.flatnonzero(row)} for i, row in enumerate(full)}
 
@@ -156,7 +156,7 @@ class SceneEquations:
         return rows
 
     def _entry(self, n: int, at: int, e: Expr) -> Expr:
-        """An entry of G in the letters of the scene: one letter where it is made of more than an arm or two."""
+        """An entry of G in letters of the scene; one letter for an entry of more than `SHORT` symbols."""
         row = self.m.rows[n]
         if len(se.sympify(e).free_symbols) <= SHORT:
             return self._renamed(row, self.prepared.model.groups[row.group].derived, e)
@@ -168,7 +168,7 @@ class SceneEquations:
         return self.letter(f"g{n}_{at}", latex, str(unit(known) / unit(v.unit)) if known else "", meaning)
 
     def _renamed(self, row: Any, d: Derived, e: Expr) -> Expr:
-        """An entry of G in the letters of the scene."""
+        """An entry of G with the law's symbols replaced by letters of the scene."""
         instance = self.prepared.model.groups[row.group].instances[row.instance]
         table = {}
         for s in se.sympify(e).free_symbols:
@@ -195,16 +195,16 @@ class SceneEquations:
             table[s] = se.Symbol(self.places[key])
         return se.sympify(e).subs(table)
 
-    # -- their solution
+    # -- solution of the equations
 
     def _solve(self) -> None:
-        """Fill `steps`: blocks of what force balances leave, then the multipliers that these give."""
+        """Fill `steps`: first blocks of the rows without pivots 1 or -1, then the multipliers that follow from them."""
         left, later = {at: dict(row) for at, row in self.rows.items()}, list[tuple[list[Any], list[Row], list[int]]]()
         while (found := self._pivot(left)) is not None:
             at, unknown = found
             row = left.pop(at)
             c = row.pop(unknown)
-            value = {key: -e * c for key, e in row.items()}  # c is 1 or -1
+            value = {key: -e * c for key, e in row.items()}  # c is 1 or -1, so that dividing by c is multiplying by it
             later.insert(0, ([unknown], [value], [at]))
             left = {a: _inserted(r, unknown, value) for a, r in left.items()}
         open_ = {a: r for a, r in left.items() if len(r) > 1}
@@ -212,7 +212,7 @@ class SceneEquations:
         while open_:
             block = self._block(open_, known)
             if block is None:
-                raise ValueError(f"more than {LARGEST_BLOCK} rows hang together")
+                raise ValueError(f"more than {LARGEST_BLOCK} rows can only be solved together")
             places, unknowns = block
             self.steps.append((unknowns, [open_.pop(at) for at in places], places))
             known |= set(unknowns)
@@ -221,7 +221,7 @@ class SceneEquations:
 
     @staticmethod
     def _pivot(left: dict[int, Row]) -> tuple[int, Any] | None:
-        """A row and a multiplier with the coefficient 1 or -1: the one that stands in the fewest rows."""
+        """A row and a multiplier in it with coefficient 1 or -1, chosen so that the multiplier appears in the fewest rows."""
         counts: dict[Any, int] = {}
         for row in left.values():
             for key in row:
@@ -236,7 +236,7 @@ class SceneEquations:
         return sorted((key for key in row if key is not None and key not in known), key=str)
 
     def _block(self, rows: dict[int, Row], known: set[Any]) -> tuple[list[int], list[Any]] | None:
-        """The smallest set of rows with as many multipliers as rows, with the largest determinant at the start."""
+        """The smallest set of rows with as many multipliers as rows, of several that of largest determinant at the start."""
         for size in range(1, LARGEST_BLOCK + 1):
             found = []
             for places in combinations(sorted(rows), size):
@@ -255,12 +255,12 @@ class SceneEquations:
         return {name: known[latex] for name, latex in self.latex.items() if latex in known}
 
     def _number(self, e: Expr) -> float:
-        """A coefficient at the start."""
+        """Value of a coefficient at the start."""
         return float(np.broadcast_to(value(se.sympify(e), lambda symbol: self._at_start[str(symbol)]), (1,))[0])
 
     def _forces_on_l(self) -> dict[tuple[str, str, int], Expr]:
-        """Components of the forces ("F") of the joints on their bodies l and of their moments ("T") about the point of the joint
-        there, by item and axis."""
+        """Components of the joint forces ("F") on the bodies l and of their moments ("T") about the joint's
+        point on l, by item and axis."""
         found: dict[tuple[str, str, int], Expr] = {}
         groups = self.prepared.model.groups
         for n, row in enumerate(self.m.rows):
@@ -278,7 +278,7 @@ class SceneEquations:
                         found[letter, instance.item, i] = old + sign * self._renamed(row, d, entry) * self.unknowns[n]
         return dict(sorted(found.items(), key=lambda entry: entry[0][0]))
 
-    # -- values
+    # -- values at states
 
     def values(self, t: Any, q: Any, u: Any, s: Any = None) -> tuple[dict[str, Any], Any]:
         """Values of all letters by their LaTeX, and the multipliers (nt, m), at states of the scene."""
@@ -302,7 +302,7 @@ class SceneEquations:
         return known, multipliers
 
     def states(self) -> tuple[Any, Any, Any, Any]:
-        """Random states around the start: the balances hold where loops are open too, recursive joints hold by themselves."""
+        """Random states around the start; loops may be open, as the balances hold there too, recursive joints are satisfied."""
         start, rng = self.prepared.start, np.random.default_rng(8)
         q = start.q + 1e-3 * self.prepared.length * rng.normal(size=(POINTS, len(start.q)))
         t, u = np.full(POINTS, start.t), rng.normal(size=(POINTS, len(start.u)))
@@ -310,14 +310,14 @@ class SceneEquations:
 
 
 class Names:
-    """Names of the scene as texts in formulas: no two of a role are the same."""
+    """Names of items as text in formulas, distinct within each role."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[str, str], str] = {}
-        self.renamed: dict[str, str] = {}  #: names that others would read the same as, and what is written for them
+        self.renamed: dict[str, str] = {}  #: names printed with an appended number because another would print alike
 
     def said(self, role: str, name: str) -> str:
-        """A name as text in a formula; with a number where another of the role reads the same."""
+        """A name as text in a formula, with a number appended where another of the role prints alike."""
         if (role, name) not in self._known:
             plain = re.sub(r"[^\w.-]|_", " ", name).strip() or "name"
             taken = {words for (r, _), words in self._known.items() if r == role}
@@ -328,7 +328,7 @@ class Names:
 
 
 def _inserted(row: Row, unknown: Any, value: Row) -> Row:
-    """A row with a multiplier replaced."""
+    """A row with a multiplier replaced by its expression."""
     if unknown not in row:
         return row
     c, out = row[unknown], {key: e for key, e in row.items() if key != unknown}
@@ -338,12 +338,12 @@ def _inserted(row: Row, unknown: Any, value: Row) -> Row:
 
 
 def total(row: Row) -> Expr:
-    """The sum of a row."""
+    """The sum of a row's terms."""
     return sum((e if key is None else e * key for key, e in row.items()), _ZERO)
 
 
 def determinant(A: list[list[Expr]]) -> Expr:
-    """By minors."""
+    """Determinant of a square matrix, by expansion in minors."""
     if len(A) == 1:
         return A[0][0]
     minors = [[row[:j] + row[j + 1 :] for row in A[1:]] for j in range(len(A))]

@@ -1,4 +1,4 @@
-"""Joint forces of a scene in closed form: the page of its equations and their solution, read back."""
+"""Joint forces of a scene in closed form: equations and their solution as a page, read back from its LaTeX."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ class ClosedForms(SceneEquations, Page):
     # -- formulas
 
     def blocks(self) -> list[Block]:
-        """Equations of the bodies, solution, forces on the bodies l, letters with their numbers, laws."""
+        """Sections: letters with values, equations of the bodies, solution, forces on the bodies l, laws."""
         balance, solution = self.balance(), self.solution()
         forces = self.forces()
         numbers = self.numbers()
         told = (
-            "Of every body the balance of forces along $x$, $y$, $z$ and of moments about its centre ($\\theta$, $\\psi$): $p$,"
-            " inertia less all forces that are no reactions, and the multipliers $\\lambda$ of the joints with their arms."
+            "For every body the balance of forces along $x$, $y$, $z$ and of moments about its centre ($\\theta$, $\\psi$): $p$"
+            " is inertia minus all forces other than reactions; the multipliers $\\lambda$ of the joints enter with their arms."
         )
         how = (
-            "Force balances give a multiplier each. What is left falls into the smallest blocks of rows that stand for"
-            " themselves, solved by determinants; the other multipliers follow:"
+            "Each force balance gives one multiplier. The other rows are split into the smallest blocks that can be solved"
+            " one after the other, by determinants; the remaining multipliers follow:"
         )
         told += "".join(f" The name {escaped(name)} is written {words}." for name, words in self.names.renamed.items())
         on_l = "The force $F$ (N) on body l of each joint, and the moment $T$ (N m) about its point there:"
@@ -49,7 +49,7 @@ class ClosedForms(SceneEquations, Page):
         ]
 
     def balance(self) -> list[Block]:
-        """p by mass and acceleration, and the rows."""
+        """Equations that define p by mass and acceleration, and the rows."""
         w, lines = self.writer, []
         for at, v in self.velocities.items():
             terms = [f"{self.mass_letter(at, j)}\\,\\ddot{{{self.velocities[j].letter}}}_{self.velocities[j].below}"
@@ -60,7 +60,7 @@ class ClosedForms(SceneEquations, Page):
         return self.lines(*lines)
 
     def solution(self) -> list[Block]:
-        """The multipliers in the order of their solution."""
+        """Equations of the multipliers in the order of their solution."""
         w, out, count = self.writer, list[Block](), 0
         for unknowns, rows, places in self.steps:
             if any(unknown in row for row in rows for unknown in unknowns):
@@ -71,12 +71,12 @@ class ClosedForms(SceneEquations, Page):
         return out
 
     def _determinants(self, unknowns: list[Any], rows: list[Row], count: int, efforts: list[Unit]) -> list[Block]:
-        """A block of rows A lambda = h by Cramer's rule. efforts: units of the rows."""
+        """Equations of a block of rows A lambda = h, solved by Cramer's rule. efforts: units of the rows."""
         w, n, lines = self.writer, len(unknowns), []
         known = [unit(self.said[self.latex[str(x)]].unit or "1") for x in unknowns]
         A = [[self.letter(f"a{count}_{i}{j}", f"a^{{({count})}}_{{{i + 1}{j + 1}}}", str(efforts[i] / known[j]),
                           f"factor of ${self.latex[str(unknowns[j])]}$") for j in range(n)] for i in range(n)]  # fmt: skip
-        h = [self.letter(f"h{count}_{i}", f"h^{{({count})}}_{{{i + 1}}}", efforts[i].of_force, "the rest of the row")
+        h = [self.letter(f"h{count}_{i}", f"h^{{({count})}}_{{{i + 1}}}", efforts[i].of_force, "minus the rest of the row")
              for i in range(n)]  # fmt: skip
         for i, row in enumerate(rows):
             lines += [f"{w.scalar(A[i][j])} = {w.scalar(row.get(unknown, se.Integer(0)))}" for j, unknown in enumerate(unknowns)]
@@ -99,19 +99,19 @@ class ClosedForms(SceneEquations, Page):
         return latex
 
     def forces(self) -> list[Block]:
-        """Components of the force of every joint on its body l, by the multipliers of its rows."""
+        """Equations of the force of every joint on its body l by the multipliers of its rows."""
         lines = []
         for place, e in self.on_l.items():
             lines.append(f"{self._force(*place)} = {self.writer.scalar(e)}")
         return self.lines(*lines)
 
     def printed(self, blocks: list[Block]) -> list[Check]:
-        """The lines read back at random states, with the multipliers of the scene there."""
+        """Checks of the equations at random states, against the multipliers of the scene."""
         known, multipliers = self.values(*self.states())
         return self.read(blocks, known, multipliers)
 
     def read(self, blocks: list[Block], known: dict[str, Any], multipliers: Any) -> list[Check]:
-        """The lines read back: multipliers against given ones (nt, m)."""
+        """Checks of the equations against given multipliers (nt, m)."""
         wanted = {self.latex[str(s)]: Wanted(multipliers[:, i], RUN) for i, s in enumerate(self.unknowns)}
         table = {name: known[latex] for name, latex in self.latex.items() if latex in known}
         table |= {str(s): multipliers[:, n] for n, s in enumerate(self.unknowns)}
@@ -119,10 +119,10 @@ class ClosedForms(SceneEquations, Page):
             wanted[self._force(*place)] = Wanted(value(se.sympify(e), lambda symbol: table[str(symbol)]), RUN)
         return Printed(known, wanted, len(multipliers)).read(blocks)
 
-    # -- tables
+    # -- tables of letters and laws
 
     def numbers(self) -> Table:
-        """Every letter with its unit and meaning, and its value at the start where no equation below defines it."""
+        """Table of letters with unit and meaning, and the value at the start of those that no equation defines."""
         start = self.prepared.start
         known, multipliers = self.values(np.array([start.t]), start.q[None], start.u[None], start.s[None])
         values = {latex: float(v[0]) + 0.0 for latex, v in known.items()}
@@ -134,7 +134,7 @@ class ClosedForms(SceneEquations, Page):
         return Table(["symbol", "value", "unit", "meaning"], rows)
 
     def laws(self) -> Table:
-        """The joints with the hashes of their laws as they are derived for this scene."""
+        """Table of the joints with hashes of their laws as derived for this scene."""
         rows, seen = [], dict.fromkeys((row.group, row.instance) for row in self.m.rows)
         for g, i in seen:
             group = self.prepared.model.groups[g]

@@ -1,4 +1,4 @@
-"""The sheet of a scene: bodies, joints, forces, unknowns and equations, as in the system that is integrated."""
+"""Overview of a scene: bodies, joints, forces, unknowns and equations of the system that is integrated."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from mbdae.system.prepare import prepare
 
 KINDS = {"q": "positions", "v": "velocities", "s": "internal states", "z": "stresses of beams", "lambda": "multipliers",
          "mu": "stabilising multipliers"}  # fmt: skip
-LISTED = 60  #: names in a list; further ones are only counted
+LISTED = 60  #: largest number of names in a list; further ones are only counted
 EIGEN_UP_TO = 1500  #: largest number of unknowns for which eigenvalues are computed
 
 
 class Sheet:
-    """A scene with its system."""
+    """Sections of the overview of a scene and its system."""
 
     def __init__(self, scene: SceneData) -> None:
         self.scene = scene
@@ -51,7 +51,7 @@ class Sheet:
         return Document(escaped(f"Scene {self.scene.name}"), sections)
 
     def closed(self) -> list[Section]:
-        """The equations of the bodies and their joint forces in closed form, read back; or why there is none."""
+        """Equations of the bodies and joint forces in closed form with their checks; or the reason why there is none."""
         try:
             page = ClosedForms(self.prepared)
         except ValueError as reason:
@@ -60,7 +60,7 @@ class Sheet:
         return [*blocks, checks_section(page.printed(blocks))]  # type: ignore[list-item]
 
     def summary(self) -> Section:
-        """Drawing and the main numbers."""
+        """Section with the drawing and the main numbers."""
         c, m = self.check, self.prepared.model
         told = (f"{'Planar' if c.planar else 'Spatial'}: {m.why}. {counted(c.degrees_of_freedom, 'degree of freedom')};"
                 f" {counted(self.system.n, 'unknown')} and {counted(len(self.system.equations), 'equation')} in the form"
@@ -74,18 +74,19 @@ class Sheet:
         return Section("Scene", [*blocks, Picture(png, f"The scene as it starts, t = {start.t:g} s.{boxes}")])
 
     def drawing(self) -> tuple[bytes, bool]:
-        """PNG of the scene, and whether the font lacks letters of its names."""
+        """PNG of the scene, and whether the font lacks a letter of a name."""
         out = BytesIO()
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            draw(self.prepared).savefig(out, format="png", dpi=110)  # drawing measures the names
+            # missing letters are noticed here, when the names are measured
+            draw(self.prepared).savefig(out, format="png", dpi=110)
         for warning in caught:
             if "missing from font" not in str(warning.message):
                 warnings.warn(warning.message, warning.category, stacklevel=2)
         return out.getvalue(), any("missing from font" in str(warning.message) for warning in caught)
 
     def bodies(self) -> Section:
-        """Bodies with their mass."""
+        """Section with a table of the bodies."""
         rows = []
         for b in self.scene.bodies:
             line = self.prepared.model.line(b)
@@ -98,7 +99,7 @@ class Sheet:
         return Section("Bodies", [Table(head, rows)])
 
     def joints(self) -> Section:
-        """Joints with models and rows."""
+        """Section with a table of the joints, their models and rows."""
         rows, m = [], self.prepared.model
         kept = {row.name for row in self.system.numbering.rows}
         stated = {i.item: m.groups[g].derived.rows for g, _, i in m.instances() if m.groups[g].derived.rows}
@@ -112,7 +113,7 @@ class Sheet:
         return Section("Joints", [Table(head, rows)] if rows else [Paragraph("There are none.")])
 
     def forces(self) -> Section:
-        """Laws of force."""
+        """Section with a table of the force laws."""
         joints, rows = {c.name for c in self.scene.joints}, []
         for group in self.prepared.model.groups:
             for i in group.instances if group.derived.force else ():
@@ -125,7 +126,7 @@ class Sheet:
         return Section("Forces", [Table(head, rows)] if rows else [Paragraph("There are none.")])
 
     def unknowns(self) -> Section:
-        """Unknowns and equations by kind and name."""
+        """Section on unknowns and equations by kind and name."""
         y, rows = self.system, list[list[str]]()
         for kind, n in Counter(y.kinds).items():
             own = [i for i, k in enumerate(y.kinds) if k == kind]
@@ -141,7 +142,7 @@ class Sheet:
         return Section("Unknowns and equations", [table, *told])
 
     def pruned(self) -> Section:
-        """Unknowns, equations and terms that the scene does not need."""
+        """Section on unknowns, equations and terms that the scene does not need."""
         keys = ("unknowns", "equations", "multipliers", "kernels", "operations")
         rows = [[step.reason, *(str(getattr(step.size, key)) for key in keys)] for step in self.check.reductions]
         lacking = absent(self.scene)
@@ -153,7 +154,7 @@ class Sheet:
         return Section("Pruned", [Table(["after", *keys], rows, caption), *map(Paragraph, told)])
 
     def redundant(self) -> Section:
-        """Redundant rows, and reactions that are not unique."""
+        """Section on redundant rows and reactions that are not unique."""
         c = self.check
         if not self.prepared.rows:
             return Section("Redundant rows", [Paragraph("The scene has no constraint rows.")])
@@ -163,7 +164,7 @@ class Sheet:
         return Section("Redundant rows", [Paragraph(f"{told}{unique} {smallest}")])
 
     def eigenvalues(self) -> Section:
-        """Eigenvalues of small motions about the start."""
+        """Section on the eigenvalues of small motions about the start."""
         title = "Eigenvalues at the start"
         if self.system.n > EIGEN_UP_TO:
             return Section(title, [Paragraph(f"Not computed for {self.system.n} unknowns.")])
@@ -181,7 +182,7 @@ class Sheet:
         return Section(title, [Table(head, rows, caption)])
 
     def sparsity(self) -> Section:
-        """Pattern of the iteration matrix."""
+        """Section with the sparsity pattern of the iteration matrix."""
         places, n = self.system.pattern, self.system.n
         nnz, columns = places.nnz, np.repeat(np.arange(n), np.diff(places.indptr))
         entries = sorted(zip(places.indices.tolist(), columns.tolist(), strict=True))
@@ -194,7 +195,7 @@ class Sheet:
         return Section("Sparsity", [Picture(pattern(entries, n, "entries of the Jacobian"), text)])
 
     def laws(self) -> Section:
-        """The laws with their hashes."""
+        """Section with a table of the laws and their hashes."""
         rows = [[g.key[0].__name__, str(len(g.instances)), " - ".join(kind.value for kind, _ in g.key[2]),
                  short_hash(g.derived)] for g in self.prepared.model.groups]  # fmt: skip
         text = ("Every law as it is derived for this scene; the report of a law prints the sha256 of the same equations between"
@@ -207,7 +208,7 @@ class Sheet:
 
 
 def listed(names: list[str]) -> str:
-    """Names, at most `LISTED` of them."""
+    """Names joined by commas, at most `LISTED` of them."""
     shown = ", ".join(escaped(n) for n in names[:LISTED])
     return shown + (f", … ({len(names)} in all)" if len(names) > LISTED else "")
 
@@ -220,5 +221,5 @@ def _inertia(b: Any) -> str:
 
 
 def scene_sheet(scene: SceneData) -> Document:
-    """The sheet of a scene; raises SceneError with every problem found."""
+    """The overview of a scene; raises SceneError with every problem found."""
     return Sheet(scene).document()

@@ -1,4 +1,4 @@
-"""Units in a scene, where the coordinates on which laws act are known."""
+"""Units of quantities in a scene, where it is known on which coordinates laws act."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from mbdae.system.model.numbering import Row
 
 
 def row_unit(d: Derived, row: int, coordinates: Mapping[str, str] | None = None, effort: bool = False) -> str:
-    """Unit of a row: m, 1 for an angle or a cosine; "" where it has none. coordinates: units of the law's own, by name; effort:
-    of its multiplier instead, whose product with the row is an energy."""
+    """Unit of a row: m, 1 for an angle or a cosine; "" where it has none. coordinates: units of the law's coordinates by name;
+    effort: give the unit of the multiplier instead, whose product with the row is an energy."""
     found = _units_of_rows(d, tuple((coordinates or {}).items()))[row]
     return " or ".join((unit("J") / u).of_force if effort else str(u) for u in found)
 
@@ -26,7 +26,7 @@ def _units_of_rows(d: Derived, coordinates: tuple[tuple[str, str], ...]) -> list
 
 
 def unit_of_row(model: Model, row: Row, effort: bool = False) -> str:
-    """The same of a row of a scene."""
+    """Unit of a row of a scene, or of its multiplier (effort=True); see `row_unit`."""
     group = model.groups[row.group]
     return row_unit(group.derived, row.row, units_at(group.instances[row.instance]), effort)
 
@@ -38,6 +38,6 @@ def units_at(instance: Instance) -> dict[str, str]:
 
 
 def parameter_unit(instance: Instance, name: str) -> str:
-    """Unit of a parameter of a law in a scene: of one that may be for angles and for lengths that of its coordinate."""
+    """Unit of a law's parameter in a scene; one that fits angles and lengths gets the unit for its coordinate."""
     on = [*units_at(instance).values()] or [getattr(instance.law, "unit", "")]
     return unit_on(instance.law.params[name].unit, on)

@@ -14,6 +14,7 @@ from mbdae.errors import OptionError
 from mbdae.inputs import text, timed
 from mbdae.inputs.sensed import paths, symbol_name
 from mbdae.run.events import signals
+from mbdae.scene.sensor_names import spelled
 from mbdae.symbolic.rebuild import CONDITIONS, is_condition
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import BadValueError, shown
@@ -113,14 +114,17 @@ def _sides(scene: Any, given: Any) -> tuple[Any, Any] | None:
 def _with_symbols(scene: Any, given: str) -> str:
     """The text with symbols in place of paths."""
     known = {one.name for one in scene.signals}
+    given, names = spelled(scene, given)
+    given = _NORM.sub(_length, given)
 
     def name(match: re.Match[str]) -> str:
-        found = match[0]
+        head, dot, rest = match[0].partition(".")
+        found = names.get(head, head) + dot + rest if not head.startswith("sensor(") else match[0]
         called = given[match.end() :].lstrip().startswith("(")
         is_path = "." in found or found in known
         return symbol_name(found) if is_path and not called and not found.startswith("sensor(") else found
 
-    return _NAME.sub(name, _NORM.sub(_length, given))
+    return _NAME.sub(name, given)
 
 
 def _length(match: re.Match[str]) -> str:

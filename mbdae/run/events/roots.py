@@ -185,7 +185,8 @@ def _near(c: Array, end: float, small: float) -> int:
     return _sign(np.sign(np.where(np.abs(y) <= small, 0.0, y)).astype(int))
 
 
-def _merged(found: list[Root], alone: NDArray[np.bool_], function: Callable[[Array], Array], same: float, level: float) -> list[Root]:
+def _merged(found: list[Root], alone: NDArray[np.bool_], function: Callable[[Array], Array], same: float,
+            level: float) -> list[Root]:  # fmt: skip
     """Zeros of which neighbours are one, in their middle, where the function stays within `level` between them: a zero of higher
     order that round-off, or the error of the run, has split; and where they are nearer than `same` and it changes no sign.
     alone: which of them stay apart in the first case."""

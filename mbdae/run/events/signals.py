@@ -10,7 +10,7 @@ import symengine as se
 
 from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs import tables, timed
-from mbdae.inputs.breaks import breaks
+from mbdae.inputs.breaks import TOLERANCE, distinct, tables_within
 from mbdae.inputs.sensed import path_of, symbol
 from mbdae.inputs.text import TIME
 from mbdae.integrators.solution import Solution
@@ -29,10 +29,10 @@ from mbdae.values import BadValueError
 MANY = 50_000  #: times that are evaluated at once
 #: quantities of joints, forces and contacts that results show beside their coordinates
 SHOWN = ("force", "torque", "power", "gap", "gap_rate", "penetration", "normal_force", "friction_force", "slip", "length", "rate",
-         "friction_power", "wear")  # fmt: skip
+         "friction_power", "wear_rate", "orbit")  # fmt: skip
 #: those of bodies
-MOTION = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration", "rotation", "strain", "fibre_stress",
-          "von_mises")  # fmt: skip
+MOTION = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration", "rotation", "strain",
+          "stress_resultants", "fibre_stress", "von_mises")  # fmt: skip
 
 
 def check(scene: Any, path: str) -> None:
@@ -96,10 +96,11 @@ class Signals:
 
     @property
     def edges(self) -> Array:
-        """Times (m+1,) between which sensors are smooth: ends of steps, and jumps of tables."""
+        """Times (m+1,) between which sensors are smooth: ends of steps, jumps and kinks of tables, and edges between which their
+        polynomials are."""
         t = self.solution.t
-        jumps = breaks(self._tables, float(t[0]), float(t[-1])) if self._tables else np.zeros(0)
-        return np.unique(np.concatenate([t, jumps]))
+        found = [part for e in self._tables for part in tables_within(e, float(t[0]), float(t[-1]), TOLERANCE)]
+        return distinct(np.concatenate([t, *(times for part in found for times in part)]))
 
     def __call__(self, t: Array) -> Array:
         """(k, symbols) at times (k,)."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import AccuracyWarning, OptionError, SolverError
+from mbdae.inputs.breaks import beyond
 from mbdae.inputs.sensed import paths
 from mbdae.integrators.base import Solver, output_times
 from mbdae.integrators.dense import cut
@@ -23,6 +24,7 @@ from mbdae.run.events.seen import Seen
 from mbdae.run.events.signals import Signals, may_be_observed, probe
 from mbdae.run.job import Job
 from mbdae.scene.components import Connection
+from mbdae.scene.prescribed import of_time
 from mbdae.scene.sensed import found as sensed
 from mbdae.scene.variants import keeping
 from mbdae.system.base import Array
@@ -68,6 +70,7 @@ class Watched:
     def result(self, job: Job, solver: Solver, made: Callable[[Job], tuple[Controlled, Job]], outputs: Any,
                verify: bool) -> Result:  # fmt: skip
         """The result of a run up to its event, with what is recorded. made: runs a job."""
+        self._check_tables(job.prepared.start.t, job.asked.t_end)
         run, job, event = self._to_event(job, solver, made) if self.until else (*made(job), None)
         if event is not None:
             job = replace(job, asked=replace(job.asked, t_end=event.time), times=_times(job, outputs, event.time))
@@ -79,6 +82,14 @@ class Watched:
         for note in notes:
             warnings.warn(f"scene '{job.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)
         return found
+
+    def _check_tables(self, begin: float, end: float) -> None:
+        """Raise OptionError where a condition reads a table where it has no values, between two times (s)."""
+        for condition in (*self.until, *self.record):
+            parts = (part for g in condition.functions for part in of_time(g))
+            said = next((text for part in parts if (text := beyond(part, begin, end))), "")
+            if said:
+                raise OptionError(f"until, record: '{condition.name}': {said}")
 
     def _to_event(self, job: Job, solver: Solver, made: Callable[[Job], tuple[Controlled, Job]]
                   ) -> tuple[Controlled, Job, Event | None]:  # fmt: skip

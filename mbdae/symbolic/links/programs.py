@@ -132,7 +132,7 @@ class NodeProgram(PieceProgram):
         self.nodes = [self._given(0, kind)]
 
     def motion(self, heads: Sequence[str]) -> Entries:
-        """Those of q, u and u' ("up") of the body that are asked for."""
+        """q, u and u' ("up") of the body, as far as `heads` names them."""
         return [((t[0], t[2]), e) for t, e in self.states((0,)) if t[0] in heads]
 
     def load(self, role: str) -> Entries:

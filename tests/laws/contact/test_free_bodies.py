@@ -28,7 +28,7 @@ def test_a_hinged_bar_falls_on_the_floor_alike_in_every_joint_model() -> None:
     np.testing.assert_allclose(found, np.broadcast_to(found[0], np.shape(found)), rtol=1e-4)
 
 
-@pytest.mark.parametrize("space", ["planar", "spatial"])
+@pytest.mark.parametrize("space", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
 def test_two_links_of_one_mechanism_touch_alike_in_every_joint_model(space: str) -> None:
     found = []
     for model in MODELS:
