@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import lru_cache
 from typing import Any
 
 import symengine as se
@@ -25,7 +26,11 @@ def symbol(path: str) -> Expr:
 
 def path_of(name: Any) -> str:
     """The path of the sensor a symbol stands for; "" where it stands for none."""
-    text = str(name)
+    return _path(str(name))
+
+
+@lru_cache(maxsize=4096)
+def _path(text: str) -> str:
     if not (text.startswith(f'{_HEAD}"') and text.endswith('")')):
         return ""
     try:
