@@ -25,7 +25,7 @@ from mbdae.system import scene_system
 
 WRONG = 10.0  #: error over accuracy
 EDGES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
-NAMED = "did not look there"  #: words of the guard's warning
+NAMED = "was not evaluated there"  #: words of the guard's warning
 t = mb.t
 
 

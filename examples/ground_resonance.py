@@ -15,19 +15,17 @@ Options: `axes` 1 or 2 of the support; `free` leaves the speed of a hub with ine
 `model` is the model of all joints, such as mb.Recursive(): the slides of the support carry the block, the block the hub and
 the hub its blades, so that 6 (driven) or 7 coordinates of joints are all there is to solve for, without a constraint.
 
-With `flexible=True` every blade is a beam of three cubic elements, as in the paper. The paper calls its bending stiffness
+With `flexible=True` every blade is a beam of three cubic elements, as in
+"Modified models for revolute joints coupling flexibility of links in multibody systems". This paper calls its bending stiffness
 soft and gives no number; here it is 1e4 N m^2, a third more than the centrifugal force itself would give
 (m Omega^2 L^2/12 = 7.7e3 N m^2). Bending hardly changes the instability: it grows as exp(2.095 t) and exp(2.633 t). The
 blades start unstretched; they stretch by a few mm, whereby all of them lag by some 0.004 rad, an oscillation that does not
 grow.
 
 Run it:  mbdae compare examples/ground_resonance.py --out out
-         python examples/ground_resonance.py out       (the rotor and its lag angles, blades flexible: Figs. 8 and 9)
 """
 
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 
@@ -70,17 +68,6 @@ def scene(axes=2, free=False, model=None, flexible=False, space="auto", lag0=LAG
     return s
 
 
-def pictures(out, accuracy=1e-4, **options):
-    """Our own versions of the paper's Figs. 8 and 9, flexible blades, as .png files in a folder."""
-    folder = Path(out)
-    folder.mkdir(parents=True, exist_ok=True)
-    s = scene(**{"axes": 1, "flexible": True} | options)
-    s.draw(folder / "rotor.png")
-    r = s.simulate(t_end, accuracy=accuracy)
-    r.plot(*(f"lag {i + 1}.angle" for i in range(BLADES)), path=folder / "lag_angles.png")
-    return r
-
-
 def growth():
     """Largest growth rate (1/s) by Coleman's transformation, both axes: hub z = x + i y, lag eta = sum of zeta_i exp(i psi_i)."""
     S, inertia, total = M * L / 2, M * L**2 / 3, BLOCK + BLADES * M
@@ -104,7 +91,3 @@ def number(r):
 def picture(r):
     """Lag angles, and the path of the hub."""
     return r.plot(*(f"lag {i + 1}.angle" for i in range(BLADES)), "hub.position")
-
-
-if __name__ == "__main__":
-    print(pictures(sys.argv[1] if len(sys.argv) > 1 else "out"))

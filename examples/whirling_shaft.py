@@ -46,20 +46,14 @@ def scene(speed=0.6 * CRITICAL):
     return s
 
 
-def bent(speed):
-    """Displacement of the disk towards its heavy side in steady rotation, m."""
-    at_rest = scene(speed).equilibrium(frame="hub")
-    return float(at_rest["disk"].position.ravel()[1]) - OFF
-
-
 def formula(speed):
-    """The same by the balance above, m."""
+    """Displacement of the disk towards its heavy side by the balance above, m."""
     return DISK * OFF * speed**2 / (STIFFNESS - MOVED * speed**2)
 
 
 def run():
-    """Displacements (m) at all speeds."""
-    return np.array([bent(speed) for speed in SPEEDS])
+    """Displacements (m) of the disk in steady rotation at all speeds."""
+    return np.array([scene(speed).equilibrium(frame="hub")["disk"].position[0, 1] - OFF for speed in SPEEDS])
 
 
 def number(found):

@@ -28,11 +28,30 @@ LINES = [line for language, text, _ in BLOCKS if language == "bash" for line in 
 COMMANDS = [command.removeprefix(".venv/bin/") for line in LINES for command in line.split(" && ")]
 
 
+NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e-?\d+)?")
+
+
+def is_printed(said: str, printed: str) -> bool:
+    """Whether numbers of a comment stand in this order in what is printed: to the last digit of the comment, those with an
+    exponent, which are estimates of errors, within a factor of 3. A comment without numbers is what is printed."""
+    found = iter(float(number) for number in NUMBER.findall(printed))
+    for number in NUMBER.findall(said):
+        value, digits = float(number), len(number.partition(".")[2])
+        if not any(value / 3 < x < 3 * value if "e" in number else abs(x - value) < 10.0**-digits for x in found):
+            return False
+    return bool(NUMBER.search(said)) or said == printed
+
+
 @pytest.mark.parametrize(("text", "line"), PYTHON, ids=[f"line {line}" for _, line in PYTHON])
-def test_python_blocks_run(text, line, tmp_path, monkeypatch):
+def test_python_blocks_run_and_print_what_they_say(text, line, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     exec(compile("\n" * line + text, "README.md", "exec"), {"__name__": "readme"})  # errors name the line of the README
     assert not list(tmp_path.iterdir())
+    comments = [statement.split("  # ")[1] for statement in text.splitlines() if statement.startswith("print(")]
+    printed = capsys.readouterr().out.splitlines()
+    assert len(printed) == len(comments)
+    for said, shown in zip(comments, printed, strict=True):
+        assert is_printed(said, shown), f"{shown}, not {said}"
 
 
 def test_laws_of_the_contributing_guide_work(monkeypatch):

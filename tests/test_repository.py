@@ -12,6 +12,9 @@ from pathlib import Path
 
 import pytest
 
+import mbdae as mb
+from mbdae.cli import main
+
 ROOT = Path(__file__).resolve().parent.parent
 MODULES = sorted((ROOT / "mbdae").rglob("*.py"))
 PICTURES = ROOT / "docs" / "img"  #: of the README, made by a command; tests/test_docs.py holds them to it
@@ -96,6 +99,22 @@ def test_continuous_integration_runs_what_the_readme_says() -> None:
     assert (ROOT / ".ci" / "run").stat().st_mode & 0o111
     for mark in ("main", "test"):
         assert f"readme_command {mark}" in script
+
+
+def test_one_version_and_its_date_everywhere(capsys: pytest.CaptureFixture[str]) -> None:
+    """The first section of CHANGELOG.md is this version, the first with a date the release that is cited."""
+    texts = {name: (ROOT / name).read_text(encoding="utf-8") for name in ("CHANGELOG.md", "CITATION.cff", "pyproject.toml")}
+    sections = re.findall(r"^## (\S+) \((\d{4}-\d\d-\d\d|unreleased)\)$", texts["CHANGELOG.md"], re.MULTILINE)
+    assert len(sections) == len(re.findall("^## ", texts["CHANGELOG.md"], re.MULTILINE))
+    numbers = [tuple(map(int, version.split("."))) for version, _ in sections]
+    assert numbers == sorted(set(numbers), reverse=True)
+    assert mb.__version__ == sections[0][0] == tomllib.loads(texts["pyproject.toml"])["project"]["version"]
+    with pytest.raises(SystemExit, match=r"^0$"):
+        main(["--version"])
+    assert capsys.readouterr().out == f"mbdae {mb.__version__}\n"
+    cited = dict(re.findall(r'^(version|date-released): "?([^"\n]+)"?$', texts["CITATION.cff"], re.MULTILINE))
+    released = next(section for section in sections if section[1] != "unreleased")
+    assert (cited["version"], cited["date-released"]) == released
 
 
 def test_source_archives_hold_everything() -> None:

@@ -112,7 +112,7 @@ class Mode(ListsAttributes):
             body = bodies[nearest(apart, line.mesh.length)]
             node, origin = model.node(body), at @ line.mesh.curve[e]
         else:
-            shape, origin = self._of(node), body.position
+            shape, origin = self._of(node), body.drawn.position
             move, turn = shape.displacement, shape.rotation
         if node is None or not node.kind.turns:
             return Shape(move, turn)

@@ -68,7 +68,7 @@ class States:
 
     @cached_property
     def many_joint(self) -> list[Env]:
-        """More of those."""
+        """Four times as many states of the joint as `joint`."""
         return self.of(self.equation.states, 4 * STATES)
 
     def fitting(self) -> States:

@@ -38,7 +38,7 @@ class Edit:
 
     @property
     def words(self) -> str:
-        """What is changed."""
+        """The change in words."""
         return self.form.format(*self.pieces) + (f" in {self.where}" if self.where is not None else "")
 
     def tex(self, letters: Mapping[str, str]) -> str:
@@ -141,7 +141,7 @@ def _in_product(node: Node) -> Iterator[Edited]:
             yield Edit("no bracket around {}", (factor,), resizes=True), made("sum", head, *factor.parts[1:])
         if i + 1 < len(parts):
             swapped = (*parts[:i], parts[i + 1], factor, *parts[i + 2 :])
-            edit = Edit("{} and {} the other way round", (factor, parts[i + 1]), resizes=True, size=1.3)
+            edit = Edit("factors {} and {} exchanged", (factor, parts[i + 1]), resizes=True, size=1.3)
             yield edit, node.with_parts(swapped)
 
 

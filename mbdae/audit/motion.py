@@ -107,11 +107,11 @@ class Motion:
         return float(_drawn(self.seed, name, "positive"))
 
     def vector(self, name: str) -> Value:
-        """A vector."""
+        """A random vector (3, 1)."""
         return _drawn(self.seed, name, "uniform", (3, 1))
 
     def matrix(self, name: str, symmetric: bool = False) -> Value:
-        """A matrix; symmetric ones are positive definite."""
+        """A random matrix (3, 3); symmetric ones are positive definite."""
         m = _drawn(self.seed, name, "uniform", (3, 3))
         return m @ m.T + np.eye(3) if symmetric else m
 
@@ -216,7 +216,7 @@ class Motion:
         s, t = self.arc, self.clock
         return c[0] + s * c[1] + t * c[2] + s * t * c[3] + s * s * c[4] / 2 + t * t * c[5] / 2
 
-    # -- increments
+    # -- states reached by a step
 
     def moved(self, how: str, amount: complex = 1j * STEP) -> Motion:
         """The state after a step: "virtual" displacement, "time", "line" (arc length), "linear" (each quantity by itself)."""

@@ -157,7 +157,7 @@ class Reader:
         self.text, self.line, self.tokens, self.at = text, line, _tokens(text, line), 0
 
     def statement(self) -> Statement:
-        """Sides and relation."""
+        """The whole text as a statement; AuditError where it is none."""
         sides, relation = [self._sum()], "="
         while found := self._accept("=", "<="):
             if len(sides) > 1 and found != relation:

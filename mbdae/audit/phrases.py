@@ -248,7 +248,7 @@ class Env:
         return 1.0 if self.scale is None else {"time": self.scale["s"], "line": self.scale["m"]}.get(what, 1.0)
 
     def constant(self, number: float) -> Value:
-        """A number of a formula."""
+        """The value of a number that stands in a formula."""
         if not self.motion.symbolic:
             return complex(number)
         return se.Integer(int(number)) if number == int(number) else se.RealDouble(number)

@@ -107,6 +107,6 @@ def _energy(equation: Printed, states: States) -> Iterator[str]:
             if found is None:
                 continue
             if varying:
-                yield "the energy stored in the deflection grows with the normal force: dissipative for a constant one alone"
+                yield "the energy stored in the deflection grows with the normal force: dissipative only for a constant one"
             elif found > 0:
                 yield f"feeds energy above a sliding speed, here {found:.3g} m/s"

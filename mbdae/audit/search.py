@@ -249,7 +249,7 @@ def missing(node: Node, goal: _Goal, candidates: Candidates) -> Iterator[tuple[E
     """The formula with a missing term added."""
     fit, vectors = _fit(node, goal, candidates)
     for term, new in terms(node, fit, vectors):
-        yield Edit("the term {} more", (term,), size=sum(1 for _ in term.walk())), new
+        yield Edit("the missing term {}", (term,), size=sum(1 for _ in term.walk())), new
 
 
 def _twice(node: Node, once: dict[Node, Edit], goal: _Goal, candidates: Candidates) -> Changed | None:

@@ -63,7 +63,7 @@ class Row:
 
     @property
     def said(self) -> str:
-        """Repair and remark."""
+        """Repair and remark in one text."""
         return told(self.repair, self.remark)
 
     @property
@@ -291,7 +291,7 @@ def _repaired(row: Row, found: Repair, states: States) -> Row:
     gap = max(compared(s, again).gap for s in found.equation.statements)
     new = [f"{n} is the {m.text}" for n, m in found.equation.scope.symbols.items()
            if n not in row.printed.scope.symbols and n in found.equation.used]  # fmt: skip
-    accents = ["accents alone, which type and its reading easily lose"] if found.accents else []
+    accents = ["accents alone, which are easily lost in printing and reading"] if found.accents else []
     row = replace(row, remark=told(row.remark, *new, *accents))
     same = identical(found.equation, again.inner, states.side)
     return replace(row, repaired=found.equation, repaired_residual=gap, symbolic=same)

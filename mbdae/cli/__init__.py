@@ -72,7 +72,7 @@ def _judged(a: Namespace, error: Exception) -> tuple[int, str]:
         return 1, "the memory of this machine is used up; ask for a shorter run or a looser accuracy"
     line = traceback.extract_tb(error.__traceback__)[-1]
     return 1, (f"an error of mbdae itself, {type(error).__name__}: {error} (line {line.lineno} of {line.filename}); "
-               f"--debug shows the way there")  # fmt: skip
+               f"--debug shows the traceback")  # fmt: skip
 
 
 def _complain(a: Namespace, error: BaseException, code: int, text: str | None = None, usage: str = "") -> int:

@@ -102,7 +102,7 @@ def _command(commands: Any, name: str, action: Callable[[argparse.Namespace], in
 def _always(p: argparse.ArgumentParser, action: Callable[[argparse.Namespace], int]) -> None:
     """Add the options that every command has."""
     p.add_argument("--json", action="store_true", help="standard output carries JSON alone, {\"error\": ...} where it fails")
-    p.add_argument("--debug", action="store_true", help="show the whole way to an error")
+    p.add_argument("--debug", action="store_true", help="show the traceback of an error")
     p.set_defaults(command=action)
 
 

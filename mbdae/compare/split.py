@@ -67,7 +67,7 @@ class Split:
             system = equations.for_solver(form, solver)
             assert isinstance(system, SceneSystem)
             times = np.linspace(float(solution.t[0]), end, OUTPUTS)
-            job = Job(prepared, form, 1e-6, asked, times, _systems={(form, solver.highest_index): system})
+            job = Job(prepared, form, 1e-6, asked, times, continued=False, _systems={(form, solver.highest_index): system})
             begin = time.process_time()
             try:
                 job.result(Controlled(solution, solver, math.nan, 1, 0.0))

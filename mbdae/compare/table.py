@@ -12,7 +12,7 @@ WIDTH = 128  #: largest number of letters per line of sentences; the grid may be
 MARKS = ("*", "failed")
 PARTS = {"derive": "to derive the laws, in a new process", "compile": "to compile their kernels there",
          "start": "of start, rank and equations of the scene there", "compan.": "of the runs that would estimate its error",
-         "judge": "of its warnings and what is looked at after the run"}  # fmt: skip
+         "judge": "of its warnings and the checks after the run"}  # fmt: skip
 #: heading and meaning of each column
 COLUMNS = {
     "run": "solver, form, joint model and options that differ from their defaults",

@@ -171,7 +171,7 @@ class Store:
             return 0, 0
 
     def content(self) -> Content:
-        """What it holds."""
+        """Number and size of the entries, with all hits and misses counted so far."""
         files, (hits, misses) = self._files() if self.used else [], self._counts() if self.used else (0, 0)
         return Content(len(files), sum(size for _, size, _ in files), hits, misses)
 

@@ -120,7 +120,7 @@ def export(what: Any, format: str = "sympy", form: Any = None, frames: Any = Non
     Functions of a scene, in SI units and rad: residual F(t, y, y', p), jacobian (entries of dF/dy and dF/dy'), rates
     y' = f(t, y, p) where the form has it, joint_forces (force on body l, N, and torque about the joint, N m, of every item).
     p: parameters of the laws by "item.name" and points of joints on their bodies; directions of axes, and all of beams, are
-    numbers in the text. Conditions of inputs of time are read at t.
+    numbers in the text. Switches of inputs of time are evaluated at t.
     Raises OptionError for what cannot be exported, SceneError for a scene with problems."""
     option("format", format, word, "give one of them", words=FORMATS)
     if isinstance(what, SceneData):

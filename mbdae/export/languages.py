@@ -53,7 +53,7 @@ def _pairs(*args: str) -> str:
 
 
 def c_number(e: Any) -> str:
-    """A double."""
+    """A number as a double of C."""
     text = repr(float(e))
     return {"inf": "INFINITY", "-inf": "(-INFINITY)", "nan": "NAN"}.get(text, f"({text})" if text.startswith("-") else text)
 

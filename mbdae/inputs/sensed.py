@@ -45,7 +45,7 @@ def paths(value: Any) -> list[str]:
 
 
 def refuse_symbols(value: Any, symbols: set[Expr], sensors: bool) -> None:
-    """BadValueError where an expression contains symbols that are none of sensors, or those where sensors may not appear."""
+    """Raise BadValueError where an expression contains a symbol of no sensor, or one of a sensor although `sensors` is false."""
     others = sorted(str(s) for s in symbols if not (sensors and path_of(s)))
     if not others:
         return

@@ -1,1 +1,1 @@
-"""Solvers: one file per method over a shared step loop."""
+"""Solvers: one file per method; all use the same step loop."""

@@ -1,4 +1,4 @@
-"""What a solver is.
+"""The base class of solvers, and the options of a run.
 
 A new solver is a frozen dataclass of its options that derives from `Solver`, validates them in `__post_init__` (OptionError with
 the value and what to do), defines the abstract methods, and states `factors` and `tightest`; `orders`, where its step may be
@@ -29,7 +29,7 @@ from mbdae.values import array, function, number, of_class, option, optional, se
 
 DEFAULT_ACCURACY = 1e-6
 ACCURACY = "give a positive number up to 1, such as 1e-6"
-MOST_OUTPUTS = 10_000_000  #: times of a run
+MOST_OUTPUTS = 10_000_000  #: largest number of output times
 SHARE = 0.04  #: part of the width of an input of time that a constant step may cover
 
 
@@ -38,7 +38,7 @@ class Solver(ABC):
 
     #: rtol / accuracy by label of the solver and of the form; measured
     factors: ClassVar[dict[str, dict[str, float]]] = {}
-    #: smallest rtol that still improves the result in double precision, by label of the form ("": all others)
+    #: smallest rtol that still improves the result in double precision, by label of the form ("": all other forms)
     tightest: ClassVar[dict[str, float]] = {"": 1e-12}
     #: a tolerance smaller by r makes the error smaller by r**error_fall at least; measured, with its scatter
     error_fall: ClassVar[float] = 0.6
@@ -52,34 +52,34 @@ class Solver(ABC):
     highest_index: ClassVar[int] = 1
     #: short name of the method, as a command line takes it; "": that of the class in small letters
     word: ClassVar[str] = ""
-    #: whether a run that is kept on disk begins the method anew at its checkpoints; False where `integrate` calls `loop.goes_on`
+    #: whether a run stored on disk restarts the method at its checkpoints; False where `integrate` calls `loop.goes_on`
     #: before its first step and `loop.keep` between steps
     restarts: ClassVar[bool] = True
-    #: what to use instead below it
+    #: advice in the message where an accuracy needs an rtol below `tightest`
     alternative: ClassVar[str] = ""
     #: relative tolerance; None takes it from an accuracy (1e-6 where `solve` is called directly)
     rtol: float | None
 
     @classmethod
     def variants(cls) -> list[Self]:
-        """The method with its options' defaults, once for every label it may have."""
+        """The method with default options, once for every label it may have."""
         return [cls()]
 
     @property
     def tolerance(self) -> float:
-        """rtol of a solver that runs."""
+        """rtol of a solver that runs; OptionError where it is None."""
         if self.rtol is None:
             raise OptionError(f"{self.label} has no rtol yet: use at_accuracy, or give rtol")
         return self.rtol
 
     @property
     def fixed(self) -> bool:
-        """Whether the step is constant, so that no tolerance steers it."""
+        """Whether the step is constant, so that no tolerance controls it."""
         return False
 
     @property
     def shipped(self) -> bool:
-        """Whether mbdae ships the method, and measures its orders; runs of others are compared with a second method."""
+        """Whether mbdae ships the method and has measured its orders; runs of other methods are compared with a second method."""
         return type(self).__module__.partition(".")[0] == __name__.partition(".")[0]
 
     @property
@@ -94,7 +94,7 @@ class Solver(ABC):
 
     @abstractmethod
     def check(self, system: System) -> None:
-        """Refuse a system this method cannot solve."""
+        """Raise OptionError for a system that this method cannot solve."""
 
     @abstractmethod
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
@@ -106,7 +106,7 @@ class Solver(ABC):
         """Interpolant over the accepted steps t (m+1,), y and yp (m+1, n), with one piece per step."""
 
     def factor(self, form_label: str) -> float:
-        """rtol over accuracy in a form; the smallest measured one where none was measured there or under this label."""
+        """rtol over accuracy in a form; where that was not measured, the smallest ratio measured."""
         measured = self.factors.get(self.label) or {k: v for table in self.factors.values() for k, v in table.items()}
         if not measured:
             raise OptionError(f"{self.label} states no `factors` (rtol over accuracy by form), so an accuracy says nothing about "
@@ -114,7 +114,7 @@ class Solver(ABC):
         return measured.get(form_label, min(measured.values()))
 
     def aimed(self, form_label: str) -> float | None:
-        """The accuracy that its tolerance delivers in a form, where that is measured; None where the step is constant."""
+        """The accuracy that its rtol delivers in a form, by the measured `factors`; None where the step is constant."""
         if self.fixed:
             return None
         return self.tolerance / (self.factor(form_label) if self.factors else 1.0)
@@ -156,13 +156,13 @@ class Solver(ABC):
         of this run by default; share: part of the width of an input of time that a step may cover; 1 by default,
         less where no error test shortens it.
         At a break of an input of time the run ends a step and begins anew.
-        Ctrl-C comes out as KeyboardInterrupt, whose attribute `solution` is the Solution so far.
+        Ctrl-C raises KeyboardInterrupt, whose attribute `solution` is the Solution so far.
         """
         return self.run(system, Asked.of(system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0,
                                          max_residuals=max_residuals, begin=begin, share=share))  # fmt: skip
 
     def run(self, system: System, asked: Asked) -> Solution:
-        """`solve` with options that are read and checked already."""
+        """`solve` with options that have been read and checked."""
         check_start(system)
         solver = self if self.fixed or self.rtol is not None else self.at_accuracy(DEFAULT_ACCURACY, system.label)
         solver.check(system)
@@ -185,7 +185,8 @@ class Solver(ABC):
             self._part(loop, h0)
             return
         longest = None if line is None else line.longest_step(SHARE if share is None and self.fixed else share or 1.0)
-        if sampler is not None and share is not None and share < 1:  # steps that instants alone bound have to differ too
+        # steps bounded by sampling instants alone have to differ between the two runs, too
+        if sampler is not None and share is not None and share < 1:
             inputs = np.zeros(0) if longest is None else longest.edges
             longest = LongestStep(distinct(np.concatenate([inputs, sampler.instants(loop.run_end)])), share)
         edges = [system.t0, loop.run_end] if line is None else line.edges.tolist()
@@ -202,8 +203,8 @@ class Solver(ABC):
             system.read_at(None)
 
     def _begin(self, loop: StepLoop, end: float, longest: Any, sampler: Any, anew: bool) -> None:
-        """Begin a part of the run, up to `end`: with consistent values after a break (anew) and after outputs of controllers
-        changed."""
+        """Begin a part of the run, up to `end` (s): with new consistent values after a break (anew), or where outputs of
+        controllers have changed."""
         t, (y, yp) = loop.t, loop.state
         held = y if sampler is None else sampler.at(t, y)
         if anew or held is not y:
@@ -213,14 +214,14 @@ class Solver(ABC):
         loop.restart(y, yp)
 
     def _part(self, loop: StepLoop, h0: float | None) -> None:
-        """Integrate to the end of a part, from one choice of equations to the next where the system renews itself."""
+        """Integrate to the end of a part; the system may be replaced on the way (`System.renewed`)."""
         loop.renew()
         self._stretch(loop, h0)
         while loop.renew() and loop.t < loop.t_end:
             self._stretch(loop, None)
 
     def _stretch(self, loop: StepLoop, h0: float | None) -> None:
-        """One call of `integrate`, unless an earlier process made it."""
+        """Call `integrate` once, unless an earlier process has made these steps."""
         if not loop.made_before():
             self.integrate(loop.system, loop, h0)
             loop.ended()
@@ -228,8 +229,8 @@ class Solver(ABC):
 
 @dataclass(frozen=True)
 class Asked:
-    """What `Solver.solve` was asked for, as plain values; see there. stop: whether a run that came so far may end, which is asked
-    now and then."""
+    """Arguments of `Solver.solve` after they have been read and checked. stop: function of the Solution so far that tells whether
+    the run may end, called now and then."""
 
     t_end: float
     times: Array | None = None
@@ -244,7 +245,7 @@ class Asked:
     @classmethod
     def of(cls, system: System, t_end: Any, outputs: Any = None, *, max_wall: Any = None, progress: Any = None, h0: Any = None,
            max_residuals: Any = None, begin: Any = None, share: Any = None) -> Self:  # fmt: skip
-        """Read and check everything before the run begins."""
+        """Read and check all arguments before the run begins."""
         option("system", system, of_class, "give a mb.DAE, or the equations of a scene, scene.system()", base=System)
         end = end_after(system.t0, t_end)
         seconds = "give a positive number of seconds, or None"
@@ -261,7 +262,7 @@ class Asked:
 
 
 def check_start(system: System) -> None:
-    """Refuse a system that is not finite at its start."""
+    """Raise OptionError for a system whose residual is not finite at its start."""
     start = np.empty(system.n)
     system.residual(system.t0, system.y0, system.yp0, start)
     if not np.isfinite(start).all():
@@ -273,13 +274,13 @@ def check_start(system: System) -> None:
 
 
 def end_after(t0: float, t_end: Any) -> float:
-    """The end of a run (s) after its start."""
+    """t_end (s), which has to be after the start."""
     end: float = option("t_end", t_end, number, f"give a time in s after the start t = {t0:g} s", above=t0)
     return end
 
 
 def output_times(t0: float, t_end: float, outputs: Any) -> Array:
-    """Times (k,) asked for; a whole number means that many equally spaced ones, both ends included."""
+    """Output times (k,); a whole number stands for that many equally spaced times, both ends included."""
     remedy = (f"give a number of times, 2 or more (start and end are among them), or increasing times in s from {t0:g} to "
               f"{t_end:g}")  # fmt: skip
     if not several(outputs):
@@ -298,14 +299,14 @@ def output_times(t0: float, t_end: float, outputs: Any) -> Array:
 
 
 def set_tolerances(solver: Any) -> None:
-    """Make rtol (None, or 1e-15 to 0.1) and atol (None, positive, or n positive numbers) of a solver plain."""
+    """Read and check rtol (None, or 1e-15 to 0.1) and atol (None, positive, or n positive numbers) of a solver."""
     set_option(solver, "rtol", number, "give a relative tolerance from 1e-15 to 0.1, or None to have it follow from the accuracy",
                least=1e-15, most=1e-1)  # fmt: skip
     set_option(solver, "atol", _magnitudes, "give a positive number, one per unknown, or None for rtol times the scale of each")
 
 
 def _magnitudes(value: Any) -> float | tuple[float, ...]:
-    """A positive number, or several."""
+    """One positive number, or several."""
     if not several(value):
         return number(value, above=0)
     return tuple(sequence(value, number, above=0)) or number(value)

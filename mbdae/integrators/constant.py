@@ -1,4 +1,4 @@
-"""Steps of constant length: what all methods that take them share."""
+"""Steps of constant length, for all methods that take them."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.watched.watch import StepWatch
 from mbdae.system.base import Array
 
-#: changes of an unknown over its magnitude that constant steps are not expected to follow
+#: change of an unknown, over its magnitude, that is too small to count for constant steps
 FOLLOWED = 1e-9
-#: parts of a step: lengths that differ by less are equal; a kink so near to the end of a step ends it in its stead
+#: parts of a step: SAME: lengths that differ by less are equal; CLOSE: a step is not divided nearer to its end than this
 SAME, CLOSE = 1e-6, 1e-3
 
 
 class StepFailedError(Exception):
-    """A step could not be solved; culprit: name of the unknown or equation that resists."""
+    """A step could not be solved; culprit: name of the unknown or equation that prevented it."""
 
     def __init__(self, message: str = "a step cannot be solved", culprit: str = "") -> None:
         super().__init__(message)
@@ -29,7 +29,7 @@ class StepFailedError(Exception):
 
 
 class Stepping(Protocol):
-    """The state of an integration: time, and the unknowns at the end of the step just solved."""
+    """The state of a run with constant steps: the time, and the unknowns at the end of the step just solved."""
 
     t: float
 
@@ -37,25 +37,25 @@ class Stepping(Protocol):
         """y (n,) at the end of the step."""
 
     def inside(self, part: Array) -> Array:
-        """y (k, n) on the polynomial of the step after parts (k,) of it, or (n,) after one."""
+        """y (k, n) on the polynomial of the step at parts (k,) of it, or (n,) at one part."""
 
     def advance(self, h: float, t1: float) -> tuple[Any, ...]:
-        """Take the step; returns what `loop.accept` wants."""
+        """Accept the step; returns the arguments of `loop.accept`."""
 
 
 @dataclass
 class Going:
-    """Where a run with constant steps is."""
+    """The present state of a run with constant steps: the step and what watches it."""
 
     step: Stepping
     watch: StepWatch | None
 
 
 def constant_steps(loop: StepLoop, h: float, step: Stepping, solve: Callable[[float], Any], parts: Iterable[float] = ()) -> None:
-    """Steps of h to the end; a last one that differs from h by round-off counts as equal. Steps that an input of time does not
+    """Make steps of h (s) to the end; a last one may differ from h by round-off. Steps that an input of time does not
     allow are divided.
 
-    solve(h): solve a step; parts of it after which hidden contacts are looked for.
+    solve(h): solve a step; parts: parts of a step at which hidden contacts are sought.
     """
     watch = StepWatch.of(loop, lambda y: FOLLOWED * (np.abs(y) + loop.system.scale))
     t0, going = step.t, Going(step, watch)
@@ -81,7 +81,7 @@ def constant_steps(loop: StepLoop, h: float, step: Stepping, solve: Callable[[fl
 
 
 def _steps(loop: StepLoop, h: float, step: Stepping, t0: float) -> Iterator[tuple[float, float, bool]]:
-    """(end, width, whether it is a step of h) of every step that is left of those from t0; those longer than an input of time
+    """(end, width, whether it is a whole step of h) of every remaining step, counted from t0. Steps longer than an input of time
     allows are divided, and end at kinks of tables."""
     longest = loop.system.longest_step
     count = max(1, ceil((loop.t_end - t0) / h - SAME))

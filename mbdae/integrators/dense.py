@@ -1,4 +1,4 @@
-"""Interpolants between accepted steps, vectorised over the times asked for."""
+"""Interpolants between accepted steps (dense output), vectorised over the times asked for."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from mbdae.integrators.runge_kutta.tables import CollocationTable, radau_table
 from mbdae.system.base import Array
 
-FEW = 64  #: times that are evaluated together: memory that stays in the caches of a processor
-BLOCK = 1000  #: steps that are kept, or interpolated, together
-EVEN = 0.5  #: shortest of neighbouring steps over a step, above which one polynomial goes through all of them
+FEW = 64  #: number of times that are evaluated together, so that their data stay in the processor's cache
+BLOCK = 1000  #: number of steps that are interpolated together
+EVEN = 0.5  #: ratio of the shortest neighbouring step to a step, above which one polynomial goes through all of them
 
 
 def interval(t: Array, times: Array) -> NDArray[np.intp]:
@@ -22,7 +22,7 @@ def interval(t: Array, times: Array) -> NDArray[np.intp]:
 
 
 class Collocation:
-    """Piecewise collocation polynomial: inner increments (m, s-1, n) beside the values (m+1, n) at the steps.
+    """Piecewise collocation polynomial: inner increments (m, s-1, n), and the values (m+1, n) at the steps.
 
     ends (m, n): values at the end of every step, where they are not those the next step begins with."""
 
@@ -32,7 +32,7 @@ class Collocation:
 
     @classmethod
     def of(cls, stages: int, t: Array, y: Array, pieces: Any) -> Self:
-        """The polynomials on the nodes of Radau IIA with so many stages, from the inner increments of every step."""
+        """The polynomials on the nodes of Radau IIA with this number of stages, from the inner increments of every step."""
         inner = np.asarray(pieces) if len(pieces) else np.empty((0, stages - 1, y.shape[1]))
         return cls(radau_table(stages), t, y, inner)
 
@@ -40,7 +40,7 @@ class Collocation:
         """y (k, n) at times (k,)."""
         i, theta = self._locate(times)
         found = self._combine(i, self.table.values(theta), self.y)
-        last = theta == 1  # the end of a step exactly: polynomials of high degree have some round-off there
+        last = theta == 1  # the exact end of a step, where polynomials of high degree have round-off
         if last.any() and len(self.t) > 1:
             found[last] = self.ends[i[last]]
         return found
@@ -58,7 +58,7 @@ class Collocation:
         return i, (times - self.t[i]) / self._widths()[i]
 
     def _combine(self, i: NDArray[np.intp], weights: Array, start: Array | None = None) -> Array:
-        """Sum of the increments (k, n) with weights (k, s), on top of the values `start` at the steps."""
+        """Sum of the increments with weights (k, s), plus the values `start` at the beginnings of the steps: (k, n)."""
         total = np.zeros((len(i), self.y.shape[1])) if start is None else start[i]
         if len(self.t) == 1:
             return total
@@ -79,7 +79,7 @@ def increments_of(states: Array, inner: Array) -> Array:
 
 
 def inside_of(table: CollocationTable, starts: Array, increments: Array) -> Callable[[Array], Array]:
-    """y (m, k, n) after parts (k,) of steps that begin with starts (m, n)."""
+    """The function parts (k,) -> y (m, k, n) on the polynomials of steps that begin at starts (m, n)."""
 
     def inside(parts: Array) -> Array:
         found = np.asarray(table.values(parts) @ increments)
@@ -90,7 +90,7 @@ def inside_of(table: CollocationTable, starts: Array, increments: Array) -> Call
 
 
 def cubic(stages: int, h: float, start: tuple[Array, Array], end: tuple[Array, Array]) -> Array:
-    """Increments (stages - 1, n) at the inner nodes of the cubic with y and y' at both ends of a step of h."""
+    """Increments (stages - 1, n) at the inner nodes, on the cubic through y and y' at both ends of a step of h."""
     c = radau_table(stages).c[:-1, None]
     (y0, rate0), (y1, rate1) = start, end
     return np.asarray(c**2 * (3 - 2 * c) * (y1 - y0) + h * c * (1 - c) * ((1 - c) * rate0 - c * rate1))
@@ -112,7 +112,7 @@ class Hermite:
         return self._combine(times, self._slope_weights)
 
     def first(self, i: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Number of the first of the points that hold in step i (k,)."""
+        """Number (k,) of the first of the `points` steps whose polynomial is used in step i (k,)."""
         return np.clip(i - (self.points - 1) // 2, 0, len(self.t) - self.points)
 
     def _combine(self, times: Array, weights: Callable[..., tuple[Array, Array]]) -> Array:
@@ -152,7 +152,7 @@ class Hermite:
 
 
 def cut(interpolant: Any, t: float) -> Any:
-    """An interpolant up to a time inside it: the same polynomials, the last of them shortened."""
+    """An interpolant up to a time inside it: unchanged polynomials, with the last step shortened."""
     if isinstance(interpolant, Joined):
         parts = [part for part in interpolant.parts if part.t[0] < t]
         return Joined([*parts[:-1], cut(parts[-1], t)])
@@ -173,7 +173,7 @@ def sampled(polynomials: Hermite, steps: NDArray[np.intp], stages: int) -> Array
     """Increments (k, stages - 1, n) at the inner nodes of some steps (k,)."""
     t, y, c = polynomials.t, polynomials.y, radau_table(stages).c[:-1]
     inner = np.empty((len(steps), stages - 1, y.shape[1]))
-    for first in range(0, len(steps), BLOCK):  # not all at once: that takes several times their memory
+    for first in range(0, len(steps), BLOCK):  # in blocks, because all at once take several times the memory of the result
         some = steps[first : first + BLOCK]
         times = t[some, None] + (t[some + 1] - t[some])[:, None] * c
         inner[first : first + BLOCK] = polynomials.value(times.ravel()).reshape(len(some), *inner.shape[1:]) - y[some, None]
@@ -181,10 +181,10 @@ def sampled(polynomials: Hermite, steps: NDArray[np.intp], stages: int) -> Array
 
 
 def hermite(order: int, t: Array, y: Array, yp: Array) -> Collocation | Hermite:
-    """Polynomials through y and y' (m+1, n) at the steps t, whose error falls with h^order at least, up to order 8.
+    """Polynomials through y and y' (m+1, n) at the steps t, whose error falls at least with h^order, up to order 8.
 
-    Up to order 4 the cubic through both ends of a step; above a polynomial through several steps, except where one of them is
-    so much shorter than the step itself that it would magnify round-off: there the cubic."""
+    Up to order 4 the cubic through both ends of a step. Above that a polynomial through several steps; but the cubic where one of
+    these steps is so much shorter than the step itself that the polynomial would magnify round-off."""
     points = min((max(order, 4) + 1) // 2, 4)
     cubics = Hermite(t, y, yp, 2)
     if points == 2:
@@ -200,7 +200,7 @@ def hermite(order: int, t: Array, y: Array, yp: Array) -> Collocation | Hermite:
 
 
 class Joined:
-    """Interpolants of consecutive parts of a run, one behind the other; at the time where two meet the later one holds."""
+    """Interpolants of consecutive parts of a run; at the time where two parts meet the later one is used."""
 
     def __init__(self, parts: list[Hermite]) -> None:
         self.parts = parts
@@ -223,7 +223,7 @@ class Joined:
 
 
 def joined(parts: list[Any]) -> Collocation | Joined:
-    """One interpolant of the parts of a run between its breaks, each with the values before the break at its end."""
+    """One interpolant for the parts of a run between its breaks; each part ends with the values before the break."""
     if not all(isinstance(part, Collocation) for part in parts):
         return Joined(parts)
     t = np.concatenate([*(part.t[:-1] for part in parts), parts[-1].t[-1:]])

@@ -1,4 +1,4 @@
-"""How far two runs are apart, and where they are compared."""
+"""The distance of two runs, and the times at which runs are compared."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy as np
 from mbdae.integrators.solution import Solution
 from mbdae.system.base import Array, System
 
-BETWEEN = 3  #: points compared inside every step of the coarser run
-MOST = 2000  #: steps that are looked into
+BETWEEN = 3  #: number of points compared inside every step of the coarser run
+MOST = 2000  #: largest number of steps inside which runs are compared
 
 Measure = Callable[[Array, Array, Array], Array]  #: times (nt,) and two trajectories (nt, n) -> their distance (nt,)
 
 
 def scaled_distance(system: System, a: Array, b: Array, without: tuple[str, ...] = ("lambda", "mu")) -> Array:
-    """(nt,) largest difference of any unknown but those of some kinds over its scale, for equations without a scene."""
+    """(nt,) largest difference of an unknown over its scale, without some kinds of unknowns; for equations without a scene."""
     keep = np.array([kind not in without for kind in system.kinds])
     unit = np.maximum(system.scale, np.max(np.abs(b), axis=0))
     return np.asarray(np.max((np.abs(a - b) / unit)[:, keep], axis=1))
 
 
 def check_times(coarse: Solution, outputs: Array | None = None) -> Array:
-    """Outputs, steps and points between steps at which runs are compared."""
+    """Times at which runs are compared: outputs, steps, and points inside steps."""
     t = coarse.t
     if len(t) > MOST:
         t = t[:: len(t) // MOST + 1]

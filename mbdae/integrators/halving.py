@@ -1,4 +1,4 @@
-"""Constant steps from an accuracy: runs with steps of two sizes measure the error, the order of the method says the next size.
+"""Constant steps from an accuracy: two runs with different steps estimate the error, the order of the method gives the next step.
 
 An estimate made inside a single step was measured not to follow the tolerance; two runs compared over their whole length do.
 """
@@ -20,18 +20,21 @@ from mbdae.integrators.second_method import SecondMethod
 from mbdae.integrators.solution import Solution
 from mbdae.system.base import Array, System
 
-#: order up to which the one a method states is believed; a higher one has to show in the differences of three runs: where a kink
-#: leaves order 2, an estimate that believes order 8 is 85 times too small
+#: largest order that an estimate assumes because the method states it; a higher order has to show in the differences of three
+#: runs: where a kink reduces the order to 2, an estimate with order 8 is 85 times too small
 BELIEVED = 2
-SAFETY = 0.5  #: part of the accuracy aimed at
+SAFETY = 0.5  #: part of the accuracy at which the next run aims
 MOST_STEPS = 300_000
-RUNS, FAILURES = 7, 7  #: runs that complete, and runs that fail, at most
-FALLS = 0.9  #: a distance from the second method that is above this part of the one before does not fall
-DIVERGED = 100.0  #: estimate of a run whose unknowns have left the motion: it says nothing of the next step
-SHORTEST = 0.01  #: next step over the present one, at least, where an estimate asks for it
-LONGEST, FIRST = 1 / 20, 0.1  #: first step: part of the run, and of the time in which an unknown changes by its scale
-SHARE = 0.5  #: part of the width of an input of time that the longest of these steps covers; shorter ones less
-NEARBY = 0.24  #: steps of two runs farther apart than this are not compared for an estimate
+RUNS, FAILURES = 7, 7  #: largest number of complete runs, and of failed runs
+#: ratio of a distance from the second method to the one before, above which shorter steps do not reduce the distance
+FALLS = 0.9
+DIVERGED = 100.0  #: estimated error above which a run has diverged, so that the next step cannot be predicted from it
+SHORTEST = 0.01  #: smallest ratio of the next step to the present one that an estimate may ask for
+#: largest first step: LONGEST of the run, and FIRST of the time in which an unknown changes by its scale
+LONGEST, FIRST = 1 / 20, 0.1
+#: part of the width of an input of time that the first, longest step may cover; shorter steps cover proportionally less
+SHARE = 0.5
+NEARBY = 0.24  #: smallest ratio of the steps of two runs that are compared for the final estimate
 COARSER = "the run attached (step = {:g} s) is complete, its error is not known"
 ALGEBRAIC = ("lambda", "mu", "z")  #: kinds of unknowns that are not compared
 
@@ -39,7 +42,7 @@ ALGEBRAIC = ("lambda", "mu", "z")  #: kinds of unknowns that are not compared
 @dataclass(frozen=True)
 class Halved:
     """The finest run, its solver with the step, the estimate of its error, the number of runs and their CPU seconds; coarser: the
-    run it was compared with, where, and the share of their difference that is its error."""
+    run it was compared with, the times of comparison, and the ratio of its error to their difference."""
 
     solution: Solution
     solver: Any
@@ -47,13 +50,13 @@ class Halved:
     runs: int
     cpu_s: float
     coarser: tuple[Solution, Array, float] | None = None
-    own: float = inf  #: the estimate by these runs alone, without a second method
+    own: float = inf  #: the estimate by runs of this method alone, without a second method
 
 
 def halved(solver: Any, system: System, asked: Asked, accuracy: float, measure: Measure,
            second: SecondMethod | None = None) -> Halved:  # fmt: skip
-    """Run with ever shorter steps until the estimate is below `accuracy`, or RUNS runs are made. second: the method that confirms
-    the estimate of a method that mbdae does not ship.
+    """Run with ever shorter steps until the estimate is below `accuracy`, or RUNS runs are made. second: the second method, which
+    has to confirm the estimates of a method that mbdae does not ship.
 
     Raises SolverError, with the last run attached, where more than MOST_STEPS steps would be needed."""
     found = _halved(solver, system, asked, accuracy, measure, second)
@@ -66,13 +69,13 @@ def halved(solver: Any, system: System, asked: Asked, accuracy: float, measure: 
 
 def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure: Measure,
             second: SecondMethod | None) -> Halved:  # fmt: skip
-    """The runs of `halved`, which stop too where shorter steps come no nearer to the second method."""
+    """The runs of `halved`; they also stop where shorter steps do not reduce the distance from the second method."""
     t_end, asked = asked.t_end, replace(asked, begin=time.perf_counter() if asked.begin is None else asked.begin)
     h, coarse, spent, runs = _first_step(system, t_end), None, 0.0, 0
     first = h
     best: Halved | None = None
     failures, confirmed = 0, inf
-    most = 1 if system.guard_jumps else solver.order  # steps across a jump of the force have order 1
+    most = 1 if system.guard_jumps else solver.order  # steps across a jump of the force are of order 1
     order, earlier = float(min(most, BELIEVED)), (inf, inf)
     while runs - failures < RUNS:
         now = solver.with_step(h)
@@ -82,7 +85,7 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
                 fine = now.run(system, replace(asked, share=SHARE * h / first))
         except WallClockError:
             raise
-        except (SolverError, LawError) as error:  # a law may refuse what a run that diverges asks of it
+        except (SolverError, LawError) as error:  # a law may raise an error at the states of a run that diverges
             failures += 1
             partial = getattr(error, "solution", None)
             spent += partial.stats.cpu_s if partial is not None else 0.0
@@ -100,7 +103,7 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
         share = _share(h / coarse[1], order)
         estimate, coarser = gap * share, (coarse[0], times, share)
         estimate = inf if fine.stats.unresolved else estimate
-        if estimate <= accuracy and h < NEARBY * coarse[1]:  # too far apart: long steps may alias a vibration
+        if estimate <= accuracy and h < NEARBY * coarse[1]:  # steps differ too much: long ones may alias a vibration
             with keeping(fine, COARSER.format(h)):
                 near = solver.with_step(2 * h).run(system, replace(asked, share=2 * SHARE * h / first))
             runs, spent = runs + 1, spent + near.stats.cpu_s
@@ -109,13 +112,13 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
         own, stalled = estimate, False
         if estimate <= accuracy and second is not None:
             estimate = second.distance(fine, estimate)
-            stalled, confirmed = estimate > FALLS * confirmed, estimate  # shorter steps lead elsewhere than the second method
+            stalled, confirmed = estimate > FALLS * confirmed, estimate  # stalled: the two methods have different limits
         best = Halved(fine, now, estimate, runs, spent, coarser, own)
         if estimate <= accuracy or stalled:
             return best
         coarse = fine, h
         wanted = max((SAFETY * accuracy / estimate) ** (1 / solver.order) if estimate < DIVERGED else 0.25, SHORTEST)
-        if fine.stats.unresolved:  # a kink or peak of a law was passed over, which the estimate does not see
+        if fine.stats.unresolved:  # a step passed over a kink or peak of a law, which the estimate does not include
             wanted = fine.stats.resolving_step / h
         if (t_end - system.t0) / (h * wanted) > MOST_STEPS:
             if own <= accuracy:
@@ -134,20 +137,20 @@ def _first_step(system: System, t_end: float) -> float:
 
 
 def _gap(coarse: Solution, fine: Solution, measure: Measure) -> tuple[float, Array]:
-    """Largest distance of two runs, and where they were compared."""
+    """Largest distance of two runs, and the times at which they were compared."""
     times = check_times(coarse)
     return float(np.max(measure(times, coarse(times), fine(times)))), times
 
 
 def _share(ratio: float, order: float) -> float:
-    """Error of the finer of two runs over their distance; ratio: of their steps."""
+    """Ratio of the error of the finer run to the distance of two runs; ratio: finer step over coarser step."""
     fallen = float(ratio**order)
     return fallen / (1 - fallen)
 
 
 def _order(believed: float, stated: float, earlier: tuple[float, float], now: tuple[float, float]) -> float:
-    """The order that two distances of neighbouring runs show, each with the step of the coarser one: no less than is believed so
-    far, no more than the method states."""
+    """The order by the distances of two pairs of neighbouring runs, each given with the step of the coarser run; at least the
+    order believed so far, at most the order that the method states."""
     (gap0, h0), (gap1, h1) = earlier, now
     shown = log(gap0 / gap1) / log(h0 / h1) if 0 < gap1 < gap0 < inf else 0.0
     return min(stated, max(believed, shown))

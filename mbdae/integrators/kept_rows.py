@@ -1,4 +1,4 @@
-"""The steps of a run as they are made, row by row: in memory, and on disk where they are many.
+"""The steps of a run, stored row by row: in memory, and on disk where they take much memory.
 
 What does not fit into `IN_MEMORY` bytes goes to a folder for temporary files (TMPDIR says where), in files 000001.npy, 000002.npy
 and so on, each of which is there as a whole or not at all. In the end they become one file that is mapped into memory, so that a
@@ -20,23 +20,23 @@ from mbdae.errors import SolverError
 from mbdae.files import replacing
 from mbdae.system.base import Array
 
-BLOCK = 1000  #: rows that are kept together
-SPARE = 8  #: part of a block by which it grows: it has room for 1 / SPARE more rows than it holds
-FEW = 8  #: rows that are kept one by one, not as a block of their own
-IN_MEMORY = 2**26  #: bytes of rows in memory, of each of the arrays of a run
+BLOCK = 1000  #: number of single rows that are collected before they become part of a block
+SPARE = 8  #: a block grows by 1 / SPARE of its rows in advance
+FEW = 8  #: largest number of rows that `extend` adds one by one instead of to a block
+IN_MEMORY = 2**26  #: bytes of memory that each array of a run (t, y, ...) may take before its rows are written to disk
 
 
 class Block:
-    """Rows (count, ...) in one array that grows in place: many small ones leave as much memory behind as they hold when they are
-    put together."""
+    """Rows (count, ...) in one array that grows in place: the memory of many small arrays would not be reused after they are
+    joined."""
 
     def __init__(self, row: Array) -> None:
-        """row: an array like those that are kept."""
+        """row: an array with the shape and type of all rows."""
         self._own, self.count, self._given = np.empty((BLOCK, *row.shape), row.dtype), 0, False
 
     @classmethod
     def of(cls, rows: Array) -> Block:
-        """A block that begins with rows (m, ...) which others read."""
+        """A block that begins with rows (m, ...) which other objects read too."""
         found = cls.__new__(cls)
         found._own, found.count, found._given = rows, len(rows), True
         return found
@@ -50,13 +50,13 @@ class Block:
         self.count = count
 
     def _resize(self, count: int) -> None:
-        """Room for so many rows, in place where nobody else reads them."""
+        """Make room for `count` rows, in place unless other objects read the array."""
         shape = count, *self._own.shape[1:]
         if not self._given:
             try:
                 self._own.resize(shape)
                 return
-            except ValueError:  # a debugger, say, has a reference
+            except ValueError:  # another object, such as a debugger, refers to the array
                 pass
         own, self._given = np.empty(shape, self._own.dtype), False
         own[: self.count] = self.rows
@@ -64,7 +64,7 @@ class Block:
 
     @property
     def rows(self) -> Array:
-        """The rows (count, ...), to be read before more are added."""
+        """The rows (count, ...), to be used before more rows are added."""
         return self._own[: self.count]
 
     @property
@@ -73,7 +73,7 @@ class Block:
         return self.rows.nbytes
 
     def given(self) -> Array:
-        """The rows (count, ...) for others to keep: this block changes none of them any more."""
+        """The rows (count, ...) for other objects to keep: later changes of this block go to a copy."""
         if not self._given:
             self._resize(self.count)
         self._given = True
@@ -87,14 +87,14 @@ class Block:
 
 
 class Rows:
-    """Arrays of one shape one behind the other, in a block: a small array of its own takes many times the memory of its numbers.
+    """Arrays of one shape, stored in a block, because many small arrays take several times the memory of their numbers.
 
-    Rows that are no arrays (None: a step without a polynomial of its own) stay in a list."""
+    Rows that are not arrays (None: a step without a polynomial of its own) stay in a list."""
 
     def __init__(self, name: str, *first: Array) -> None:
         self.name = name
         self._blocks: list[Any] = []  # blocks, or lists where a row is no array
-        self.tail: list[Any] = list(first)  #: rows in no block yet, the last of all among them
+        self.tail: list[Any] = list(first)  #: rows that are not in a block yet; always includes the last row
         self._chunks: list[tuple[Path, tuple[int, ...]]] = []
         self._folder: Path | None = None
         self._remove: Callable[[], Any] = _nothing
@@ -117,7 +117,7 @@ class Rows:
         self.tail = [rows[-1]]
 
     def _close(self, rows: Sequence[Any]) -> None:
-        """Keep rows as a block, and write all blocks to disk where they are too large together."""
+        """Move rows to a block, and write the block to disk where it is larger than `IN_MEMORY`."""
         if not len(rows):
             return
         if any(not isinstance(row, np.ndarray) for row in rows):
@@ -139,12 +139,12 @@ class Rows:
         self._chunks.append((path, rows.shape))
 
     def array(self, count: int) -> Any:
-        """The first `count` rows (count, ...), a list of them where some are no arrays."""
+        """The first `count` rows as an array (count, ...), or as a list where some are not arrays."""
         if not self._of_arrays:
             return [row for block in (*self._blocks, self.tail) for row in block][:count]
         self._close(self.tail)
         found = self._joined() if self._chunks else self._blocks[0].given()
-        self._blocks, self.tail = [Block.of(found[:-1])], [found[-1]]  # not kept twice
+        self._blocks, self.tail = [Block.of(found[:-1])], [found[-1]]  # views of the result, so that rows are not stored twice
         return found[:count]
 
     def since(self, first: int) -> list[Any]:
@@ -185,7 +185,7 @@ class Rows:
             for part in parts:
                 part.tofile(file)
         found = np.load(whole, mmap_mode="c")
-        self._remove()  # what is mapped stays
+        self._remove()  # the mapped file remains readable
         self._chunks, self._folder = [], None
         return np.asarray(found)
 

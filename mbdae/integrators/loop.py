@@ -1,4 +1,4 @@
-"""The services every step loop needs: stored steps, limits of time and work, progress, and the solution of an interrupted run."""
+"""The loop around the steps of a method: stored steps, limits of time and work, progress, solution of an interrupted run."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from mbdae.system.base import Array, System
 from mbdae.threads import one_thread
 
 PROGRESS_PERIOD = 0.1
-FIRST_LOOK = 16  #: steps after which it is asked for the first time whether a run may stop
+FIRST_LOOK = 16  #: number of steps after which it is checked for the first time whether a run may stop
 
 
 class StepLoop:
-    """Collects the accepted steps of one run and watches over it.
+    """Collects the accepted steps of one run and checks its limits.
 
-    t_end: where the method stops now, a break of the inputs or the end of the run; run_end: the end of the run, s.
+    t_end: end of the present part (a break of the inputs, or the end of the run); run_end: the end of the run, s.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class StepLoop:
         record: Record | None = None,
     ) -> None:
         self.record = record
-        self._planned, self._before = False, (0.0, 0.0)  # s of CPU and wall of the run in processes before this one
+        self._planned, self._before = False, (0.0, 0.0)  # CPU and wall time (s) of this run in earlier processes
         self.system, self.solver, self.t_end, self.run_end = system, solver, t_end, t_end
         self.stats = Stats()
         self._output_times = output_times
@@ -58,12 +58,14 @@ class StepLoop:
         self._y = Rows("y", np.array(system.y0, dtype=float))
         self._yp = Rows("yp", np.array(system.yp0, dtype=float))
         self._pieces = Rows("inner")
-        self._renewed: System | None = None  # the system to continue with
+        self._renewed: System | None = None  # the system to continue with, where it was replaced
         self._systems: list[tuple[float, System]] = [(float(system.t0), system)]
         self._restarted = 0  # number of the step at which the run was restarted last
-        self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the run was restarted there
-        self.switched: dict[int, tuple[int, float]] = {}  #: see `watched.chattering`
-        self._anew: dict[int, tuple[Array, Array]] = {}  # the same after it, of restarts in an earlier process
+        self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the restart there
+        #: kinks whose arguments change their sign again and again, see `watched.chattering`
+        self.switched: dict[int, tuple[int, float]] = {}
+        # number of a step -> y and yp after the restart there, of restarts in an earlier process
+        self._anew: dict[int, tuple[Array, Array]] = {}
 
     @property
     def t(self) -> float:
@@ -77,7 +79,7 @@ class StepLoop:
 
     @property
     def longest(self) -> float | None:
-        """Longest step since the last restart, s; None where there was none."""
+        """Longest step since the last restart, s; None where no step was made since."""
         steps = np.diff(self._t[self._restarted :])
         return float(steps.max()) if len(steps) else None
 
@@ -101,8 +103,8 @@ class StepLoop:
             error.add_note(f"raised in {self.solver.label} after t = {self.t:.9g}, {self.stats.steps} steps")
 
     def _interrupted(self, error: KeyboardInterrupt | SystemExit) -> None:
-        """Give what ends the process (Ctrl-C, or what a handler of the user's raises) the solution so far."""
-        whole = len(self._pieces) + 1  # a step that was only half stored is left out
+        """Attach the solution so far to an exception that ends the process (Ctrl-C, or one raised by a user's handler)."""
+        whole = len(self._pieces) + 1  # without a step that was stored only in part
         del self._t[whole:]
         where = f"{self.solver.label} was interrupted at t = {self.t:.9g} of {self.run_end:.9g}"
         interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", self.solution())
@@ -112,7 +114,7 @@ class StepLoop:
         self.stats.cpu_s = time.process_time() - self._cpu + self._before[0]
 
     def accept(self, t: float, y: Array, yp: Array, piece: Any = None) -> bool:
-        """Keep a step (arrays are kept, not copied); False when the loop has to end."""
+        """Store a step (arrays are not copied); False where the loop has to end."""
         h = t - self._t[-1]
         stats = self.stats
         if t < self.t_end or stats.steps == 0:
@@ -129,8 +131,8 @@ class StepLoop:
         return t < self.t_end and self._renewed is None and not self._may_stop() and not self._begins_anew()
 
     def accept_many(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> bool:
-        """Keep steps t (m,), y and yp (m, n) of a system that does not look at them one by one (`System.looks_at_steps`); arrays
-        are kept, not copied. False when the loop has to end."""
+        """Store steps t (m,), y and yp (m, n) of a system that does not examine single steps (`System.looks_at_steps`); arrays
+        are not copied. False where the loop has to end."""
         stats, widths = self.stats, np.diff(t, prepend=self.t)
         counted = widths if stats.steps == 0 and len(t) == 1 else widths[t < self.t_end]
         if len(counted):
@@ -145,7 +147,7 @@ class StepLoop:
         return self.t < self.t_end and not self._may_stop() and not self._begins_anew()
 
     def _may_stop(self) -> bool:
-        """Whether the run may end before its end; asked each time when it has grown by a third."""
+        """Whether the run may end early; checked whenever the number of steps has grown by a third."""
         if self._stop is not None and not self.stopped and len(self._t) >= self._next_look:
             self._next_look = len(self._t) * 4 // 3
             self.stopped = self._stop(self.solution())
@@ -153,11 +155,11 @@ class StepLoop:
 
     @property
     def evaluations_left(self) -> float:
-        """Evaluations until the budget is used up."""
+        """Number of evaluations until the limit is reached."""
         return self._max_residuals - self.stats.residuals
 
     def renew(self) -> bool:
-        """Continue with other equations where constraints are about to depend on each other; returns whether that is so."""
+        """Continue with other equations where constraints are about to depend on each other; returns whether they changed."""
         if self._renewed is None and len(self._t) == 1:
             self._renewed = self.system.renewed(self.t, self.state[0])
         if self._renewed is None and self._planned:
@@ -174,8 +176,8 @@ class StepLoop:
         return True
 
     def consistent(self, y: Array) -> tuple[Array, Array]:
-        """y and yp (n,) to restart with from y at a break. Where an earlier process did so it is what that one found: the last
-        digit of rates that are iterated depends on the evaluations before."""
+        """y and yp (n,) to restart with from y at a break. After a restart in an earlier process its values are used, because the
+        last digit of iterated rates depends on the evaluations before."""
         return self._anew[self.count] if self.count in self._anew else self.system.restarted(self.t, y)
 
     def restart(self, y: Array, yp: Array) -> None:
@@ -186,71 +188,72 @@ class StepLoop:
         self._y.tail[-1], self._yp.tail[-1] = y, yp
 
     def guard(self) -> None:
-        """Watch the wall clock and the budget of evaluations, report progress."""
+        """Check the wall time and the number of evaluations, and report progress."""
         now = time.perf_counter()
         if now - (self._wall if self._begin is None else self._begin) > self._max_wall:
             other = getattr(self.solver, "alternative", "")
             advice = f"raise max_wall, loosen the accuracy, or look at what makes the step small{other}"
             raise self.failure(f"max_wall = {self._max_wall:g} s of wall time is used up: {advice}", "", WallClockError)
         if self.stats.residuals > self._max_residuals:
-            raise self.failure(f"the budget of {self._max_residuals:.0f} residual evaluations is used up: the step crawls", "")
+            raise self.failure(f"the budget of {self._max_residuals:.0f} residual evaluations is used up: the steps are "
+                               f"too small to reach the end; loosen the accuracy, or raise max_residuals", "")  # fmt: skip
         if self._progress is not None and now - self._wall >= self._next_progress:
             self._next_progress = now - self._wall + PROGRESS_PERIOD
             self._clock()
             self._progress(self.t, self.run_end, self.stats)
 
     def failure(self, message: str, culprit: str, kind: type[SolverError] = SolverError) -> SolverError:
-        """A SolverError that carries the time, the culprit and the solution so far."""
+        """A SolverError with the time, the culprit (name of an unknown or equation) and the solution so far."""
         t = self.t
         self._clock()
         resists = f" (resisting most: {culprit})" if culprit else ""
         text = f"{self.solver.label} stopped at t = {t:.9g} of {self.run_end:.9g}: {message}{resists}"
         return kind(text, t, culprit, self.solution())
 
-    # -- runs that are kept on disk
+    # -- runs that are stored on disk
 
     @property
     def count(self) -> int:
-        """Steps accepted."""
+        """Number of accepted steps."""
         return len(self._pieces)
 
     @property
     def systems(self) -> list[System]:
-        """The equations from which the run began, and those it was renewed to."""
+        """The equations at the beginning of the run, and those that replaced them, in order."""
         return [system for _, system in self._systems]
 
     @property
     def first_system(self) -> System:
-        """The equations from which the run began."""
+        """The equations at the beginning of the run."""
         return self._systems[0][1]
 
     @property
     def room(self) -> int:
-        """Steps until the method begins anew; many where it does not."""
+        """Number of steps until the method is restarted; practically unlimited where it is not."""
         return sys.maxsize if self.record is None or not self.record.restarts else max(self.record.room - self.count, 1)
 
     def goes_on(self, method: Any) -> None:
-        """To be called by a method with `keep` before its first step: bring it to where it was when it was kept."""
+        """To be called before the first step by a method that calls `keep`: restores its state where the run was stored."""
         if self.record is not None:
             self.record.goes_on(self, method)
 
     def keep(self, method: Any) -> None:
-        """To be called by a method between its steps: keep it where it is time to. The attributes of the object say where it is
-        (`checkpoints.snapshot`)."""
+        """To be called by a method between its steps: stores the run where a checkpoint is due. The attributes of the object are
+        its state (`checkpoints.snapshot`)."""
         if self.record is not None:
             self.record.keep(self, method)
 
     def made_before(self) -> bool:
-        """Whether the stretch that is about to begin was made by an earlier process; its steps are here then."""
+        """Whether an earlier process made the stretch that is about to begin; its steps have been appended then."""
         return self.record is not None and self.record.made_before(self)
 
     def ended(self) -> None:
-        """A call of `integrate` ended."""
+        """To be called when a call of `integrate` has ended."""
         if self.record is not None:
             self.record.ended(self, self._renewed is not None, self._planned)
 
     def end_again(self, renewed: bool, planned: bool) -> None:
-        """End a stretch that was made before as it ended then."""
+        """End a stretch of an earlier process in the way it ended then."""
         self._planned = planned
         if renewed:
             self.system.forget()
@@ -261,19 +264,18 @@ class StepLoop:
         return self._planned
 
     def counted(self) -> Stats:
-        """What was counted until now."""
+        """Counts of this run until now."""
         self._clock()
         return self.stats
 
     def go_on_counting(self, counts: dict[str, Any]) -> None:
-        """Count on from what was counted before."""
+        """Add the counts of an earlier process."""
         for field in fields(Stats):
             setattr(self.stats, field.name, counts[field.name])
         self._before = self.stats.cpu_s, self.stats.wall_s
 
     def steps_between(self, first: int, last: int) -> dict[str, Any]:
-        """Steps with these numbers, the last one excluded, with the values before the run was restarted there, and those after it
-        where such a step began."""
+        """Steps with numbers from `first` to `last` - 1, with the values before and after restarts of the run there."""
         y, yp = (np.array(rows.since(first + 1)[: last - first]) for rows in (self._y, self._yp))
         for number, (own_y, own_yp) in self._breaks.items():
             if first < number <= last:
@@ -283,13 +285,14 @@ class StepLoop:
         pieces = self._pieces.since(first)[: last - first]
         have = np.array([piece is not None for piece in pieces], dtype=bool)
         if not all(isinstance(piece, np.ndarray) for piece in pieces if piece is not None):
-            raise OptionError(f"checkpoint: what {self.solver.label} keeps of a step is no array, so its runs cannot be kept")
+            raise OptionError(f"checkpoint: {self.solver.label} returns step data that are not arrays, which "
+                              f"cannot be stored: run it without checkpoint=")
         inner = np.array([piece for piece in pieces if piece is not None])
         return {"t": np.array(self._t[first + 1 : last + 1]), "y": y, "yp": yp, "have": have, "inner": inner,
                 "anew": anew, "after": after}  # fmt: skip
 
     def give_back(self, parts: Sequence[dict[str, Any] | None], count: int) -> None:
-        """Append steps that were made before, up to so many in all."""
+        """Append steps of an earlier process, up to `count` steps in all."""
         begin = 0
         for part in parts:
             if part is None:
@@ -320,7 +323,7 @@ class StepLoop:
         return Solution(t, y, yp, outputs, self.stats, self.solver, names, complete, interpolant, tuple(self._systems))
 
     def _interpolant(self, t: Array, y: Array, yp: Array, pieces: Any) -> Interpolant:
-        """The polynomials of all steps; those before a break end with the values from before it."""
+        """The polynomials of all steps; a step that ends at a break has the values before the break at its end."""
         ends = [*self._breaks, len(t) - 1]
         parts, first = [], 0
         for last in ends:

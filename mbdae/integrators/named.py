@@ -1,4 +1,4 @@
-"""Solvers by object, class or name. The names follow from the classes."""
+"""Solvers by object, class or name; the names are derived from the classes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ REMEDY = "give a solver such as mb.IDA(), mb.RadauIIA(3) or 'radau3'"
 
 @cache
 def solver_words() -> dict[str, Solver]:
-    """Word of every solver, as a command line takes it -> the solver with its defaults: "ida", "radau", "radau2", "cvodebdf"."""
+    """All solvers with default options by the word that a command line takes: "ida", "radau", "radau2", "cvodebdf"."""
     found: dict[str, Solver] = {}
     for made in SOLVERS:
         word = made.word or plain(made.__name__)
@@ -31,7 +31,7 @@ def solver_words() -> dict[str, Solver]:
 
 @cache
 def _full_names() -> dict[str, Solver]:
-    """The same by the names of the classes: "radauiia3", "generalizedalpha"."""
+    """All solvers by their labels without punctuation, in small letters: "radauiia3", "generalizedalpha"."""
     by_label = {plain(variant.label): variant for made in SOLVERS for variant in made.variants()}
     return {plain(made.__name__): made() for made in SOLVERS} | by_label
 

@@ -1,4 +1,4 @@
-"""One-step methods of a user's own for ordinary differential equations."""
+"""User-defined one-step methods for ordinary differential equations."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mbdae.system.base import Array, System
 from mbdae.ties import largest
 from mbdae.values import option, whole
 
-GROWN = 1e12  #: an unknown larger than this many times its scale has left the motion
+GROWN = 1e12  #: ratio of an unknown to its scale above which the run has diverged
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class OneStep(Stepped):
     order: ClassVar[int] = 0
     highest_index: ClassVar[int] = 0
     restarts: ClassVar[bool] = False
-    #: raise it, with the reason, where a step cannot be solved: the run ends with a SolverError that tells where
+    #: raise it with the reason where a step cannot be solved; the run then ends with a SolverError that names the time
     Failed: ClassVar[type[StepFailedError]] = StepFailedError
 
     def __post_init__(self) -> None:
@@ -64,11 +64,11 @@ class OneStep(Stepped):
         """y (n,) at t + h from y (n,) at t, which may not be changed. f(t, y) returns y' (n,), f.jacobian(t, y) df/dy (n, n)."""
 
     def check(self, system: System) -> None:
-        """Refuse a system without a right-hand side."""
+        """Raise OptionError for a system without a right-hand side."""
         check_rates(self.label, system)
 
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
-        """Equal steps."""
+        """Integrate with equal steps."""
         assert self.step is not None
         span, step = loop.t_end - float(system.t0), RightHandSide(self, system, loop.stats)
         constant_steps(loop, span / max(1, ceil(span / self.step - 1e-6)), step, step.solve)
@@ -79,7 +79,7 @@ class OneStep(Stepped):
 
 
 class RightHandSide:
-    """f of y' = f(t, y) as `advance` calls it, with the state (t, y, y') of the run and the end of the step just made."""
+    """f of y' = f(t, y) as passed to `advance`, with the state (t, y, y') of the run and the end of the step just made."""
 
     def __init__(self, solver: OneStep, system: System, stats: Stats) -> None:
         self._solver, self._system, self._stats = solver, system, stats
@@ -87,7 +87,7 @@ class RightHandSide:
         self.y.setflags(write=False)
 
     def __call__(self, t: float, y: Array) -> Array:
-        """y' (n,); at the start of the step it is known already."""
+        """y' (n,); at the start of the step the stored value is returned."""
         if y is self.y and t == self.t:
             return self.yp.copy()
         if np.shape(y) != self.y.shape or np.ndim(t) or np.iscomplexobj(y):
@@ -106,7 +106,7 @@ class RightHandSide:
         return rate_jacobian(self._system, t, y, self(t, y))
 
     def _not_finite(self, t: float, y: Array, rate: Array) -> StepFailedError:
-        """The unknown that has grown beyond all bounds, else the equation that is not finite."""
+        """The failure that names an unknown which has diverged, or else the equation that is not finite."""
         system, rows = self._system, np.empty(self._system.n)
         size = np.abs(y) / (np.asarray(system.scale) + np.abs(system.y0))
         if not np.max(size) < GROWN:
@@ -117,8 +117,8 @@ class RightHandSide:
         return StepFailedError(f"equation {equation} is not finite near t = {t:.9g}", equation)
 
     def solve(self, h: float) -> None:
-        """Make a step."""
-        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is named
+        """Make a step of h (s)."""
+        with np.errstate(over="ignore", invalid="ignore"):  # values that overflow are reported below
             made = self._solver.advance(self, self.t, self.y, h)
             if made is None or np.shape(made) != self.y.shape or np.iscomplexobj(made):
                 raise OptionError(f"{self._solver.label}.advance returned {_kind(made)}: return y at t + h, an array of numbers "
@@ -136,7 +136,7 @@ class RightHandSide:
         return self._end
 
     def inside(self, part: Array) -> Array:
-        """y (k, n) on the cubic of the step just made, after parts (k,) of it."""
+        """y (k, n) on the cubic polynomial of the step just made, at parts (k,) of the step."""
         return cubic_of_step(self._h, (self.y, self.yp), (self._end, self._rate))(part)
 
     def advance(self, h: float, t1: float) -> tuple[float, Array, Array]:
@@ -146,6 +146,6 @@ class RightHandSide:
 
 
 def _kind(value: Any) -> str:
-    """What a value is, for messages."""
+    """Type and shape of a value, for messages."""
     kind = "complex numbers" if np.iscomplexobj(value) else "an array"
     return "None" if value is None else f"{kind} of shape {np.shape(value)}"

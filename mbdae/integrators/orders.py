@@ -1,4 +1,4 @@
-"""The order of a method, measured: how its error falls with its constant step."""
+"""Measurement of the order of a method: how its error falls with its constant step."""
 
 from __future__ import annotations
 
@@ -23,12 +23,14 @@ from mbdae.values import function, option, optional, sequence, shown, whole
 
 STEPS = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 PARTS = {"q": "positions", "v": "velocities", "s": "internal states", "y": "unknowns", "lambda": "multipliers"}
-BEGIN = 0.25  #: part of the run that is left out, because multipliers may have a lower order at first
-#: relative errors that show an order: at least this many times the error of the reference, and small
+BEGIN = 0.25  #: part of the run in which errors are not counted, because multipliers may have a lower order there
+#: errors used for orders: ABOVE times the error of the reference or more, and SMALL of the largest value or less
 ABOVE, SMALL = 30.0, 0.1
-ROUND_OFF = 1e-14  #: of values that were evaluated exactly
-ROUGH = 1e-7  #: errors below that rise with a shorter step are round-off, and so are those of all shorter ones
-WINDOWS = 3  #: finest windows of three runs whose slopes have to agree to AGREE, or a part of their size
+ROUND_OFF = 1e-14  #: relative error of exact values
+#: errors below this that rise with a shorter step are round-off; they and those of all shorter steps are not used
+ROUGH = 1e-7
+#: number of windows of three consecutive runs, the finest ones, whose slopes have to agree to AGREE, or to PART of their size
+WINDOWS = 3
 AGREE, PART = 0.3, 0.1
 
 
@@ -36,8 +38,8 @@ AGREE, PART = 0.3, 0.1
 class Orders(ListsAttributes):
     """Observed orders of a method; print it for a table.
 
-    orders  of every part of the unknowns ("positions", "velocities", "multipliers" ...): a number, or None where none is to be
-            seen, with the reason in `why`
+    orders  of every part of the unknowns ("positions", "velocities", "multipliers" ...): a number, or None where none can be
+            determined, with the reason in `why`
     steps   (k,) numbers of equal steps; errors (k,) of every part: the largest at the steps in the last three quarters of the
             run, over the largest value there; nan where a run failed
     """
@@ -59,7 +61,7 @@ class Orders(ListsAttributes):
 
 
 def _slopes(steps: tuple[int, ...], errors: Array) -> Array:
-    """Observed order (k,) from the run before to every run; nan for the first."""
+    """Observed order (k,) of every run, from the coarser run before it; nan for the first."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.concatenate([[np.nan], -np.diff(np.log(errors)) / np.diff(np.log(steps))])
 
@@ -84,7 +86,7 @@ def measure_order(solver: Any, what: Any, t_end: float, form: Any = None, steps:
         raise OptionError(f"steps = {shown(steps)}: give three or more rising numbers of steps")
     optional("exact", exact, function, "give a function of times (k,), or None", takes="t")
     if form is not None and isinstance(what, System):
-        raise OptionError(f"form = {shown(form)}: equations that are given have theirs already, only scenes take a form")
+        raise OptionError(f"form = {shown(form)}: only scenes take a form; omit it for other equations")
     system: System
     full: System
     if isinstance(what, SceneData):
@@ -104,7 +106,7 @@ def measure_order(solver: Any, what: Any, t_end: float, form: Any = None, steps:
                   {part: text for part, (_, text) in found.items() if text})  # fmt: skip
 
 
-Reference = Callable[[Array], dict[str, Array]]  #: times (k,) -> values (k, m) of every part
+Reference = Callable[[Array], dict[str, Array]]  #: function of times (k,) -> values (k, m) of every part of the unknowns
 
 
 def _with_steps(solver: Solver, span: float, count: int) -> Solver:
@@ -112,7 +114,7 @@ def _with_steps(solver: Solver, span: float, count: int) -> Solver:
 
 
 def _parts(system: System, y: Array) -> dict[str, Array]:
-    """Values (k, m) of every part of the unknowns that y (k, any number of the first ones) holds."""
+    """Values (k, m) of every part of the unknowns; y (k, number of leading unknowns)."""
     kinds = np.array(system.kinds[: y.shape[1]])
     return {part: y[:, kinds == kind] for kind, part in PARTS.items() if (kinds == kind).any()}
 
@@ -129,8 +131,8 @@ def _closed_form(exact: Callable[[Array], Array], system: System) -> tuple[Refer
 
 
 def _reference(solver: Solver, system: System, span: float, counts: tuple[int, ...]) -> tuple[Reference, dict[str, float]]:
-    """Values of one variant of Radau IIA, and how far another is from them."""
-    many = min(lcm(*counts), 4 * counts[-1])  # all steps are among its own, or its polynomials serve
+    """Values by Radau IIA with many steps, and the difference from Radau IIA with another number of stages."""
+    many = min(lcm(*counts), 4 * counts[-1])  # multiples of all step numbers where possible, else values are interpolated
     stages = (3, 5) if solver.label == "RadauIIA(5)" else (5, 3)
     runs = [_with_steps(RadauIIA(s), span, many).solve(system, system.t0 + span) for s in stages]
     t = runs[0].t[runs[0].t >= system.t0 + BEGIN * span]
@@ -139,7 +141,7 @@ def _reference(solver: Solver, system: System, span: float, counts: tuple[int, .
 
 
 def _distances(a: dict[str, Array], b: dict[str, Array]) -> dict[str, float]:
-    """Largest difference of every part that both have, over its largest value."""
+    """Largest difference of every part that a and b have, over the largest value of the part."""
     found = {}
     for part in a.keys() & b.keys():
         x, y = a[part][:, : b[part].shape[1]], b[part]
@@ -148,7 +150,7 @@ def _distances(a: dict[str, Array], b: dict[str, Array]) -> dict[str, float]:
 
 
 def _errors(solver: Solver, system: System, span: float, reference: Reference) -> dict[str, float]:
-    """Error of every part with one step; nothing where the run fails."""
+    """Error of every part in a run of the solver; empty where the run fails."""
     try:
         run = solver.solve(system, system.t0 + span)
     except SolverError:
@@ -158,7 +160,7 @@ def _errors(solver: Solver, system: System, span: float, reference: Reference) -
 
 
 def _order(slopes: Array, errors: Array, floor: float) -> tuple[float | None, str]:
-    """The order that the finest runs show, or None and why there is none."""
+    """The order by the finest runs, or None and the reason."""
     if np.isnan(errors).all():
         return None, "every run failed, or the equations have no such unknowns in this form"
     if ABOVE * floor >= SMALL:

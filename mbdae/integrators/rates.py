@@ -11,7 +11,7 @@ from mbdae.system.base import Array, System
 
 
 def check_rates(label: str, system: System) -> None:
-    """Refuse a system without a right-hand side; label: of the solver."""
+    """Raise OptionError for a system without a right-hand side; label: of the solver."""
     if system.rhs is not None:
         return
     needs = f"{label} needs y' = f(t, y), but this system"
@@ -24,7 +24,7 @@ def check_rates(label: str, system: System) -> None:
 
 
 def rate_jacobian(system: System, t: float, y: Array, yp: Array) -> Array:
-    """df/dy (n, n) of y' = f(t, y) at yp = f(t, y): -(dF/dy')^-1 dF/dy of F(t, y, y') = 0, unless the system knows it."""
+    """df/dy (n, n) of y' = f(t, y) at yp = f(t, y), from the system, or as -(dF/dy')^-1 dF/dy from F(t, y, y') = 0."""
     if system.rate_jacobian is not None:
         return np.asarray(system.rate_jacobian(t, y))
     fy, fyp = system.jacobian_parts(t, y, yp)

@@ -1,5 +1,5 @@
-"""A second method beside one that mbdae does not ship: runs of a method compared with each other alone cannot show that it solves
-other equations than these, or has another order than it states."""
+"""A second method to check one that mbdae does not ship: comparing runs of one method with each other cannot show that it solves
+wrong equations, or has another order than it states."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.system.base import System
 
-TIGHTER = 10.0  #: accuracy asked over the accuracy of the first run of Radau IIA
-AGAIN = 30.0  #: tolerance of a run of Radau IIA over that of the next one
-AGREE = 3.0  #: accuracy asked over the distance of two runs of Radau IIA, from which these confirm each other
-MOST = 4  #: runs of Radau IIA
-CLEARLY = 2.0  #: distance over the estimate from which the estimate is said to be wrong
+TIGHTER = 10.0  #: accuracy asked for, over the accuracy of the first run of Radau IIA
+AGAIN = 30.0  #: tolerance of a run of Radau IIA over that of the next run
+#: smallest ratio of the accuracy asked for to the distance of two runs of Radau IIA at which these confirm each other
+AGREE = 3.0
+MOST = 4  #: largest number of runs of Radau IIA
+CLEARLY = 2.0  #: ratio of the distance to the estimate above which a warning says that the estimate is wrong
 
 
 class SecondMethod:
-    """A run of Radau IIA, made when it is first needed, and the distance of other runs from it; runs, cpu_s: what it cost."""
+    """A run of Radau IIA, made when it is first needed, and the distance of other runs from it; runs, cpu_s (s): its cost."""
 
     def __init__(self, solver: Solver, system: System, asked: Asked, accuracy: float, measure: Measure) -> None:
         self._solver, self._system, self._measure = solver, system, measure
@@ -37,7 +38,7 @@ class SecondMethod:
         self.runs, self.cpu_s, self._failed = 0, 0.0, ""
 
     def distance(self, run: Solution, estimate: float) -> float:
-        """Largest distance of a run from the second method, or its own estimate where that is larger or the method fails."""
+        """Largest distance of a run from the second method; its own estimate where that is larger, or the second method fails."""
         if not self.runs:
             self._solve()
         if self._run is None:
@@ -49,7 +50,7 @@ class SecondMethod:
         return float(np.max(self._measure(times, a(times), b(times))))
 
     def tell(self, estimate: float, distance: float, accuracy: float) -> None:
-        """Warn of an estimate that the second method contradicts, and of one that it could not confirm."""
+        """Warn where the second method contradicts an estimate, and where it failed to confirm it."""
         name = self._solver.label
         if self._failed:
             warnings.warn(f"{name}: its runs agree with each other, but no second method could confirm them ({self._failed})",
@@ -60,7 +61,7 @@ class SecondMethod:
                           f"coefficients", AccuracyWarning, stacklevel=2)  # fmt: skip
 
     def _solve(self) -> None:
-        """Runs at smaller and smaller tolerances, until two of them agree."""
+        """Make runs with smaller and smaller tolerances until two of them agree."""
         known, apart, rtol = None, inf, self._rtol
         while self.runs < MOST and apart > self._apart and (known is None or rtol >= self._tightest):
             self.runs += 1
@@ -83,5 +84,5 @@ class SecondMethod:
 
 
 def second_method(solver: Solver, system: System, asked: Asked, accuracy: float, measure: Measure) -> SecondMethod | None:
-    """The second method beside a method of a user's own; None beside those that mbdae ships, whose orders it measures."""
+    """The second method for a user-defined method; None for methods that mbdae ships, whose orders are measured."""
     return None if solver.shipped else SecondMethod(solver, system, asked, accuracy, measure)

@@ -1,4 +1,4 @@
-"""What an integration returns."""
+"""The result of an integration."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from mbdae.values import array, option, shown
 class Stats:
     """Work done by one integration.
 
-    IDA and CVODE do not report their failed Newton iterations apart: they are among their `rejected` steps. CVODE factors
-    a kept Jacobian anew when its step changes and does not report that: its `factorisations` count new Jacobians only.
+    IDA and CVODE count failed Newton iterations among their `rejected` steps. CVODE factorises
+    an old Jacobian again when its step changes and does not report that: its `factorisations` count new Jacobians only.
     Evaluations of a right-hand side count as `residuals`.
     h_min and h_max in s, over accepted steps, the last one (cut to the end) left out.
-    shortened: steps of a constant-step run that are shorter, because an input of time breaks or varies faster there.
+    shortened: shorter steps of a run with constant steps, where an input of time breaks or varies faster there.
     Where a system has contacts: contacts made, as seen at accepted steps; dips: steps repeated because they may hide a
     contact; missed_dips: contacts that came and went inside an accepted step; shortest_contact: fewest accepted steps that
     ended inside one complete contact (0: there was none).
@@ -51,7 +51,7 @@ class Stats:
 
 
 class Interpolant(Protocol):
-    """Values between accepted steps."""
+    """Dense output: values between accepted steps."""
 
     def value(self, t: Array) -> Array:
         """y (k, n) at times (k,)."""
@@ -61,7 +61,7 @@ class Interpolant(Protocol):
 
 
 class Method(Protocol):
-    """What a run needs to know of its solver."""
+    """The members of a solver that the loop of a run needs."""
 
     @property
     def label(self) -> str:
@@ -101,7 +101,7 @@ class Solution(ListsAttributes):
     systems: tuple[tuple[float, System], ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy, or what is read from a pickle, has the steps without the equations."""
+        """State of a copy or pickle: all but the equations."""
         return vars(self) | {"systems": ()}
 
     def __call__(self, t: float | Sequence[float] | Array) -> Array:
@@ -113,7 +113,7 @@ class Solution(ListsAttributes):
         return self._evaluate(t, self.interpolant.derivative)
 
     def times(self, t: Any) -> Array:
-        """Times as an array; one outside the solution is refused."""
+        """Times as an array; OptionError for a time outside the solution."""
         times: Array = option("t", t, array, "give a time in s, or an array of them")
         first, last = self.t[0], self.t[-1]
         slack = 4 * np.finfo(float).eps * max(abs(first), abs(last))
@@ -131,8 +131,8 @@ class Solution(ListsAttributes):
 
 
 def systems_at(run: Solution, t: Array, otherwise: System) -> list[System]:
-    """The system (k,) that was integrated at times t (k,) of a run, at an instant of renewal the new one; otherwise: where all
-    steps are of one system."""
+    """The systems (k,) that were integrated at times t (k,) of a run; at the time of a change the later one. otherwise: the
+    system of all steps where the run has no list of systems."""
     begins = np.array([begin for begin, _ in run.systems])
     if len(begins) < 2:
         return [otherwise] * len(t)

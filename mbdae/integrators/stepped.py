@@ -1,4 +1,4 @@
-"""Methods whose step is constant: given, or found from an accuracy by runs with steps of two sizes."""
+"""Methods with constant steps: given, or found from an accuracy by runs with two different steps."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Stepped(Solver):
 
     @property
     def by_steps(self) -> bool:
-        """Steered by its step."""
+        """True: an accuracy is reached by shorter steps."""
         return True
 
     def _set_step(self) -> None:
@@ -40,7 +40,7 @@ class Stepped(Solver):
             raise OptionError(f"step = {self.step:g} and accuracy = {self.accuracy:g}: give one of the two")
 
     def at_accuracy(self, accuracy: float, form_label: str) -> Self:
-        """This method with steps shortened until its error is below `accuracy`; itself where the step is given."""
+        """This method with steps shortened until its error is below `accuracy`; unchanged where the step is given."""
         if self.fixed:
             return self
         option("form_label", form_label, text, "give the label of a form, such as 'GGL'")
@@ -51,7 +51,7 @@ class Stepped(Solver):
         return self._with(step=step, accuracy=None)
 
     def _with(self, **options: Any) -> Self:
-        """A copy with other values of some options; what a constructor of a user's own has set stays."""
+        """A copy with other values of some options; other attributes set by a user's constructor stay."""
         made = copy(self)
         for name, value in options.items():
             object.__setattr__(made, name, value)

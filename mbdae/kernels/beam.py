@@ -27,13 +27,13 @@ from mbdae.symbolic.vectors import Vec
 
 
 def derived_beam(numbers: Mapping[str, float], kind: NodeKind, mixed: bool = True) -> LineDerived:
-    """The beam law for the parameters of a section; a damping of 0 is absent."""
+    """The derived beam law for the parameters of a section; without damping terms where the damping is 0."""
     absent = frozenset() if numbers.get("damping") else frozenset({"damping"})
     return derive_line(Beam, Structure(absent), kind, mixed)
 
 
 def strain_kernel(mesh: LineMesh, numbers: Mapping[str, float], kind: NodeKind, mixed: bool = True) -> LineKernel:
-    """Internal forces, and with `mixed` the rows of the stresses; a beam at rest as drawn is free of stress.
+    """Kernel of the internal forces and, where `mixed`, of the rows of the stress unknowns. A beam as drawn is free of stress.
 
     numbers: parameters of `Beam` (see `Section.numbers`), without the reference strains: those are the strains of the
     interpolated reference curve.
@@ -47,7 +47,7 @@ def strain_kernel(mesh: LineMesh, numbers: Mapping[str, float], kind: NodeKind, 
 
 
 def load_kernel(mesh: LineMesh, law: LineLoad, kind: NodeKind, given: tuple[str, ...] = ()) -> LineKernel:
-    """A distributed load; `given` names its components that are inputs. A dead load is `mesh.lumped` times its value."""
+    """Kernel of a distributed load; given: its components that are inputs. A dead load is `mesh.lumped` times its value."""
     at = mass_points(mesh.order)
     constants = {name: getattr(law, name) for name in law.params if name not in given}
     d = derive_line(LineLoad, law.structure(frozenset(given)), kind)
@@ -99,7 +99,8 @@ def _to_sections(mesh: LineMesh, kind: NodeKind) -> Array:
     if kind is NodeKind.SPATIAL:
         columns = rotation_columns(list(se.symbols("P1:5")))
         R = _numeric(list(se.symbols("P1:5")), [c for column in columns for c in column], mesh.turns)
-        U[..., 3:, 3:] = R.reshape(*mesh.elements.shape, 3, 3)  # rows are the columns of R: the transpose
+        # R holds rotation matrices column by column, so that these blocks are their transposes
+        U[..., 3:, 3:] = R.reshape(*mesh.elements.shape, 3, 3)
     return U
 
 

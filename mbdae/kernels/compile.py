@@ -18,15 +18,15 @@ from mbdae.native.program import Operations, block
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.vectors import Expr
 
-#: LLVM optimises small kernels in milliseconds, large ones in seconds for a few per cent of speed.
+#: number of operations below which LLVM optimises a kernel (small ones take milliseconds; large ones seconds, for a few per cent)
 _OPTIMISE_BELOW = 400
 
 
 class Kernel:
     """Evaluates `expressions` of `symbols` at N points at once: x (N, inputs) -> out (N, outputs), both C-contiguous.
 
-    width: the number of expressions, where these are given by a function that finds them when they are first needed; key: that of
-    the machine code on disk, where it follows from what the expressions were derived from; else it follows from them."""
+    width: number of expressions, needed where `expressions` is a function that is called when they are first needed; key: key of
+    the machine code on disk, None: it is made from the expressions."""
 
     def __init__(self, symbols: Sequence[Expr], expressions: Sequence[Expr] | Callable[[], Sequence[Expr]],
                  level: int | None = None, width: int | None = None, key: str | None = None) -> None:  # fmt: skip
@@ -35,14 +35,14 @@ class Kernel:
 
     @cached_property
     def expressions(self) -> list[Expr]:
-        """What it evaluates."""
+        """The expressions that the kernel evaluates."""
         return list(self._stated() if callable(self._stated) else self._stated)
 
     @cached_property
     @spends("compile")
     def compiled(self) -> Any:
-        """The LLVM function, from disk or compiled on first use; without inputs (a tree that is prescribed throughout) the
-        constants."""
+        """The LLVM function, from disk or compiled on first use; a kernel without inputs (of a tree whose motion is prescribed
+        throughout) returns its constants."""
         if not self.symbols:
             return lambda x, out: np.copyto(out, self._fixed)
         key = self.key or code_key(self.symbols, self.expressions, self.level)
@@ -67,7 +67,7 @@ class Kernel:
 
     @cached_property
     def tangent(self) -> Kernel:
-        """Changes of the values by those of the inputs, which follow the inputs."""
+        """A kernel of the changes of the values, linear in the changes of the inputs; these are its further inputs."""
         changes = {s: se.Symbol(f"change_{s}") for s in self.symbols}
 
         def expressions() -> list[Expr]:
@@ -77,7 +77,7 @@ class Kernel:
         return Kernel([*self.symbols, *changes.values()], expressions, self.level, self.width, part_key(self.key, "tangent"))
 
     def straight(self) -> tuple[Program, list[Expr]]:
-        """The kernel as a program of small steps."""
+        """The kernel as a straight-line program: the program and its outputs."""
         program = Program()
         return program, [program.let(e) for e in self.expressions]
 
@@ -93,8 +93,8 @@ class Kernel:
             out[...] = self.once(x)
 
     def emit(self, part: Operations, gather: NDArray[np.intp], first: int | None = None) -> NDArray[np.intp]:
-        """Append the kernel to a native program, at points with inputs at slots gather (points, inputs); the slots of its values
-        (points, outputs), which begin at `first` where they have a place."""
+        """Append the kernel to a native program, at points whose inputs are in slots gather (points, inputs). Returns the slots
+        of its values (points, outputs), which begin at `first` where that is given."""
         if gather.shape[1:] != (len(self.symbols),):
             raise ValueError(f"slots {gather.shape} of {len(self.symbols)} symbols")
         if self.symbols:
@@ -114,7 +114,7 @@ class Kernel:
         return out
 
     def once(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Like `values`, interpreted: for constants that are evaluated once."""
+        """Outputs as by `values`, without compiling: for constants that are evaluated once."""
         if not self.width:
             return np.empty((*x.shape[:-1], 0))
         if not self.symbols:
@@ -124,5 +124,5 @@ class Kernel:
 
     @cached_property
     def oracle(self) -> Callable[[NDArray[Any]], NDArray[Any]]:
-        """The same kernel in NumPy, in complex numbers too (complex step): slow, for tests and `selftest`."""
+        """The same expressions evaluated by NumPy, in complex numbers too (complex step): slow, for tests and `selftest`."""
         return numpy_function(self.symbols, self.expressions)

@@ -38,15 +38,15 @@ class ElementKernel(ABC):
 
     @abstractmethod
     def emit(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Append the kernel to a native program; the slots of its values (elements, outputs)."""
+        """Append the kernel to a native program. Returns the slots of its values (elements, outputs)."""
 
     @abstractmethod
     def emit_jacobian(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Append the derivatives; their slots (elements, places)."""
+        """Append the derivatives to a native program. Returns their slots (elements, places)."""
 
     @cached_property
     def _places(self) -> tuple[Array, Array]:
-        """Entries of the Jacobian that do not vanish in a random state."""
+        """Entries (outputs, inputs) of the Jacobian that do not vanish in a random state."""
         x = np.random.default_rng(7).uniform(0.3, 0.9, (self.elements, len(self.inputs)))
         outputs, inputs = np.nonzero(np.any(self.full_jacobian(x) != 0, axis=0))
         return outputs, inputs
@@ -57,7 +57,7 @@ class ElementKernel(ABC):
         return [(int(o), self.inputs[i]) for o, i in zip(*self._places, strict=True)]
 
     def jacobian(self, x: Array) -> Array:
-        """(N, places) derivatives."""
+        """(N, places) derivatives, those that do not vanish."""
         return self.full_jacobian(x)[:, *self._places]
 
 
@@ -68,5 +68,5 @@ class ElementJacobian:
         self.kernel = kernel
 
     def emit(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Append the derivatives to a native program; their slots."""
+        """Append the derivatives to a native program. Returns their slots (elements, places)."""
         return self.kernel.emit_jacobian(part, gather)

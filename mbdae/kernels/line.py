@@ -1,6 +1,6 @@
 """A law on a line as one kernel over elements: interpolate, evaluate all points, scatter with the transpose.
 
-All elements share one table of shape functions; numbers of an element are kept per point.
+All elements share one table of shape functions; numbers of an element are stored for every point.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from mbdae.symbolic.vectors import Expr
 
 
 class LineKernel(ElementKernel):
-    """A law on a line over m elements; `turns` as in `Nodes`.
+    """A law on a line over m elements; `turns` are the constant rotations from nodes to sections, see `Nodes`.
 
     constants: parameter -> number, (m,) or (m, points); given: parameters that are inputs instead, one number per element
     (prescribed in time). Inputs: positions q of the nodes, where damped their velocities u, stresses point by point.
@@ -57,7 +57,7 @@ class LineKernel(ElementKernel):
         self._buffers: dict[tuple[int, bool], Array] = {}
 
     def _table(self, fields: Sequence[Field]) -> Array:
-        """(count * nq, points * fields): interpolation of nodal values; its transpose scatters."""
+        """(count * nq, points * fields) interpolation matrix of nodal values; its transpose distributes forces to the nodes."""
         T = np.zeros((self.nodes.count, self.nodes.nq, self.points, len(fields)))
         for i, f in enumerate(fields):
             T[:, f.component, :, i] = (self.at.slopes if f.slope else self.at.values).T
@@ -67,7 +67,7 @@ class LineKernel(ElementKernel):
 
     @property
     def point(self) -> Kernel:
-        """Duals and rows at a point."""
+        """Kernel of the duals (generalised forces of the fields) and the rows at one point."""
         return _point(self.derived, self.parameters)
 
     def values(self, x: Array) -> Array:
@@ -130,19 +130,19 @@ class LineKernel(ElementKernel):
 
     @property
     def point_jacobian(self) -> Kernel:
-        """Duals, then derivatives of duals and rows by the variables of the law."""
+        """Kernel of the duals, then of the derivatives of duals and rows by the variables of the law, at one point."""
         return _point_jacobian(self.derived, self.parameters)[0]
 
     @cached_property
     def _spread(self) -> Any:
-        """Constant (rows * columns, derivatives) operator to the derivatives of an element."""
+        """Constant matrix (rows * columns, derivatives): from the derivatives at the points to those of an element."""
         d, points = self.derived, range(self.points)
         outputs = _with_identity(self.duals, self.points, len(d.duals), len(d.rows))
         columns = _with_identity(self.fields, self.points, len(d.fields), len(d.stresses), 1 + d.damped)
         o, i = np.array(_point_jacobian(d, self.parameters)[1], dtype=int).reshape(-1, 2).T
         left = outputs[:, [g * len(d.outputs) + k for g in points for k in o]]
         right = columns[:, [g * len(d.variables) + k for g in points for k in i]]
-        products = left[:, None, :] * right[None, :, :]  # of every column (none where all is prescribed in time)
+        products = left[:, None, :] * right[None, :, :]  # for every column; there is none where all inputs are prescribed in time
         return sp.csr_matrix(products.reshape(len(left) * len(right), left.shape[1])), (len(left), len(right))
 
     def full_jacobian(self, x: Array) -> Array:
@@ -150,7 +150,7 @@ class LineKernel(ElementKernel):
         return self._assembled(_evaluated(self.point_jacobian, X).reshape(len(x), self.points, -1), q, u)
 
     def _assembled(self, values: Array, q: Array, u: Array) -> Array:
-        """(N, outputs, inputs) from the values of `point_jacobian` (N, points, width): linear in them."""
+        """(N, outputs, inputs) derivatives, which are linear in the values of `point_jacobian` (N, points, width)."""
         N, n, D = len(values), self.nodes, len(self.derived.duals)
         covector = self._covector(values[:, :, :D].reshape(N, -1))
         spread, shape = self._spread
@@ -167,7 +167,7 @@ class LineKernel(ElementKernel):
 
 
 def merged(kernels: Sequence[LineKernel]) -> LineKernel:
-    """One kernel for the elements of several lines, one after the other: equal law, order and kind of nodes."""
+    """One kernel for the elements of several lines, one after the other; law, order and kind of nodes have to be equal."""
     first = kernels[0]
     if len({(k.derived, k.at, k.given, k.turns is None) for k in kernels}) > 1:
         raise LawError("lines of different laws, orders or kinds of nodes have no kernel in common")
@@ -179,13 +179,13 @@ def merged(kernels: Sequence[LineKernel]) -> LineKernel:
 
 @made_once("derive", 64)
 def _point(derived: LineDerived, parameters: tuple[str, ...]) -> Kernel:
-    """The kernel of a law at a point, one per process."""
+    """The kernel of a law at one point; made once per process."""
     return Kernel([*derived.variables, *map(se.Symbol, parameters)], derived.outputs)
 
 
 @made_once("derive", 64)
 def _point_jacobian(derived: LineDerived, parameters: tuple[str, ...]) -> tuple[Kernel, list[tuple[int, int]]]:
-    """Duals and derivatives at a point, and which (output, variable) each derivative is."""
+    """The kernel of duals and derivatives at one point, and which (output, variable) each derivative is."""
     partials = derived.derivatives()
     expressions = [*(e for _, e in derived.duals), *partials.values()]
     return Kernel(_point(derived, parameters).symbols, expressions), list(partials)
@@ -200,7 +200,7 @@ def _per_point(values: Sequence[Any], points: int) -> Array:
 
 
 def _evaluated(kernel: Kernel, X: Array) -> Array:
-    """Compiled for real numbers, by numpy for complex ones (complex step)."""
+    """Values by the compiled kernel for real numbers, by NumPy for complex ones (complex step)."""
     return kernel.oracle(X) if np.iscomplexobj(X) else kernel.values(X)
 
 

@@ -32,7 +32,7 @@ class Nodes:
         """`turns`: (m, count, 4) rotations from node to section, or (m, count) angles in the plane; None: none."""
         self.flat, self.count = kind is NodeKind.PLANAR, count
         self.nq, self.nu = kind.sizes
-        self.offset: Array | None = None  #: (m, count) planar, rad
+        self.offset: Array | None = None  #: (m, count) rotations in the plane, rad
         self.T: Array | None = None  #: (m, count, 4, 4): P of the section = T P of the node
         if turns is not None and self.flat and np.any(turns):
             self.offset = turns
@@ -46,34 +46,34 @@ class Nodes:
     # -- values
 
     def turned(self, q: Array) -> Array:
-        """Rates or variations (N, count, nq) of nodes as those of their sections."""
+        """Rates or variations (N, count, nq) of nodes, converted to those of their sections."""
         if self.T is None:
             return q
         P = np.einsum("mnab,mnb->mna", self._tiled(self.T, len(q)), q[..., 3:])
         return np.concatenate([q[..., :3], P], axis=-1)
 
     def sections(self, q: Array) -> Array:
-        """Positions (N, count, nq) of nodes as those of their sections."""
+        """Positions (N, count, nq) of nodes, converted to those of their sections."""
         if self.offset is None:
             return self.turned(q)
         return np.concatenate([q[..., :2], q[..., 2:] + self._tiled(self.offset, len(q))[..., None]], axis=-1)
 
     def back(self, covector: Array) -> Array:
-        """Transpose of `turned`."""
+        """Generalised forces (N, count, nq) of sections, converted to those of nodes: the transpose of `turned`."""
         if self.T is None:
             return covector
         g = np.einsum("mnab,mna->mnb", self._tiled(self.T, len(covector)), covector[..., 3:])
         return np.concatenate([covector[..., :3], g], axis=-1)
 
     def rates(self, q: Array, u: Array) -> Array:
-        """q' (N, count, nq) of velocities u (N, count, nu)."""
+        """q' (N, count, nq) from velocities u (N, count, nu)."""
         if self.flat:
             return u
         rates = np.einsum("mnac,mnc->mna", self._spin_columns(q), u[..., 3:])
         return np.concatenate([u[..., :3], rates], axis=-1)
 
     def forces(self, q: Array, covector: Array) -> Array:
-        """Forces and body-frame moments (N, count, nu) of covectors of q (N, count, nq)."""
+        """Forces and body-frame moments (N, count, nu) from generalised forces of q (N, count, nq)."""
         if self.flat:
             return covector
         moments = np.einsum("mnac,mna->mnc", self._spin_columns(q), covector[..., 3:])
@@ -87,23 +87,23 @@ class Nodes:
     # -- derivatives
 
     def turn_columns(self, K: Array) -> Array:
-        """Derivatives (rows, count * nq, N) by section positions as those by node positions."""
+        """Derivatives (rows, count * nq, N) by section positions, converted to those by node positions."""
         if self.T is None:
             return K
         return self._on_columns(K, self._tiled(self.T, K.shape[-1]))
 
     def turn_rows(self, K: Array) -> Array:
-        """Rows (count * nq, columns, N) of section covectors as those of nodes."""
+        """Rows (count * nq, columns, N) of generalised forces of sections, converted to those of nodes."""
         return self.turn_columns(K.swapaxes(0, 1)).swapaxes(0, 1)
 
     def velocity_columns(self, K: Array, q: Array) -> Array:
-        """Derivatives by q' (rows, count * nq, N) as those by velocities (rows, count * nu, N)."""
+        """Derivatives by q' (rows, count * nq, N), converted to those by velocities (rows, count * nu, N)."""
         if self.flat:
             return K
         return self._on_columns(K, self._spin_columns(q))
 
     def position_columns(self, K: Array, u: Array) -> Array:
-        """Derivatives by q' (rows, count * nq, N) as those by the positions the rates depend on."""
+        """Derivatives by q' (rows, count * nq, N), converted to those by the positions on which q' depends at constant u."""
         if self.flat:
             return np.zeros_like(K)
         moved = self._on_columns(K, np.einsum("acb,mnc->mnab", kinematic_tensor(), u[..., 3:]))
@@ -111,11 +111,11 @@ class Nodes:
         return moved
 
     def force_rows(self, K: Array, q: Array) -> Array:
-        """Rows (count * nq, columns, N) of covectors as those of forces and moments (count * nu, columns, N)."""
+        """Rows (count * nq, columns, N) of generalised forces of q, converted to forces and moments (count * nu, columns, N)."""
         return self.velocity_columns(K.swapaxes(0, 1), q).swapaxes(0, 1)
 
     def geometric(self, covector: Array) -> Array:
-        """Derivative of `forces` by q at constant covector, (count * nu, count * nq, N)."""
+        """Derivative of `forces` by q at constant generalised forces, (count * nu, count * nq, N)."""
         K = np.zeros((self.count, self.nu, self.count, self.nq, len(covector)), dtype=covector.dtype)
         if not self.flat:
             moments = np.einsum("acb,mna->ncbm", kinematic_tensor(), covector[..., 3:])

@@ -1,4 +1,4 @@
-"""A law on a line as operations of a native program: nodes to sections, sections to points, the law at the points, and back.
+"""A law on a line as operations of a native program: nodes to sections, sections to points, the law, and forces back to nodes.
 
 Per element: section positions from node positions (corners turn them by constant matrices T), their rates by P' = H Omega P with
 the constant tensor H of `kinematic_tensor`, the law's variables by the table of shape functions, and the same maps transposed
@@ -20,7 +20,7 @@ from mbdae.native.program import Operations, block
 
 Index = NDArray[np.intp]
 Array = NDArray[Any]
-Entries = Sequence[tuple[Any, ...]]  #: terms: places, and a factor where there is one
+Entries = Sequence[tuple[Any, ...]]  #: terms of products: numbers of the slots, and a factor where there is one
 
 
 class LineProgram:
@@ -58,7 +58,7 @@ class LineProgram:
                                *steps)  # fmt: skip
 
     def turned(self, first: int, step: int) -> tuple[int, int]:
-        """Node vectors (count, nq) as those of the sections; the slot and the step of the result."""
+        """Convert node vectors (count, nq) to those of the sections. Returns the slot and the step of the result."""
         n = self.nodes
         if n.T is None:
             return first, step
@@ -76,7 +76,7 @@ class LineProgram:
         self.part.add(to + i, from_ + j, self.nodes.T[:, node, a, b], self.elements, to_step, from_step)
 
     def points(self, point: Kernel) -> int:
-        """The law at all points: slot of its values (elements, points, width)."""
+        """Evaluate the law at all points. Returns the slot of its values (elements, points, width)."""
         kernel, points, width = self.kernel, self.kernel.points, len(point.symbols)
         X, size = self.part.slots(self.elements * points * width), points * width
         self.part.load(X, self._constants(width))
@@ -98,7 +98,7 @@ class LineProgram:
         return int(point.emit(self.part, block(X, self.elements * points, width))[0, 0])
 
     def _constants(self, width: int) -> Array:
-        """(elements, points, width) numbers of the law, and what angles of corners in the plane add to its variables."""
+        """(elements, points, width) numbers of the law, and what the constant rotations of planar nodes add to its variables."""
         kernel, n = self.kernel, self.nodes
         X = np.zeros((self.elements, kernel.points, width))
         X[:, :, width - kernel.numbers.shape[2] :] = kernel.numbers
@@ -108,7 +108,7 @@ class LineProgram:
         return X
 
     def _rates(self) -> tuple[int, int]:
-        """q' (count, nq) of the nodes: the slot and the step."""
+        """q' (count, nq) of the nodes. Returns the slot and the step."""
         n, velocities = self.nodes, self.e + self.a
         if n.flat:
             return velocities, self.inputs
@@ -181,7 +181,7 @@ class LineProgram:
         return self._placed(K, rows, columns, self.covector(values, width))
 
     def _in_the_plane(self, values: int, width: int, duals: int, spread: Any, columns: int) -> int:
-        """The same in the plane, where rotations are angles: one constant map from the points to the places."""
+        """Slot of the derivatives in the plane, where rotations are angles: one constant map from the points to the places."""
         outputs, inputs = self.kernel._places
         chosen = sp.coo_matrix(spread[(outputs + self.a - self.nu) * columns + inputs])
         found, each = self.part.zeros(self.elements * len(outputs)), width - duals
@@ -190,7 +190,7 @@ class LineProgram:
         return found
 
     def _turned_derivatives(self, K: int, rows: int, columns: int, blocks: list[int]) -> int:
-        """Derivatives of sections by sections as those of nodes by nodes: T on the right, its transpose on the left."""
+        """Derivatives of sections by sections, converted to nodes by nodes: T on the right, its transpose on the left."""
         n, a, size = self.nodes, self.a, rows * columns
         rotations = [(node, node * n.nq + 3) for node in range(n.count)]
         by_nodes = self.part.zeros(self.elements * size)
@@ -210,7 +210,7 @@ class LineProgram:
         return found
 
     def _by_velocities(self, K: int, rows: int, columns: int) -> tuple[int, int]:
-        """Derivatives by positions and their rates as those by positions and velocities: q' = H(q) u."""
+        """Derivatives by positions and their rates, converted to those by positions and velocities: q' = H(q) u."""
         n, a, nu = self.nodes, self.a, self.nu
         wide, size = columns - a + nu, rows * (columns - a + nu)
         found = self.part.zeros(self.elements * size)
@@ -232,7 +232,7 @@ class LineProgram:
         return found, wide
 
     def _placed(self, K: int, rows: int, columns: int, covector: int) -> int:
-        """Rows of positions as those of forces and moments, with the derivative of the moments at constant covectors."""
+        """Rows of positions, converted to forces and moments, with the derivative of the moments at constant covectors."""
         kernel, n = self.kernel, self.nodes
         places = kernel._places
         count, a = len(places[0]), self.a

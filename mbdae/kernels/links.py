@@ -1,6 +1,6 @@
 """Kernels of the joints of a tree, one by one: compiled once for every kind of joint with the body it carries.
 
-Their number does not grow with the tree; `system/assembled/ordered_tree.py` says in which order they run, on which numbers.
+Their number does not grow with the tree; `system/motion/ordered_tree.py` has their order and the slots that they read.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from mbdae.symbolic.tree_motion import Link, Member, TreeStructure
 from mbdae.symbolic.vectors import Expr, Vec
 
 Place = tuple[Any, ...]
-OPTIMISED = 1500  #: steps up to which LLVM optimises a kernel: it runs for every body, and is compiled once
+OPTIMISED = 1500  #: number of operations up to which LLVM optimises a kernel: it runs for every body, and is compiled once
 
 
 class Stated(NamedTuple):
@@ -38,8 +38,8 @@ class Stated(NamedTuple):
 
 
 class ProgramKernel(Kernel):
-    """The kernel of a straight-line program, stated where it is not on disk; inputs and targets: the meaning of its inputs and
-    values."""
+    """The kernel of a straight-line program, which is made where it is not on disk. inputs, targets: the meaning of its inputs
+    and of its values."""
 
     def __init__(self, stated: Callable[[], Stated], key: str | None) -> None:
         self._find = stated
@@ -82,14 +82,14 @@ class ProgramKernel(Kernel):
 
     @cached_property
     def column(self) -> dict[Place, int]:
-        """Where the value of a target stands among the values."""
+        """The column of every target among the values."""
         return {target: i for i, target in enumerate(self.targets)}
 
 
 class BodyKernels:
-    """The kernels of a body of a kind with what carries it, a node of the kind `parent`. outward: its motion from that of the
-    carrying body, see `LinkProgram.outward`; shape: of the passes; freedoms: places of the unknowns of the joint (or of a root),
-    ("up", node, i)."""
+    """The kernels of a body of one kind and of the joint that carries it on a node of the kind `parent`. outward: motion of the
+    body from that of the carrying body, see `LinkProgram.outward`; shape: the structure on which the passes depend; freedoms:
+    places of the unknowns of the joint (or of a root), ("up", node, i)."""
 
     def __init__(self, find: Callable[[], LinkProgram | RootProgram], kinds: tuple[NodeKind, NodeKind], quaternion: bool,
                  heavy: bool, key: str | None) -> None:  # fmt: skip
@@ -104,7 +104,7 @@ class BodyKernels:
 
     @cached_property
     def _made(self) -> tuple[LinkProgram | RootProgram, Program, list[tuple[Place, Expr]]]:
-        """The program, the part of it in which nothing accelerates, and what is left of the entries in that."""
+        """The program, its part that is left at zero accelerations, and the entries of the derivatives in that part."""
         found = self._find()
         entries = found.outward(self._quaternion)
         program, values = found.still(entries)
@@ -121,7 +121,7 @@ class BodyKernels:
 
     @cached_property
     def passes(self) -> tuple[ProgramKernel, ProgramKernel, ProgramKernel]:
-        """Inward, outward, and outward with given second rates."""
+        """The inward pass, the outward pass, and the outward pass with given second rates of the coordinates."""
         return _passes(self.shape)
 
 
@@ -132,13 +132,13 @@ def _is_known(place: Place, e: Expr) -> bool:
 
 @lru_cache(maxsize=256)
 def projection(shape: Shape) -> ProgramKernel:
-    """Of forces on the freedoms of a body, and on the body that carries it."""
+    """The kernel that projects forces on the freedoms of a body and transfers them to the body that carries it."""
     return _kernel(shape, "projected", projected)
 
 
 @lru_cache(maxsize=1)
 def quaternion_rate() -> Kernel:
-    """P' of a quaternion P and an angular velocity in body components."""
+    """Kernel of the rate P' of a quaternion P from the angular velocity in body components."""
     symbols = se.symbols("P0:4 w1:4")
     return Kernel(list(symbols), rate_from_body_spin(symbols[:4], Vec(*symbols[4:])))
 
@@ -159,20 +159,20 @@ def _kernel(shape: Shape, name: str, make: Callable[[Shape], Pass]) -> ProgramKe
 
 @lru_cache(maxsize=512)
 def link_kernels(parent: NodeKind, link: Link, members: tuple[Member, ...], quaternion: bool, heavy: bool) -> BodyKernels:
-    """Of a joint: link and members with parent 0, the body that is carried 1."""
+    """The kernels of a joint and its body: in link and members the carrying body is node 0, the carried body node 1."""
     key = structure_key(TreeStructure(parent, (link,), members))
     return BodyKernels(lambda: LinkProgram(parent, link, members), (parent, link.kind), quaternion, heavy, part_key(key, "link"))
 
 
 @lru_cache(maxsize=8)
 def root_kernels(kind: NodeKind, quaternion: bool) -> BodyKernels:
-    """Of a body that moves by unknowns of its own."""
+    """The kernels of a body with unknowns of its own."""
     return BodyKernels(lambda: RootProgram(kind), (NodeKind.GROUND, kind), quaternion, True, key_of("root", kind.name))
 
 
 @lru_cache(maxsize=128)
 def member_kernel(kinds: tuple[NodeKind, ...], member: Member) -> ProgramKernel:
-    """Forces of a law between bodies of these kinds, which its nodes count from 0."""
+    """Kernel of the forces of a law between bodies of these kinds; the law's nodes are numbers in `kinds`."""
 
     def stated() -> Stated:
         found = MemberProgram(kinds, member)
@@ -186,13 +186,13 @@ def member_kernel(kinds: tuple[NodeKind, ...], member: Member) -> ProgramKernel:
 
 @lru_cache(maxsize=16)
 def node_motion(kind: NodeKind, heads: tuple[str, ...]) -> ProgramKernel:
-    """Those of q, u and u' ("up") of a body that are asked for, from the numbers of its motion."""
+    """Kernel of q, u and u' ("up") of a body, those named in `heads`, from the numbers of its motion."""
     return _node_kernel(kind, lambda found: found.motion(heads), "motion", *heads)
 
 
 @lru_cache(maxsize=8)
 def node_load(kind: NodeKind, role: str) -> ProgramKernel:
-    """Force and moment on a body from its rows of laws outside of the tree."""
+    """Kernel of the force and moment on a body, from its rows of laws outside of the tree."""
     return _node_kernel(kind, lambda found: found.load(role), "load", role)
 
 
@@ -206,12 +206,12 @@ def _node_kernel(kind: NodeKind, entries: Callable[[NodeProgram], Sequence[tuple
 
 
 def alone(link: Link, general: bool) -> Link:
-    """A joint as its kernels see it. general: its numbers are given at run time, also where they are 0, 1 or -1."""
+    """A joint alone, as node 1 on node 0. general: its numbers are given at run time, also where they are 0, 1 or -1."""
     numbers = tuple((name, None if general else value) for name, value in link.numbers)
     return replace(link, parent=0, first=1, numbers=numbers)
 
 
 def between(member: Member, nodes: Mapping[int, int], general: bool) -> Member:
-    """A law with other numbers of its nodes."""
+    """A law with its nodes renumbered by `nodes`. general: its numbers are given at run time."""
     numbers = tuple((name, None if general else value) for name, value in member.numbers)
     return Member(member.law, tuple(None if n is None else nodes[n] for n in member.nodes), numbers)

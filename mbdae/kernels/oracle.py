@@ -38,7 +38,7 @@ def _special(name: str) -> Callable[[Any], Any]:
     return lambda a: getattr(import_module("scipy.special"), name)(a)
 
 
-#: nodes by the name of their class; conditions look at real parts
+#: NumPy functions by the name of symengine's class; conditions compare real parts
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{name: getattr(np, name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "log")},
     **{name: getattr(np, "arc" + name[1:]) for name in ("asin", "acos", "atan", "asinh", "acosh", "atanh")},

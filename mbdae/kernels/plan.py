@@ -31,8 +31,8 @@ class Inputs:
 
 
 class Plan:
-    """The outputs of a law, without derivatives. Its tables come from disk where they are there, and expressions are then derived
-    when they are first asked for."""
+    """The outputs of a law, without derivatives. Tables are read from disk where they are kept; expressions are then derived when
+    they are first asked for."""
 
     def __init__(self, d: Derived, outputs: Outputs, *options: str) -> None:
         self.derived, self._outputs = d, outputs
@@ -43,7 +43,7 @@ class Plan:
         self._read(*found)
 
     def _made(self) -> tuple[Any, ...]:
-        """The tables as they are kept."""
+        """The tables in the form kept on disk."""
         return self._targets(), _kept(self.inputs(self.inserted))
 
     def _read(self, targets: list[Target], inputs: Any) -> None:
@@ -58,12 +58,12 @@ class Plan:
 
     @cached_property
     def expressions(self) -> list[Expr]:
-        """The outputs in names and unknowns."""
+        """The outputs, in unknowns and names of intermediate results."""
         return [e for _, e in self._entries]
 
     @cached_property
     def inserted(self) -> list[Expr]:
-        """The outputs in unknowns and parameters."""
+        """The outputs, in unknowns and parameters alone."""
         return insert(self.derived, self.expressions)
 
     @cached_property
@@ -86,7 +86,7 @@ class Plan:
 
 
 class _Sorted(NamedTuple):
-    """The outputs and derivatives of a law by kinds: their numbers and places, and the expressions of each kernel."""
+    """The outputs and derivatives of a law, sorted: their numbers and places, and the expressions of each kernel."""
 
     nonlinear: list[int]
     constant_places: list[Place]

@@ -21,9 +21,9 @@ from mbdae.symbolic.tree import OPERATIONS, tree_program
 from mbdae.symbolic.tree_motion import Link, TreeStructure
 from mbdae.symbolic.vectors import Expr
 
-CHUNK = 3000  #: steps of one kernel: LLVM compiles 3000 in 0.1 to 0.2 s, 10000 in seconds
-OPTIMISED = 1000  #: steps up to which LLVM optimises in a few hundredths of a second
-MOST_SOLVED, LONGEST_SOLVED = 16, 2000  #: accelerations, and steps, of one kernel that solves for them
+CHUNK = 3000  #: operations of one kernel at most: LLVM compiles 3000 in 0.1 to 0.2 s, 10000 in seconds
+OPTIMISED = 1000  #: operations up to which LLVM optimises a kernel, which takes a few hundredths of a second
+MOST_SOLVED, LONGEST_SOLVED = 16, 2000  #: at most, in a kernel that solves for accelerations: their number, and its operations
 
 
 class Piece(NamedTuple):
@@ -36,7 +36,7 @@ class Piece(NamedTuple):
 
 class ProgrammedTree:
     """The program of a tree with its derivatives, and the kernels cut from it. Raises OverflowError where its Jacobian takes more
-    than `OPERATIONS` steps."""
+    than `OPERATIONS` operations."""
 
     def __init__(self, structure: TreeStructure) -> None:
         self.structure, self.tree = structure, tree_program(structure)
@@ -60,23 +60,23 @@ class ProgrammedTree:
         return Piece(tuple(self.places[s] for s in symbols), tuple(t for t, _ in entries), Kernel(symbols, outputs, level))
 
     def residual(self) -> list[Piece]:
-        """The rows of the tree."""
+        """Kernel of the equations of motion of the tree."""
         return [self._piece(self.rows)]
 
     def forward(self) -> list[Piece]:
-        """q, u and u' of the loaded nodes."""
+        """Kernel of q, u and u' of the loaded nodes."""
         return [self._piece(self.motion)]
 
     def jacobian(self) -> list[Piece]:
-        """Derivatives of all of them."""
+        """Kernels of the derivatives of `residual` and `forward`."""
         return self._chunks([((target, place), e) for target, place, e in self.derivatives])
 
     def mass(self) -> list[Piece]:
-        """Derivatives of the rows by accelerations."""
+        """Kernels of the mass matrix: derivatives of the equations of motion by accelerations."""
         return self._chunks([((t, p), e) for t, p, e in self.derivatives if p[0] == "up" and t[0] == "u" and t[1] <= 0])
 
     def rates(self) -> list[Piece]:
-        """As `TreePlan.rates`; none where the program is long."""
+        """Kernel of the accelerations, see `TreePlan.rates`; none where the program is long."""
         rows = {t: e for t, e in self.rows if t[0] == "u"}
         number = {t[1:]: i for i, t in enumerate(rows)}
         entries = {(number[t[1:]], number[p[1:]]): e for t, p, e in self.derivatives
@@ -96,11 +96,11 @@ class ProgrammedTree:
         return [Piece(tuple(self.places[s] for s in symbols), tuple(rows), Kernel([*symbols, *forces], outputs, 2))]
 
     def motion_of_all(self) -> list[Piece]:
-        """q, u and u' of every carried node."""
+        """Kernel of q, u and u' of every carried node."""
         return [self._piece(self.tree.states(carried_nodes(self.structure)))]
 
     def velocities(self) -> list[Piece]:
-        """Derivatives of the velocities of all carried nodes."""
+        """Kernels of the derivatives of the velocities of all carried nodes."""
         nodes = carried_nodes(self.structure)
         motion = [(t, e) for t, e in self.tree.states(nodes, accelerations=False) if t[0] == "u"]
         seeds = [s for s, place in self.places.items() if place[0] == "u"]
@@ -109,7 +109,7 @@ class ProgrammedTree:
         return self._chunks(entries)
 
     def _chunks(self, entries: list[tuple[Any, Expr]]) -> list[Piece]:
-        """One kernel, or several by columns where one would be slow to compile."""
+        """One kernel for all entries, or several by columns of the Jacobian where one would be slow to compile."""
         program = self.tree.program
         if len(program.needed([e for _, e in entries])) <= CHUNK:
             return [self._piece(entries)] if entries else []
@@ -125,8 +125,8 @@ class ProgrammedTree:
 
 
 class TreePlan:
-    """The kernels of a tree, from disk where they are there. Raises OverflowError where its Jacobian takes more than `OPERATIONS`
-    steps. operations: steps of the whole program."""
+    """The kernels of a tree, read from disk where they are kept. Raises OverflowError where its Jacobian takes more than
+    `OPERATIONS` operations. operations: number of operations of the whole program."""
 
     def __init__(self, structure: TreeStructure) -> None:
         self.structure, self.key = structure, structure_key(structure)
@@ -146,17 +146,17 @@ class TreePlan:
 
     @cached_property
     def programmed(self) -> ProgrammedTree:
-        """The program itself, derived when it is first asked for."""
+        """The program of the tree, derived when it is first asked for."""
         return ProgrammedTree(self.structure)
 
     def _cut(self, what: str, n: int) -> Kernel:
-        """A kernel as cut from the program."""
+        """Kernel n of a sort, cut from the program."""
         if what not in self._pieces:
             self._pieces[what] = getattr(self.programmed, what)()
         return self._pieces[what][n].kernel
 
     def _known(self, what: str) -> list[Piece]:
-        """The pieces of one kind, by their tables; expressions are derived when they are first asked for."""
+        """The kernels of one sort, made from their tables; expressions are derived when they are first asked for."""
         key = part_key(self.key, what)
         tables = recall(key)
         if tables is None:
@@ -173,49 +173,49 @@ class TreePlan:
 
     @cached_property
     def residual(self) -> Piece:
-        """The rows of the tree."""
+        """Kernel of the equations of motion of the tree."""
         return self._known("residual")[0]
 
     @cached_property
     def forward(self) -> Piece:
-        """q, u and u' of the loaded nodes."""
+        """Kernel of q, u and u' of the loaded nodes."""
         return self._known("forward")[0]
 
     @cached_property
     def jacobian(self) -> list[Piece]:
-        """Derivatives; targets (row or state, input)."""
+        """Kernels of the derivatives; targets (row or state, input)."""
         return self._known("jacobian")
 
     @cached_property
     def mass(self) -> list[Piece]:
-        """Derivatives of the rows by accelerations."""
+        """Kernels of the mass matrix: derivatives of the equations of motion by accelerations."""
         return self._known("mass")
 
     @cached_property
     def rates(self) -> Piece | None:
-        """Accelerations of a tree on which no law outside acts, and then the pivots of its mass matrix, of the rows that are its
-        targets. The kernel reads behind its inputs what all other laws add to these rows, with a minus sign. None where the
-        program is long."""
+        """Kernel of the accelerations of a tree on which no law outside acts, and of the pivots of its mass matrix; its targets
+        are the rows. Further inputs are the forces of all other laws in these rows, right-hand side. None where the program is
+        long."""
         return next(iter(self._known("rates")), None)
 
     @cached_property
     def motion_of_all(self) -> Piece:
-        """q, u and u' of every carried node."""
+        """Kernel of q, u and u' of every carried node."""
         return self._known("motion_of_all")[0]
 
     @cached_property
     def velocities(self) -> list[Piece]:
-        """Derivatives of the velocities of all carried nodes by those of the coordinates and the root."""
+        """Kernels of the derivatives of the velocities of all carried nodes by those of the coordinates and the root."""
         return self._known("velocities")
 
 
 def carried_nodes(structure: TreeStructure) -> tuple[int, ...]:
-    """Every carried node."""
+    """Numbers of all carried nodes."""
     return tuple(range(1, len(structure.links) + 1))
 
 
 def structure_key(structure: TreeStructure) -> str | None:
-    """The key of a tree: its shape, the motions of its joints and the statements of its laws; None where one has none."""
+    """The key of a tree on disk: its shape, the motions of its joints and the statements of its laws; None: a law has no key."""
     if not store().used:
         return None
     try:
@@ -224,7 +224,7 @@ def structure_key(structure: TreeStructure) -> str | None:
             return None
         shape = [structure.root, structure.loaded, [(m.nodes, m.numbers) for m in structure.members]]
         return key_of("tree", Digests().of([shape, laws, list(map(_link, structure.links))]))
-    except Exception:  # a mistake in a law, which its derivation finds, or nothing that can be told apart from others
+    except Exception:  # a law that cannot be derived (derivation reports it), or one that has no key
         return None
 
 

@@ -151,7 +151,7 @@ class Dual:
     symbols: tuple[Expr, ...] = ()  #: scalar unknowns by which to differentiate too
 
     def of(self, e: Expr) -> tuple[dict[str, Pair], dict[Expr, Expr]]:
-        """(side -> force and moment, symbol -> derivative)."""
+        """Derivatives of e: force and moment by side, and derivatives by the symbols of `symbols`."""
         zero = self.record.zero
         self.pairs: dict[str, list[Vector]] = {side: [zero(), zero()] for side in self.record.sides}
         self.partial: dict[Expr, Expr] = dict.fromkeys(self.symbols, _ZERO)

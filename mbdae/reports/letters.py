@@ -36,7 +36,7 @@ class Letter:
 
     @property
     def row(self) -> list[str]:
-        """Its row in a table of symbols."""
+        """The row of the letter in a table of symbols."""
         return [f"${self.latex}$", unit_text(self.unit), worded(self.meaning)]
 
 
@@ -44,7 +44,8 @@ class Letter:
 RESULTS = (
     (r"c_", "", "rows: must vanish"), (r"\dot c_", "", "rates of the rows"),
     (r"\gamma_", "", "second rates of the rows without the accelerations of centres and the angular accelerations"),
-    (r"\delta c_", "", "variations of the rows"), (r"b_{", "", "positive where right"), (r"\delta W", "J", "virtual work"),
+    (r"\delta c_", "", "variations of the rows"), (r"b_{", "", "positive on the wanted branch"),
+    (r"\delta W", "J", "virtual work"),
     (r"\mathbf{f}", "N", "forces at the points: factors of virtual displacements; with all: with those of friction"),
     (r"\mathbf{m}", "N m", "moments about the points: factors of virtual rotations; with all: with those of friction"),
     (r"\delta\mathbf{f}", "N", "changes of the forces"), (r"\delta\mathbf{m}", "N m", "changes of the moments"),

@@ -70,10 +70,10 @@ def report(what: Any, **options: Any) -> Document:
     friction   a friction law, such as mb.Coulomb(0.3, 1e-3), pressed by the joint's own reaction; by default none
     rubs       with friction: the name of the coordinate against which it acts, "angle" or "displacement" of a joint that has
                several; by default the first one
-    model      the joint as a model of joints has it: mb.Kinematic() as by default, mb.Classical() with kept=True, mb.Recursive()
-               as a joint of a tree without multipliers, and of mb.Revolute mb.Clearance(...) with its contact
+    model      a joint model: mb.Kinematic(), the default; mb.Classical(), with kept=True; mb.Recursive(), the joint in a tree
+               without multipliers; for mb.Revolute also mb.Clearance(...), with its contact
 
-    `.save("x.html")`, also .md, .tex and .pdf. OptionError and LawError for what a law does not have."""
+    `.save("x.html")` writes it, also as .md, .tex or .pdf. Raises OptionError or LawError for what a law does not have."""
     if isinstance(what, SceneData):
         _refuse(what, options)
         return scene_sheet(what)
@@ -103,7 +103,7 @@ def report(what: Any, **options: Any) -> Document:
 
 
 def _model(what: Any) -> Any:
-    """A model of joints for its class; anything else as it is."""
+    """A joint model made from its class; any other value unchanged."""
     return what() if any(what is m for m in (Kinematic, Classical, Recursive)) else what
 
 
@@ -133,7 +133,7 @@ def _of_law(law: type[Law], structure: Structure) -> Document:
 
 
 def _of_model(model: Any, law: type[Joint], options: dict[str, Any]) -> Document:
-    """The report of a joint as a model has it. model: of any kind, refused where it is no joint model."""
+    """The report of a joint with a joint model; OptionError where `model` is none."""
     if isinstance(model, Clearance) and law is not Revolute:
         raise OptionError(f"model = {shown(model)}: the report of a joint with clearance is that of mb.Revolute")
     if isinstance(model, Clearance):

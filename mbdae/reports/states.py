@@ -140,11 +140,11 @@ class State:
         return self.get(se.Symbol(name))
 
     def scalar(self, e: Expr) -> Any:
-        """A derived expression."""
+        """Values of a derived expression (points,)."""
         return np.broadcast_to(value(se.sympify(e), self.get), (self.points,))
 
     def vector(self, a: Vec) -> NDArray[Any]:
-        """Components (points, 3)."""
+        """Values of a derived vector (points, 3)."""
         return np.stack([self.scalar(c) for c in a.c], axis=-1)
 
     @property
@@ -153,7 +153,7 @@ class State:
         return len(next(iter(self.given.values())))
 
     def frame(self, side: str) -> Frame:
-        """A side's frame."""
+        """The frame of a side."""
         return next(f for f in self.d.frames if f.side == side)
 
     def atom(self, base: Base) -> NDArray[Any]:

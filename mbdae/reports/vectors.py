@@ -68,7 +68,7 @@ class Record:
         #: vectors that are gradients of named scalars: (kind, scalar, side)
         self.gradients: dict[int, tuple[str, Expr, str]] = {}
         self.resolve: Callable[[Expr], Expr] = lambda e: e  #: replaces intermediate results inside a scalar by their names
-        self.cache: dict[Any, Any] = {}  #: gradients of named scalars
+        self.cache: dict[Any, Any] = {}  #: gradients of named scalars, computed once
         #: vectors that are derivatives of another: (sign in LaTeX, number of the other)
         self.changes: dict[int, tuple[str, int]] = {}
         self.flat = False  #: whether all frame vectors lie in the plane normal to the third inertial axis

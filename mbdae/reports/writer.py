@@ -47,7 +47,7 @@ class Writer:
     # -- scalars
 
     def scalar(self, e: Expr) -> str:
-        """A scalar."""
+        """LaTeX of a scalar."""
         return self._scalar(se.sympify(e))[0]
 
     def factor(self, e: Expr, level: int = _PRODUCT) -> str:

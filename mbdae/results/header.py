@@ -129,6 +129,11 @@ def _coordinates(value: Any, where: str) -> None:
     _each(lambda part, place: (_each(_real()) if isinstance(part, dict) else _real())(part, place))(value, where)
 
 
+def _controllers(value: Any, where: str) -> None:
+    """Controllers under way: first instant, number of calls, and what they remember, which is read like arguments."""
+    _each(_row(_real(), _whole(), lambda memory, place: None))(value, where)
+
+
 def _row(*kinds: Kind) -> Kind:
     """A list with one value of each kind, in this order."""
 
@@ -183,7 +188,8 @@ HEADER = _record({
     "rank": _record({**dict.fromkeys(("kept", "dropped", "singular_here", "not_unique"), _TEXTS),
                      "doubtful": _many(_row(_text, _real(0.0))), "degrees_of_freedom": _whole(-MOST),
                      "smallest": _real(0.0, finite=False)}),
-    "start": _record({"t": _real(), "changes": _TEXTS}, {"coordinates": _coordinates}), "time": _real(0.0),
+    "start": _record({"t": _real(), "changes": _TEXTS}, {"coordinates": _coordinates, "controllers": _controllers}),
+    "time": _real(0.0),
     "info": _record(_INFO, {"choice": _text, "reliable": _flag, "events": _many(_row(_real(), _text, _whole(-1, 1)))}),
     "run": _record({"names": _TEXTS, "complete": _flag, "dense": _dense}),
 }, {"laws": _each(_text)})  # fmt: skip

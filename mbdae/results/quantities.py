@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from mbdae.errors import OptionError, SceneError
 from mbdae.scene.components import Signal
-from mbdae.scene.sensor_names import measured
+from mbdae.scene.sensor_names import measured, spelled
 from mbdae.system.base import Array
-from mbdae.values import shown
+from mbdae.values import BadValueError, shown
 
 Quantity = str | Callable[[Any], Any]
 #: functions of expressions; norm and magnitude are lengths of vectors
@@ -61,10 +62,18 @@ def _of_text(result: Any, text: str) -> Any:
     try:
         return result.read(text)
     except SceneError:
-        tree = _parsed(text)
-        if tree is None or isinstance(tree, ast.Name | ast.Constant) or _path(tree) is not None:
+        plain, names = _spelled(result, text)
+        tree = _parsed(plain)
+        if tree is None or isinstance(tree, ast.Name | ast.Constant) or _path(tree, names) is not None:
             raise
-        return _evaluated(result, tree)
+        return _evaluated(result, tree, names)
+
+
+def _spelled(result: Any, text: str) -> tuple[str, dict[str, str]]:
+    try:
+        return spelled(result.prepared.model.scene, text)
+    except BadValueError as refused:
+        raise OptionError(f"'{text}': {refused}") from None
 
 
 def _parsed(text: str) -> Any:
@@ -75,31 +84,57 @@ def _parsed(text: str) -> Any:
         return None
 
 
-def _path(node: Any) -> str | None:
-    """The name of a sensor that a part of an expression is; None where it is none."""
+def _path(node: Any, names: Mapping[str, str]) -> str | None:
+    """The name of a sensor that a part of an expression is; None where it is none. names: of items, by plain ones."""
     inner = node.value if isinstance(node, ast.Subscript) else node
     if not isinstance(inner, ast.Attribute):
         return None
-    return ast.unparse(node)
+    head, dot, rest = ast.unparse(node).partition(".")
+    return names.get(head, head) + dot + rest
 
 
-def _evaluated(result: Any, node: Any) -> Any:
-    """The value of an expression: signs and functions above, numbers, t, and sensors."""
-    path = _path(node)
+def _evaluated(result: Any, node: Any, names: Mapping[str, str]) -> Any:
+    """The value of an expression: signs and functions above, numbers, t, and sensors; names as of `_path`."""
+    path = _path(node, names)
     if path is not None:
         return result.read(path)
-    if isinstance(node, ast.Name) and isinstance(result.prepared.model.scene._by_name.get(node.id), Signal):
-        return result.read(node.id)
+    if isinstance(node, ast.Name) and isinstance(result.prepared.model.scene._by_name.get(names.get(node.id, node.id)), Signal):
+        return result.read(names.get(node.id, node.id))
     if isinstance(node, ast.Name) and node.id in ("t", "pi"):
         return result.t if node.id == "t" else np.pi
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
         return float(node.value)
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
-        inner = _evaluated(result, node.operand)
+        inner = _evaluated(result, node.operand, names)
         return -inner if isinstance(node.op, ast.USub) else inner
     if isinstance(node, ast.BinOp) and type(node.op) in _SIGNS:
-        return _SIGNS[type(node.op)](_evaluated(result, node.left), _evaluated(result, node.right))
+        return _applied(result, node, _SIGNS[type(node.op)], (node.left, node.right), names)
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in FUNCTIONS and not node.keywords:
-        return FUNCTIONS[node.func.id](*(_evaluated(result, a) for a in node.args))
+        return _applied(result, node, FUNCTIONS[node.func.id], node.args, names)
     raise OptionError(f"{ast.unparse(node)!r} is no part of an expression of sensors: signs + - * / **, numbers, t, pi, "
                       f"the functions {', '.join(FUNCTIONS)}, and sensors may appear")  # fmt: skip
+
+
+def _applied(result: Any, node: Any, function: Callable[..., Any], parts: Sequence[Any], names: Mapping[str, str]) -> Any:
+    """A sign or function of parts of an expression; OptionError where their components do not fit it."""
+    given = [_evaluated(result, part, names) for part in parts]
+    wanted = getattr(function, "nin", 1)
+    if len(given) != wanted:
+        raise OptionError(f"'{_said(node, names)}' has {len(given)} arguments, takes {wanted}")
+    lengths = function is FUNCTIONS["norm"] and any(np.ndim(value) == 1 for value in given)
+    if lengths or len({np.shape(value) for value in given if np.ndim(value)}) > 1:
+        said = ", ".join(f"{_said(part, names)} has {_components(value)}" for part, value in zip(parts, given, strict=True))
+        raise OptionError(f"'{_said(node, names)}' cannot be formed: {said}; name components, as in b.position[1]")
+    with np.errstate(all="ignore"):
+        return function(*given)
+
+
+def _said(node: Any, names: Mapping[str, str]) -> str:
+    """A part of an expression as it was written."""
+    return re.sub(r"\bitem_\d+_", lambda found: names.get(found[0], found[0]), ast.unparse(node))
+
+
+def _components(value: Any) -> str:
+    """How many numbers a value has at a time."""
+    shape = np.shape(value)[1:]
+    return " x ".join(map(str, shape)) + " components" if shape else "one number"

@@ -29,6 +29,7 @@ from mbdae.scene.sensor_names import parsed, placed
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import smallest, unit_rows
+from mbdae.system.sampling import Sampling, UnderWay
 from mbdae.system.start.start import Start
 from mbdae.values import file_to_write, number, of_class, option, optional, shown, text
 
@@ -147,7 +148,18 @@ class Result(RunStates, ListsAttributes):
         q = np.concatenate([q[n.q : n.q + n.kind.sizes[0]] for n in nodes])
         u = np.concatenate([u[n.u : n.u + n.kind.sizes[1]] for n in nodes])
         names = tuple(self.prepared.mechanics.numbering.states.values())
-        return Start(float(when[0]), q, u, s, np.zeros_like(u), np.zeros(0), names=names, coordinates=coordinates)
+        return Start(float(when[0]), q, u, s, np.zeros_like(u), np.zeros(0), names=names, coordinates=coordinates,
+                     controllers=self._controllers_for(scene, float(when[0])))  # fmt: skip
+
+    def _controllers_for(self, scene: SceneData, t: float) -> dict[str, UnderWay]:
+        """The controllers of another scene at a time of this run, which go on there because they are of this one too."""
+        prepared, run = self.prepared, self.solution
+        mine = {c.name: (c.every, c.sets, c.memory is None) for c in prepared.model.scene.controllers}
+        same = [c.name for c in scene.controllers if mine.get(c.name) == (c.every, c.sets, c.memory is None)]
+        if not same:
+            return {}
+        found = Sampling(prepared, prepared.all_bodies.numbering).until(t, run.t, run.y)
+        return {name: found[name] for name in same}
 
     def __call__(self, t: float | Sequence[float] | Array) -> Result:
         """The same run at other times t (s), by its dense output; OptionError for times outside of the run."""

@@ -26,6 +26,7 @@ from mbdae.results import archive, storable
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.header import FORMAT, VERSION, OtherFormatError, parsed
 from mbdae.results.result import ATTACHED, Event, Result, RunInfo
+from mbdae.results.stored_start import start_header, start_of
 from mbdae.scene.record import encode, stored_name, without_module
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
@@ -58,7 +59,7 @@ def save(result: Result, path: Any) -> None:
     prepared, solution = result.prepared, result.solution
     header = {
         "format": FORMAT, "version": VERSION, "scene": storable.statements(prepared.model.scene), "rank": _rank(prepared.rank),
-        "start": {"t": prepared.start.t, "changes": prepared.start.changes, "coordinates": _by_joint(prepared.start)},
+        "start": start_header(prepared.start),
         "laws": own_laws(prepared.model), "time": prepared.time, "info": _info(result.info),
         "run": {"names": list(solution.names), "complete": solution.complete, "dense": _dense(solution.interpolant)},
     }  # fmt: skip
@@ -114,7 +115,7 @@ def _result(header: dict[str, Any], arrays: dict[str, Array], known: Known) -> R
     _check_times(header, arrays)
     scene = _scene(header, known)
     numbers: dict[str, Any] = {name: arrays[f"start_{name}"] for name in _START}
-    start = Start(**header["start"] | {"coordinates": _coordinates(header["start"].get("coordinates", {}), scene)}, **numbers)
+    start = start_of(header["start"], numbers, scene, known)
     prepared = _prepared(header, scene, start)
     prepared.model.conditions.end = float(arrays["steps"][-1])
     run, info = header["run"], header["info"]
@@ -159,27 +160,6 @@ def _check_laws(stored: dict[str, str], found: dict[str, str]) -> None:
         if found.get(name) != stored[name]:
             raise BadValueError(f"the law {name.split()[0]} states other equations than when the file was written; hand over the "
                                 f"class as it was: pass laws=[...]")  # fmt: skip
-
-
-def _by_joint(start: Start) -> dict[str, dict[str, float]]:
-    """Start values of coordinates by joint and name, as a file holds them."""
-    found: dict[str, dict[str, float]] = {}
-    for (joint, name), value in start.coordinates.items():
-        found.setdefault(joint, {})[name] = value
-    return found
-
-
-def _coordinates(stored: dict[str, Any], scene: SceneData) -> dict[tuple[str, str], float]:
-    """Start values by joint and name from those that a file holds: tables by name, or (earlier versions) one number."""
-    known = {c.name: c.coordinates for c in scene.joints}
-    found: dict[tuple[str, str], float] = {}
-    for joint, values in stored.items():
-        names = known.get(joint, ())
-        of_joint = values if isinstance(values, dict) else dict.fromkeys(names[:1], values)
-        if not of_joint or not set(of_joint) <= set(names):
-            raise BadValueError(f"its start has {shown(values)} of {shown(joint)} with the coordinates {shown(list(names))}")
-        found |= {(joint, name): float(value) for name, value in of_joint.items()}
-    return found
 
 
 def _scene(header: dict[str, Any], known: Known) -> SceneData:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mbdae.errors import NotReadError, OptionError
 from mbdae.formulations import system_for
 from mbdae.integrators.base import Asked
-from mbdae.integrators.runge_kutta.batch import Batch, solve_batch
+from mbdae.integrators.runge_kutta.batch import Batch, refuse_watched, solve_batch
 from mbdae.integrators.runge_kutta.dop853 import DOP853
 from mbdae.run.choice import choose, prepared_from, with_recursive_joints
 from mbdae.run.control import ATTEMPTS, FINER, measure_of, plausible
@@ -61,6 +61,8 @@ class Batches:
             self.read(dict.fromkeys(numbers))
         except OptionError:
             self.system, self._known = system_for(prepared, choice.form, 0, open=True), {}
+        if numbers:
+            refuse_watched(self.system, t_end)
         times = Asked.of(self.system, t_end, outputs).times
         self.times = np.array([float(t_end)]) if times is None else times
         self._every = np.union1d(self.times, np.linspace(self.system.t0, t_end, COMPARED + 1))

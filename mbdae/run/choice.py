@@ -127,9 +127,9 @@ def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[So
 def _hard(prepared: Prepared) -> str:
     """Why a scene needs Radau IIA at every accuracy; "" where it does not."""
     if prepared.model.lines:
-        return "elastic beams, whose fast modes BDF feeds or follows for ever"
+        return "elastic beams: BDF adds energy to their fast modes, or takes very many steps to follow them"
     if prepared.contacts:
-        return "contacts, on which its steps land; BDF gains or loses more energy there"
+        return "contacts: its steps end where they begin, and BDF gains or loses more energy in them"
     if prepared.mechanics.reactive:
         return FRICTION
     for group in prepared.model.groups:
@@ -193,8 +193,8 @@ class Rates:
 
     def __str__(self) -> str:
         if not np.isfinite(self.decay):
-            return f"more than {EIGENVALUES} unknowns, too many to look for fast vibrations"
+            return f"more than {EIGENVALUES} unknowns, too many to compute the fastest vibrations"
         T = self._prepared.time
-        what = f"decays at {self.decay / T:.3g} 1/s" if self.decay > self.oscillation else (
-            f"oscillates at {self.oscillation / T:.3g} rad/s")  # fmt: skip
-        return f"something {what}, the motion changes in {T:.3g} s"
+        what = f"decay at up to {self.decay / T:.3g} 1/s" if self.decay > self.oscillation else (
+            f"oscillate at up to {self.oscillation / T:.3g} rad/s")  # fmt: skip
+        return f"small disturbances {what}, the motion changes in {T:.3g} s"

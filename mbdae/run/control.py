@@ -46,8 +46,8 @@ UNTESTED = "the run attached is complete; what its steps may leave out is not kn
 CRAWL = 10  #: a run is stopped above this many times the residual evaluations of its companion
 CUT = 100  #: residual evaluations allowed in addition for every step that inputs of time cut short
 CHAOTIC = 2.0  #: with contact: a run is not repeated after two repeats lowered its estimate by less than this factor
-CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic, and its digits are lost at "
-         "some time; trust energies, forces and statistics, or a shorter run")  # fmt: skip
+CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic and not predictable beyond "
+         "some time; rely on energies, forces and statistics, or on a shorter run")  # fmt: skip
 FALL, SLOW = 0.9, 0.4  #: power of the tolerance with which errors are taken to fall, and the smallest power assumed
 #: smallest and largest ratio of the tolerance of a repeated run to that of the run before
 FINER, FINER_WITH_IMPACTS = (1e-3, 0.3), (0.1, 0.3)

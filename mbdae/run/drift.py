@@ -40,7 +40,7 @@ def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[s
     tolerance = asked if asked is not None else run.solver.rtol or 0.0
     if not abs(off) > max(max(SHARE, ALLOWED * tolerance) * exchanged, _at_rest(prepared, tolerance)):
         return []
-    cause = "BDF of order above 2 feeds undamped motion: use mb.RadauIIA(3), or" if order > 2 else "use"
+    cause = "BDF of order above 2 adds energy to undamped motion: use mb.RadauIIA(3), or" if order > 2 else "use"
     return [f"the energy balance drifts: {abs(off):.2g} J {'gained' if off > 0 else 'lost'} without a cause, where "
             f"{exchanged:.2g} J are exchanged; {cause} a smaller rtol or step"]  # fmt: skip
 
@@ -72,10 +72,10 @@ def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> lis
     speed = max(prepared.length / prepared.time, float(np.max(np.abs(u) * m.velocity_units, initial=0.0)))
     units = max(prepared.length, 1.0), max(speed, speed / prepared.length)  # units of rows in m, or in rad
     off = [np.abs(m.position_residual(t, q)) / units[0], np.abs(m.velocity_residual(t, q, u)) / units[1]]
-    for values, what in zip(off, ("closed", "at rest in itself"), strict=True):
+    for values, what in zip(off, ("position", "velocity"), strict=True):
         worst = largest(np.max(values, axis=0))
         if np.max(values) > asked:
-            return [f"joint row {m.rows[worst].name} does not stay {what}: off by {np.max(values):.1e} of the scene's size or "
-                    f"speed; the index-1 form holds accelerations only: raise baumgarte, ask for a smaller accuracy, or use "
+            return [f"joint row {m.rows[worst].name} is violated in {what}, by {np.max(values):.1e} of the scene's size or "
+                    f"speed: the index-1 form holds accelerations only; raise baumgarte, ask for a smaller accuracy, or use "
                     f"mb.GGL()"]  # fmt: skip
     return []

@@ -66,4 +66,5 @@ def beginning_at(system: System, run: Solution, t: float) -> System:
     system.read_at(t)
     values = system.restarted(t, run(t))
     system.read_at(None)
-    return system.starting(t, *values)
+    other = system.starting(t, *values)
+    return other if system.sampled is None else other.sampling(system.sampled.going_on(t, run.t, run.y))

@@ -66,8 +66,8 @@ class Job:
     accuracy: float
     asked: Asked  #: end time, wall time and progress
     times: Array  #: output times of the result, s
+    continued: bool  #: whether it starts where another run ended
     choice: str = ""
-    continued: bool = False  #: whether it starts where another run ended
     begin: float = field(default_factory=time.perf_counter)
     _systems: dict[tuple[Form, int], SceneSystem] = field(default_factory=dict)
 
@@ -216,7 +216,7 @@ class Job:
             solution, singular = getattr(error, "solution", None), self.prepared.rank.singular_here
             if isinstance(error, SolverError) and singular and error.time <= self.prepared.start.t:
                 error.args = (f"{error}; the scene starts in a singular position, where {singular[0].name} depends on the other "
-                              f"rows: start it a little beside that",)  # fmt: skip
+                              f"rows: start it slightly away from that position",)  # fmt: skip
             if isinstance(solution, Solution):
                 why = "the run failed before its end" if isinstance(error, SolverError) else "the run was interrupted"
                 known, stats = nothing_known(self.prepared, why), solution.stats

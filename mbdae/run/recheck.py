@@ -66,7 +66,8 @@ class FineRun:
         q, u, s = p.states(at, y[None])
         a, multipliers = p.mechanics.accelerations(at, q, u, s)
         start = Start(t, q[0], u[0], s[0], a[0], multipliers[0])
-        return system_for(replace(p, start=start), self.form, self.solver.highest_index)
+        system = system_for(replace(p, start=start), self.form, self.solver.highest_index)
+        return system.sampling(None)  # controllers hold their outputs inside of a step
 
     def _stops(self, suspect: Suspect) -> Array:
         """Times (s) at which the fine run stops: points with a large defect, their neighbours, the end of the step."""
@@ -121,14 +122,14 @@ class Rechecked:
         if not self.contradictions:
             return []
         c, *others = self.contradictions
-        also = "; so it is at t = " + ", ".join(f"{(o.begin + o.end) / 2:.6g}" for o in others) + " s" if others else ""
+        also = "; the same holds at t = " + ", ".join(f"{(o.begin + o.end) / 2:.6g}" for o in others) + " s" if others else ""
         if self.suspects > MOST:
-            also += f" ({self.suspects} steps are suspect, of which {MOST} were followed)"
-        return [f"from about t = {c.begin:.6g} to {c.end:.6g} s {c.equation} contradicts the run, whose step of {c.step:.3g} s "
-                f"did not look there: followed closely, the motion differs by {c.difference:.1e} (allowed {self.allowed:.0e})"
-                f"{also}. Something acts there for a short time: take steps below {c.longest:.2g} s, as with mb.RadauIIA(3, "
-                f"step={SHORTER * c.longest:.2g}), or end a run at t = {(c.begin + c.end) / 2:.6g} s and continue it with "
-                f"start="]  # fmt: skip
+            also += f" ({self.suspects} steps are suspect, of which {MOST} were integrated again)"
+        return [f"from about t = {c.begin:.6g} to {c.end:.6g} s {c.equation} is not satisfied by the run, whose step of "
+                f"{c.step:.3g} s was not evaluated there: with short steps the motion differs by {c.difference:.1e} (allowed "
+                f"{self.allowed:.0e}){also}. Something acts there for a short time: take steps below {c.longest:.2g} s, as with "
+                f"mb.RadauIIA(3, step={SHORTER * c.longest:.2g}), or end a run at t = {(c.begin + c.end) / 2:.6g} s and continue "
+                f"it with start="]  # fmt: skip
 
 
 def rechecked(prepared: Prepared, form: Form, system: SceneSystem, run: Controlled, asked: float | None) -> Rechecked:

@@ -175,8 +175,8 @@ def doubts_of_steps(run: Controlled) -> list[str]:
     if stats.missed_dips:
         found.append(f"{stats.missed_dips} contacts may have been stepped over: use error control, or a smaller step")
     for item, count in stats.unresolved.items():
-        found.append(f"{count} steps went over what the law of '{item}' does within a part of them: use error control, or steps "
-                     f"of at most {stats.resolving_step:.1g} s")  # fmt: skip
+        found.append(f"{count} steps did not resolve the law of '{item}', which changes within a step: use error control or "
+                     f"steps of at most {stats.resolving_step:.1g} s")  # fmt: skip
     if 0 < stats.shortest_contact < FEW_STEPS:
         found.append(f"the shortest contact took {stats.shortest_contact} step(s): impacts are not resolved; use a smaller rtol")
     return found

@@ -34,8 +34,8 @@ def singular_passages(result: Result, asked: float | None) -> list[str]:
     if value**2 > resolved:
         return []
     return [f"passes a singular position of the loop closed by '{loops[0].name}' at t = {when:.6g} s (smallest singular value "
-            f"of its rows {value:.1e}): two motions meet there within what {resolved:.0e} resolves, and it may have left on the "
-            f"other; compare with runs at smaller accuracies, or keep apart from that position"]  # fmt: skip
+            f"of its rows {value:.1e}): two branches of the motion meet there, closer than {resolved:.0e} resolves, and the run "
+            f"may have changed branch; compare with runs at smaller accuracies, or avoid that position"]  # fmt: skip
 
 
 def _smallest(result: Result, times: Array) -> tuple[float, float]:

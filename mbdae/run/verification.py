@@ -18,7 +18,7 @@ from mbdae.run.control import Controlled, measure_of, other_run, run_controlled
 from mbdae.run.mesh import mesh_error
 from mbdae.system.prepare import Prepared
 
-CONTINUED = "not measured: the run continues another, whose mesh and error of the mesh it has"
+CONTINUED = "not measured: the run continues another one on the same mesh, whose discretisation error it has too"
 
 
 @dataclass(frozen=True)

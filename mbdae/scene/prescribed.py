@@ -9,10 +9,10 @@ import numpy as np
 import symengine as se
 
 from mbdae.inputs import timed
-from mbdae.inputs.breaks import TooManyError, jumps, unresolved
+from mbdae.inputs.breaks import TooManyError, beyond, jumps, unresolved
 from mbdae.inputs.resolution import Stretches, resolved
 from mbdae.inputs.sensed import paths
-from mbdae.inputs.tables import Table, lookup_of
+from mbdae.inputs.tables import lookup_of
 from mbdae.scene.components import BeamLoad, Connection, Signal
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
@@ -52,16 +52,16 @@ def _fed(connections: list[Connection], signals: list[Signal]) -> Iterator[Input
     stated += [(one.kind, one.name, one.value if one.law is None else getattr(one.law, "rate", None)) for one in signals]
     for kind, name, value in stated:
         if paths(value) or (kind in ("signal", "state") and getattr(value, "free_symbols", None)):
-            yield from (Input(f"{kind} '{name}': {e}", e, "1", False) for e in dict.fromkeys(_of_time(se.sympify(value))))
+            yield from (Input(f"{kind} '{name}': {e}", e, "1", False) for e in dict.fromkeys(of_time(se.sympify(value))))
 
 
-def _of_time(e: Expr) -> Iterator[Expr]:
-    """The largest parts of an expression that depend on time alone; of cases, which may never apply, only those with tables."""
+def of_time(e: Expr) -> Iterator[Expr]:
+    """The largest parts of an expression that depend on time alone; of cases, which may not hold, those with tables."""
     if e.free_symbols == {timed.TIME} and not is_condition(e):
         yield e
         return
     for part in e.args:
-        yield from (one for one in _of_time(part) if not isinstance(e, se.Piecewise) or any(map(lookup_of, nodes(one))))
+        yield from (one for one in of_time(part) if not isinstance(e, se.Piecewise) or any(map(lookup_of, nodes(one))))
 
 
 def problems(scene: Any, t0: float, t_end: float, continued: bool = False) -> list[str]:
@@ -71,10 +71,12 @@ def problems(scene: Any, t0: float, t_end: float, continued: bool = False) -> li
 
 
 def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
-    short = [text for lookup, a, b, _ in timed.split((timed.sided(one.expression),)).readings
-             for text in _beyond(lookup.table, *sorted((a * t0 + b, a * t_end + b)))]  # fmt: skip
+    try:
+        short = beyond(one.expression, t0, t_end)
+    except TooManyError:
+        short = ""  # said below
     if short:
-        return [f"{one.what}: {short[0]}"]
+        return [f"{one.what}: {short}"]
     parts = list(timed.derivatives(one.expression)) if one.moves else [timed.sided(one.expression)]
     for part, name in zip(parts, ("value", "rate", "second derivative"), strict=False):
         start = float(timed.values(part, np.array([t0]))[0])
@@ -107,14 +109,6 @@ def _looked_at(edges: Any, found: Stretches) -> tuple[Any, Any]:
     stretch = np.clip(np.searchsorted(edges, middle) - 1, 0, len(edges) - 2)
     side = ((edges[1:] + edges[:-1]) / 2)[stretch]
     return np.r_[low, middle, high], np.r_[side, side, side]
-
-
-def _beyond(table: Table, low: float, high: float) -> list[str]:
-    """One sentence where a run reads a table with outside="error" before its first point or after its last; else none."""
-    if table.outside != "error" or (table.t[0] <= low and high <= table.t[-1]):
-        return []
-    return [f"the table goes from {table.t[0]:g} to {table.t[-1]:g} s, and the run reads it from {low:g} to {high:g} s: give a "
-            f"longer table, outside=\"hold\" or \"periodic\", or another run"]  # fmt: skip
 
 
 def _jumps(one: Input, parts: list[Expr], values: list[Any], edges: Any, before: list[float]) -> list[str]:

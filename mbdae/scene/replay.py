@@ -106,6 +106,11 @@ def _word(name: str) -> str:
 # ---- arguments -----------------------------------------------------------------------------------------------------------
 
 
+def decoded(value: Any, scene: Any, known: Known) -> Any:
+    """A value from its plain data."""
+    return _decode(value, scene, known)
+
+
 def _decode(value: Any, scene: Any, known: Known) -> Any:
     """The argument an encoded value stands for, in `scene`."""
     if isinstance(value, list):

@@ -7,6 +7,7 @@ controller is its name alone."""
 from __future__ import annotations
 
 import re
+from keyword import iskeyword
 from typing import Any, NamedTuple
 
 from mbdae.errors import SceneError
@@ -15,9 +16,14 @@ from mbdae.laws.forces.on_coordinate import OnCoordinate
 from mbdae.notation import QUANTITIES
 from mbdae.scene.components import Body, Connection, Signal
 from mbdae.symbolic.law import Force
+from mbdae.values import BadValueError
 
 _PLACE = re.compile(r"(?P<item>.+)\.at\((?P<where>[^()]*)\)")
 _ENTRY = re.compile(r"(?P<path>.+?)(?P<entry>(\[\s*\d+\s*(,\s*\d+\s*)?\])*)", re.DOTALL)
+
+
+_PLAIN = re.compile(r"[A-Za-z_]\w*", re.ASCII)  #: names that expressions hold as they are
+_QUOTED = r'sensor\("(?:[^"\\]|\\.)*"\)'
 
 
 class SensorName(NamedTuple):
@@ -35,6 +41,28 @@ def parsed(text: str) -> SensorName:
     if found is None:
         return SensorName("", "")
     return SensorName(*split(found["path"]), tuple(int(n) for n in re.findall(r"\d+", found["entry"])))
+
+
+def spelled(scene: Any, text: str) -> tuple[str, dict[str, str]]:
+    """A text with plain names in place of those of items that have spaces, signs or other letters ("my joint"), and their names
+    by these; BadValueError where a name may be an expression of others too."""
+    odd = sorted((name for name in scene._by_name if not _PLAIN.fullmatch(name) or iskeyword(name)), key=len, reverse=True)
+    if not any(name in text for name in odd):
+        return text, {}
+    plain = {name: f"item_{i}_" for i, name in enumerate(odd)}
+
+    def replaced(found: re.Match[str]) -> str:
+        name = found[0]
+        if name not in plain:
+            return name
+        parts = re.findall(r"\w+", name)
+        if len(parts) > 1 and re.search(r"[-+*/]", name) and all(part in scene._by_name for part in parts):
+            raise BadValueError(f"'{name}' is an item, and an expression of {', '.join(parts)}: give the item another name")
+        return plain[name]
+
+    names = "|".join(re.escape(name) for name in odd)
+    made = re.sub(rf"{_QUOTED}|(?<![\w.])(?:{names})(?!\w)", replaced, text)
+    return made, {short: name for name, short in plain.items()}
 
 
 def split(path: str) -> tuple[str, str]:

@@ -13,8 +13,9 @@ from mbdae.errors import OptionError
 from mbdae.files import replacing, write_file
 from mbdae.notation import axis_label
 from mbdae.scene.components import Body, Connection, Place
-from mbdae.show.drawing import Picture, axes_for, figure_size, show_gravity
+from mbdae.show.drawing import LETTERS, Picture, axes_for, entitled, figure_size, show_gravity
 from mbdae.show.film import SMOOTH, Curve, Film, digits, filmed, frame_times, natural_speed
+from mbdae.show.names import fitting
 from mbdae.show.player import page
 from mbdae.show.plots import PLACE, checked, dress, names_of, numbers, steady, style, track
 from mbdae.values import number, option, optional, sequence, text
@@ -106,7 +107,7 @@ class _Stage:
         margins = {} if film.seen.planar else sides
         grid = figure.add_gridspec(1 + n, 1, height_ratios=[height, *[0.9] * n], **margins)
         self.figure, self.axes = figure, axes_for(figure, film.seen, grid[0])
-        self.title = self.axes.set_title(" ", fontsize="medium", loc="left", family="monospace")
+        self.title = entitled(self.axes, film.seen, self._told(-1), family="monospace")
         self.picture = Picture(self.axes, film.seen)
         show_gravity(self.axes, film.seen)
         self.trails = [self.picture.trail(trail.points, trail.colour) for trail in film.trails]
@@ -152,5 +153,9 @@ class _Stage:
             lengthen(i * self.film.fine)
         for marker in self.markers:
             marker.set_xdata([self.t[i]] * 2)
+        self.title.set_text(fitting(self._told(i), LETTERS))
+
+    def _told(self, i: int) -> str:
+        """The title of the i-th frame."""
         pace = "" if self.film.speed == 1 else f"   (speed x {self.film.speed:g})"
-        self.title.set_text(f"{self.film.seen.name}   t = {self.t[i]:.{digits(self.t)}f} s{pace}")
+        return f"{self.film.seen.name}   t = {self.t[i]:.{digits(self.t)}f} s{pace}"

@@ -212,12 +212,20 @@ def draw(prepared: Prepared, path: Any = None, hide: Sequence[str] = ()) -> Any:
     margins = {} if seen.planar else {"left": 0.02, "right": 0.92, "bottom": 0.04, "top": 0.94}
     axes = axes_for(figure, seen, figure.add_gridspec(1, 1, **margins)[0])
     Picture(axes, seen)
-    axes.set_title(fitting(f"{seen.name}, t = {seen.t[0]:g} s", LETTERS), fontsize="medium", loc="left")
+    entitled(axes, seen, f"{seen.name}, t = {seen.t[0]:g} s")
     show_gravity(axes, seen)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
     Namer(axes, seen).place()
     return written(figure, path, "draw")
+
+
+def entitled(axes: Any, seen: Geometry, title: str, **look: Any) -> Any:
+    """The artist of a title: above the axes in space, across the whole figure in the plane, where the axes can be narrow."""
+    text = fitting(title, LETTERS)
+    if seen.planar:
+        return axes.figure.suptitle(text, x=0.02, ha="left", fontsize="medium", **look)
+    return axes.set_title(text, fontsize="medium", loc="left", **look)
 
 
 def show_gravity(axes: Any, seen: Geometry) -> None:

@@ -42,7 +42,7 @@ class Namer:
     def _written(self) -> list[Any]:
         """Texts already in the picture: title, names and numbers of the axes, gravity."""
         axis = [self.axes.xaxis, self.axes.yaxis]
-        found = [self.axes.title, self.axes._left_title, *self.axes.texts]
+        found = [*self.figure.texts, self.axes._left_title, *self.axes.texts]
         if self.seen.planar:
             found += [a.label for a in axis] + [label for a in axis for label in a.get_ticklabels()]
         return [text for text in found if text.get_visible() and text.get_text()]

@@ -63,7 +63,7 @@ def _whole(points: Array, unit: float) -> Any:
 
 
 def _short(values: Array) -> Any:
-    """Seven significant digits."""
+    """Values rounded to seven significant digits, as lists."""
     rounded = [float(f"{v:.7g}") for v in np.asarray(values).ravel()]
     return np.reshape(rounded, np.shape(values)).tolist()
 

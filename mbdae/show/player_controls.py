@@ -85,13 +85,13 @@ window.addEventListener("resize", show);
 // ---- turning, moving and enlarging the view: mouse, fingers, keys
 const pointers = new Map();
 function turnBy(a, b) { camera.turn += a; camera.tip = Math.max(-1.55, Math.min(1.55, camera.tip + b)); }
-function zoomAt(x, y, factor) {  // what is at x, y, px from the left and the top, stays there
+function zoomAt(x, y, factor) {  // keeps the point at x, y (px from the left and the top) in place
   const zoom = Math.max(0.1, Math.min(200, camera.zoom * factor)), ratio = zoom / camera.zoom;
   const p = [x - view.clientWidth / 2, y - view.clientHeight / 2];
   camera.x = p[0] - (p[0] - camera.x) * ratio; camera.y = p[1] - (p[1] - camera.y) * ratio; camera.zoom = zoom;
 }
 function home() { camera = {...HOME}; show(); }
-const grip = () => {  // middle of the fingers, and their distance
+const grip = () => {  // centre of the fingers and their distance, px
   const p = [...pointers.values()], m = [0, 1].map(i => p.reduce((s, q) => s + q[i], 0) / p.length);
   return {m, d: p.length > 1 ? Math.hypot(p[0][0] - p[1][0], p[0][1] - p[1][1]) : 0};
 };

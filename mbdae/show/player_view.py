@@ -24,7 +24,7 @@ function frame() {
 const near = (list, f) => list[f.s < 0.5 ? f.i : f.j];
 const at = (list, f) => list.length === 1 ? list[0] : f.s ? between(list[f.i], list[f.j], f.s) : list[f.i];
 const between = (a, b, s) => Array.isArray(a) ? a.map((x, i) => between(x, b[i], s)) : a + s * (b - a);
-function turned(list, f) {  // axes between two frames; of the nearer one where they turn far
+function turned(list, f) {  // interpolated axes; those of the nearer frame where the rotation between two frames is large
   if (list.length === 1 || !f.s) return list[list.length === 1 ? 0 : f.i];
   const a = list[f.i], b = list[f.j];
   if (dot(a, b) + dot(a.slice(3), b.slice(3)) + dot(a.slice(6), b.slice(6)) < 1.5 / film.grain ** 2) return near(list, f);
@@ -96,7 +96,7 @@ function paint(c, kind, colour, pts) {
   if (look.casing) { c.strokeStyle = INK; c.lineWidth += 2; c.stroke(); c.strokeStyle = colour; c.lineWidth -= 2; }
   c.stroke(); c.setLineDash([]);
 }
-// the faces of a solid that are seen, with their light
+// visible faces of a solid with their shading
 const LIGHT = unit([-0.35, 0.55, 0.76]);
 function facesOf(shape, pts, k) {
   const tone = parseInt(shape.colour.slice(1), 16), rgb = [tone >> 16 & 255, tone >> 8 & 255, tone & 255];

@@ -16,6 +16,7 @@ import symengine as se
 
 from mbdae.errors import OptionError
 from mbdae.inputs import timed
+from mbdae.inputs.sensed import paths
 from mbdae.scene.record import encode, read
 
 NUMBERS = ("begin", "width", "strength")  #: quantities of a pulse that can be varied
@@ -117,11 +118,11 @@ def pulses(statements: Any, t_end: float) -> list[Pulse]:
 
 
 def _places(holder: Any, path: Sequence[str]) -> Iterator[tuple[Any, Any]]:
-    """(list or mapping, key) of every expression of time in nested data below a path of names and numbers."""
+    """(list or mapping, key) of every expression of time alone in nested data below a path of names and numbers."""
     for key, value in enumerate(holder) if isinstance(holder, list) else holder.items():
         rest = path[1:] if path and str(key) == path[0] else path
         if isinstance(value, dict) and "expression" in value:
-            if not rest:
+            if not rest and not paths(read(value)):
                 yield holder, key
         elif isinstance(value, list | dict):
             yield from _places(value, rest)

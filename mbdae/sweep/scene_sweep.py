@@ -5,7 +5,9 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
+import pickle
 import re
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
@@ -221,6 +223,8 @@ def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers:
     for name, value in zip(points.names, points.values(0, 1)[0], strict=True):
         replace(job, names=(name,)).at([value])  # refuses unknown names before anything is computed
     job = planned(job, points.extent())
+    if executor is None:
+        _check_sent(job)
     made = SceneSweep(points, job, *_folder(resume, job, points))
     if resume is not None:
         made.read_folder(again)
@@ -233,6 +237,19 @@ def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers:
         interrupted(error, f"{told}; this exception has them as its attribute `solution`", made)
         raise
     return made
+
+
+def _check_sent(job: SceneJob) -> None:
+    """Refuse a scene that cannot be sent to other processes."""
+    advice = ("define functions and classes of your own at the top level of a file, or pass "
+              "executor=concurrent.futures.ThreadPoolExecutor()")  # fmt: skip
+    try:
+        sent = pickle.dumps(job)
+    except Exception as error:
+        raise OptionError(f"scene '{job.scene.name}' cannot be sent to another process ({error}): {advice}") from error
+    if b"__main__" in sent and not hasattr(sys.modules["__main__"], "__file__"):
+        raise OptionError(f"scene '{job.scene.name}' has something that was typed in, which worker processes cannot import: "
+                          f"{advice}")  # fmt: skip
 
 
 def _compute(made: SceneSweep, job: Any, points: Points, left: Sequence[tuple[int, int]], executor: Executor | None,

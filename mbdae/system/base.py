@@ -25,7 +25,7 @@ SWITCH_KINDS = ("kink", "decaying", "saturating", "growing", "arc", "periodic", 
 
 
 class Places(NamedTuple):
-    """Where the entries of a matrix (n, n) are, by columns: `indptr` (n + 1,) and `indices` (nnz,) as SciPy has them."""
+    """Sparsity pattern of a matrix (n, n), by columns: `indptr` (n + 1,) and `indices` (nnz,) as SciPy has them."""
 
     indptr: NDArray[np.intp]
     indices: NDArray[np.intp]
@@ -37,7 +37,7 @@ class Places(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Of the matrix."""
+        """(n, n), the shape of the matrix."""
         return (len(self.indptr) - 1,) * 2
 
 
@@ -70,8 +70,8 @@ class Switches:
 
 @dataclass(frozen=True)
 class Numbers:
-    """Numbers of equations in an array W that their native evaluation reads: slots (m,) of all, and which of the names asked for
-    stands in each (m,)."""
+    """Numbers of laws in an array W that the native evaluation reads: their slots (m,), and for each which of the names asked
+    for it belongs to (m,)."""
 
     W: Array
     slots: NDArray[np.int64]
@@ -83,7 +83,7 @@ def _words(value: Any, **bounds: Any) -> tuple[Any, ...]:
 
 
 class Kept(dict[str, Any]):
-    """What solvers keep of equations from run to run, by name; their parts of a run share it, copies of a result begin anew."""
+    """Results that solvers store for later runs, by name: shared by the Systems of a run's parts, empty in copies."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Kept, ()
@@ -114,26 +114,27 @@ class System:
     yp0: Array
     sparsity: Any
     label: str = ""
-    #: typical time of the motion, s: errors of unknowns of higher index are weighed by the step over it
+    #: characteristic time of the motion, s: errors of unknowns of higher index are weighed by the step over this time
     time: float = 1.0
     #: CSC pattern (n, n) of the Jacobian where it is known although `sparsity` may be None; see `jacobian_values`
     pattern: Any = None
 
     @property
     def has_pattern(self) -> bool:
-        """Whether there is one."""
+        """Whether the Jacobian has a sparsity pattern."""
         return self.pattern is not None
 
 
-    kept: Kept | None = None  #: None: solvers keep nothing
-    #: optional parts of the interface; a system that has none of them leaves them None
+    kept: Kept | None = None  #: results that solvers store for later runs of the same equations; None: nothing is stored
+    #: optional parts of the interface; None where a system does not have them
     rhs: Any = None
     rate_jacobian: Any = None  #: (t, y) -> dy'/dy (n, n) of systems with a right-hand side that know it
-    rate_products: Any = None  #: (t, y, directions (k, n)) -> dy'/dy times each (k, n), where that is cheaper than dy'/dy
+    #: (t, y, directions (k, n)) -> dy'/dy times each (k, n), where these products cost less than dy'/dy
+    rate_products: Any = None
     partition: Any = None
     #: the equations as native methods call them (`mbdae.native.equations.Equations`); None: by calls of the functions here
     native: Any = None
-    displaced: Callable[[Array, Array], Array] | None = None  #: (q, displacements) -> q moved; None: they add
+    displaced: Callable[[Array, Array], Array] | None = None  #: (q, displacements) -> displaced q; None: displacements are added
     #: contacts: (t, y) -> (gap, gap rate, duration), each (nc,): gap in m (> 0 apart, < 0 penetrating), its time derivative in
     #: m/s, and the duration in s of an impact at the present approach speed (> 0; inf: no impact). Adaptive solvers keep
     #: their steps short where a contact is near and never step over one
@@ -142,17 +143,17 @@ class System:
     guard_names: tuple[str, ...] = ()
     #: unit of each gap, m or rad; m where there are fewer
     guard_units: tuple[str, ...] = ()
-    guard_jumps: bool = False  #: whether the force of a contact jumps where it is made: steps across that have order 1
+    guard_jumps: bool = False  #: whether the force of a contact jumps when the bodies touch: steps across that are of order 1
     #: functions in the equations that switch or vary within a narrow range; None: none
     switches: Switches | None = None
     #: name of the elastic beam that vibrates fastest and the angle (rad) of that vibration in the motion's characteristic time
     vibration: Callable[[], tuple[str, float]] | None = None
 
     #: begin and end of a run (s) -> where its inputs of time break, and how long steps may be (`system.model.inputs.Timeline`;
-    #: None: they are smooth and slow); None: inputs of time are not looked at
+    #: None: they are smooth and slow); None: inputs of time are not checked
     timeline: Callable[..., Any] | None = None
-    #: begin of a run (s) -> its sampled controllers (`system.sampling.Sampler`); None: there are none
-    sampled: Callable[[float], Any] | None = None
+    #: begin of a run (s) -> its sampled controllers (`system.sampling.Sampling`); None: there are none
+    sampled: Any = None
     #: time -> longest step (s) that may be taken from there; None: no bound
     longest_step: LongestStep | None = None
 
@@ -165,20 +166,27 @@ class System:
         other.t0, other.y0, other.yp0, other.longest_step = t, y, yp, longest_step
         return other
 
+    def sampling(self, by: Any) -> Self:
+        """These equations with other sampled controllers (`system.sampling.Sampling`), or with None, so that outputs stay as they
+        are: a new System that shares everything else with this one."""
+        other = copy(self)
+        other.sampled = by
+        return other
+
     def renewed(self, t: float, y: Array) -> System | None:
-        """A system of the same unknowns to go on with from y (n,), because some of these equations are about to depend on each
-        other; None: go on with this one. Asked after every accepted step."""
+        """A system of the same unknowns to continue with from y (n,), because some of these equations are about to depend on
+        each other; None: continue with this one. Called after every accepted step."""
         return None
 
     def memory(self) -> dict[str, Any]:
-        """What these equations remember of a run beside its state, as plain values and arrays of their own."""
+        """The state of these equations that is not in y and that a continued run needs: plain values and arrays."""
         return {}
 
     def remember(self, memory: dict[str, Any]) -> None:
-        """Remember what `memory` told."""
+        """Restore what `memory` returned."""
 
     def forget(self) -> None:
-        """Have `renewed` look at the next position whatever it saw before."""
+        """Discard what `renewed` stored of earlier positions, so that it checks the next one."""
 
     @property
     def looks_at_steps(self) -> bool:
@@ -207,7 +215,7 @@ class System:
             self.residual(t[i], y[i], yp[i], out[i])
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        """dF/dy and dF/dy' apart, each shaped like the `out` of `jacobian`."""
+        """dF/dy and dF/dy' as two arrays, each shaped like the `out` of `jacobian`."""
         shape = (self.n, self.n) if self.sparsity is None else (self.sparsity.nnz,)
         fy, both = np.zeros(shape), np.zeros(shape)
         self.jacobian(t, y, yp, 0.0, fy)
@@ -215,11 +223,11 @@ class System:
         return fy, both - fy
 
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        """dF/dy and dF/dy' apart as (nnz,) data of `pattern`, of systems that have one."""
+        """dF/dy and dF/dy' as two arrays (nnz,) of data of `pattern`, for systems that have one."""
         raise NotImplementedError
 
     def numbers(self, names: Sequence[str]) -> Numbers:
-        """Where numbers of laws ("elbow.mass") stand that a batch of runs varies; OptionError where one cannot be varied."""
+        """Slots of numbers of laws ("elbow.mass") that a batch of runs varies; OptionError where one cannot be varied."""
         raise OptionError(f"numbers = {shown(list(names))}: the equations of this system are functions, whose numbers are not "
                           f"known; give starts alone, or solve the systems one by one")  # fmt: skip
 

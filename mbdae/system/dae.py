@@ -128,7 +128,7 @@ class DAE(System):
                 kept = x[j]
                 x[j] = kept + ROOT_EPS * max(abs(kept), self.scale[j]) * (1.0 if kept >= 0 else -1.0)
                 self.residual(t, arguments[0], arguments[1], shifted)
-                with np.errstate(invalid="ignore"):  # what is not finite is told by the method that meets it
+                with np.errstate(invalid="ignore"):  # the method that evaluates there reports values that are not finite
                     parts[which, :, j] = (shifted - base) / (x[j] - kept)
                 x[j] = kept
         return parts[0], parts[1]
@@ -147,7 +147,7 @@ class DAE(System):
         return full[0], full[1]
 
     def _probes(self) -> list[tuple[float, Array, Array]]:
-        """The start, and two points beside it where no entry of the Jacobian vanishes by chance."""
+        """The start and two points near it, at which no entry of the Jacobian vanishes by chance."""
         wave = np.sin(1.0 + np.arange(self.n))
         dy, dyp = self.scale * wave, self.scale * wave[::-1]
         return [(self.t0, self.y0 + k * dy, self.yp0 + k * dyp) for k in (0.0, 1e-3, -7e-4)]
@@ -165,7 +165,7 @@ class DAE(System):
         return _different("names", names, self.n, "unknown")
 
     def _checked_switches(self, switches: Switches | None) -> Switches | None:
-        """The switches, whose arguments are tried at the start."""
+        """The switches, after their arguments have been evaluated at the start."""
         if switches is None:
             return None
         values = np.asarray(switches.arguments(np.full(2, self.t0), np.array([self.y0, self.y0])))
@@ -176,7 +176,7 @@ class DAE(System):
         return switches
 
     def _checked_guards(self, names: Sequence[str] | None) -> tuple[str, ...]:
-        """Names (nc,) of the contacts, whose guards are tried at the start."""
+        """Names (nc,) of the contacts, after their guards have been evaluated at the start."""
         if self.guards is None:
             if names is not None:
                 raise OptionError(f"guard_names = {shown(names)} without guards: give guards too")
@@ -218,7 +218,7 @@ class DAE(System):
             raise OptionError(f"jacobian is not finite everywhere at the start t = {self.t0}: check its formulas")
 
     def _check_start(self, yp: Array, fy: Array, fyp: Array, what: str, remedy: str) -> None:
-        """Refuse y0 with derivatives yp whose residual is large against the terms of its equation, or no number."""
+        """Refuse y0 with derivatives yp whose residual is not a number, or large against the terms of its equation."""
         out = np.empty(self.n)
         self.residual(self.t0, self.y0, yp, out)
         size = np.abs(fy) @ self.scale + np.abs(fyp) @ np.maximum(self.scale, np.abs(yp))
@@ -262,7 +262,7 @@ def finite_vector(name: str, values: ArrayLike, n: int | None = None) -> Array:
 
 
 def _different(name: str, values: Any, n: int, what: str) -> tuple[str, ...]:
-    """n different texts, one per unknown or the like."""
+    """n different texts, one for each `what`, such as an unknown."""
     remedy = f"give {n} different names, one per {what}"
     found = option(name, values, sequence, remedy, each=text)
     if len(found) != n or len(set(found)) != n:
@@ -271,8 +271,8 @@ def _different(name: str, values: Any, n: int, what: str) -> tuple[str, ...]:
 
 
 def _fill(name: str, value: Any, out: Array, t: float) -> None:
-    """Put what a function of the user returned into `out`, which it may have filled itself; other shapes and what is no real
-    number are refused."""
+    """Write what a function of the user returned into `out`, unless it returned None because it filled `out` itself. Refuses
+    other shapes and values that are not real numbers."""
     if value is None:
         return
     found = np.asarray(value)
@@ -283,7 +283,7 @@ def _fill(name: str, value: Any, out: Array, t: float) -> None:
 
 
 def csc_pattern(pattern: Any, n: int) -> csc_matrix:
-    """CSC pattern (n, n) with sorted indices."""
+    """The pattern in CSC format (n, n) with sorted indices."""
     remedy = f"give the pattern of the Jacobian, ({n}, {n}), as an array or a sparse matrix of SciPy"
     result = csc_matrix(pattern if issparse(pattern) else option("sparsity", pattern, array, remedy), dtype=float)
     if result.shape != (n, n):

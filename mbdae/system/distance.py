@@ -1,4 +1,4 @@
-"""How far two motions of a scene are apart: the measure of every error of a run."""
+"""The distance between two motions of a scene, by which every error of a run is measured."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ Motion = tuple[Array, Array]  #: q (nt, nq), u (nt, nu) of all nodes
 
 
 def motion_distance(prepared: Prepared, a: Motion, b: Motion) -> Array:
-    """(nt,) difference of two motions: positions over the scene's length, angles in rad; without beams also velocities
-    over the largest of length / characteristic time and the speed reached (those of beams ring), except where one of the
-    motions is in contact: an impact a moment later is no error of the speed it leaves with."""
+    """(nt,) difference of two motions: positions over the scene's length, angles in rad. Without beams, whose velocities contain
+    vibrations, also velocities over the larger of length / characteristic time and the speed reached, except while one of the
+    motions is in contact: a slightly later impact would count as a large error of velocity."""
     m, (q_a, u_a), (q_b, u_b) = prepared.mechanics, a, b
     worst = np.zeros(len(q_a))
     apart = np.ones(len(q_a), dtype=bool)
@@ -44,13 +44,13 @@ def position_distance(prepared: Prepared, node: Node, a: Array, b: Array) -> Arr
 
 
 def touching(mechanics: Mechanics, q: Array, u: Array) -> Array:
-    """(nt,) bool: whether any contact of a scene is made."""
+    """(nt,) bool: whether any contact of a scene is closed."""
     gaps = gaps_of(mechanics, np.zeros(len(q)), q, u)
     return np.asarray(np.any(np.hstack([gap for gap, _ in gaps.values()]) < 0, axis=1))
 
 
 def distance(prepared: Prepared, t: Array, a: Array, b: Array) -> Array:
-    """(nt,) `motion_distance` of two trajectories (nt, n) of unknowns at times t, over the motion of all bodies."""
+    """(nt,) `motion_distance` of two trajectories of unknowns (nt, n) at times t (nt,), from the motion of all bodies."""
     return motion_distance(prepared, prepared.states(t, a)[:2], prepared.states(t, b)[:2])
 
 

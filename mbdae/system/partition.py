@@ -1,4 +1,4 @@
-"""Equations of motion by their parts, as textbook problems state them."""
+"""Equations of motion given as their parts M, f, g and G, as in textbook problems."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from mbdae.errors import OptionError
 from mbdae.system.base import System
 from mbdae.values import BadValueError, option, sequence, shown
 
-TOLERANCE = 1e-6  #: of the parts against the start, over the largest term
+TOLERANCE = 1e-6  #: residual of the parts at the start that is accepted, over the largest term
 
 Parts = tuple[Callable[..., Any], ...]
 
 
 def checked_partition(system: System, parts: Sequence[Callable[..., Any]]) -> tuple[Parts, tuple[str, ...]]:
-    """The parts (M, f, g, G) and the kinds of the unknowns; refused where they do not fit the unknowns or the start."""
+    """The parts (M, f, g, G) and the kinds of the unknowns; OptionError where they do not fit the unknowns or the start."""
     remedy = "give four functions (M, f, g, G): M(t, q), f(t, q, u), g(t, q), G(t, q)"
     given = option("partition", parts, sequence, remedy, each=_function)
     if len(given) != 4:
@@ -29,7 +29,7 @@ def checked_partition(system: System, parts: Sequence[Callable[..., Any]]) -> tu
         try:
             q, u = system.y0[:nu], system.y0[nu : 2 * nu]
             shapes = [np.shape(value) for value in (M(system.t0, q), f(system.t0, q, u), g(system.t0, q), G(system.t0, q))]
-        except (IndexError, ValueError, TypeError) as error:  # so many velocities may be too many for the functions
+        except (IndexError, ValueError, TypeError) as error:  # another split of the unknowns into q and u may fit the functions
             failure = error
             continue
         m = shapes[2][0] if shapes[2] else 0
@@ -42,14 +42,14 @@ def checked_partition(system: System, parts: Sequence[Callable[..., Any]]) -> tu
 
 
 def _function(value: Any) -> Callable[..., Any]:
-    """A function of any number of arguments."""
+    """The value, which has to be a function; it may take any arguments."""
     if not callable(value):
         raise BadValueError(f"{shown(value)} is not a function")
     return value  # type: ignore[no-any-return]
 
 
 def _check_start(system: System, parts: Sequence[Callable[..., Any]], nu: int, m: int) -> None:
-    """Refuse parts that the start does not satisfy."""
+    """Raise OptionError where the parts are not satisfied at the start."""
     M, f, g, G = parts
     t, q, u, multipliers = system.t0, system.y0[:nu], system.y0[nu : 2 * nu], system.y0[2 * nu : 2 * nu + m]
     inertia, force, rows = np.asarray(M(t, q)) @ system.yp0[nu : 2 * nu], np.asarray(f(t, q, u)), np.asarray(G(t, q))
@@ -58,4 +58,4 @@ def _check_start(system: System, parts: Sequence[Callable[..., Any]], nu: int, m
         raise OptionError(f"partition: M u' + G^T lambda - f = {left} at the start; it states other equations than the residual, "
                           f"or multipliers of another sign")  # fmt: skip
     if np.max(np.abs(g(t, q)), initial=0.0) > TOLERANCE * (1 + np.max(np.abs(q))):
-        raise OptionError(f"partition: g = {g(t, q)} at the start, where it has to vanish")
+        raise OptionError(f"partition: g = {g(t, q)} at the start, where it has to vanish; correct g or y0")

@@ -33,11 +33,13 @@ from mbdae.system.start.start import Start, Starter
 from mbdae.system.start.typical_sizes import characteristic_time
 from mbdae.threads import single_threaded
 
-SOUND = 1e-3  #: smallest singular value of rows above which they determine a position
-FOLLOWED, NEAR = 24, 0.2  #: steps in which prescribed motions are followed, of at most so many rad or scene's lengths each
-PLACED = 1e-11  #: of the scene's length, or rad: rounding of positions along a tree
-FORESIGHT = 10.0  #: s, how far `check` looks at prescribed values
-FITS = 1e-4  #: part of the scene's length, or of its speed, by which a continued run may be off the joints: the error of a run
+SOUND = 1e-3  #: smallest singular value of unit rows above which they determine a position
+#: prescribed motions are followed in this many steps, each of at most this many rad or scene's lengths
+FOLLOWED, NEAR = 24, 0.2
+PLACED = 1e-11  #: rounding of positions along a tree, rad or over the scene's length
+FORESIGHT = 10.0  #: time (s) over which `check` follows prescribed values
+#: part of the scene's length, or of its speed, by which a continued run may violate the joints: the error of a run
+FITS = 1e-4
 
 
 @dataclass
@@ -45,21 +47,21 @@ class Prepared:
     """A checked scene: its model, the constraints in force, its start and its scales."""
 
     model: Model
-    mechanics: Mechanics  #: of all nodes and of the rows in force, those of recursive joints included
+    mechanics: Mechanics  #: mechanics of all nodes, with the constraint rows in force including those of recursive joints
     rank: RankReport
     start: Start
     time: float  #: characteristic time, s
     all_bodies: AllBodies
-    contacts: list[ExpectedContact] = field(default_factory=list)  #: the contacts of the scene before the run
+    contacts: list[ExpectedContact] = field(default_factory=list)  #: the contacts of the scene, as expected before the run
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A copy, or what is read from a pickle, makes its model and kernels from the scene."""
+        """For copies and pickles: the model and its kernels are made again from the scene."""
         of_model = self.model.scene, self.model.stay_kinematic, self.model.conditions.end
         return _made_again, (*of_model, self.rank, self.start, self.time, self.contacts)
 
     @cached_property
     def with_all_rows(self) -> Mechanics:
-        """The mechanics with redundant rows too, by which a run is checked and its reactions are read."""
+        """The mechanics with redundant rows too, which checks a run and gives its reactions."""
         if not self.rank.dropped:
             return self.mechanics
         return mechanics_of(self.model, constraint_rows(self.model), self.all_bodies, len(self.rank.dropped))
@@ -69,7 +71,7 @@ class Prepared:
         return mechanics_of(self.model, rows, self.all_bodies)
 
     def with_rows(self, rows: list[Row], start: Start) -> Prepared:
-        """The same from another state, with other rows in force."""
+        """This prepared scene with another start and other rows in force."""
         kept = set(rows)
         dropped = [row for row in (*self.rank.kept, *self.rank.dropped) if row not in kept]
         rank = replace(self.rank, kept=rows, dropped=dropped)
@@ -117,7 +119,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     if start is not None and (len(start.q), len(start.u)) != (model.nq, model.nu):
         raise SceneError([f"start: that run has {len(start.q)} positions and {len(start.u)} velocities, this scene {model.nq} "
                           f"and {model.nu}; continue it with the same bodies and joint models"])  # fmt: skip
-    model.conditions.time = after(begin_time)  # the start of a run belongs to what comes after it
+    model.conditions.time = after(begin_time)  # at the start of a run conditions are read just after it
     model.conditions.end = t_end if t_end is not None else inf
     all_bodies = bodies_of(model, moved)
     if not all_bodies.numbering.free:
@@ -158,12 +160,12 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
 
 
 def _closed(all_rows: Mechanics, t: Array, q: Array) -> bool:
-    """Whether bodies stand where their joints hold them."""
+    """Whether the bodies are where their joints hold them."""
     return bool(np.max(np.abs(all_rows.position_residual(t, q[None])), initial=0.0) <= PLACED * max(1.0, all_rows.model.length))
 
 
 def _not_finite(all_rows: Mechanics, t: Array, q: Array) -> list[str]:
-    """Constraint rows that have no finite value or derivative where the scene is drawn, one sentence each."""
+    """Constraint rows without a finite value or derivative where the scene is drawn, one sentence each."""
     g, wrong = all_rows.position_residual(t, q[None])[0], all_rows.rows_without_slope(t, q)
     wrong |= ~np.isfinite(g)
     return [f"row {row.name} has no finite value or derivative where the scene is drawn ({value:g}): check the numbers of that "
@@ -172,7 +174,7 @@ def _not_finite(all_rows: Mechanics, t: Array, q: Array) -> list[str]:
 
 
 def _massless(all_rows: Mechanics, all_bodies: AllBodies, rank: RankReport, starter: Starter, q: Array) -> list[str]:
-    """Motions without inertia: of joint coordinates where nothing else constrains them, of bodies otherwise."""
+    """Motions without inertia, one sentence each: of joint coordinates where no other row constrains them, else of bodies."""
     inside = all_bodies.moved.replaced
     if isinstance(all_rows, OrderedMechanics):
         return massless_unknowns(all_bodies, all_rows.without_inertia(starter.t, q))
@@ -182,10 +184,11 @@ def _massless(all_rows: Mechanics, all_bodies: AllBodies, rank: RankReport, star
 
 
 def mechanics_of(model: Model, rows: list[Row], all_bodies: AllBodies, redundant: int = 0) -> Mechanics:
-    """The mechanics of all nodes with some rows, of which so many are redundant."""
+    """The mechanics of all nodes with these rows, of which `redundant` follow from the others."""
     if all_bodies.moved.alone:
         return OrderedMechanics(model, rows, all_bodies)
-    reduced = all_bodies.moved.trees and not model.lines  # with beams the constrained equations are sparse, these are not
+    # with beams the constrained equations are sparse and cost less than full ones in joint coordinates
+    reduced = all_bodies.moved.trees and not model.lines
     return TreeMechanics(model, rows, all_bodies, redundant) if reduced else Mechanics(model, rows, redundant)
 
 
@@ -197,8 +200,8 @@ def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tupl
     if moved.trees and by_order(model, moved):
         return model, MovedBodies(model, moved.trees, ordered=True)
     kept = too_large(moved) | acted_on_while_prescribed(moved)
-    if not kept and not AllBodies(model, moved).numbering.free:  # without unknowns there is nothing to solve
-        kept = {c.name: "nothing else moves" for c in scene.joints if c.rigid}
+    if not kept and not AllBodies(model, moved).numbering.free:  # every coordinate of the trees is prescribed
+        kept = {c.name: "without them the scene would have no unknowns" for c in scene.joints if c.rigid}
     if kept:
         model = build(scene, {**(by_rows or {}), **kept})
         moved = MovedBodies(model, find_trees(model))
@@ -206,7 +209,7 @@ def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tupl
 
 
 def _contradictions(all_rows: Mechanics, rank: RankReport, start: Start) -> list[str]:
-    """Rows left out as redundant that the start does not satisfy: prescribed motions against each other."""
+    """Redundant rows that the start does not satisfy, which happens where prescribed motions contradict each other."""
     t, q, u = np.array([start.t]), start.q[None], start.u[None]
     if not rank.dropped:
         return []
@@ -223,7 +226,7 @@ def _contradictions(all_rows: Mechanics, rank: RankReport, start: Start) -> list
 
 
 def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankReport, start: Start, end: float) -> list[str]:
-    """The same at later times, followed in short steps: positions where the rows in force can be satisfied, but not all rows."""
+    """Contradictions at later times, followed in short steps: the rows in force can be satisfied there, but not all rows."""
     timed = any(i.timed for group in all_rows.model.groups if group.derived.rows for i in group.instances)
     dropped, q, t = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}, start.q, start.t
     if not (timed and dropped):
@@ -244,7 +247,7 @@ def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankR
         try:
             q = Starter(mechanics, t, holding=False).close(q)
         except StartError:
-            break  # too far for one step
+            break  # the step was too large for the iteration
         B = unit_rows(mechanics, mechanics.constraint_matrix(np.array([t]), q))
         off = all_rows.position_residual(np.array([t]), q[None])[0]
         for row, g in zip(all_rows.rows, off, strict=True):
@@ -255,7 +258,7 @@ def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankR
 
 
 def _continued(mechanics: Mechanics, start: Start) -> Start:
-    """The start of a continued run: its state, accelerations anew."""
+    """The start of a continued run: its state, with new accelerations and multipliers."""
     t, s = np.array([start.t]), start.s
     wanted = tuple(mechanics.numbering.states.values())
     if start.names is not None and start.names != wanted:
@@ -265,7 +268,8 @@ def _continued(mechanics: Mechanics, start: Start) -> Start:
         s = np.array([known.get(name, value) for name, value in zip(wanted, s, strict=True)])
     u, changes = _joined_suddenly(mechanics, start)
     a, multipliers = mechanics.accelerations(t, start.q[None], u[None], s[None])
-    return Start(start.t, start.q, u, s, a[0], multipliers[0], changes, coordinates=start.coordinates)
+    return Start(start.t, start.q, u, s, a[0], multipliers[0], changes, coordinates=start.coordinates,
+                 controllers=start.controllers)  # fmt: skip
 
 
 def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[str]]:
@@ -277,7 +281,7 @@ def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[st
     if np.max(np.abs(g), initial=0.0) > FITS * max(1.0, mechanics.model.length):
         off = int(np.argmax(np.abs(g)))
         raise StartError([f"start: row {mechanics.rows[off].name} is off by {g[off]:.3g} (m or rad) where that run ended: "
-                          f"the joints of this scene do not fit there; draw or prescribe them as they are then"])  # fmt: skip
+                          f"the joints of this scene do not fit that position; draw or prescribe them to fit it"])  # fmt: skip
     if np.max(np.abs(rate), initial=0.0) <= FITS * speed / max(1.0, mechanics.model.length):
         return start.u, []
     G, M = mechanics.constraint_matrix(t, start.q), mechanics.mass
@@ -290,4 +294,4 @@ def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[st
     worst = mechanics.rows[int(np.argmax(np.abs(rate)))].name
     lost = float(-(change @ (M @ (start.u + change / 2))))
     return start.u + change, [f"joints that the run before did not have stop motions suddenly (most: {worst}): an impact without "
-                              f"rebound that takes {lost:.4g} J"]  # fmt: skip
+                              f"rebound that dissipates {lost:.4g} J"]  # fmt: skip

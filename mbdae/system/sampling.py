@@ -1,20 +1,21 @@
-"""Sampled controllers in a run: called at their instants with values of sensors, their outputs held in between.
+"""Sampled controllers in a run: called at sampling instants with values of sensors; their outputs are held in between.
 
-The outputs are internal states without a rate, so that they are part of every solution. A run ends a step at every instant and
-goes on from the state with the new outputs.
+The outputs are internal states without a rate, so that they are part of every solution. A run ends a step at every sampling
+instant and continues from the state with the new outputs.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mbdae.errors import ControllerError
+from mbdae.inputs.breaks import SAME as ROUND_OFF
 from mbdae.inputs.sensed import symbol
 from mbdae.scene.components import Controller
 from mbdae.system.assembled.observed import Observer
@@ -23,14 +24,23 @@ from mbdae.system.model.numbering import Numbering
 from mbdae.system.prepare import Prepared
 from mbdae.values import shown
 
-SAME = 1e-9  #: part of a period within which two instants are one
-FIRST, THEN = 4, 64  #: calls that are repeated to see whether a controller is pure: the first, and one in so many of the others
+SAME = 1e-9  #: part of a sampling period within which two instants count as one
+#: calls that are made twice to check that a controller is a pure function: the first 4, and then every 64th
+FIRST, THEN = 4, 64
+
+
+class UnderWay(NamedTuple):
+    """A controller in the middle of a run: its first sampling instant (s), the number of its calls, and its memory."""
+
+    begin: float
+    calls: int
+    memory: Any
 
 
 @dataclass
 class _Called:
-    """A controller in one run: where its inputs and outputs stand, what it remembers, how often it was called, what it returned
-    last."""
+    """A controller in one run: the places of its inputs and outputs, its memory, the number of its calls, and the outputs of the
+    last call."""
 
     controller: Controller
     inputs: slice
@@ -42,11 +52,19 @@ class _Called:
 
     @property
     def next(self) -> float:
-        """Its next instant, s."""
-        return self.begin + self.count * self.controller.every
+        """The next sampling instant, s."""
+        return self.instant(self.count)
+
+    def instant(self, n: int) -> float:
+        """The sampling instant (s) of call n, counted from 0."""
+        return self.begin + n * self.controller.every
+
+    def near(self, t: float) -> float:
+        """Difference (s) from another instant of the run at time t, within which both count as one."""
+        return max(SAME * self.controller.every, ROUND_OFF * abs(t))
 
     def call(self, t: float, values: Sequence[float]) -> list[float]:
-        """Its outputs at an instant; ControllerError with time and inputs where it fails or is not pure."""
+        """Outputs at a sampling instant; raises ControllerError with time and inputs where the function fails or is not pure."""
         self.count += 1
         again = self.count <= FIRST or self.count % THEN == 0
         before = deepcopy(self.memory) if again else None
@@ -60,12 +78,13 @@ class _Called:
         return found
 
     def check_held(self, t: float, values: Sequence[float], there: Array) -> None:
-        """ControllerError where the run up to here was made with other outputs: of a run that goes on from a folder the steps are
-        read, and the controller is called again for what it remembers."""
+        """Raise ControllerError where the outputs `there` in the state differ from those returned last: when a run is continued
+        from a folder its steps are read, and the controller is called again only to restore its memory."""
         if self.held and not np.allclose(there, self.held, rtol=SAME, atol=SAME):
-            raise self._error(t, values, f"returned {shown(self.held)} at its instant before, but {shown(there.tolist())} when "
-                                         f"the steps were made: a run goes on with the function, and the numbers it uses, that "
-                                         f"it began with; name another folder by checkpoint= for a new one")  # fmt: skip
+            raise self._error(t, values, f"returned {shown(self.held)} at its last sampling instant, but {shown(there.tolist())} "
+                                         f"when the steps were made: a stored run continues only with the function it began "
+                                         f"with and the numbers this uses; name another folder by checkpoint= for a new "
+                                         f"run")  # fmt: skip
 
     def _outputs(self, t: float, values: Sequence[float], memory: Any) -> tuple[list[float], Any]:
         names, function, remembers = self.controller.sets, self.controller.function, self.controller.memory is not None
@@ -100,14 +119,14 @@ class _Called:
 
 
 def _number(value: Any) -> float:
-    """A number; a text of one is none."""
+    """A number as a float; raises TypeError for texts, even of numbers."""
     if isinstance(value, str | bytes):
         raise TypeError
     return float(value)
 
 
 def _same(a: Any, b: Any) -> bool:
-    """Whether two outputs or memories are equal to the last bit; what cannot be compared counts as equal."""
+    """Whether two outputs or memories are equal to the last bit; values that cannot be compared count as equal."""
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
         return np.array_equal(a, b, equal_nan=True)
     if isinstance(a, list | tuple) and isinstance(b, list | tuple):
@@ -120,28 +139,28 @@ def _same(a: Any, b: Any) -> bool:
 
 @dataclass
 class Sampler:
-    """The controllers of one run, with what they remember; `last`: the memories at its end by name of the controller."""
+    """The controllers of one run, with their memories."""
 
     observer: Observer
     called: list[_Called]
     due: list[_Called] = field(default_factory=list)
 
     def instants(self, end: float) -> Array:
-        """Begin, instants and end (s) of the run."""
-        times = [np.arange(c.begin, end, c.controller.every) for c in self.called]
+        """Begin, sampling instants and end (s) of the run."""
+        times = [np.arange(c.next, end, c.controller.every) for c in self.called]
         return np.concatenate([*times, [end]])
 
     def parts(self, begin: float, end: float) -> Iterator[tuple[float, float]]:
-        """Begin and end (s) of the parts of an interval between instants; `due` holds the controllers of each begin."""
+        """Begin and end (s) of the parts of an interval between sampling instants; `due`: controllers called at their begin."""
         while begin < end:
-            self.due = [c for c in self.called if c.next - begin <= SAME * c.controller.every]
-            coming = [c.next + (c.controller.every if c in self.due else 0.0) for c in self.called]
-            later = min((t for t, c in zip(coming, self.called, strict=True) if end - t > SAME * c.controller.every), default=end)
+            self.due = [c for c in self.called if c.next - begin <= c.near(begin)]
+            coming = [(c.instant(c.count + 1) if c in self.due else c.next, c) for c in self.called]
+            later = min((t for t, c in coming if end - t > c.near(end)), default=end)
             yield begin, later
             begin = later
 
     def at(self, t: float, y: Array) -> Array:
-        """y (n,) with the outputs that act from t on; y itself where they stay as they are."""
+        """y (n,) with the outputs that are held from t on; y itself where none changes."""
         if not self.due:
             return y
         values = self.observer(np.array([t]), y[None])[0].tolist()
@@ -153,9 +172,12 @@ class Sampler:
 
 
 class Sampling:
-    """The controllers of a scene for equations with a numbering of unknowns; a call makes the sampler of one run."""
+    """The controllers of a scene, for equations with some numbering of unknowns; a call returns the `Sampler` of one run.
+    under_way: by name, the state of controllers that an earlier part of the run has called."""
 
-    def __init__(self, prepared: Prepared, numbering: Numbering) -> None:
+    def __init__(self, prepared: Prepared, numbering: Numbering, under_way: Mapping[str, UnderWay] | None = None) -> None:
+        self._given = prepared, numbering
+        self._under_way = prepared.start.controllers if under_way is None else under_way
         self._controllers: list[Controller] = prepared.model.scene.controllers
         read = [symbol(path) for c in self._controllers for path in c.reads]
         self._observer = Observer(prepared.model, prepared.all_bodies.moved, read)
@@ -165,6 +187,23 @@ class Sampling:
         called, first = [], 0
         for c in self._controllers:
             inputs = slice(first, first := first + len(c.reads))
-            memory = None if c.memory is None else deepcopy(c.memory.value)
-            called.append(_Called(c, inputs, [self._slots[name] for name in c.sets], begin, memory))
+            anew = UnderWay(begin, 0, None if c.memory is None else c.memory.value)
+            at = self._under_way.get(c.name, anew)
+            called.append(_Called(c, inputs, [self._slots[name] for name in c.sets], at.begin, deepcopy(at.memory), at.calls))
         return Sampler(self._observer, called)
+
+    def until(self, end: float, t: Array, y: Array) -> dict[str, UnderWay]:
+        """The controllers by name before the instant `end` (s) of a run with steps to t (m,) and y (m, n): they are called again
+        for what they remember. ControllerError where they return other outputs than those of the run."""
+        (prepared, numbering), columns = self._given, list(self._slots.values())
+        sampler, held = self(float(t[0])), prepared.start.s[np.array(columns) - numbering.start["s"]]
+        for begin, _ in sampler.parts(float(t[0]), end):
+            k = int(np.argmin(np.abs(t - begin)))
+            before = y[k].copy()
+            before[columns] = y[k - 1, columns] if k else held
+            sampler.at(float(t[k]), before)
+        return {c.controller.name: UnderWay(c.begin, c.count, c.memory) for c in sampler.called}
+
+    def going_on(self, end: float, t: Array, y: Array) -> Sampling:
+        """For a part of the run that begins at `end`."""
+        return Sampling(*self._given, under_way=self.until(end, t, y))

@@ -1,4 +1,4 @@
-"""The System of a prepared scene in a form: its start and scales, where it restarts, and which rows it goes on with."""
+"""The System of a prepared scene in a form: start and scales, restarts at breaks, and the choice of integrated rows."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from mbdae.system.start.typical_sizes import multiplier_scales, state_scale, str
 from mbdae.threads import single_threaded
 from mbdae.ties import largest
 
-#: False: solvers watch neither inputs of time nor laws that switch; for tests of the checks after a run
+#: False: solvers check neither inputs of time nor laws that switch (for tests of the checks after a run)
 WATCH_INPUTS_AND_SWITCHES = True
 
 
 class SceneSystem(System):
     """A prepared scene in a form: F(t, y, y') = 0 with its exact Jacobian, start and scales.
 
-    others: equations with other rows in force that a run had before, which it takes again where these rows are good;
-    assembly: the equations, by default those of the rows in force."""
+    others: equations with other rows in force, made earlier in the run and used again where these rows are good; assembly: the
+    equations, by default those of the rows in force."""
 
     guards: ContactGuards | None = None
 
@@ -57,7 +57,7 @@ class SceneSystem(System):
         lines, stressed = prepared.model.lines, self.numbering.stresses
         z = np.concatenate([np.zeros(0), *(line.stress(start.q, start.u) for line in lines if stressed)])
         self.t0, (self.y0, self.yp0), self.scale = start.t, _values(prepared, made, start, z), _scales(prepared, made)
-        if not lines:  # of beams the step over a second was measured
+        if not lines:  # scenes with beams keep the default of 1 s, with which they were measured
             self.time = prepared.time
         else:
             self.vibration = partial(_vibration, prepared)
@@ -101,7 +101,7 @@ class SceneSystem(System):
 
     @property
     def native(self) -> Equations | None:
-        """These equations as native methods call them."""
+        """The table by which native methods evaluate these equations."""
         return self.assembly.evaluation.equations
 
     def numbers(self, names: Sequence[str]) -> Numbers:
@@ -114,7 +114,7 @@ class SceneSystem(System):
 
     @contextmanager
     def within(self, time: float) -> Iterator[None]:
-        """Conditions of inputs are read at a time (s) inside a step, also where the equations are evaluated at its end."""
+        """Context in which conditions of inputs are read at a time (s) inside a step, even where t is the end of the step."""
         self.read_at(time)
         try:
             yield
@@ -122,7 +122,7 @@ class SceneSystem(System):
             self.read_at(None)
 
     def restarted(self, t: float, y: Array) -> tuple[Array, Array]:
-        """y and y' (n,) to go on with from y: accelerations, rates and multipliers anew; multipliers read from y' stay."""
+        """y and y' (n,) at a break: y with new accelerations, rates and multipliers; integrals of multipliers are unchanged."""
         if self.rhs is not None and np.all(self.index < 2):  # no multipliers among the unknowns
             rates = np.empty(self.n)
             self.rhs(t, y, rates)
@@ -132,7 +132,7 @@ class SceneSystem(System):
         return np.concatenate([y[:kept], fresh[kept:]]), rates
 
     def _state(self, mechanics: Mechanics, t: float, y: Array) -> Start:
-        """The state y (n,) with accelerations and multipliers of the rows that a mechanics has in force."""
+        """The state y (n,) with accelerations and multipliers, by a mechanics with its rows in force."""
         times, z = np.array([t]), self._stresses(y)
         (q,), (u,), (s,) = self._prepared.states(times, y[None])
         a, multipliers = mechanics.accelerations(times, q[None], u[None], s[None], z[None] if len(z) else None)
@@ -165,7 +165,7 @@ class SceneSystem(System):
             self._choice.seen = None
 
     def _own_memory(self) -> dict[str, Any]:
-        """What these equations, without those with other rows in force, remember."""
+        """Memory of these equations alone, without that of the equations with other rows in force."""
         return {"seen": None if self._choice is None else self._choice.seen,
                 "masses": None if self.guards is None else self.guards.memory()}  # fmt: skip
 
@@ -180,20 +180,20 @@ class SceneSystem(System):
         return self._choice is not None or type(self).accept is not System.accept
 
     def taking_over(self, other: SceneSystem, t: float, y: Array) -> SceneSystem:
-        """These equations from a state y (n,) of another system of the same scene and form."""
+        """These equations with a start at the state y (n,) of another system of the same scene and form."""
         return self.starting(t, *self.restarted(t, y), other.longest_step)
 
     def smallest(self, t: float, y: Array) -> float | None:
-        """Smallest singular value that counts of all rows of unit length: 0 in a singular position. None: none is redundant."""
+        """Smallest singular value of all unit rows, near 0 in singular positions; None where no row is redundant."""
         return None if self._choice is None else self._choice.smallest(t, self._positions(t, y))
 
     def _positions(self, t: float, y: Array) -> Array:
-        """q (nq,) of all nodes."""
+        """Positions q (nq,) of all nodes."""
         return np.asarray(self._prepared.states(np.array([t]), y[None])[0][0])
 
 
 def _values(prepared: Prepared, system: Assembly, state: Start, z: Array) -> tuple[Array, Array]:
-    """y and y' (n,) of a form at a consistent state, with stresses z of beams; multipliers that are derivatives start at 0."""
+    """y and y' (n,) of a form at a consistent state, with stresses z of beams; integrals of multipliers start at 0."""
     mechanics, nb, spec = prepared.mechanics, system.numbering, system.spec
     q, u = nb.of_positions, nb.of_velocities
     rate = state_rates(mechanics, state.t, state.q, state.u, state.s)
@@ -210,7 +210,7 @@ def _values(prepared: Prepared, system: Assembly, state: Start, z: Array) -> tup
 
 
 def _scales(prepared: Prepared, system: Assembly) -> Array:
-    """(n,) typical magnitude of every unknown."""
+    """(n,) typical magnitude of every unknown, in its own unit."""
     mechanics, T, nb, spec = prepared.mechanics, prepared.time, system.numbering, system.spec
     q, u = nb.of_positions, nb.of_velocities
     blocks = {
@@ -220,19 +220,19 @@ def _scales(prepared: Prepared, system: Assembly) -> Array:
     if "lambda" in spec.blocks:
         kept = nb.rows_among(mechanics.rows)
         force, reach = (scale[kept] for scale in multiplier_scales(mechanics, prepared.start, T))
-        force = force / nb.scaling()  # a scaled row reads scaling c = 0, its force is scaling lambda
+        force = force / nb.scaling()  # the unknown of a scaled row is its multiplier over the scaling
         blocks |= {"lambda": force * T, "mu": reach} if spec.derivatives else {"lambda": force, "mu": reach / T}
     return np.concatenate([blocks[kind] for kind in ("q", "v", "s", "z", *spec.blocks)])
 
 
 def _rows_in_force(prepared: Prepared, others: dict[Rows, SceneSystem]) -> RowsInForce:
-    """The choice of rows of an over-constrained mechanism; others: choices for which equations are at hand."""
+    """The choice of integrated rows of an over-constrained mechanism; others: equations of earlier choices, by their rows."""
     always = [i for i, row in enumerate(prepared.with_all_rows.rows) if not prepared.all_bodies.moved.keeps(row)]
     return RowsInForce(prepared.with_all_rows, len(prepared.rank.kept), always, tuple(prepared.rank.kept), others)
 
 
 def _vibration(prepared: Prepared) -> tuple[str, float]:
-    """The beam that vibrates fastest, and how far in the characteristic time (rad)."""
+    """Name of the beam that vibrates fastest, and the angle of this vibration in the characteristic time, rad."""
     found = {line.beam.name: line.fastest_vibration(prepared.start.q) for line in prepared.model.lines}
     name = list(found)[largest(list(found.values()))]
     return name, found[name] * prepared.time

@@ -32,35 +32,36 @@ from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import Rows
 from mbdae.system.scene_system import SceneSystem
 
-NEAR = 1e-7  #: squared independent part of a constraint row below which reactions and accelerations are uncertain
-PASSED = 0.3  #: relative deviation from the parabola through a singular position, below which one was passed
-SOUND = 0.3  #: smallest singular value of all rows over that at the start, above which a position is not singular
+NEAR = 1e-7  #: independent part of a constraint row, squared, below which reactions and accelerations are inaccurate
+#: relative difference of a row's independent part from minus its extrapolation, below which a step passed a singular position
+PASSED = 0.3
+SOUND = 0.3  #: smallest singular value of all rows, over that at the start, above which a position is not singular
 UNSEEN = ((-inf, 1.0),) * 3
 
 
 class Accelerations(Rates):
-    """The same of constrained bodies, by one kernel call where that is possible. start: a state (t, y)."""
+    """y' and multipliers of constrained bodies by `AccelerationKernel` where that is possible. start: a state (t, y)."""
 
     def __init__(self, full: Assembly, differential: int, linear: bool, start: tuple[float, Array]) -> None:
         super().__init__(full, differential, linear)
         self._start = start
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy makes its own tables: addresses are those of this object's arrays."""
+        """For copies: a copy makes its own tables, because they contain addresses of arrays."""
         return {name: value for name, value in self.__dict__.items() if name != "kernel"}
 
     @cached_property
     def kernel(self) -> AccelerationKernel | None:
-        """The kernel; None where the full equations are solved."""
+        """The kernel of the accelerations; None where the full equations are solved instead."""
         if not self.linear:
             return None
         return acceleration_kernel(self.full, as_full(self.full.constant_mass), self.full.row_of, self._start)
 
 
 class WithoutMultipliers(SceneSystem):
-    """A scene as y' = f(t, y); `multipliers` (m,) are those of the last evaluation."""
+    """A scene as y' = f(t, y); `multipliers` (m,): those of the last evaluation."""
 
-    strict = False  #: whether a run stops at singular positions
+    strict = False  #: whether a run stops at singular positions, instead of a warning
     pattern = None  #: dy'/dy is full
     has_pattern = False
 
@@ -76,7 +77,7 @@ class WithoutMultipliers(SceneSystem):
         self._seen, self._warned = UNSEEN, False
 
     def strictly(self, strict: bool) -> Self:
-        """These equations, whose runs stop at singular positions, or only warn there."""
+        """A copy of these equations that stops runs at singular positions, or only warns there."""
         other = copy(self)
         other.strict = strict
         return other
@@ -89,7 +90,7 @@ class WithoutMultipliers(SceneSystem):
 
     @property
     def native(self) -> Equations | None:
-        """y' = f(t, y) as native methods call it; None where it is solved for in Python."""
+        """The table by which native methods evaluate y' = f(t, y); None where Python solves for y'."""
         kernel = self._rates.kernel
         return None if kernel is None else kernel.equations
 
@@ -119,16 +120,16 @@ class WithoutMultipliers(SceneSystem):
         return self._rates.jacobian(t, y, self._rate)
 
     def accept(self, t: float, y: Array) -> None:
-        """Warn once where constraints depend on each other, nearly or on the way from one step to the next."""
+        """Warn once per run at a singular position, which is near or was passed within the last step."""
         shares = (self._rates.kernel or self._rates).shares(t, y)
-        here = float(np.sqrt(np.min(shares)))  # falls to 0 and rises again where a singular position is passed
-        if t <= self._seen[-1][0]:  # another run
+        here = float(np.sqrt(np.min(shares)))  # falls to 0 and rises again where a step passes a singular position
+        if t <= self._seen[-1][0]:  # another run has begun
             self._warned, self._seen = False, ((-inf, here),) * 3
         expected = _continued(self._seen, t)
         self._seen = *self._seen[1:], (t, here)
         if self._warned or (here**2 > NEAR and abs(here + expected) > PASSED * abs(expected)):
             return
-        shares = self._rates.shares(t, y)  # geometry alone: the masses do not count
+        shares = self._rates.shares(t, y)  # these depend on the geometry alone, not on the masses
         weakest = int(np.argmin(shares))
         if (expected < 0 or shares[weakest] < NEAR) and not self._determined(t, y):
             if self.strict:
@@ -136,7 +137,7 @@ class WithoutMultipliers(SceneSystem):
             self._warned = True
             name = self.full.numbering.rows[weakest].name
             text = (f"a singular position is near or passed at t = {t:.6g} s: {name} depends on the other constraints there; the "
-                    f"index-1 form may go on in another branch without a sign: compare with mb.GGL()")  # fmt: skip
+                    f"index-1 form may continue on another branch of the motion unnoticed; compare with mb.GGL()")  # fmt: skip
             warnings.warn(text, AccuracyWarning, stacklevel=4)
 
     def _own_memory(self) -> dict[str, Any]:
@@ -149,7 +150,7 @@ class WithoutMultipliers(SceneSystem):
         self._rates.multipliers = memory["multipliers"].copy()
 
     def _determined(self, t: float, y: Array) -> bool:
-        """Whether the rows that were left out determine the motion where those in force are about to fail."""
+        """Whether all rows, redundant ones included, still determine the motion where the rows in force nearly fail to."""
         here, at_start = self.smallest(t, y), self.smallest(self.t0, self.y0)
         return here is not None and at_start is not None and here > SOUND * at_start
 
@@ -168,7 +169,7 @@ class WithoutMultipliers(SceneSystem):
 
 
 def _continued(seen: tuple[tuple[float, float], ...], t: float) -> float:
-    """Value at t of the parabola through three points (time, value); of a line, or the last one, where fewer are known."""
+    """Value at t of the parabola through three points (time, value); of the line through two, or the value of one point."""
     (t0, a), (t1, b), (t2, c) = seen
     if t1 == -inf:
         return c

@@ -382,3 +382,14 @@ def test_algebraic_stress_is_eliminated(compliance: float, rate: float) -> None:
     else:
         k, mu = 1 / compliance, 6 / 5
         assert relative == pytest.approx([v for v in np.roots([mu, rate * k, k]) if v.imag > 0])
+
+
+def test_a_mode_moves_every_place_of_a_rigid_body() -> None:
+    """A rod about its end: displacements grow with the distance from the hinge, and are normal to the rod."""
+    s = mb.Scene("swing", gravity=(0, -9.81, 0))
+    rod = s.link("rod", (0, 0), (0, -1), mass=1.0)
+    s.revolute("hinge", s.ground, rod, at=(0, 0))
+    mode = s.linearize().modes[0]
+    turn = mode[rod].rotation[2]
+    for y in (0.0, -0.5, -1.0):
+        np.testing.assert_allclose(mode[rod.at((0, y))].displacement, [-y * turn, 0, 0], atol=1e-12)

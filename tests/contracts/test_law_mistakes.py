@@ -13,6 +13,7 @@ import symengine as se
 import sympy as sp
 
 import mbdae as mb
+from mbdae.symbolic.frames import NodeKind, make_frame
 
 
 def joint(**methods: Any) -> type[mb.Joint]:
@@ -102,6 +103,8 @@ def test_statements_of_a_force(methods: dict[str, Any], words: str) -> None:
         (lambda: force(states=mb.params(stiffness="m")), "'stiffness' in states is taken by its params"),
         (lambda: force(params={"stiffness": "N/m"}), "Pull: params = {'stiffness': 'N/m'}: write params = mb.params(name="),
         (lambda: force(options="friction"), "Pull: options = 'friction': give a tuple of names"),
+        (lambda: joint(coordinates=mb.params(rate=("rad", "angle"))), "Bowl: the coordinate 'rate' has the name of another sensor"),
+        (lambda: joint(coordinates=mb.params(tilt_rate=("rad", "angle"))), "the coordinate 'tilt_rate' has the name of another"),
         (lambda: mb.params(radius=5), "params: radius = 5 is neither a unit nor a pair (unit, meaning)"),
         (lambda: mb.params(radius=""), "params: radius = '' has no unit; give one, '1' for a pure number"),
         (lambda: mb.params(radius=("m", "a", "b")), "params: radius = ('m', 'a', 'b') is neither"),
@@ -120,6 +123,12 @@ def test_names_of_derivations_are_refused(name: str) -> None:
     """A parameter that is the symbol of a frame or row would silently be that symbol."""
     law = joint(params=mb.params(**{name: "1", "radius": "m"}), constraints=lambda self, k, l: {"a": l.r[0] * getattr(self, name)})
     assert f"Bowl: '{name}' in params is the symbol of" in told(law, **{name: 1.0})
+
+
+def test_a_frame_in_the_plane_knows_where_its_point_is_in_the_body() -> None:
+    """Two places and the angle of the drawing, of which no parameter of a law may have the name."""
+    own = {"k_p1", "k_p2", "k_theta0"}
+    assert own == own & {str(symbol) for symbol in make_frame("k", NodeKind.PLANAR).symbols}
 
 
 class Sticky(mb.Friction):

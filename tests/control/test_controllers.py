@@ -165,3 +165,40 @@ def test_comparisons_run_controllers():
     found = mb.compare(pendulum(), 0.2)
     assert not found.failures
     assert all(run.error < 1e-3 for run in found.runs)
+
+
+@pytest.mark.parametrize("parts", [[1.0], [1.003], [0.5, 1.0, 1.507], "J.angle > 0.3"])
+def test_a_continued_run_goes_on_with_what_a_controller_remembers(parts, tmp_path):
+    """At its instants, also from files, and where an event ended the run between two of them."""
+    whole, r = pendulum().simulate(2.0, accuracy=1e-9), None
+    if isinstance(parts, str):
+        r = pendulum().simulate(2.0, accuracy=1e-9, until=parts)
+        assert r.t[-1] < 1
+        parts = []
+    for end in parts:
+        r = pendulum().simulate(end, accuracy=1e-9, start=r)
+        r.save(tmp_path / "run.npz")
+        r = mb.load(tmp_path / "run.npz", laws=[pid])
+    r = pendulum().simulate(2.0, accuracy=1e-9, start=r)
+    assert r["J"].angle[-1] == pytest.approx(whole["J"].angle[-1], abs=1e-11)
+    assert r["u"][-1] == pytest.approx(whole["u"][-1], abs=1e-9)
+
+
+def test_other_controllers_begin_anew_in_a_continued_run():
+    first = pendulum().simulate(1.003, accuracy=1e-9)
+    other = pendulum(every=0.02).simulate(1.1, accuracy=1e-9, start=first, outputs=[1.003, 1.0035, 1.0229, 1.0231])
+    u = other["u"]
+    assert u[0] == u[1] == u[2] != u[3]
+    assert u[0] == pytest.approx(pid(0.0, first["J"].angle[-1], first["J"].rate[-1], 0.0)[0], abs=1e-9)
+
+
+def test_a_function_that_has_changed_is_named_where_a_run_goes_on():
+    gains = [30.0]
+
+    def f(t, angle, rate, memory):
+        return gains[0] * (0.5 - angle) - 4 * rate, memory
+
+    first = pendulum(f).simulate(0.5)
+    gains[0] = 20.0
+    with pytest.raises(ControllerError, match="when the steps were made"):
+        pendulum(f).simulate(1.0, start=first)

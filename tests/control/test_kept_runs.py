@@ -107,7 +107,7 @@ def test_sampled_controllers_go_on(solver, end, tmp_path, killed):
 def test_another_function_is_told(tmp_path, killed):
     with pytest.raises(Killed):
         killed.after(5, lambda: controlled(3.0).simulate(2.0, checkpoint=tmp_path, every=20))
-    with pytest.raises(mb.errors.ControllerError, match=r"'pid' returned .* at its instant before, but .* when"):
+    with pytest.raises(mb.errors.ControllerError, match=r"'pid' returned .* at its last sampling instant, but .* when"):
         controlled(4.0).simulate(2.0, checkpoint=tmp_path, every=20)
 
 

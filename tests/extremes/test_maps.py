@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 
 import pytest
+import sympy as sp
 
 import mbdae as mb
 from mbdae.cli import main
@@ -155,3 +156,21 @@ def test_a_method_does_not_confirm_itself(monkeypatch):
     assert module.reference_at(new_problem(pendulum(), 0.1, None, None), 1e-4).uncertainty is None
     monkeypatch.setattr(module, "METHODS", ((mb.RadauIIA(3), 10.0), (mb.IDA(), 10.0)))
     assert 0 < module.reference_at(new_problem(pendulum(), 0.1, None, None), 1e-4).uncertainty < 1e-4 / 3
+
+
+def remembering(t, angle, rate, memory):
+    return 30 * (0.5 - angle) - 4 * rate + memory, memory + 0.01 * (0.5 - angle)
+
+
+@pytest.mark.parametrize("sampled", [False, True])
+def test_scenes_under_control_are_mapped(sampled):
+    """Also with a pulse, at whose edges the reference is begun anew: a controller goes on there."""
+    s = mb.Scene("driven", gravity=(0, -9.81, 0))
+    rod = s.link("rod", (0, 0), (1, 0), mass=1.0)
+    feedback = 30 * (0.5 - s.sensor("J.angle")) - 4 * s.sensor("J.rate")
+    if sampled:
+        s.controller("c", remembering, every=0.01, reads=["J.angle", "J.rate"], sets=["u"], memory=0.0)
+    s.revolute("J", s.ground, rod, at=(0, 0), torque="u" if sampled else feedback)
+    s.force("F", rod, (sp.Piecewise((0, mb.t < 0.1), (5, mb.t < 0.2037), (0, True)), 0, 0))
+    found = mb.extremes(s, 0.4, vary={"rod.mass": [0.5, 2.0]}, runs=RUNS[:2])
+    assert {cell.verdict for block in found.blocks for cell in block.cells} == {MET}

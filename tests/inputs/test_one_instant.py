@@ -66,3 +66,19 @@ def test_runs(name, way, sampled):
     assert np.max(np.abs(r(times)["J"].angle - exact(times)["J"].angle)) < 3e-4
     if "lpha" in way or way == "HHT":
         assert np.min(np.diff(r.solution.t)) > 1e-5  # steps end at kinks instead of creeping up to them
+
+
+@pytest.mark.parametrize("solver", ["radau3", "dop853", mb.GeneralizedAlpha()], ids=str)
+def test_samples_of_a_late_run(solver):
+    """At 1e5 s a time has a round-off of 1.5e-11 s, more than a billionth of a period of 0.01 s."""
+    still = mb.Scene("still")
+    still.revolute("J", still.ground, still.link("rod", (0, 0), (1, 0), mass=1), at=(0, 0))
+    start = still.simulate(1e5, 1e-4, outputs=2)
+    s = mb.Scene("late")
+    s.link("rod", (0, 0), (1, 0), mass=1)
+    s.controller("hold", f=Holding(), every=0.01, reads=("J.angle", "J.rate"), sets=("u",))
+    s.revolute("J", s.ground, "rod", at=(0, 0), torque="u")
+    s.torque("M", "rod", (0, 0, sp.Heaviside(mb.t - float(np.nextafter(1e5 + 0.02, np.inf)))))
+    r = s.simulate(1e5 + 0.05, 1e-4, start=start, solver=solver, max_wall=20)
+    assert r.accuracy.met
+    assert np.min(np.diff(r.solution.t)) > 1e-6

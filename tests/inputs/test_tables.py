@@ -335,11 +335,20 @@ def test_a_file_with_names_and_units(sign: str, tmp_path: Path) -> None:
     assert timed.values(timed.expression(mb.read_table(file, "t", "F", kind="step")), np.array([2.5]))[0] == 4.0
 
 
+def test_units_that_are_known_are_converted(tmp_path: Path) -> None:
+    """Times to s, values to the unit that is asked for; a unit that is asked for as it is stated changes nothing."""
+    file = written(tmp_path / "road.csv", "t [ms],z [mm],phi [deg],F [kN]\n0,0,0,1\n500,40,180,3\n")
+    for name, unit, wanted in (("z", "m", 0.02), ("phi", "rad", np.pi / 2), ("F", "N", 2000.0), ("z", "mm", 20.0)):
+        e = timed.expression(mb.read_table(file, "t", name, unit=unit))
+        assert timed.values(e, np.array([0.25]))[0] == pytest.approx(wanted, rel=1e-12)
+
+
 BAD_FILES = [
     ("t,F\n0,1\n1,2\n", ("t", "G"), {}, "has no column 'G'; it has 't', 'F'"),
     ("t,F,F [N]\n0,1,2\n1,2,3\n", ("t", "F"), {}, "has several columns 'F'"),
-    ("t [ms],F\n0,1\n1,2\n", ("t", "F"), {}, "column 't \\[ms\\]'.* is in 'ms'; times are read in s"),
-    ("t,F [kN]\n0,1\n1,2\n", ("t", "F"), {"unit": "N"}, "column 'F \\[kN\\]'.* is in 'kN'; the input takes N"),
+    ("t [days],F\n0,1\n1,2\n", ("t", "F"), {}, "column 't \\[days\\]'.* is in 'days'; it cannot be converted to 's'"),
+    ("t,F [mm]\n0,1\n1,2\n", ("t", "F"), {"unit": "N"}, "column 'F \\[mm\\]'.* is in 'mm'; it cannot be converted to 'N'"),
+    ("t,F [kN]\n0,1\n1,2\n", ("t", "F"), {}, "is in 'kN'; give unit='N' to have it converted, or unit='kN' to take"),
     ("t,F\n0,1\n1,2\n", ("t", "F"), {"unit": "N"}, "column 'F'.* states no unit"),
     ("t,F\n0,1\n1,x\n", ("t", "F"), {}, "line 3, column 'F': 'x' is no number"),
     ("t,F\n0,1\n1\n", ("t", "F"), {}, "line 3, column 'F': the entry is missing"),
@@ -362,3 +371,36 @@ def test_a_missing_file(tmp_path: Path) -> None:
         mb.read_table(tmp_path / "no.csv", "t", "F")
     with pytest.raises(mb.OptionError, match="file = 3 is not a path"):
         mb.read_table(3, "t", "F")
+
+
+UNTIL_1 = mb.table([0, 1], [0, 1], outside="error")
+
+
+@pytest.mark.parametrize(("force", "way"), [
+    (sp.Piecewise((UNTIL_1, mb.t < 1), (2, True)), 1 / 6 + 0.5 + 1),
+    (sp.Piecewise((UNTIL_1, mb.t <= 1), (2, True)), 1 / 6 + 0.5 + 1),
+    (sp.Piecewise((0, mb.t < 1), (UNTIL_1.subs(mb.t, mb.t - 1), True)), 1 / 6),
+    (sp.Piecewise((UNTIL_1.subs(mb.t, mb.t - 0.5), sp.And(mb.t > 0.5, mb.t < 1.5)), (0, True)), 1 / 6 + 0.25),
+    (sp.Piecewise((sp.Piecewise((UNTIL_1, mb.t < 0.5), (1, True)), mb.t < 1.5), (0, True)), None),
+])  # fmt: skip
+def test_a_table_with_an_end_is_read_where_its_case_holds(force, way):
+    s = mb.Scene("block")
+    block = s.point_mass("b", 1.0, at=(0, 0))
+    s.force("F", block, (force, 0, 0))
+    end = s.simulate(2.0, accuracy=1e-9)["b"].position[-1, 0]
+    v, x = 0.125, 0.125 / 6  # of the last: 0.5 t^2 until 0.5 s, then 1 N until 1.5 s
+    assert end == pytest.approx(way if way is not None else x + v + 0.5 + (v + 1) * 0.5, abs=1e-9)
+
+
+@pytest.mark.parametrize(("force", "read"), [
+    (UNTIL_1, "from 0 to 2 s"), (sp.Piecewise((UNTIL_1, mb.t < 1.2), (2, True)), "from 0 to 1.2 s"),
+    (sp.Piecewise((0, mb.t < 0.5), (UNTIL_1, True)), "from 0.5 to 2 s"), (sp.Max(UNTIL_1, 3), "from 0 to 2 s"),
+])  # fmt: skip
+def test_a_table_with_an_end_is_refused_where_it_is_read_beyond(force, read):
+    s = mb.Scene("block")
+    block = s.point_mass("b", 1.0, at=(0, 0))
+    with pytest.raises(mb.OptionError, match=f"reads it {read}"):
+        s.simulate(2.0, record=[force > 0.5])
+    s.force("F", block, (force, 0, 0))
+    with pytest.raises(mb.SceneError, match=f"reads it {read}"):
+        s.simulate(2.0)

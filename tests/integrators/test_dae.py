@@ -68,3 +68,18 @@ def test_errors(change, message):
     }
     with pytest.raises(OptionError, match=message):
         DAE(**arguments)
+
+
+def test_scales_are_one_for_all_or_one_per_unknown():
+    def fill(t, y, yp, out):
+        out[:] = yp + y
+
+    def scaled(scale):
+        return DAE(fill, [1.0, 20.0], [-1.0, -20.0], scale=scale).scale
+
+    assert np.array_equal(scaled(3.0), [3.0, 3.0])
+    assert np.array_equal(scaled([3.0, 4.0]), [3.0, 4.0])
+    assert np.array_equal(scaled(None), [1.0, 20.0])
+    for wrong in ([3.0], [3.0, 4.0, 5.0], [3.0, -4.0]):
+        with pytest.raises(OptionError, match="positive typical magnitudes"):
+            scaled(wrong)

@@ -11,7 +11,7 @@ from beam_scenes import slider_crank, steel_rod
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.integrators.matrices.iteration import IterationMatrix, inverse_or_one
+from mbdae.integrators.matrices.iteration import IterationMatrix
 from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.system.prepare import prepare
 
@@ -74,7 +74,3 @@ def test_both_jacobian_parts_are_the_same_dense_and_by_entries() -> None:
     whole = np.ones((system.n, system.n))
     system.jacobian(0.0, y, yp, 7.0, whole)
     assert whole == pytest.approx(parts[0] + 7 * parts[1])
-
-
-def test_rows_are_scaled_by_their_largest_entry_where_they_have_one() -> None:
-    assert np.array_equal(inverse_or_one(np.array([4.0, 0.0, np.inf, np.nan, 0.5])), [0.25, 1.0, 1.0, 1.0, 2.0])

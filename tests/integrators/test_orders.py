@@ -9,6 +9,7 @@ from own_methods import RK4, Dormand8, Euler, Midpoint
 from scenes import physical_pendulum
 
 import mbdae as mb
+import mbdae.integrators.orders as orders
 from mbdae.errors import OptionError
 
 SOME = (16, 24, 32, 48, 64)
@@ -75,3 +76,11 @@ def test_what_cannot_be_measured_is_refused(call, message):
 def test_a_closed_form_may_give_the_first_unknowns_alone():
     found = mb.measure_order(RK4(), circle_ode(), 1.0, exact=lambda t: circle_exact(t)[:, :1])
     assert found.orders["unknowns"] == pytest.approx(4, abs=0.2)
+
+
+@pytest.mark.parametrize(("steps", "many"), [((2, 3, 4), 12), ((5, 7, 9), 36)])
+def test_the_reference_takes_a_multiple_of_all_steps_or_four_times_the_most(steps, many, monkeypatch):
+    taken, shortened = [], orders._with_steps
+    monkeypatch.setattr(orders, "_with_steps", lambda solver, span, count: taken.append(count) or shortened(solver, span, count))
+    mb.measure_order(mb.HHT(), circle("ggl"), 0.1, steps=steps)
+    assert taken == [many, many, *steps]

@@ -38,7 +38,8 @@ def random_map(rng, size):
         first, values = int(slots(rng, size, 1)[0]), rng.normal(size=count)
         return lambda ops: ops.load(first, values), lambda W: W.__setitem__(slice(first, first + count), values)
     names = ("to_step", "from_step", "by_step")[: 3 if kind == "multiply" else 2]
-    steps = steps_of(rng, *names)
+    stated = steps_of(rng, *(name for name in names if rng.random() < 0.9))
+    steps = dict.fromkeys(names, 0) | stated
     weight = rng.normal(size=(times, count) if kind == "add" and rng.random() < 0.3 else count)
     if rng.random() < 0.02:
         weight = weight[..., :-1]
@@ -57,10 +58,10 @@ def random_map(rng, size):
                     W[t] += w * W[f] * W[by[k] + r * steps["by_step"]]
 
     if kind == "set":
-        return lambda ops: ops.set(to, from_, times, **steps), applied
+        return lambda ops: ops.set(to, from_, times, **stated), applied
     if kind == "add":
-        return lambda ops: ops.add(to, from_, weight, times, **steps), applied
-    return lambda ops: ops.multiply(to, from_, by, weight, times, **steps), applied
+        return lambda ops: ops.add(to, from_, weight, times, **stated), applied
+    return lambda ops: ops.multiply(to, from_, by, weight, times, **stated), applied
 
 
 def random_solution(rng, size):

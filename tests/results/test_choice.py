@@ -11,6 +11,7 @@ import pytest
 from scenes import andrews, n_four_bar
 
 import mbdae as mb
+import mbdae.run.choice as choices
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
 LONG = ("arm_control", "clearance_rotor")
@@ -140,3 +141,14 @@ def test_decay_and_vibration_decide_between_explicit_methods_and_radau() -> None
     for stiff in (damped(1e5, 1.0), damped(0.1, 1e7)):
         assert isinstance(stiff.solver, mb.RadauIIA)
         assert "stiff" in stiff.why
+
+
+def test_the_largest_eigenvalues_of_a_large_system_are_those_of_its_jacobian() -> None:
+    """A chain with strong dampers, by products with the Jacobian and by the Jacobian itself."""
+    s = chain(155, spring=1.0, damper=100.0).recursive()
+    system = s.system(mb.ODE())
+    assert system.n > choices.EIGENVALUES
+    every = np.linalg.eigvals(system.rate_jacobian(system.t0, system.y0))
+    found = choices._largest_eigenvalues(system)
+    assert found.shape == (choices.LARGEST,)
+    assert np.max(np.abs(found)) == pytest.approx(np.max(np.abs(every)), rel=0.05)

@@ -129,3 +129,53 @@ def test_only_forces_between_two_points_have_a_length() -> None:
     r = s.simulate(0.1)
     assert [n for n in ("F", "k", "floor") if "length" in dir(r[n])] == ["k"]
     assert {"floor.gap", "floor.normal_force", "floor.slip"} <= set(r.to_dataframe().columns)
+
+
+def odd_names():
+    s = mb.Scene("odd", gravity=(0, -9.81, 0))
+    rod = s.link("my rod", (0, 0), (1, 0), mass=1.0)
+    s.revolute("Gelenk-1 ä", s.ground, rod, at=(0, 0))
+    block = s.rigid_body("b", 1.0, 1.0, at=(0, 0))
+    s.prismatic("P", s.ground, block, at=(0, 0), axis=(1, 0, 0), rate0=0.5)
+    s.signal("lambda", mb.t + s.sensor("P.displacement"))
+    return s
+
+
+@pytest.mark.parametrize("outputs", [3, 50])
+@pytest.mark.parametrize(("expression", "said"), [
+    ("P.rate + b.position", "P.rate has one number, b.position has 3 components"),
+    ("b.position*b.rotation", "b.position has 3 components, b.rotation has 3 x 3 components"),
+    ("norm(P.rate)", "P.rate has one number"), ("sin(P.rate, P.displacement)", "2 arguments, takes 1"),
+    ("minimum(P.rate)", "1 arguments, takes 2"), ("2*norm(Gelenk-1 ä.angle)", "'norm(Gelenk-1 ä.angle)' cannot be formed"),
+])  # fmt: skip
+def test_expressions_of_unequal_components_are_named(expression, said, outputs):
+    """Also where there are as many times as components."""
+    r = odd_names().simulate(0.5, outputs=outputs)
+    for read in (r.value, r.peak):
+        with pytest.raises(mb.OptionError) as refused:
+            read(expression)
+        assert said in str(refused.value)
+
+
+def test_expressions_and_conditions_read_items_of_any_name():
+    r = odd_names().simulate(0.5, record=["2*Gelenk-1 ä.angle + P.rate < -0.5", "my rod.at(1, 0).position[1] < -0.5",
+                                          "norm(my rod.velocity) > 1", "lambda > 0.3"])  # fmt: skip
+    angle = r["Gelenk-1 ä"].angle
+    np.testing.assert_array_equal(r.value("2*Gelenk-1 ä.angle - P.rate"), 2 * angle - r["P"].rate)
+    np.testing.assert_array_equal(r.value("1*lambda"), r["lambda"])
+    assert {event.name for event in r.events} == {"2*Gelenk-1 ä.angle + P.rate < -0.5", "my rod.at(1, 0).position[1] < -0.5",
+                                                  "norm(my rod.velocity) > 1", "lambda > 0.3"}  # fmt: skip
+    assert r.events[0].time == pytest.approx(0.13613, abs=1e-3)
+    assert next(event.time for event in r.events if event.name == "lambda > 0.3") == pytest.approx(0.2, abs=1e-8)
+
+
+def test_names_that_are_expressions_of_others_are_refused():
+    s = mb.Scene("two ways")
+    for name in ("a", "b", "a-b"):
+        s.point_mass(name, 1.0, at=(0, 0), velocity=(1, 0))
+    r = s.simulate(0.1)
+    assert r.value("a-b.position[0]")[-1] == pytest.approx(0.1)
+    with pytest.raises(mb.OptionError, match="'a-b' is an item, and an expression of a, b"):
+        r.value("2*a-b.position[0]")
+    with pytest.raises(mb.OptionError, match="'a-b' is an item, and an expression of a, b"):
+        s.simulate(0.1, record="a-b.position[0] > 0.05")

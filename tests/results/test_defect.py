@@ -24,7 +24,7 @@ def unresolved(monkeypatch):
 
 SOLVERS = [mb.CVODE(), mb.RadauIIA(3), mb.RadauIIA(2), mb.IDA(), mb.CVODE(method="BDF"), mb.RadauIIA(3, step=5.0),
            mb.HHT(step=10.0)]  # fmt: skip
-TOLD = "did not look there"
+TOLD = "was not evaluated there"
 
 
 def box(centre, width, t=mb.t):

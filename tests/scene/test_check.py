@@ -27,7 +27,7 @@ def test_four_revolutes_in_space_are_redundant_at_the_last_joint() -> None:
     assert not c.planar
     assert c.degrees_of_freedom == 1
     assert sorted(c.redundant) == ["D.tilt_x", "D.tilt_y", "D.z"]
-    assert "redundant, left out: D (z, tilt_y, tilt_x)" in str(c)
+    assert "left out because they follow from the others: D (z, tilt_y, tilt_x)" in str(c)
     assert "reactions not unique: A (z, tilt_y, tilt_x); B (z, tilt_y, tilt_x); C (z, tilt_y, tilt_x); D (z" in str(c)
     assert c.unknowns["multipliers"] == 17
 
@@ -84,3 +84,15 @@ def test_prismatic_joint_stays_planar() -> None:
     assert c.planar
     assert c.degrees_of_freedom == 1
     assert set(c.pruned) == {"P.offset_x", "P.tilt_y", "P.twist"}
+
+
+def test_the_naive_formulation_has_every_joint_classical_that_can_be() -> None:
+    """A spherical joint has no angles that describe it everywhere and stays as it is, beside a hinge with an angle as unknown."""
+    s = mb.Scene("pair", gravity=(0, 0, -9.81))
+    a = s.rigid_body("a", 1.0, (0.02, 0.09, 0.08), at=(0.5, 0, 0))
+    b = s.rigid_body("b", 0.7, (0.03, 0.07, 0.06), at=(1.5, 0.1, 0))
+    s.spherical("A", s.ground, a, at=(0, 0, 0))
+    s.revolute("B", a, b, at=(1, 0, 0), axis=(0, 1, 1))
+    naive, stated = s.check().reductions[:2]
+    assert naive.reason.startswith("all equations in space, with classical joints")
+    assert naive.size.multipliers == stated.size.multipliers + 2  # a row more at the hinge, of positions and of velocities

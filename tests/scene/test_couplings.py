@@ -125,3 +125,18 @@ def test_fixed_orientation_takes_options(model: Any) -> None:
     r = s.simulate(0.5, 1e-8)
     assert item.kind == "fixed_orientation"
     assert np.max(np.abs(r["A"].y - np.sin(5 * r.t) / 5)) < 1e-6
+
+
+@pytest.mark.parametrize("model", [None, mb.Recursive()])
+def test_a_sum_of_coordinates_follows_its_value(model: Any) -> None:
+    """Two carriages on one rail: x1 + 2 x2 = 0.3 + t^2, and the force of the coupling shares like its factors."""
+    s = mb.Scene("rail")
+    for name, mass in (("a", 1.0), ("b", 3.0)):
+        s.rigid_body(name, mass, (1, 1, 1), at=(0, 0, 0))
+        s.prismatic(name.upper(), s.ground, name, at=(0, 0, 0), axis=(1, 0, 0), model=model)
+    s.couple("c", {"A.displacement": 1, "B.displacement": 2}, value=0.3 + mb.t**2)
+    r = s.simulate(1.0, accuracy=1e-8)
+    np.testing.assert_allclose(r["A"].displacement + 2 * r["B"].displacement, 0.3 + r.t**2, atol=1e-8)
+    force = 2 / (1 / 1.0 + 4 / 3.0)  # N: accelerations 1 F / 1 and 2 F / 3 give x1'' + 2 x2'' = 2
+    assert r["a"].acceleration[-1, 0] == pytest.approx(force, rel=1e-6)
+    assert r["b"].acceleration[-1, 0] == pytest.approx(2 * force / 3, rel=1e-6)

@@ -82,6 +82,7 @@ def test_ctrl_c_keeps_what_was_computed() -> None:
     r = stop.value.solution  # type: ignore[attr-defined]
     assert isinstance(r, mb.api.Result)
     assert not r.complete
+    assert r.info.runs == 1
     assert 0 < r.solution.t[-1] < 1e5
     assert np.isfinite(r["A"].angle).all()
 

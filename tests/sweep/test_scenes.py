@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import sympy
 
 import mbdae as mb
 from mbdae.sweep import scene_sweep
@@ -285,3 +286,39 @@ def test_on_a_real_cluster_whose_worker_is_killed(tmp_path):
     assert found.complete
     assert not found.failures
     assert found.array("A.angle").tobytes() == mb.sweep(arm(), masses, t_end=1.0, workers=1).array("A.angle").tobytes()
+
+
+def sampled(t, angle, rate, memory):
+    return 30 * (0.5 - angle) - 4 * rate + memory, memory + 0.01 * (0.5 - angle)
+
+
+def driven(kind):
+    """An arm of one link under loads of which no batch takes some."""
+    s = mb.Scene("driven", gravity=(0, -9.81, 0))
+    rod = s.link("rod", (0, 0), (1, 0), mass=1.0)
+    feedback = 30 * (0.5 - s.sensor("J.angle")) - 4 * s.sensor("J.rate")
+    if kind in ("controller", "lambda"):
+        f = sampled if kind == "controller" else lambda t, angle, rate, memory: (30 * (0.5 - angle) - 4 * rate, memory)
+        s.controller("c", f, every=0.01, reads=["J.angle", "J.rate"], sets=["u"], memory=0.0)
+    pieces = sympy.Piecewise((0, mb.t < 0.3), (2, True))
+    torque = {"feedback": feedback, "limited": sympy.Max(-5, sympy.Min(5, feedback)), "piecewise": pieces,
+              "table": mb.table([0, 0.3, 0.6, 2], [0, 5, -3, 0])}.get(kind, "u")  # fmt: skip
+    s.revolute("J", s.ground, rod, at=(0, 0), torque=torque)
+    return s
+
+
+@pytest.mark.parametrize("kind", ["feedback", "limited", "piecewise", "table", "controller", "lambda"])
+def test_scenes_under_control_are_swept(kind):
+    found = here(driven(kind), {"rod.mass": [0.5, 2.0]})
+    assert found.batched == (kind == "feedback")
+    assert not found.failures
+    for i, mass in enumerate((0.5, 2.0)):
+        own = changed(driven(kind), "rod.mass", mass)[0].simulate(1.0, outputs=OUTPUTS)
+        np.testing.assert_allclose(found.array("J.angle")[i], own["J"].angle, atol=1e-5)
+
+
+def test_what_cannot_be_sent_to_processes_is_refused_before_solving():
+    with pytest.raises(mb.OptionError, match=r"scene 'driven' cannot be sent to another process .*ThreadPoolExecutor\(\)"):
+        mb.sweep(driven("lambda"), {"rod.mass": [0.5, 2.0]}, t_end=1.0)
+    found = mb.sweep(driven("controller"), {"rod.mass": [0.5, 2.0]}, t_end=0.1, workers=1)
+    assert not found.failures

@@ -241,3 +241,10 @@ def test_pendulum_against_a_stiff_stop(model, solver):
 @pytest.mark.parametrize("model", MODELS)
 def test_pendulum_against_a_stiff_stop_at_every_accuracy(model, solver):
     check_pendulum(model, solver, (1e-4, 1e-5, 1e-6, 1e-7), reference(2.0))
+
+
+def test_a_stop_that_is_only_touched_does_not_act():
+    """The joint stands at its limit and moves past it: neither spring nor damper has acted yet."""
+    r = slider(rate0=V, limits=(None, 0.0), stop=mb.Stop(1e5, 50.0)).simulate(1e-6)
+    assert r["a"].acceleration[0, 0] == 0.0
+    assert r["a"].acceleration[-1, 0] < -50.0 * V / MASS

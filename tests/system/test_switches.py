@@ -48,6 +48,35 @@ def test_arguments_of_a_statement(statement, kinds):
     assert sorted(s.kind for s in known_switches(derived(statement))) == kinds
 
 
+def test_arguments_are_those_of_the_functions():
+    """Of exp(x / w) and of tanh(x / w) it is the same; a power alone has an exponent that counts."""
+    (decaying,), (saturating,) = (known_switches(derived(lambda f, x, of=of: of(x / f.w))) for of in (se.exp, se.tanh))
+    assert decaying.argument == saturating.argument
+    assert decaying.exponent == saturating.exponent == 1
+    (power,) = known_switches(derived(lambda f, x: 1 / (1 + (x / f.w) ** 2) ** 2))
+    assert power.exponent == -2
+
+
+@pytest.mark.parametrize(("angle", "kinds"), [
+    (lambda law, k, l: let(l.heading - k.heading), []), (lambda law, k, l: let(let(l.heading) - k.heading + 0.3), []),
+    (lambda law, k, l: let((l.r - k.r) @ k.x / law.w), ["periodic"]),
+    (lambda law, k, l: let(let(l.heading) * 7), ["periodic"])])  # fmt: skip
+def test_the_sine_of_an_angle_between_bodies_has_no_scale_of_its_own(angle, kinds):
+    """However its parts are named; that of a length over a width has."""
+
+    class Waves(mb.Force):
+        params = mb.params(w=("m", "width"))
+
+        def energy(self, k, l):
+            return se.cos(angle(self, k, l))
+
+    s = mb.Scene("plane", space="planar")
+    body = s.rigid_body("body", 1.0, 1.0, at=(0, 0))
+    s.add(Waves("law", s.ground, body, at=(0, 0, 0), at_l=(0, 0, 0), w=0.1))
+    found = [w.kind for g in prepare(s).model.groups if g.key[0] is Waves for w in known_switches(g.derived)]
+    assert found == kinds
+
+
 def test_built_in_laws_without_scales_have_none():
     """Springs, bushings, loads and joints without friction: nothing is looked at in their scenes."""
     s = mb.Scene("plain", gravity=(0, 0, -9.81))
@@ -82,3 +111,19 @@ def test_values_on_carried_bodies(model):
     assert switches.names == ("far",)
     assert values.shape == (len(r.t), 1)
     np.testing.assert_allclose(values[:2, 0], distance[:2], rtol=1e-3)
+
+
+def test_a_row_of_a_joint_is_searched_too():
+    """A pin in a slot whose height follows a steep step."""
+
+    class Slot(mb.Joint):
+        params = mb.params(w=("m", "width of the step"), h=("m", "its height"))
+
+        def constraints(self, k, l):
+            return {"height": (l.r - k.r) @ k.y - self.h * se.tanh((l.r - k.r) @ k.x / self.w)}
+
+    s = mb.Scene("slot")
+    pin = s.rigid_body("pin", 1.0, (1, 1, 1), at=(0, 0, 0), velocity=(1.0, 0, 0))
+    s.add(Slot("slot", s.ground, pin, at=(0, 0, 0), at_l=(0, 0, 0), w=1e-3, h=0.1))
+    kinds = [w.kind for g in prepare(s).model.groups if g.key[0] is Slot for w in known_switches(g.derived)]
+    assert kinds == ["saturating"]

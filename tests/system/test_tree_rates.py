@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import mbdae as mb
 from mbdae.kernels.tree_plan import MOST_SOLVED
 from mbdae.native.program import CHOLESKY, PASS, POSITIVE
+from mbdae.system.model.rotations import quaternion_product
 
 ONE = True, False, False  #: a kernel of the whole tree
 
@@ -76,3 +78,14 @@ def test_a_mass_matrix_that_is_not_positive_definite_is_refused():
     place.W[place.slots] = -100.0
     with pytest.raises(mb.SolverError, match=r"the motion of J\w+\.\w+ has no inertia"):
         system.rhs(0.0, system.y0, np.empty(system.n))
+
+
+def test_products_of_quaternions_are_rotations_one_after_the_other():
+    """One by one and many at once, against SciPy."""
+    rng = np.random.default_rng(1)
+    a, b = Rotation.random(5, rng), Rotation.random(5, rng)
+    P, Q, product = (np.roll(r.as_quat(), 1, axis=1) for r in (a, b, a * b))
+    many = quaternion_product(P, Q)
+    np.testing.assert_allclose(many * np.sign(np.sum(many * product, axis=1))[:, None], product, atol=1e-15)
+    for p, q, expected in zip(P, Q, many, strict=True):
+        np.testing.assert_allclose(quaternion_product(p, q), expected, atol=1e-15)

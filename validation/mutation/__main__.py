@@ -67,7 +67,11 @@ def judge(a: argparse.Namespace, kept: dict[str, Any]) -> None:
         jobs = [pool.submit(_judged, one.name, file, mutant, *_chosen(covers, one, file, mutant, a.at_most))
                 for one, file, mutant in left]  # fmt: skip
         for job in as_completed(jobs):
-            v = job.result()
+            try:
+                v = job.result()
+            except RuntimeError as error:  # it stays unjudged; the others are kept
+                print(error, flush=True)
+                continue
             kept["judged"].append(v.to_dict())
             a.keep.write_text(json.dumps(kept, indent=1), encoding="utf-8")
             place = f"{len(kept['judged']):4d} {v.area:12s} {v.file}:{v.line} {v.old!r} -> {v.new!r}"

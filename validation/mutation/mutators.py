@@ -22,6 +22,7 @@ IN_C = (  # what stands there, what takes its place
     (r" \+= ", " -= "), (r" -= ", " += "), (r"(?<=[=(,] )-(?=\w)", ""), (r"\breturn 0;", "return 1;"),
     (r"\breturn 1;", "return 0;"),
 )  # fmt: skip
+LARGE = 20  #: whole numbers above it: one more of them would change next to nothing
 LEFT_OUT_IN_C = re.compile(r"^( +)([\w>.\[\]*+-]+ [-+*/]?= [^;]*|\w+\([^;]*\)|continue|break);", re.MULTILINE)
 
 
@@ -70,12 +71,15 @@ def _of_c(text: str) -> Iterator[Mutant]:
 
 
 def _more(number: str) -> str:
-    return repr(float(number) + 1) if any(c in number for c in ".e") else str(int(number) + 1)
+    """One more, of a large whole number twice as many."""
+    if any(c in number for c in ".e"):
+        return repr(float(number) + 1)
+    return str(int(number) + 1 if int(number) < LARGE else 2 * int(number))
 
 
 class _Places(ast.NodeVisitor):
-    """Mutants of a module: not of what it says in errors, nor of annotations, decorators, texts, of `strict` in
-    `zip`, of bounds at which both pieces of a law are 0, and of what shows an object (`__repr__`)."""
+    """Mutants of a module: not of what it says in errors, nor of annotations, decorators and texts, of how long a hash is and how
+    JSON looks, of `strict` in `zip`, of bounds at which both pieces of a law are 0, of what shows an object (`__repr__`)."""
 
     def __init__(self, text: str) -> None:
         self.text, self.found, self.meeting = text, list[Mutant](), set[ast.AST]()
@@ -126,8 +130,12 @@ class _Places(ast.NodeVisitor):
         self.generic_visit(node)
 
     def visit_keyword(self, node: ast.keyword) -> None:
-        if node.arg != "strict":  # of zip: lengths that are equal anyway
+        if node.arg not in ("strict", "indent"):  # lengths that are equal anyway; how JSON is laid out
             self.visit(node.value)
+
+    def visit_Subscript(self, node: ast.Subscript) -> None:
+        if "hexdigest" not in ast.unparse(node.value):  # the length of a name
+            self.generic_visit(node)
 
     def visit_Compare(self, node: ast.Compare) -> None:
         for left, op, right in zip([node.left, *node.comparators], node.ops, node.comparators, strict=False):
@@ -158,7 +166,7 @@ class _Places(ast.NodeVisitor):
         if isinstance(node.value, bool):
             self.put(start, end, str(not node.value))
         elif isinstance(node.value, int | float):
-            self.put(start, end, _more(self.text[start:end]) if re.fullmatch(r"[\d.e-]+", self.text[start:end]) else "1")
+            self.put(start, end, _more(self.text[start:end]) if re.fullmatch(r"[\d._e-]+", self.text[start:end]) else "1")
 
     def visit_If(self, node: ast.If) -> None:
         if "TYPE_CHECKING" not in ast.dump(node.test):

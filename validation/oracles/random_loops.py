@@ -104,7 +104,16 @@ def random_loop(seed):
     at = [i for i, j in enumerate(m.joints) if j.kind in COORDINATE]
     sprung = [i for i in at if rng.random() < 0.4]
     drives = [i for i in at if i not in sprung][:1] if rng.random() < 0.3 else []
-    return start_of(rng, replace(m, joints=acted(rng, m.joints, sprung, drives)))
+    made = replace(m, joints=acted(rng, m.joints, sprung, drives))
+    if not may_be_driven(made):
+        made = replace(made, joints=tuple(replace(j, drive=None) for j in made.joints))
+    return start_of(rng, made)
+
+
+def may_be_driven(mechanism):
+    """Whether the other joints leave what is driven free: three hinges between bodies that keep their orientation do not."""
+    c = loops.constraints(mechanism, mechanism.drawn)
+    return loops.decomposed(c.J)[2] == loops.decomposed(c.J[~c.driven])[2] + np.sum(c.driven)
 
 
 def letters(rng, fewest, most):

@@ -41,7 +41,7 @@ REMARKS = {
     "1": "half a turn about its axis 1, 2", "10": "half a turn about its axis 3", "12": "half a turn about its axis 3",
     "13": "accents alone", "18": "leave a resultant", "19": "leave a resultant", "24": "accents alone", "25": "accents alone",
     "28": "accents alone", "44": "leave a moment", "46": "pulls where", "48": "pulls where", "53": "feeds energy",
-    "54": "for a constant one alone",
+    "54": "dissipative only for a constant one",
 }  # fmt: skip
 WING, ROTOR = (module_of(Path(__file__).parents[1], name) for name in ("flapping_wing", "flexible_ground_resonance"))
 ROLES = "the roles of the races exchanged: k is the outer, l the inner one"

@@ -53,12 +53,17 @@ def in_units(story: Story, _: Result) -> Other | None:
     return _stated(changed(story, UNITS), UNITS)
 
 
-def reordered(story: Story, _: Result) -> Other | None:
+def reordered(story: Story, base: Result) -> Other | None:
     """Statements come in the opposite order, bodies before joints before couplings."""
     if story.family == "loop" and any(key in a.args for a in story.statements for key in ("angle0", "position0")):
         return None  # loops that start elsewhere than drawn may close in two ways, and the order of joints decides: README
     backwards = tuple(a for rank in range(4) for a in story.statements[::-1] if _rank(a) == rank)
-    return _stated(story.but(statements=backwards))
+    found = _stated(story.but(statements=backwards))
+    moving = any(key in a.args for a in story.statements for key in ("rate0", "angle", "position"))
+    if story.family == "loop" and moving and isinstance(found[0], Result):
+        gaps = [base(0.0)[a.name].velocity - found[0](0.0)[a.name].velocity for a in story.of(*BODIES)]
+        return None if np.max(np.abs(gaps)) > 1e-9 else found  # of what no statement holds, the order decides too
+    return found
 
 
 def _rank(a: Said) -> int:

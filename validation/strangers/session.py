@@ -37,12 +37,16 @@ class Counts:
     done: set[str] = field(default_factory=set)
     failures: list[str] = field(default_factory=list)
     remarks: Counter[str] = field(default_factory=Counter)  #: of what told or was not judged, without its numbers
+    examples: dict[str, str] = field(default_factory=dict)  #: a script for every remark
 
-    def add(self, kind: str, family: str, verdict: str, note: str = "") -> None:
+    def add(self, kind: str, family: str, verdict: str, note: str, story: Story) -> None:
         """Count one, and its remark."""
         self.verdicts.setdefault(f"{kind} {family}", Counter())[verdict] += 1
         if note:
-            self.remarks[f"{kind} {family}: {verdict}: {re.sub(r'[0-9][0-9.e+-]*', '#', note)[:120]}"] += 1
+            way = ", ".join(story.options.values()) or "default"
+            remark = f"{kind} {family}: {verdict} ({way}): {re.sub(r'[0-9][0-9.e+-]*', '#', note)[:120]}"
+            self.remarks[remark] += 1
+            self.examples.setdefault(remark, script(story))
 
     def of(self, *verdicts: str) -> int:
         """How many had one of some verdicts, runs and checks together."""
@@ -55,7 +59,7 @@ class Counts:
     def write(self, path: Path) -> None:
         """For the next session."""
         data = {"verdicts": self.verdicts, "seen": sorted(self.seen), "done": sorted(self.done), "failures": self.failures,
-                "remarks": self.remarks}  # fmt: skip
+                "remarks": self.remarks, "examples": self.examples}  # fmt: skip
         part = path.with_suffix(".part")
         part.write_text(json.dumps(data))
         part.replace(path)
@@ -67,7 +71,7 @@ class Counts:
             return cls()
         data = json.loads(path.read_text())
         verdicts = {name: Counter(counts) for name, counts in data["verdicts"].items()}
-        return cls(verdicts, set(data["seen"]), set(data["done"]), data["failures"], Counter(data["remarks"]))
+        return cls(verdicts, set(data["seen"]), set(data["done"]), data["failures"], Counter(data["remarks"]), data["examples"])
 
     def __str__(self) -> str:
         lines = [f"  {name}: " + ", ".join(f"{n} {v}" for v, n in sorted(c.items())) for name, c in sorted(self.verdicts.items())]
@@ -172,10 +176,10 @@ def _failures(kind: str, family: str, story: Story, counts: Counts) -> Iterator[
     other = random.Random(script(story)).sample(list(WAYS), CHECKS)
     for one in ways(story, RUNS - 1) if kind == "run" else [story]:
         found = {"run": judge(one)} if kind == "run" else _checked(one, other)
-        counts.add(kind, family, "scenes" if found else "claims nothing")
+        counts.add(kind, family, "scenes" if found else "claims nothing", "", one)
         for name, verdict in found.items():
-            said = verdict.note if verdict.verdict in ("told", "not judged") else ""
-            counts.add(kind, family, verdict.verdict if kind == "run" else f"{name}: {verdict.verdict}", said)
+            said = verdict.note if verdict.verdict in ("told", "not judged", "reactions") else ""
+            counts.add(kind, family, verdict.verdict if kind == "run" else f"{name}: {verdict.verdict}", said, one)
             if verdict.wrong if kind == "run" else failed(verdict):
                 way = {"options": one.options, "accuracy": one.accuracy, "model": one.model}
                 yield Failure(name, one, verdict, way, time.process_time() + SHRINKING, {script(one): True})

@@ -1,1 +1,1 @@
-"""Generalised-alpha, with HHT and Newmark among them."""
+"""Generalised-alpha methods, including HHT and Newmark."""

@@ -1,4 +1,4 @@
-"""Generalised-alpha with constant steps for equations of motion, HHT and Newmark among them."""
+"""Generalised-alpha with constant steps for equations of motion, including HHT and Newmark."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from mbdae.system.base import Array, System
 from mbdae.values import number, set_option
 
 SECOND = (2, 2, 2)  #: order of positions, velocities and multipliers
-GAINS = 0.9  #: spectral radius from which coarse steps gain energy
+GAINS = 0.9  #: spectral radius at high frequencies from which long steps gain energy
 
 
 class _Alpha(Stepped):
-    """What all members of the family share; `rho_infinity` is the spectral radius for high frequencies."""
+    """Base of the generalised-alpha methods; `rho_infinity`: spectral radius at high frequencies."""
 
     order: ClassVar[int] = 2
     highest_index: ClassVar[int] = 3
@@ -43,11 +43,11 @@ class _Alpha(Stepped):
 
     @property
     def coefficients(self) -> Alphas:
-        """Those for accelerations."""
+        """Coefficients for accelerations."""
         raise NotImplementedError
 
     def check(self, system: System) -> None:
-        """Refuse what is no equation of motion with multipliers as algebraic unknowns."""
+        """Refuse systems that are not equations of motion with multipliers as algebraic unknowns."""
         kinds = [ORDER.index(k) if k in ORDER else -1 for k in system.kinds]
         if "v" not in system.kinds or -1 in kinds or kinds != sorted(kinds):
             raise OptionError(
@@ -61,7 +61,7 @@ class _Alpha(Stepped):
                               f"use the variant with algebraic multipliers, such as mb.GGL(algebraic=True)")  # fmt: skip
 
     def doubts(self, system: System) -> list[str]:
-        """What these options are known to do wrong."""
+        """Warnings on these options: known weaknesses of the method with them."""
         if self.rho_infinity < GAINS:
             return []
         less = "rho = 0.6 to 0.8, or HHT with alpha = 0.1 to 0.25"
@@ -71,7 +71,7 @@ class _Alpha(Stepped):
                 f"energy, and with index 3 may blow up; compare the energy balance, or use {less}"]
 
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
-        """Constant steps."""
+        """Integrate with constant steps."""
         assert self.step is not None
         for doubt in self.doubts(system):
             warnings.warn(doubt, AccuracyWarning, stacklevel=4)
@@ -146,8 +146,8 @@ class HHT(_Alpha):
 
 
 def _begin(step: AlphaStep, h: float, stats: Stats) -> None:
-    """The algorithmic rates belong to times before the start; from rates at the start alone, multipliers oscillate at first and
-    lose their order. Found with one short step of Radau IIA; where that fails the rates at the start serve."""
+    """Set the algorithmic rates, which belong to times near the start, from one short step of Radau IIA; with the rates at the
+    start instead multipliers oscillate at first and lose their order. Where that step fails the rates at the start are used."""
     lead = min(step.A.lead, step.B.lead if step.size[2] else 0.0)
     if lead == 0:
         return

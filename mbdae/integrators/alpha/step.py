@@ -30,12 +30,12 @@ from mbdae.native.sparse import Entries, Factors, Orders, Searches, SingularMatr
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
 
-CUBIC = 3  #: nodes of Radau IIA that hold a cubic
+CUBIC = 3  #: number of stages of Radau IIA whose polynomial is of degree 3
 ORDER = ("q", "v", "s", "z", "lambda", "mu")
-#: corrections are measured in ROUND times the size of displacements and velocities; what is left is TARGET of that
+#: ROUND: unit of corrections, relative to displacements and velocities; TARGET: error that may remain, in this unit
 ROUND, TARGET = 1e-10, 3e-2
-NOISY = 1.0  #: corrections that stopped shrinking below this are round-off
-SLOW = 0.02  #: contraction above which the next step gets a new Jacobian
+NOISY = 1.0  #: largest correction, in this unit, that counts as round-off once corrections stop shrinking
+SLOW = 0.02  #: contraction factor of Newton's method above which the next step gets a new Jacobian
 LIMIT = 12
 
 
@@ -50,23 +50,23 @@ class Alphas:
 
     @property
     def kappa(self) -> float:
-        """da1/du1'."""
+        """Derivative da1/du1'."""
         return (1 - self.f) / (1 - self.m)
 
     @property
     def lead(self) -> float:
-        """a0 belongs to the time t0 + lead h."""
+        """Shift of time: a0 belongs to the time t0 + lead h."""
         return self.m - self.f
 
     @classmethod
     def of(cls, m: float, f: float) -> Alphas:
-        """Second order, and the most dissipation of high frequencies."""
+        """Coefficients of order 2 with the most damping of high frequencies for given alpha_m and alpha_f."""
         gamma = 0.5 + f - m
         return cls(m, f, gamma, (gamma + 0.5) ** 2 / 4)
 
 
 class AlphaStep:
-    """The state (t, y, y') of an integration with a and w (algorithmic rates), and what it takes to go one step further."""
+    """The state (t, y, y') of a run with the algorithmic rates a and w, and everything that one step needs."""
 
     def __init__(self, system: System, second: Alphas, first: Alphas, stats: Stats) -> None:
         self.system, self.stats, self.A, self.B = system, stats, second, first
@@ -77,7 +77,7 @@ class AlphaStep:
         self.algebraic, self.mu = slice(ends[2], ends[4]), slice(ends[4], ends[5])
         nu, ns, m = self.size[1], self.size[2], self.size[5]
         self.stabilised = m > 0
-        #: places among the unknowns of a step
+        #: slices of the unknowns of a step
         self.xu, self.xs, self.xz, self.xe = (slice(s.start - self.nq, s.stop - self.nq)
                                               for s in (self.u, self.s, self.algebraic, self.mu))  # fmt: skip
         self.t, self.y, self.yp = float(system.t0), system.y0.copy(), system.yp0.copy()
@@ -97,14 +97,14 @@ class AlphaStep:
         self._states, self._straight = ns > 0, np.arange(system.n) >= ends[2]
 
     def revive(self, kept: dict[str, Any]) -> None:
-        """Have factors where a state that was kept has some."""
+        """Create the factors, where a stored state `kept` has some, before `go_back` fills them."""
         if kept["_factors"] is not None:
             self._factors = Factors(Orders(*self._pattern()), float)
 
     # -- the equations of a step
 
     def _begin(self, h: float) -> None:
-        """What of the step does not depend on its unknowns."""
+        """Parts of the step that do not depend on its unknowns."""
         A, B, y, yp, self._h = self.A, self.B, self.y, self.yp, h
         part = (A.f * yp[self.u] - A.m * self.a) / (1 - A.m)
         self._part = part
@@ -117,7 +117,7 @@ class AlphaStep:
             self._by_s = h * B.gamma * B.kappa
 
     def _compose(self, h: float, x: Array) -> None:
-        """y and y' at the end of the step from its unknowns."""
+        """Set y and y' at the end of the step from its unknowns."""
         Y, Yp, rate = self._Y, self._Yp, x[self.xu]
         psi = self._psi0 + self._by_psi * rate
         if self.stabilised:
@@ -131,7 +131,7 @@ class AlphaStep:
         Y[self.algebraic] = x[self.xz]
 
     def _predict(self, h: float) -> Array:
-        """Unknowns of the last two steps continued; eta as in the last one."""
+        """Unknowns extrapolated from the last two steps; eta of the last step."""
         last = np.concatenate([self.yp[self.u], self.yp[self.s], self.y[self.algebraic], self.y[self.mu]])
         self._last, x = last, last.copy()
         if self._old is not None:
@@ -168,13 +168,13 @@ class AlphaStep:
         entries = self._factors.orders.entries
         if self.system.sparsity is None:
             values = np.hstack(parts)[entries.row_of, entries.column_of]
-        else:  # a product of sparse matrices may leave out what vanishes
+        else:  # products of sparse matrices may leave out entries that are zero
             A = sp.hstack([sp.coo_matrix(part) for part in parts], format="coo")
             at = np.searchsorted(entries.column_of * entries.n + entries.row_of, A.col.astype(np.int64) * entries.n + A.row)
             values = np.bincount(at, A.data, entries.nnz)
         values *= column[entries.column_of]
         largest = np.zeros(entries.n)
-        with np.errstate(invalid="ignore"):  # what is not finite, the factorisation reports
+        with np.errstate(invalid="ignore"):  # the factorisation reports values that are not finite
             np.maximum.at(largest, entries.row_of, np.abs(values))
         self._row = inverse_or_one(largest)
         np.multiply(values, self._row[entries.row_of], out=self._factors.values)
@@ -183,9 +183,9 @@ class AlphaStep:
         self.stats.factorisations += 1
 
     def _blocks(self, fy: Any, fyp: Any, G: Any, factors: tuple[float, ...]) -> list[Any]:
-        """dF/dx unscaled, by columns: of u', s', z and lambda, eta."""
+        """dF/dx without scaling, by columns: of u', s', z and lambda, eta."""
         n, (by_u, by_psi, by_s, h) = self.nq, factors
-        D = fy[n:, self.q] @ -fy[: self.nq, self.u]  # dF/dpsi: q' = H u tells how displacements move positions
+        D = fy[n:, self.q] @ -fy[: self.nq, self.u]  # dF/dpsi; q' = H u holds for displacements too
         blocks = [fyp[n:, self.u] + by_u * fy[n:, self.u] + by_psi * D]
         if self._states:
             blocks.append(fyp[n:, self.s] + by_s * fy[n:, self.s])
@@ -195,13 +195,13 @@ class AlphaStep:
         return blocks
 
     def _pattern(self) -> tuple[Entries, Searches]:
-        """Which entries of dF/dx there are, whatever their values, and how pivots are sought."""
+        """Sparsity pattern of dF/dx, and how pivots are sought."""
         m, pattern = len(self._x), self.system.sparsity if self.system.pattern is None else self.system.pattern
         if pattern is None:
             return Entries.full(m), ()
         ones = sp.csc_matrix((np.ones(pattern.nnz), pattern.indices, pattern.indptr), shape=pattern.shape)
         G = ones[self._velocity_rows][:, self.u] if self.stabilised else None
-        blocks = self._blocks(-ones, -ones, G, (1.0, 1.0, 1.0, 1.0))  # signs by which nothing cancels
+        blocks = self._blocks(-ones, -ones, G, (1.0, 1.0, 1.0, 1.0))  # with these signs no entries cancel
         found = sp.hstack(blocks, format="csc")
         found.sort_indices()
         return Entries(m, found.indptr, found.indices), searches(self.system.kinds[self.nq :])
@@ -209,7 +209,7 @@ class AlphaStep:
     # -- Newton's method
 
     def solve(self, h: float) -> None:
-        """Find the end of the step; raises StepFailedError."""
+        """Solve the step; raises StepFailedError."""
         fresh = self._factored == 0.0
         if self.stabilised or fresh:
             self._jacobian(self.t, self.y, self.yp)
@@ -234,7 +234,7 @@ class AlphaStep:
         raise self._failed(h, -1)
 
     def _iterate(self, h: float, x: Array, renewing: bool) -> bool:
-        """Correct x until the rest is below the tolerance; renewing: a Jacobian for every correction."""
+        """Correct x until the remaining error is below the tolerance; renewing: with a new Jacobian for every correction."""
         previous, theta = inf, 0.0
         speed, unit = ROUND * (np.abs(self.y[self.u]) + self._speed), ROUND * self._unit
         for k in range(LIMIT * (1 + renewing)):
@@ -268,7 +268,7 @@ class AlphaStep:
         return True
 
     def _norm(self, dx: Array, h: float, speed: Array, unit: Array) -> float:
-        """Largest correction of a velocity, a displacement or a state in units of the tolerance."""
+        """Largest correction of a velocity, a displacement or an internal state, in units of the tolerance."""
         rate = dx[self.xu]
         psi = self._by_psi * rate
         if self.stabilised:
@@ -298,13 +298,13 @@ class AlphaStep:
         return self._Y
 
     def _rates(self) -> Array:
-        """y' (n,) there, without algebraic unknowns."""
+        """y' (n,) at the end of the step, without algebraic unknowns."""
         yp = self._Yp.copy()
-        yp[self.q] = -self._F[self.q]  # q' = H u: what its rows lack at q' = 0
+        yp[self.q] = -self._F[self.q]  # F is evaluated at q' = 0, so that its rows of q are -H u
         return yp
 
     def inside(self, part: Array) -> Array:
-        """y (k, n) on the cubic of the step just solved, after parts (k,) of it."""
+        """y (k, n) on the cubic polynomial of the step just solved, at parts (k,) of the step."""
         return cubic_of_step(self._h, (self.y, self.yp), (self._Y, self._rates()))(part)
 
     def advance(self, h: float, t1: float) -> tuple[float, Array, Array, Array]:

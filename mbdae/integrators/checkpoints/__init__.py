@@ -1,1 +1,1 @@
-"""Runs that are kept on disk while they go on, so that the same call continues them after it was killed."""
+"""Runs that are stored on disk while they are made, so that the same call continues them after its process was killed."""

@@ -1,8 +1,8 @@
-"""The folder of a call whose runs are kept, and the runs in it: one file of its state per run, and numbered ones of its steps.
+"""The folder in which a call stores its runs: for each run one file with its state and numbered files with its steps.
 
-A call makes its runs in an order that depends on their results alone. So runs are known by their number: those that ended are
-read instead of made, the one that was under way goes on. Every file is written as a whole: whenever the process is killed, the
-folder holds what was kept last.
+A call makes its runs in an order that depends on their results alone. So runs are known by their number: complete runs are read,
+the interrupted one is continued. Every file is replaced as a whole: whenever the process is killed, the folder holds a complete
+earlier state.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from typing import TypeVar
 from mbdae.integrators.checkpoints.trees import DamagedError, Tree, read_tree, write_tree
 
 T = TypeVar("T")
-PAUSE = 1.0  #: s of wall time between two times a run is kept, at least
+PAUSE = 1.0  #: shortest wall time (s) between two checkpoints
 
 
 class Stopping(BaseException):
-    """What is under way is kept; the process was asked to end."""
+    """Ends a process that was asked to end, after its run has been stored."""
 
 
 class Keeper:
-    """A folder; every: accepted steps between two checkpoints.
+    """A folder for runs; every: accepted steps between two checkpoints.
 
-    inside: whether a run is under way, which `stop` lets finish its step."""
+    inside: number of runs under way, whose step is finished before `stop` ends the process."""
 
     def __init__(self, folder: Path, every: int) -> None:
         self.folder, self.every = folder, every
@@ -36,12 +36,12 @@ class Keeper:
         self._kept_at = time.perf_counter()
 
     def next_run(self) -> RunFiles:
-        """The files of the run that begins."""
+        """The files of the next run of the call."""
         self._runs += 1
         return RunFiles(self, f"run{self._runs:05d}")
 
     def next_value(self) -> tuple[bool, Tree]:
-        """Whether the next long evaluation of the call was made before, and what it returned, as a tree."""
+        """Whether the next long evaluation of the call has been stored, and the value it returned, as a tree."""
         self._values += 1
         if not self._place.exists():
             return False, None
@@ -49,8 +49,8 @@ class Keeper:
         return True, found
 
     def keep_value(self, plain: Tree) -> None:
-        """Keep what the evaluation asked for last returned. SIGTERM waits for the file: an archive that is left in the middle
-        of a member raises another error."""
+        """Store the value of the present evaluation. SIGTERM waits until the file is written: an interrupted zip archive raises
+        another error."""
         self.inside += 1
         try:
             write_tree(self._place, [plain, self._runs])
@@ -65,11 +65,11 @@ class Keeper:
 
     @property
     def due(self) -> bool:
-        """Whether it is time to write again."""
+        """Whether a checkpoint is due."""
         return self.stop or time.perf_counter() - self._kept_at >= PAUSE
 
     def written(self) -> None:
-        """Something was written now."""
+        """To be called after a checkpoint was written."""
         self._kept_at = time.perf_counter()
 
 
@@ -81,7 +81,7 @@ class RunFiles:
         self._state = keeper.folder / f"{name}.state.npz"
 
     def read(self) -> dict[str, Tree] | None:
-        """The state that was kept last, with all `steps` until then; None where there is none."""
+        """The state stored last, with all `steps` until then; None where none was stored."""
         if not self._state.exists():
             return None
         state: dict[str, Tree] = read_tree(self._state)
@@ -92,12 +92,12 @@ class RunFiles:
         return state
 
     def write(self, state: dict[str, Tree], chunks: int, steps: Tree) -> None:
-        """Keep a state after `chunks` files of steps, and further steps that are kept with it."""
+        """Store a state, the number of files with steps before it, and further steps in the same file."""
         write_tree(self._state, state | {"chunks": chunks, "steps": steps})
         self.keeper.written()
 
     def write_chunk(self, i: int, steps: Tree) -> None:
-        """Keep steps in file i; they count from the next `write` on."""
+        """Store steps in file i; `read` returns them only after the next `write`."""
         write_tree(self._chunk(i), steps)
 
     def _chunk(self, i: int) -> Path:
@@ -108,13 +108,13 @@ _active: ContextVar[Keeper | None] = ContextVar("keeper", default=None)
 
 
 def active() -> Keeper | None:
-    """The keeper of the call under way in this thread."""
+    """The keeper of the present call in this thread, or None."""
     return _active.get()
 
 
 @contextmanager
 def keeping_runs(keeper: Keeper | None) -> Iterator[None]:
-    """Keep every run made inside; None: none of them."""
+    """Context in which every run is stored by the keeper; None: no run is stored."""
     token = _active.set(keeper)
     try:
         yield

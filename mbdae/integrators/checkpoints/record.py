@@ -1,9 +1,9 @@
-"""One run as it is kept: its stretches, each one call of a method, their steps, and the state of the method inside the last one.
+"""A stored run: its stretches (calls of a method's `integrate`), their steps, and the method's state inside the last stretch.
 
-A method that calls `StepLoop.keep` between its steps goes on from any of them with the same bits. Every other one (IDA and CVODE,
-whose history stays inside of SUNDIALS) begins anew after so many steps, in a run that is not interrupted too: so both have the
-same bits. Stretches that ended are repeated without their steps: breaks of inputs and changes of the rows in force are found
-again.
+A method that calls `StepLoop.keep` between its steps is continued from any of them with results equal to the last bit. All others
+(IDA and CVODE, whose history stays inside SUNDIALS) begin anew after a fixed number of steps, in uninterrupted runs too, so that
+results are equal to the last bit. Stretches that have ended are passed through without steps: breaks of inputs and changes of the
+rows in force are found again.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ from mbdae.integrators.matrices.iteration import keep_order, kept_order
 from mbdae.integrators.solution import Stats
 from mbdae.system.base import System
 
-END, RENEWED, PLANNED = "end", "renewed", "planned"  #: what ended a stretch
+#: reasons for the end of a stretch: end of a part, new equations, planned restart of the method
+END, RENEWED, PLANNED = "end", "renewed", "planned"
 
 
 class StepLoop(Protocol):
-    """What a record needs of the loop of a run."""
+    """The members of a run's loop that a record needs."""
 
     t_end: float
     system: System
@@ -37,37 +38,37 @@ class StepLoop(Protocol):
 
     @property
     def count(self) -> int:
-        """Steps accepted."""
+        """Number of accepted steps."""
 
     @property
     def systems(self) -> list[System]:
-        """The equations from which the run began, and those it was renewed to."""
+        """The equations at the beginning of the run, and those that replaced them (`System.renewed`), in order."""
 
     @property
     def first_system(self) -> System:
-        """The equations from which the run began."""
+        """The equations at the beginning of the run."""
 
     def give_back(self, parts: Any, count: int) -> None:
-        """Append steps that were made before."""
+        """Append steps that an earlier process has made."""
 
     def end_again(self, renewed: bool, planned: bool) -> None:
-        """End a stretch as it ended before."""
+        """End a stretch in the way it ended in an earlier process."""
 
     def go_on_counting(self, counts: dict[str, Any]) -> None:
-        """Count on from what was counted before."""
+        """Add the counts of an earlier process."""
 
     def counted(self) -> Stats:
-        """What was counted until now."""
+        """Counts (`Stats`) until now."""
 
     def steps_between(self, first: int, last: int) -> dict[str, Any]:
-        """Some of the steps."""
+        """Steps with numbers from `first` to `last` - 1."""
 
     def solution(self) -> Any:
         """The steps accepted so far."""
 
 
 class Record:
-    """One run in the folder of a keeper; restarts: whether its method begins anew at checkpoints; what: names the run."""
+    """One run in the folder of a keeper. restarts: whether checkpoints restart its method; what: description of the run."""
 
     def __init__(self, keeper: Keeper, restarts: bool, what: str) -> None:
         self.keeper, self.restarts, self.what = keeper, restarts, what
@@ -86,7 +87,7 @@ class Record:
 
     @contextmanager
     def guarding(self, loop: StepLoop) -> Iterator[None]:
-        """Context of the run: keep how it ends. Its warnings are kept too, and given at the end."""
+        """Context of the run that stores how the run ends. Its warnings are stored too, and issued at the end."""
         self.keeper.inside += 1
         try:
             with warnings.catch_warnings(record=True) as self._caught:
@@ -108,7 +109,7 @@ class Record:
     # -- what was made before
 
     def made_before(self, loop: StepLoop) -> bool:
-        """Whether the stretch that is about to begin was made before; of one that was under way its steps are given back."""
+        """Whether an earlier process has completed the next stretch; its steps, or those of an incomplete one, are appended."""
         stored = self._stored
         if stored is None:
             return False
@@ -129,13 +130,13 @@ class Record:
         return False
 
     def goes_on(self, loop: StepLoop, method: Any) -> None:
-        """Bring a method that is about to make its first step to where it was."""
+        """Restore the state of a method before its first step."""
         if self._stored is not None:
             go_back(method, self._stored["method"])
             self._take_over(loop)
 
     def _take_over(self, loop: StepLoop) -> None:
-        """From here on the run is a new one."""
+        """From here on new steps are made: restore counts, memories of the systems, and warnings."""
         stored, self._stored = self._stored, None
         assert stored is not None
         loop.go_on_counting(stored["stats"])
@@ -155,12 +156,12 @@ class Record:
 
     @property
     def room(self) -> int:
-        """Steps until the method begins anew."""
+        """Number of accepted steps after which the method is restarted."""
         begin = self._ends[-1][0] if self._ends else 0
         return begin + self.keeper.every
 
     def planned(self, loop: StepLoop) -> bool:
-        """Whether the method begins anew after the step just accepted."""
+        """Whether the method is to be restarted after the step just accepted."""
         if not self.restarts:
             return False
         if self.keeper.stop:
@@ -170,7 +171,7 @@ class Record:
         return loop.t < loop.t_end and loop.count >= self.room
 
     def ended(self, loop: StepLoop, renewed: bool, planned: bool) -> None:
-        """A stretch ended."""
+        """To be called when a stretch has ended."""
         self._ends.append((loop.count, RENEWED if renewed else PLANNED if planned else END))
         if planned:
             self._boundary = self._captured(loop, None)
@@ -178,14 +179,14 @@ class Record:
                 self._write(loop, self._boundary)
 
     def keep(self, loop: StepLoop, method: Any) -> None:
-        """Keep the run between two steps of a method, where it is time to."""
+        """Store the run between two steps of a method, where a checkpoint is due."""
         if self.keeper.due and (self.keeper.stop or loop.count - self._saved >= self.keeper.every):
             self._write(loop, self._captured(loop, snapshot(method)))
         if self.keeper.stop:
             raise Stopping
 
     def _finish(self, loop: StepLoop, error: SolverError | None = None) -> None:
-        if self._stored is not None:  # it had ended before
+        if self._stored is not None:  # the run was complete already
             self._take_over(loop)
         elif not self._failed_before:
             failure = None if error is None else (str(error), error.time, error.culprit, error.solution is not None)
@@ -200,7 +201,7 @@ class Record:
                 "method": method, "failure": failure}  # fmt: skip
 
     def _write(self, loop: StepLoop, state: dict[str, Tree]) -> None:
-        """Keep a state and the steps until then."""
+        """Store a state and the steps until then."""
         if state["count"] > self._saved:
             self._files.write_chunk(self._chunks, loop.steps_between(self._saved, state["count"]))
             self._chunks, self._saved = self._chunks + 1, state["count"]

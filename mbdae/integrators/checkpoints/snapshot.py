@@ -1,8 +1,8 @@
-"""The state of a method between two steps, read off its objects, so that a new method goes on from it with the same bits.
+"""The state of a method between two steps, collected from its objects, so that a new object continues with equal results.
 
-What an object of `integrators` holds counts: numbers, texts, arrays, lists and tuples of them, and further objects. Of an object
-of `native` its arrays and the numbers of its table count: its other numbers are addresses. Constants (frozen data, systems,
-equations, functions) are those of the new method. An object that this does not describe has `snapshot` and `go_back` of its own.
+State are the numbers, texts, arrays, lists, tuples and further objects that an object of `integrators` holds. Of an object of
+`native` only its arrays and the numbers of its table are state; its other numbers are addresses. Constants (frozen data, systems,
+equations, functions) are taken from the new object. Objects with other state have methods `snapshot` and `go_back`.
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ from mbdae.native.equations import Equations, Number, Whole
 from mbdae.native.sparse import Entries, Order
 from mbdae.system.base import System
 
-CONSTANT = (System, Equations, Stats, Contacts, Entries, Order)  #: not looked into; `Contacts` follow from `ContactSteps`
+#: classes whose objects are not part of the state; `Contacts` are made again from `ContactSteps`
+CONSTANT = (System, Equations, Stats, Contacts, Entries, Order)
 OWN = ("mbdae.integrators.", "mbdae.native.")
 OBJECT = "object"
 
 
 def snapshot(method: Any) -> Tree:
-    """The state of a method as plain values."""
+    """The state of a method as a tree of plain values."""
     return _of_object(method, set())
 
 
@@ -40,7 +41,7 @@ def _of_object(thing: Any, seen: set[int]) -> Tree:
 
 
 def _of_value(value: Any, seen: set[int], native: bool) -> Tree:
-    """A value as it is kept; Ellipsis: it is not."""
+    """A value as part of the tree; Ellipsis where it is not part of the state."""
     if id(value) in seen:
         return ...
     if isinstance(value, ctypes.Structure):
@@ -60,7 +61,7 @@ def _of_value(value: Any, seen: set[int], native: bool) -> Tree:
 
 
 def go_back(method: Any, state: Tree) -> None:
-    """Have a new method go on from a state."""
+    """Set the state of a new method to a stored one."""
     kept = state[OBJECT]
     if hasattr(method, "snapshot"):
         method.go_back(kept)
@@ -86,7 +87,7 @@ def _go_back_inside(there: Any, kept: Tree) -> None:
 
 
 def _put(thing: Any, name: str, value: Tree) -> None:
-    """Set an attribute; an array where it is, because C or other objects know its place."""
+    """Set an attribute; arrays are filled in place, because C and other objects have their address."""
     there = getattr(thing, name, None)
     if isinstance(there, np.ndarray) and isinstance(value, np.ndarray) and there.shape == value.shape and there.flags.writeable:
         there[...] = value
@@ -97,7 +98,7 @@ def _put(thing: Any, name: str, value: Tree) -> None:
 
 
 def _like(value: Tree, there: Any) -> Any:
-    """A value with named tuples where there were some."""
+    """A value with its lists turned into named tuples where `there` has named tuples."""
     if isinstance(value, list) and isinstance(there, list) and there:
         return [_like(part, there[0]) for part in value]
     if isinstance(value, tuple) and hasattr(there, "_fields"):
@@ -113,7 +114,7 @@ def _is_object(value: Any) -> bool:
 
 
 def _is_loop(value: Any) -> bool:
-    return hasattr(value, "run_end")  # the loop is kept apart
+    return hasattr(value, "run_end")  # the loop is stored by itself
 
 
 def _holds_object(value: Tree) -> bool:

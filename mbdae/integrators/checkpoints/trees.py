@@ -1,4 +1,4 @@
-"""Plain values with arrays among them, as one .npz file that is written as a whole."""
+"""Trees of plain values and arrays, each in one .npz file that is replaced as a whole."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Tree = Any  #: None, flags, numbers, texts, arrays, sparse matrices by columns, 
 
 
 class DamagedError(Exception):
-    """A file that is kept cannot be read. The call fails with it: no other solver is tried, as where a run fails."""
+    """A stored file cannot be read. The call fails, and no other solver is tried (as it is where a run fails)."""
 
 
 class NotPlainError(Exception):
@@ -25,7 +25,7 @@ class NotPlainError(Exception):
 
 
 def write_tree(path: Path, tree: Tree) -> None:
-    """Replace a file by a tree; afterwards it is on the disk."""
+    """Replace a file by a tree, which is on the disk when this returns."""
     arrays: dict[str, Any] = {}
     text = json.dumps(packed(tree, arrays))
     with replacing(path) as part, part.open("wb") as file:
@@ -33,7 +33,7 @@ def write_tree(path: Path, tree: Tree) -> None:
 
 
 def read_tree(path: Path) -> Tree:
-    """The tree in a file; DamagedError where it is damaged."""
+    """Read the tree in a file; raises DamagedError where it is damaged."""
     from zipfile import BadZipFile
 
     try:
@@ -44,7 +44,7 @@ def read_tree(path: Path) -> Tree:
 
 
 def packed(value: Tree, arrays: dict[str, Any]) -> Any:
-    """A tree as JSON, with the arrays in it apart; NotPlainError where it holds something else."""
+    """A tree as JSON values, with its arrays moved to `arrays`; NotPlainError where it holds another value."""
     if value is None or isinstance(value, bool | str):
         return value
     if isinstance(value, np.generic):
@@ -66,7 +66,7 @@ def packed(value: Tree, arrays: dict[str, Any]) -> Any:
 
 
 def unpacked(value: Any, arrays: Any) -> Tree:
-    """The tree again."""
+    """The tree from JSON values and arrays: the inverse of `packed`."""
     if isinstance(value, list):
         return [unpacked(part, arrays) for part in value]
     if not isinstance(value, dict):

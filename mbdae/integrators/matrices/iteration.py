@@ -1,7 +1,7 @@
 """The iteration matrix dF/dy + (lambda/h) dF/dy' of a system, scaled and factorised.
 
-Unknowns of index k enter divided by h^-(k-1) times their scale, rows are equilibrated: without it the condition
-number grows like h^-4 (index 3) and the Newton iteration stops on round-off.
+Unknowns of index k enter divided by h^-(k-1) times their scale, rows are equilibrated: otherwise the condition
+number grows like h^-4 (index 3) and round-off stops Newton's method.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from mbdae.integrators.matrices.ordering import searches
 from mbdae.native.sparse import Entries, Matrix, Order, SingularMatrixError
 from mbdae.system.base import Array, Kept, System
 
-EARLY = 1e-2  #: of the motion's typical time: the step for which an order is looked for
+EARLY = 1e-2  #: part of the motion's characteristic time: the step for which an order of elimination is sought
 
 
 class IterationMatrix(Matrix):
-    """The iteration matrix for given real and complex lambda: `refresh` sets the point, `factor` the step."""
+    """The iteration matrix for given real and complex lambda: `refresh` sets the point, `factor` sets the step and factorises."""
 
     def __init__(self, system: System, real: Array, pairs: NDArray[np.complex128]) -> None:
         pattern = system.sparsity if system.pattern is None else system.pattern
@@ -32,8 +32,8 @@ class IterationMatrix(Matrix):
             self.orders.present = self._first_order(system.kept)
 
     def _first_order(self, kept: Kept) -> Order | None:
-        """An order for the matrix at the start, the same for all runs: a search takes as long as 100 factorisations. Where it
-        does not serve, the factors look for another."""
+        """An order of elimination for the matrix at the start, stored for all runs: a search takes as long as 100 factorisations.
+        Where pivots become too small in it, another order is sought."""
         if "order" not in kept:
             system = self.system
             self.refresh(system.t0, system.y0, system.yp0)
@@ -47,19 +47,19 @@ class IterationMatrix(Matrix):
         return found
 
     def refresh(self, t: float, y: Array, yp: Array) -> None:
-        """Evaluate both Jacobian parts."""
+        """Evaluate dF/dy and dF/dy'."""
         values = self.system.jacobian_parts if self.system.pattern is None else self.system.jacobian_values
         self.fy[:], self.fyp[:] = (part.ravel(order="F") for part in values(t, y, yp))
 
 
 def kept_order(system: System) -> list[NDArray[np.int64]] | None:
-    """Rows and columns of the pivots of the order that `system` keeps; None where it keeps none."""
+    """Rows and columns of the pivots of the order stored with `system`; None where none is stored."""
     order = None if system.kept is None else system.kept.get("order")
     return None if order is None else [order.rows, order.columns]
 
 
 def keep_order(system: System, pivots: list[NDArray[np.int64]] | None) -> None:
-    """Have a system keep an order, unless it has one already."""
+    """Store an order with a system, unless it has one already."""
     pattern = system.sparsity if system.pattern is None else system.pattern
     if pivots is not None and system.kept is not None and "order" not in system.kept:
         system.kept["order"] = Order(_entries(system, pattern), *pivots)
@@ -85,7 +85,7 @@ def as_csc(system: System, data: Array) -> csc_matrix:
 
 
 def coupled_correction(system: System, A_inv: Array, h: float, times: Array, Y: Array, Yp: Array, R: Array) -> Array:
-    """Newton correction (s, n) of all stages together, every Jacobian taken at its own stage: exact but dear.
+    """Newton correction (s, n) of all stages together, with the Jacobian of every stage: exact, but expensive.
 
     times (s,), Y, Yp, R (s, n): the present stages and their residual.
     """

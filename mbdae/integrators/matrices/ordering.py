@@ -12,27 +12,31 @@ from mbdae.deferred import connected_components, csc_matrix, identity, splu
 from mbdae.native.pivots import by_counts, largest_pivots, pivoted
 from mbdae.native.sparse import Entries, Order, Searches
 
-#: unknowns with an easily inverted block of their own: stresses by their compliance, positions by q' = H u
+#: kinds of unknowns whose own block is easily inverted: stresses by their compliance, positions by q' = H u
 FIRST = ("z", "q")
-#: unknowns up to which two orders of a matrix with stresses may be compared (the largest pivots fill it), and multiplications of
-#: a factorisation for which one is not sought further
+#: FEW: unknowns up to which two orders are compared with stresses (largest pivots fill in much); CHEAP: multiplications of
+#: a factorisation below which the search ends
 FEW, CHEAP = 600, 15_000
-SMALL = 200  #: unknowns up to which pivots are chosen by counts first: it takes 1 ms for 100 of them, and SciPy is not imported
-COUPLED = 2  #: entries of the inverse of the block of the positions, over those of a larger matrix, above which they are not
-#: eliminated first: in space the positions of all bodies that joints connect are one block
-LARGE = 0.1  #: pivots on the diagonal above this part of the largest fill a third to a half of what the largest ones fill
-THRESHOLD = 1e-8  #: a pivot stays on the diagonal unless it is smaller than this times the largest: others fill the factors of a
-#: stiff beam (0.24 s instead of 0.007 s for 1000 elements), because its compliances are small beside its strains
+#: number of unknowns up to which pivots are first chosen by counts of entries: 1 ms for 100 unknowns, without SciPy
+SMALL = 200
+#: number of entries of the inverse of the positions' block, over that of a matrix of more than FEW unknowns, above which
+#: positions are not eliminated first: in space the positions of all bodies that joints connect are one block
+COUPLED = 2
+#: smallest pivot on the diagonal, relative to the largest of its column: a third to a half of the fill-in of the largest pivots
+LARGE = 0.1
+#: smallest pivot on the diagonal, relative to the largest of its column, in the order by kinds: with larger values the factors of
+#: a stiff beam fill in, whose compliances are small beside its strains (0.24 s instead of 0.007 s for 1000 elements)
+THRESHOLD = 1e-8
 
 
 def searches(kinds: Sequence[str]) -> Searches:
-    """How orders of elimination are sought for a matrix whose unknowns are of these kinds: the cheaper one of stresses and
-    positions first and of the largest pivots; where that has lost its digits, one with pivots within LARGE of the largest, then
-    that of the largest."""
+    """How orders of elimination are sought for a matrix with unknowns of these kinds: first the cheaper of two, stresses and
+    positions first or the largest pivots; where that loses too many digits, pivots on the diagonal above `LARGE`; then the
+    largest pivots."""
 
     def cheaper(entries: Entries, values: NDArray[Any]) -> Order | None:
         small = by_counts(entries, values) if entries.n <= SMALL and "z" not in kinds else None
-        if small is not None and small.work <= CHEAP:  # cheap enough without SciPy
+        if small is not None and small.work <= CHEAP:  # SciPy is not imported
             return small
         by_pivots = None if "z" in kinds and entries.n > FEW else largest_pivots(entries, values)
         if by_pivots is not None and by_pivots.work <= CHEAP:
@@ -58,8 +62,8 @@ def _large_pivots(entries: Entries, values: NDArray[Any]) -> Order | None:
 
 
 def elimination_order(matrix: csc_matrix, kinds: Sequence[str]) -> NDArray[np.intp] | None:
-    """Stresses, positions, then the rest in an order that keeps what is left after them sparse; None where there is no such
-    block, or where a strain is rigid (its stress is a multiplier)."""
+    """Stresses, positions, then the rest in an order of little fill-in; None where there is no such block, or where a strain is
+    rigid (its stress is then a multiplier)."""
     z, q = (np.flatnonzero(np.array(kinds) == kind) for kind in FIRST)
     rest = np.flatnonzero(~np.isin(kinds, FIRST))
     if not (len(q) and len(rest)) or not np.all(matrix.diagonal()[z]):
@@ -75,13 +79,14 @@ def elimination_order(matrix: csc_matrix, kinds: Sequence[str]) -> NDArray[np.in
     by_rest = closure @ block(q, rest)  # positions in terms of the rest
     left = block(rest, rest) + block(rest, q) @ by_rest + block(rest, z) @ (block(z, rest) + block(z, q) @ by_rest)
     left.data[:] = 1.0
-    dominant = left + identity(len(rest)) * (2.0 * len(rest))  # pivots on the diagonal: only the pattern matters
+    # pivots on the diagonal, because only the sparsity pattern counts here
+    dominant = left + identity(len(rest)) * (2.0 * len(rest))
     order = np.argsort(splu(dominant.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).perm_c)
     return np.concatenate([z, q, rest[order]])
 
 
 def _closure(pattern: Any, most: int) -> Any:
-    """Pattern of the inverse of a block-diagonal matrix: full blocks; None where these have more than `most` entries."""
+    """Sparsity pattern of the inverse of a block-diagonal matrix: full blocks; None where it has more than `most` entries."""
     count, label = connected_components(pattern, directed=False)
     if int(np.sum(np.bincount(label).astype(np.int64) ** 2)) > most:
         return None

@@ -1,4 +1,4 @@
-"""Error control of collocation methods: a filtered embedded estimate chooses the step.
+"""Error control of collocation methods: a filtered embedded error estimate chooses the step.
 
 Hairer, Wanner, Solving Ordinary Differential Equations II, 2nd ed., IV.8 and VII.6-7, written for implicit F.
 """
@@ -22,14 +22,15 @@ from mbdae.integrators.watched.watch import StepWatch
 from mbdae.native.collocation import AGAIN, DIVERGED, DONE, LOOK, NO_RATES, NO_WIDTH, ORDER, VANISHED, Made
 from mbdae.system.base import Array, System
 
-#: steps in a row that cannot be solved, each half of the one before, from which on Newton's method takes a Jacobian per stage.
-#: SOON with few unknowns, else RESIST: it then costs as much as 40 steps (clearance rotor at 1e-3: 1.4 s with 3, 2.1 s with 2)
+#: number of consecutive steps that fail, each half as long as the one before, after which Newton's method uses a Jacobian per
+#: stage: SOON with few unknowns, else RESIST. It costs as much as 40 steps (clearance rotor at 1e-3: 1.4 s with 3, 2.1 s with 2)
 RESIST, SOON, FEW_UNKNOWNS = 3, 2, 100
-ROWS, FEW = 256, 8  #: most steps of one call, and of the first where something is watched
+#: largest number of steps in one call, and in the first call where contacts or switches are watched
+ROWS, FEW = 256, 8
 
 
 class Adaptive:
-    """Error control around the step: Hairer and Wanner's estimate with Gustafsson's controller."""
+    """Error control of a run: Hairer and Wanner's error estimate with Gustafsson's step controller."""
 
     def __init__(self, solver: Solver, table: CollocationTable, atol: Any, system: System, loop: StepLoop) -> None:
         rtol, stages = solver.tolerance, len(table.c)
@@ -38,7 +39,7 @@ class Adaptive:
         demand = Demand(rtol, atol, target, 7 + 2 * (stages - 2))
         self.step = CollocationStep(system, table, loop.stats, demand, estimate=True)
         self.system, self.loop, self.rtol, self.control = system, loop, rtol, self.step.run.table
-        self.solved = False  # whether the stages of the next step are
+        self.solved = False  # whether the stages of the next step are solved already
         self.warned, self.failures, self.resist = False, 0, SOON if system.n <= FEW_UNKNOWNS else RESIST
         self.watch = StepWatch.of(loop, lambda y: rtol * np.abs(y) + atol)
         if system.longest_step is not None:
@@ -60,7 +61,7 @@ class Adaptive:
                 self.loop.keep(self)
 
     def _advance(self, solved: bool) -> int | None:
-        """Make steps and keep those that hide nothing; what ended them, None where the loop ends."""
+        """Make steps and store those that hide no contact or switch. Returns why they ended, None where the loop ends."""
         step, loop, watch, control, closely = self.step, self.loop, self.watch, self.control, self.rows == 1
         if watch is not None:
             control.bound = watch.bound() if closely else watch.bound_of_switches()
@@ -86,8 +87,8 @@ class Adaptive:
         return made.code if kept == count else DONE
 
     def _made(self, solved: bool) -> Made:
-        """Steps of the method. Where something is watched they are as many as asked for, however long they take: what bounds them
-        is looked at between calls, and may not depend on the clock."""
+        """Make steps. Where contacts or switches are watched the number of steps does not depend on the clock, because their
+        bounds are renewed between calls."""
         step, loop = self.step, self.loop
         made = step.run.steps(step.t, loop.t_end, solved, loop.evaluations_left, self.rows)
         step.count()
@@ -100,7 +101,7 @@ class Adaptive:
         return made
 
     def _kept(self, watch: StepWatch, made: Made, before: Any) -> int:
-        """How many steps may be kept; before the others the run is where it was."""
+        """Number of steps that can be stored; the others are undone."""
         loop, closely = self.loop, self.rows == 1
         count, calm = len(made.t), len(made.t) - (made.code == LOOK)
         times, states = np.concatenate([[loop.t], made.t]), np.concatenate([loop.state[0][None], made.y])
@@ -126,7 +127,7 @@ class Adaptive:
         return kept
 
     def _go_back(self, made: Made, times: Array, increments: Array, kept: int, closely: bool, before: Any) -> None:
-        """To the last of the steps that are kept, before which the control of steps was as in `before` where there is none."""
+        """Return to the last stored step; `before`: state of the step control where no step is stored."""
         control, loop = self.control, self.loop
         if closely:
             control.h, control.rejected = control.tried, control.careful
@@ -140,7 +141,7 @@ class Adaptive:
         loop.stats.rejected += closely
 
     def first_step(self) -> float:
-        """A small first step from the rates at the start; the controller then grows it by up to GROW per step."""
+        """A small first step from the rates at the start; the controller then grows it by up to the factor GROW per step."""
         system, span = self.system, self.loop.t_end - self.step.t
         slow = np.asarray(system.index) < 3
         size = np.asarray(system.scale, dtype=float) + np.abs(system.y0)
@@ -149,7 +150,7 @@ class Adaptive:
         return min(share / rate if rate > 0 else inf, 0.01 * span, share * span)
 
     def _solved(self, ended: int) -> bool:
-        """Go on after what ended a call: whether the stages of the next step are solved."""
+        """Prepare the next call after the reason `ended`; returns whether the stages of the next step are solved already."""
         step, h = self.step, self.control.width
         if ended in (ORDER, DIVERGED):
             try:
@@ -169,7 +170,7 @@ class Adaptive:
         return False
 
     def _shorten(self, h: float, failure: StepFailedError) -> None:
-        """Half the step, after one that could not be solved."""
+        """Halve the step after one that could not be solved."""
         self.loop.stats.rejected += 1
         if h < max(self.control.smallest, 10 * np.finfo(float).eps * abs(self.step.t)):
             raise self._too_small(h, str(failure), failure.culprit)
@@ -179,7 +180,7 @@ class Adaptive:
         return self.loop.failure(f"the step became too small (h = {h:.2e} s): {why}{self._where()}", culprit)
 
     def _warn(self) -> None:
-        """Say once that an estimate was round-off, because the tolerance is then not met."""
+        """Warn once where the error estimate is round-off, because the tolerance is then not met."""
         noise, h = self.control.noise, self.control.noise_h
         if noise and not self.warned:
             self.warned = True

@@ -1,6 +1,6 @@
 """Many runs of the same equations in one native call: from many starts, or with many values of their numbers.
 
-A point makes the steps of a single run of DOP853; the stages of its interpolant are evaluated only in steps with an output.
+Every point makes the same steps as a single run of DOP853; stages of the interpolant are evaluated only in steps with an output.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from mbdae.system.base import Array, Numbers, System
 from mbdae.threads import one_thread
 from mbdae.values import array, function, of_class, option, optional, shown
 
-Progress = Callable[[int, int], None]  #: points done, points in all
-PERIOD = 0.1  #: s between two calls of a progress function
+Progress = Callable[[int, int], None]  #: function of the number of points done and of all points
+PERIOD = 0.1  #: shortest time (s) between two calls of a progress function
 NOT_RUN = "not run"
 
 
@@ -33,7 +33,7 @@ NOT_RUN = "not run"
 class Batch(ListsAttributes):
     """Runs of k points: t (m,) s, y (k, m, n) the unknowns there, last (k, n) those at the end of each run; nan after a failure.
 
-    errors: text of every point, None where it came to its end; steps, rejected, evaluations (k,); cpu_s, wall_s of all."""
+    errors: message of every point that failed or was not run, else None; steps, rejected, evaluations (k,); cpu_s, wall_s."""
 
     t: Array
     y: Array
@@ -47,11 +47,24 @@ class Batch(ListsAttributes):
 
     @property
     def failures(self) -> list[int]:
-        """Numbers of the points that did not come to their end."""
+        """Numbers of the points that failed."""
         return [i for i, error in enumerate(self.errors) if error is not None]
 
     def __repr__(self) -> str:
         return f"<Batch: {len(self.errors)} points, {len(self.failures)} failed, {self.cpu_s:.3g} s CPU>"
+
+
+def is_watched(s: System, t_end: float) -> bool:
+    """Whether contacts, switches, controllers or inputs have to be watched in a run to t_end, s."""
+    line = s.timeline(s.t0, t_end) if s.timeline is not None else None
+    return any(part is not None for part in (line, s.guards, s.switches, s.longest_step, s.sampled))
+
+
+def refuse_watched(system: System, t_end: float) -> None:
+    """Raise OptionError where numbers of laws may not vary in a batch of runs to t_end, s."""
+    if is_watched(system, t_end):
+        raise OptionError("numbers: contacts, switching laws, sampled controllers and breaks of inputs are watched with "
+                          "numbers of their own; build a scene for every value, and solve them one by one")  # fmt: skip
 
 
 def solve_batch(system: System, t_end: float, solver: Any = None, *, starts: Any = None,
@@ -63,7 +76,7 @@ def solve_batch(system: System, t_end: float, solver: Any = None, *, starts: Any
     system; numbers: values (k,) or one of numbers of laws by name ("elbow.mass", those of all laws of the item); outputs: number
     of equally spaced times, or the times, by default the end; max_wall: s of wall time of all points before a WallClockError;
     progress(done, all): called at most 10 times per second.
-    A point that fails keeps its message in `errors` and costs only itself. Ctrl-C, and the end of max_wall, come out as
+    A point that fails has its message in `errors`; all others are run. Ctrl-C, and the end of max_wall, raise
     exceptions whose attribute `solution` is the Batch so far. OptionError where the system has no right-hand side, or a number
     cannot be varied. Starts have to satisfy the constraints of the system, if it has some.
     Systems with contacts, switching laws, sampled controllers or breaks of inputs run point by point, as by `solver.solve`.
@@ -81,7 +94,7 @@ def solve_batch(system: System, t_end: float, solver: Any = None, *, starts: Any
 
 @dataclass(frozen=True)
 class _Points:
-    """starts (k, n), and values (k, m) of numbers in places of an array that the equations read."""
+    """Starts (k, n), and values (k, m) of numbers of laws, with their slots in an array that the equations read."""
 
     starts: Array
     values: Array
@@ -89,7 +102,7 @@ class _Points:
 
     @classmethod
     def of(cls, system: System, starts: Any, numbers: Any) -> _Points:
-        """Read and check what a user gave."""
+        """Read and check the arguments of a user."""
         if not isinstance(numbers, Mapping):
             raise OptionError(f"numbers = {shown(numbers)}: give a mapping of names such as 'elbow.mass' to their values")
         remedy = f"give an array (points, {system.n}) or ({system.n},)"
@@ -113,7 +126,7 @@ class _Points:
 
     @contextmanager
     def restored(self) -> Iterator[None]:
-        """The system has its own numbers again afterwards."""
+        """Context after which the system has its own numbers again."""
         before = None if self.at is None else self.at.W[self.at.slots]
         try:
             yield
@@ -122,12 +135,12 @@ class _Points:
                 self.at.W[self.at.slots] = before
 
     def take(self, i: int) -> None:
-        """Set the numbers of point i."""
+        """Set the numbers of laws for point i."""
         if self.at is not None and i < len(self):
             self.at.W[self.at.slots] = self.values[i]
 
     def system(self, system: System, i: int) -> System:
-        """The system of point i; its numbers are set."""
+        """The system with the start and the numbers of point i."""
         self.take(i)
         rate = np.empty(system.n)
         system.rhs(system.t0, self.starts[i], rate)
@@ -135,7 +148,7 @@ class _Points:
 
 
 class _Run:
-    """A batch while it runs; arrays of its result, of which C fills a row per point."""
+    """A batch while it runs, with the arrays of its result; C fills one row per point."""
 
     def __init__(self, system: System, solver: DOP853, asked: Asked, points: _Points, tell: Progress | None) -> None:
         self.system, self.solver, self.asked, self.points, self.tell = system, solver, asked, points, tell
@@ -168,14 +181,10 @@ class _Run:
         return Batch(self.times, self.y, self.last, tuple(self.errors), steps, rejected, evaluations, cpu, wall)
 
     def _plain(self) -> bool:
-        """Whether nothing is watched between the steps of a run."""
-        s = self.system
-        line = s.timeline(s.t0, self.asked.t_end) if s.timeline is not None else None
-        watched = any(part is not None for part in (line, s.guards, s.switches, s.longest_step, s.sampled))
-        if watched and self.points.at is not None:
-            raise OptionError("numbers: contacts, switching laws, sampled controllers and breaks of inputs are watched with "
-                              "numbers of their own; build a scene for every value, and solve them one by one")  # fmt: skip
-        return not (watched or s.looks_at_steps)
+        """Whether nothing has to be watched between the steps of a run, so that C makes all points."""
+        if self.points.at is not None:
+            refuse_watched(self.system, self.asked.t_end)
+        return not (is_watched(self.system, self.asked.t_end) or self.system.looks_at_steps)
 
     def _native(self) -> None:
         equations, p, rtol = rates_of(self.system), self.points, self.solver.tolerance
@@ -187,24 +196,24 @@ class _Run:
                 self._look(self.done)
 
     def _ended(self, equations: Equations) -> None:
-        """Read what the points that ended have come to; those that failed are run again alone, for their message."""
+        """Read the results of the points that have ended; points that failed are run again alone to obtain their message."""
         done = self.kept.done
         raised, equations.caught.error = equations.caught.error, None
         stops = raised is not None and not isinstance(raised, Exception)
-        if stops:  # the last of them was stopped
+        if stops:  # the last point was interrupted
             done -= 1
             self.y[done] = self.last[done] = np.nan
         for i in range(self.done, done):
             self.errors[i] = None
             if self.kept.code[i]:
                 self._alone(i)
-        self.points.take(done)  # the point that is under way
+        self.points.take(done)  # the point to continue with
         self.done = done
         if raised is not None and stops:
             raise raised
 
     def _alone(self, i: int) -> None:
-        """A point as a run of its own."""
+        """Run one point by itself."""
         self.y[i], self.last[i] = np.nan, np.nan
         left = None if self.asked.max_wall is None else self.asked.max_wall - (time.perf_counter() - self.wall)
         try:
@@ -219,7 +228,7 @@ class _Run:
         self.counts[:, i] = found.stats.steps, found.stats.rejected, found.stats.residuals
 
     def _look(self, done: int, ended: bool = False) -> None:
-        """Watch the wall clock, report progress."""
+        """Check the wall time, and report progress."""
         self.done, spent = done, time.perf_counter() - self.wall
         if ended or (self.asked.max_wall is not None and spent > self.asked.max_wall and done < len(self.points)):
             how_far = f"{done} of {len(self.points)} points are done"

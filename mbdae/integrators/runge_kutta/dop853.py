@@ -22,9 +22,10 @@ from mbdae.system.base import Array, System
 from mbdae.ties import largest
 
 METHOD = Method(STAGES, tuple((0, *entry) for entry in FIFTH) + tuple((1, *entry) for entry in THIRD), DENSE)
-#: nodes of Radau IIA at which the interpolant is kept: its polynomial has degree 7, that through them and the start too
+#: stages of Radau IIA at whose nodes the interpolant is stored: with the start they determine its polynomial of degree 7
 NODES = 7
-ROWS, FEW = 256, 8  #: most steps of one call, and of the first where something is watched
+#: largest number of steps in one call, and in the first call where contacts or switches are watched
+ROWS, FEW = 256, 8
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class DOP853(Solver):
         set_tolerances(self)
 
     def check(self, system: System) -> None:
-        """Refuse a system without a right-hand side."""
+        """Raise OptionError for a system without a right-hand side."""
         check_rates(self.label, system)
 
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
@@ -59,12 +60,12 @@ class DOP853(Solver):
             run.steps()
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
-        """Polynomials of degree 7."""
+        """Interpolant: polynomials of degree 7."""
         return Collocation.of(NODES, t, y, pieces)
 
 
 class _Run:
-    """A run: blocks of steps where they are looked at together, else one step at a time."""
+    """A run: blocks of steps, or single steps where blocks hide contacts or switches."""
 
     def __init__(self, solver: DOP853, loop: StepLoop, h0: float | None) -> None:
         self.loop, self.system, rtol = loop, loop.system, solver.tolerance
@@ -74,18 +75,19 @@ class _Run:
         self.equations = rates_of(self.system)
         self.method = Explicit(self.equations, METHOD, radau_table(NODES).c[:-1], rtol, self.atol)
         self.h0 = h0
-        self.rows, self.landing = 1, inf  # most steps of the next call, and the longest (s) of them because of what one hid
+        # largest number of steps in the next call; their largest length (s) because of what a step hid
+        self.rows, self.landing = 1, inf
 
     def _start(self) -> None:
         loop = self.loop
         code = self.method.start(loop.t, loop.state[0], loop.t_end - loop.t, self.h0)
         loop.stats.residuals += 2
         self.equations.raise_error()
-        if code:  # the system itself says why
+        if code:  # its function raises the error
             self.system.rhs(loop.t, loop.state[0], np.empty(self.system.n))
 
     def steps(self) -> None:
-        """Step to the end. Of a block that is not quiet the quiet steps are kept; the next ones are made one at a time."""
+        """Step to the end. Of a block only steps before one that may hide a contact or switch are stored; the next are single."""
         self._start()
         loop, watch = self.loop, self.watch
         if self.system.longest_step is not None:
@@ -115,8 +117,8 @@ class _Run:
                 loop.keep(self)
 
     def _made(self, rows: int, longest: float) -> Steps:
-        """Steps of the method; what they cost is counted. Where something is watched they are as many as asked for, however long
-        they take: what bounds them is looked at between calls, and may not depend on the clock."""
+        """Make steps and count their cost. Where contacts or switches are watched the number of steps does not depend on the
+        clock, because their bounds are renewed between calls."""
         loop = self.loop
         made = self._advanced(loop.t, rows, longest)
         while self.watch is not None and not made.code and len(made.t) < rows and made.t[-1] < loop.t_end \
@@ -127,7 +129,7 @@ class _Run:
         return made
 
     def _advanced(self, t: float, rows: int, longest: float) -> Steps:
-        """One call of the method."""
+        """Make up to `rows` steps, not longer than `longest` (s), in one call of the native method."""
         table, stats = self.method.table, self.loop.stats
         before = table.evaluations, table.rejected
         made = self.method.advance(t, self.loop.t_end, self.loop.evaluations_left, rows, longest)
@@ -136,7 +138,7 @@ class _Run:
         return made
 
     def _looked_at(self, watch: StepWatch, made: Steps, closely: bool) -> tuple[int, float]:
-        """How many of the steps may be kept, and the longest the next one may be because of what one hides, s."""
+        """Number of steps that can be stored, and the largest length (s) of the next step because of what a step hides."""
         times = np.concatenate([[self.loop.t], made.t])
         states = np.concatenate([self.loop.state[0][None], made.y])
         inside = inside_of(radau_table(NODES), states[:-1], increments_of(states, made.inner))
@@ -145,12 +147,12 @@ class _Run:
         return kept, landing
 
     def _failed(self) -> Exception:
-        """The failure of a step that fell below the round-off of the time."""
+        """The error where the step became so small that it is round-off of the time."""
         loop, (y, yp) = self.loop, self.loop.state
         where, F = "" if self.watch is None else self.watch.nearest(), np.empty(self.system.n)
         text = f"the step fell below the round-off of the time; where the motion is stiff, use mb.RadauIIA(3){where}"
-        for h in (0.0, 1e-9 * (loop.run_end - float(loop.system.t0))):  # here, and just ahead
-            self.system.residual(loop.t + h, y + h * yp, yp, F)  # raises where accelerations are not determined
+        for h in (0.0, 1e-9 * (loop.run_end - float(loop.system.t0))):  # at the last state, and just after it
+            self.system.residual(loop.t + h, y + h * yp, yp, F)  # raises an error where accelerations are not determined
             if not np.isfinite(F).all():
                 culprit = self.system.equations[int(np.argmax(~np.isfinite(F)))]
                 return loop.failure(f"{text}; equation {culprit} is not finite near t = {loop.t + h:.9g}", culprit)

@@ -4,7 +4,7 @@ Numbers: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, 2nd
 left out. `tests/integrators/test_dop853.py` compares them with those of SciPy and measures the orders.
 """
 
-#: (i, j, a_ij): stage i at y + h sum a_ij k_j; stage 12 is the end of the step, 13 to 15 serve the interpolant
+#: (i, j, a_ij): stage i at y + h sum a_ij k_j; stage 12 is the end of the step, 13 to 15 are for the interpolant
 STAGES = (
     (1, 0, 0.05260015195876773), (2, 0, 0.0197250569845379), (2, 1, 0.0591751709536137), (3, 0, 0.02958758547680685),
     (3, 2, 0.08876275643042054), (4, 0, 0.2413651341592667), (4, 2, -0.8845494793282861), (4, 3, 0.924834003261792),
@@ -28,12 +28,12 @@ STAGES = (
     (15, 0, -0.42889630158379194), (15, 5, -4.697621415361164), (15, 6, 7.683421196062599), (15, 7, 4.06898981839711),
     (15, 8, 0.3567271874552811), (15, 12, -0.0013990241651590145), (15, 13, 2.9475147891527724), (15, 14, -9.15095847217987),
 )
-#: (j, e_j): difference to the embedded method of order 3
+#: (j, e_j): weights of the error estimate by the embedded method of order 3
 THIRD = (
     (0, -0.18980075407240762), (5, 4.450312892752409), (6, 1.8915178993145003), (7, -5.801203960010585),
     (8, -0.4226823213237919), (9, -0.1521609496625161), (10, 0.20136540080403034), (11, 0.02265179219836082),
 )
-#: (j, e_j): difference to the embedded method of order 5
+#: (j, e_j): weights of the error estimate by the embedded method of order 5
 FIFTH = (
     (0, 0.01312004499419488), (5, -1.2251564463762044), (6, -0.4957589496572502), (7, 1.6643771824549864),
     (8, -0.35032884874997366), (9, 0.3341791187130175), (10, 0.08192320648511571), (11, -0.022355307863886294),

@@ -1,4 +1,4 @@
-"""Collocation methods: a method is a table, everything else is here.
+"""Collocation methods: base class of methods that are given by their table of coefficients.
 
 A stiffly accurate method (the last node is 1) solves F(t, y, y') = 0 of index up to 3. Any other takes ordinary differential
 equations alone: the equations hold at its stages, not at the end of the step.
@@ -23,7 +23,7 @@ from mbdae.integrators.runge_kutta.tables import CollocationTable
 from mbdae.integrators.solution import Interpolant
 from mbdae.system.base import Array, System
 
-#: constant step: the stage equations are solved to TARGET * ROUND of each unknown
+#: constant step: last correction of the stage equations is TARGET times ROUND times each unknown
 ROUND, TARGET = 1e-10, 1e-5
 
 
@@ -52,7 +52,7 @@ class CollocationMethod(Solver):
         return self.step is not None
 
     def check(self, system: System) -> None:
-        """Refuse an index above 3, and all but ordinary differential equations where the last stage is not the end."""
+        """Raise OptionError for an index above 3; without a stage at the end of the step, for all but differential equations."""
         highest = int(np.max(system.index))
         if highest > 3:
             raise OptionError(f"index = {highest}: {self.label} solves index 1 to 3; reduce the index of the equations")
@@ -74,7 +74,7 @@ class CollocationMethod(Solver):
             constant_steps(loop, h, step, step.solve_surely, self.table.c[self.table.c < 1])
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
-        """The collocation polynomials; through y and y' at the steps where these are of a higher order than the stages."""
+        """The collocation polynomials, or polynomials through y and y' at the steps where these have a higher order."""
         if self.table.stiffly_accurate:
             return Collocation.of(len(self.table.c), t, y, pieces)
         return hermite(self.table.order, t, y, yp)

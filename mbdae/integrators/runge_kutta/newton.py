@@ -18,7 +18,7 @@ from mbdae.system.base import Array, System
 
 @dataclass
 class Outcome:
-    """converged; iterations; theta: last contraction factor; norm: last correction in units of the tolerance."""
+    """Result of Newton's method. theta: last contraction factor; norm: last correction in units of the tolerance."""
 
     converged: bool
     iterations: int
@@ -27,14 +27,14 @@ class Outcome:
 
 
 class StageNewton(Stages):
-    """`Stages` of a system, which counts what it does; and Newton's method with a Jacobian per stage."""
+    """The `Stages` of a system with counts of the work, and Newton's method with a Jacobian for every stage."""
 
     def __init__(self, system: System, table: CollocationTable, matrix: IterationMatrix, stats: Stats) -> None:
         super().__init__(equations_of(system), table, matrix)
         self.system, self.coefficients, self.stats = system, table, stats
 
     def solve_full(self, t0: float, y0: Array, h: float, weights: Array, target: float, limit: int) -> Outcome:
-        """Newton's method on all stages together: a Jacobian per stage and correction, for hard starts."""
+        """Newton's method on all stages together, with a Jacobian per stage and correction, where the usual iteration fails."""
         times = t0 + self.coefficients.c * h
         norm, previous, theta = inf, inf, 0.0
         for k in range(1, limit + 1):

@@ -11,7 +11,7 @@ from mbdae.integrators.runge_kutta.method import CollocationMethod
 from mbdae.integrators.runge_kutta.tables import CollocationTable, radau_table
 from mbdae.values import number, set_option, whole
 
-#: stages that have measured `orders` and `factors`
+#: numbers of stages for which `orders` and `factors` were measured
 STAGES = (2, 3, 5)
 
 
@@ -62,7 +62,7 @@ class RadauIIA(CollocationMethod):
 
     @classmethod
     def variants(cls) -> list[RadauIIA]:
-        """With all numbers of stages."""
+        """The method with every number of stages."""
         return [cls(stages) for stages in STAGES]
 
     @property
@@ -72,5 +72,5 @@ class RadauIIA(CollocationMethod):
 
     @property
     def table(self) -> CollocationTable:
-        """Right Radau points."""
+        """Coefficients on the right Radau points."""
         return radau_table(self.stages)

@@ -1,4 +1,4 @@
-"""One step of a collocation method: starting values, stage equations, what is tried where they resist, error estimate."""
+"""One step of a collocation method: starting values, stage equations, remedies where they fail, error estimate."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from mbdae.native.sparse import SingularMatrixError
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
 
-#: a contraction better than this lets the Jacobian serve the next step too, as in radau.c
+#: contraction factor of Newton's method below which the Jacobian is used in the next step too, as in radau.c
 REUSE = 1e-2
-#: halvings that may be used to find starting values for a constant step
+#: largest number of halvings to find starting values for a constant step
 DEPTH = 6
 
 
 @dataclass(frozen=True)
 class Demand:
-    """What a step has to deliver.
+    """Required accuracy of a step.
 
-    rtol, atol (n,): one unit of every norm is rtol |y| + atol; target: part of it left by Newton's method;
-    limit: most iterations.
+    rtol, atol (n,): one unit of every norm is rtol |y| + atol; target: error of Newton's method in this unit;
+    limit: largest number of iterations.
     """
 
     rtol: float
@@ -38,9 +38,9 @@ class Demand:
 
 
 class CollocationStep:
-    """The state (t, y, yp) of an integration by collocation and what it takes to go one step further.
+    """The state (t, y, yp) of a run with a collocation method, and everything that one step needs.
 
-    estimate: whether an estimate of the error will be asked for.
+    estimate: whether error estimates are needed.
     """
 
     def __init__(self, system: System, table: CollocationTable, stats: Stats, demand: Demand, estimate: bool) -> None:
@@ -54,10 +54,10 @@ class CollocationStep:
                        system.time, demand.target, demand.limit)  # fmt: skip
         self.y, self.yp = self.run.y, self.run.yp
         self.y[:], self.yp[:] = system.y0, system.yp0
-        self.run.table.here = system.guards is not None  # a Jacobian of a prediction may be that of another contact
+        self.run.table.here = system.guards is not None  # the Jacobian at a predicted state may belong to another contact
 
     def solve(self, h: float, full: bool = True) -> None:
-        """Solve the stage equations: with the present factors, then a fresh Jacobian, then full Newton if allowed."""
+        """Solve the stage equations: with the present factors, then with a new Jacobian, then by full Newton if allowed."""
         while (code := self.run.solve(self.t, h)) == ORDER:
             self.find_order()
         self.count()
@@ -65,7 +65,7 @@ class CollocationStep:
             self.resist(full)
 
     def find_order(self) -> None:
-        """Factors for the present step in another order, else those of a Jacobian at its start."""
+        """Factorise the matrix of the present step in another order of elimination, or else with a Jacobian at its start."""
         table = self.run.table
         try:
             self.matrix.factor(table.width)
@@ -77,14 +77,14 @@ class CollocationStep:
             self.run.factored(table.width)
 
     def resist(self, full: bool) -> None:
-        """After stages that a fresh Jacobian did not solve: full Newton if allowed, else StepFailedError."""
+        """Remedy where a new Jacobian did not solve the stages: full Newton if allowed, else StepFailedError."""
         if not full:
             raise self._failed()
         self.run.predict(self.run.table.width)
         self._solve_fully(self.run.table.width)
 
     def _solve_fully(self, h: float) -> None:
-        """Full Newton from the present increments."""
+        """Solve the stages by full Newton from the present increments."""
         demand, found = self.demand, self.newton.table
         outcome = self.newton.solve_full(self.t, self.y, h, self.weights(h), demand.target, demand.limit)
         found.iterations, found.norm = outcome.iterations, outcome.norm
@@ -112,7 +112,7 @@ class CollocationStep:
         table.jacobians = table.factorisations = table.iterations = table.residuals = table.rejections = 0
 
     def advance(self, h: float, t1: float) -> tuple[float, Array, Array, Array | None]:
-        """Move to t1 = t + h; returns (t1, y, yp, inner increments (s-1, n)); none where the last stage is not the end."""
+        """Move to t1 = t + h; returns (t1, y, yp, inner increments (s-1, n)); None where the last stage is not the end."""
         inner = self.newton.Z[:-1].copy() if self.table.stiffly_accurate else None
         if self.run.advance(self.t, h):
             self.no_rates(t1)
@@ -121,11 +121,11 @@ class CollocationStep:
         return t1, self.y.copy(), self.yp.copy(), inner
 
     def no_rates(self, t: float) -> None:
-        """Where the rates at the end of a step cannot be computed: the system says why."""
+        """Raise the system's error where y' at the end of a step cannot be computed."""
         self.system.rhs(t, self.y, self.yp)
 
     def renew(self) -> None:
-        """Evaluate the Jacobian anew for the next step."""
+        """Request a new Jacobian for the next step."""
         self.run.table.stale = True
 
     def reached(self) -> Array:
@@ -133,20 +133,19 @@ class CollocationStep:
         return np.asarray(self.y + self.table.end @ self.newton.Z)
 
     def inside(self, part: float | Array) -> Array:
-        """y (n,) or (k, n) on the polynomial of the step just solved, after a part of it or parts (k,)."""
+        """y (n,) or (k, n) on the polynomial of the step just solved, at a part or parts (k,) of the step."""
         return np.asarray(self.y + self.table.values(np.asarray(part)) @ self.newton.Z)
 
     def largest_error(self) -> str:
-        """Name of the unknown that fails the error test most."""
+        """Name of the unknown with the largest local error estimate, relative to the tolerance."""
         return self.system.names[largest(np.abs(self.newton.scaled))]
 
     def fastest(self) -> str:
-        """Name of the unknown that changes most."""
+        """Name of the unknown with the largest rate, relative to the tolerance."""
         return self.system.names[largest(np.abs(self.yp) / self._tolerance(self.y))]
 
     def solve_surely(self, h: float, depth: int = DEPTH) -> None:
-        """Solve the stages of a constant step, if need be from starting values found with smaller steps, halved up to `depth`
-        times."""
+        """Solve the stages of a constant step; if needed with starting values from shorter steps, halved up to `depth` times."""
         try:
             self.solve(h)
         except StepFailedError:
@@ -157,11 +156,11 @@ class CollocationStep:
             self._solve_fully(h)
 
     def _forget(self) -> None:
-        """Neither the Jacobian nor its factors serve further."""
+        """Discard the Jacobian and its factors."""
         self.run.table.stale, self.run.table.factored = True, 0.0
 
     def _substeps(self, h: float, depth: int) -> Array:
-        """Increments (s, n) at the stages of the step h from two steps of half the size; the state stays."""
+        """Increments (s, n) at the stages of the step h, from two steps of half the size; the state is restored."""
         t, y, yp, control = self.t, self.y.copy(), self.yp.copy(), self.run.control()
         theta = 2 * self.table.c
         start = np.empty_like(self.newton.Z)
@@ -179,9 +178,9 @@ class CollocationStep:
         return start
 
     def _failed(self, unknown: int | None = None) -> StepFailedError:
-        """What resisted: an equation that is not finite, else the unknown with the largest weighted correction.
+        """The failure that names an equation which is not finite, or else the unknown with the largest weighted correction.
 
-        unknown: number of one without a pivot, -1 where it is not known, None where there were factors."""
+        unknown: number of an unknown without a pivot, -1 where it is not known, None where the matrix is regular."""
         self.stats.newton_failures += 1
         names, h, newton = self.system.names, self.run.table.width, self.newton
         bad = ~np.isfinite(newton.R).all(axis=0)

@@ -18,14 +18,14 @@ from mbdae.errors import OptionError
 from mbdae.system.base import Array
 from mbdae.values import array, option, whole
 
-EXACT = 1e-11  #: a condition of a table that is missed by more does not hold
+EXACT = 1e-11  #: largest error of a condition on the coefficients that counts as fulfilled
 
 
 @dataclass(frozen=True)
 class CollocationTable:
     """One collocation method in the letters of Hairer and Wanner.
 
-    order    p: the end point of an ordinary differential equation is off by h^(p + 1) in one step
+    order    p: the local error of an ordinary differential equation is O(h^(p + 1))
     c        (s,) nodes
     A        (s, s) Runge-Kutta matrix
     b        (s,) weights of the stage slopes k_i at the end of the step: y1 = y0 + h sum b_i k_i
@@ -52,7 +52,7 @@ class CollocationTable:
     V_inv: Array
 
     def __post_init__(self) -> None:
-        """Collocation (stage order s), quadrature of the order stated, the transformation and the embedded formula."""
+        """Check collocation (stage order s), quadrature of the order stated, the transformation and the embedded formula."""
         s = len(self.c)
         k = np.arange(1, max(self.order, s) + 1)
         powers = self.c[:, None] ** (k - 1)
@@ -75,7 +75,7 @@ class CollocationTable:
 
     @cached_property
     def end(self) -> Array:
-        """(s,) weights of the increments Z in that of the whole step: b A_inv."""
+        """(s,) weights of the increments Z in the increment of the whole step: b A_inv."""
         return np.eye(len(self.c))[-1] if self.stiffly_accurate else np.asarray(self.b @ self.A_inv)
 
     def _blocks(self) -> Array:
@@ -92,7 +92,7 @@ class CollocationTable:
         return np.asarray(theta[..., None] ** k @ self.V_inv)
 
     def slopes(self, theta: Array) -> Array:
-        """Weights (..., s) of the increments in its derivative with respect to theta."""
+        """Weights (..., s) of the increments in the derivative of the collocation polynomial with respect to theta."""
         k = np.arange(1, len(self.c) + 1)
         return np.asarray((k * theta[..., None] ** (k - 1)) @ self.V_inv)
 
@@ -133,7 +133,7 @@ def radau_table(s: int) -> CollocationTable:
 def _roots(p: Polynomial) -> Array:
     """Real roots of a polynomial, in rising order."""
     x = np.sort(np.asarray(p.roots()).real)
-    for _ in range(3):  # polish the roots of the companion matrix
+    for _ in range(3):  # Newton's method improves the eigenvalues of the companion matrix
         x = x - p(x) / p.deriv()(x)
     return x
 

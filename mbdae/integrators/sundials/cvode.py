@@ -22,14 +22,14 @@ from mbdae.system.base import Array, System
 from mbdae.ties import largest
 from mbdae.values import set_option, whole, word
 
-#: order a method may reach
+#: highest order of each method
 HIGHEST = {"Adams": 12, "BDF": 5}
 #: CVODE's own interpolant is sampled at the nodes of Radau IIA with this many stages. Hermite polynomials through
-#: neighbouring steps lose all digits where the step grows a thousandfold (the start), cubic ones a factor of 30 at
+#: neighbouring steps lose all digits where the step grows a thousandfold (at the start), cubics a factor of 30 at
 #: rtol 1e-11; 4 stages lose 30 % at 1e-12, 5 nothing
 NODES = 5
-#: a step longer than the one before it by more than this is not interpolated by the polynomial of degree 5 with y and y' at
-#: both its ends and at the start of the step before, which is as good as CVODE's own elsewhere and costs no calls of it
+#: ratio of a step to the one before it, up to which it is interpolated by the polynomial of degree 5 with y and y' at both its
+#: ends and at the start of the step before; there that is as accurate as CVODE's interpolant, and needs no calls of it
 TAME = 2.0
 
 
@@ -53,7 +53,7 @@ class CVODE(Solver):
         "CVODE (Adams)": {"ODE": 1e-3, "Index1": 1e-3, "DAE": 5e-4},
         "CVODE (BDF)": {"ODE": 1e-3, "Index1": 1e-3, "DAE": 5e-4},
     }
-    error_fall: ClassVar[float] = 0.4  # over a factor of 30 in rtol; over 10 the error of Adams was seen to rise
+    error_fall: ClassVar[float] = 0.4  # with rtol 30 times smaller; with rtol 10 times smaller errors of Adams sometimes rose
     companion: ClassVar[float] = 30.0
     tightest: ClassVar[dict[str, float]] = {"": 1e-14}
     highest_index: ClassVar[int] = 0
@@ -67,16 +67,16 @@ class CVODE(Solver):
 
     @classmethod
     def variants(cls) -> list[CVODE]:
-        """Adams and BDF."""
+        """The method as Adams and as BDF."""
         return [cls(method=method) for method in HIGHEST]
 
     @property
     def label(self) -> str:
-        """Name with the method."""
+        """Name with the kind of method."""
         return f"CVODE ({self.method})"
 
     def check(self, system: System) -> None:
-        """Refuse a system without a right-hand side."""
+        """Raise OptionError for a system without a right-hand side."""
         check_rates(self.label, system)
 
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
@@ -84,7 +84,7 @@ class CVODE(Solver):
         _Run(self, loop, h0).steps()
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
-        """Polynomials of degree 5: of CVODE's own interpolant, or through y and y' where they are as good."""
+        """Polynomials of degree 5: sampled from CVODE's interpolant, or through y and y' where these are as accurate."""
         inner = np.empty((len(pieces), NODES - 1, y.shape[1]))
         own = np.array([piece is not None for piece in pieces], dtype=bool)
         tame = np.flatnonzero(~own)
@@ -99,7 +99,7 @@ class _Run(SundialsRun):
 
     def create(self) -> Method:
         solver, system, start = self.solver, self.system, (self.loop.t, *self.loop.state)
-        smooth = solver.method == "Adams" and self.watch is None  # with BDF slopes magnify the tolerance of stiff unknowns
+        smooth = solver.method == "Adams" and self.watch is None  # with BDF, y' magnifies the errors of stiff unknowns
         settings, nodes = self.settings(solver.max_order or HIGHEST[solver.method]), radau_table(NODES).c[:-1]
         tame = TAME if smooth else 0.0
         if native.why_not():
@@ -110,7 +110,7 @@ class _Run(SundialsRun):
         return native.Cvode(rates_of(system, rate_jacobian), settings, start, multistep=multistep, nodes=nodes, tame=tame)
 
     def accepted(self, watch: SundialsWatch) -> None:
-        """Ask for a new Jacobian where that in use is of other contacts; CVODE evaluates it at predicted states."""
+        """Request a new Jacobian where the present one belongs to other contacts; CVODE evaluates it at predicted states."""
         newest = self.last.newest()
         if newest is not None:
             watch.jacobian_at(*newest)
@@ -118,7 +118,7 @@ class _Run(SundialsRun):
             self.last.renew()
 
     def probe(self, t: float, y: Array, yp: Array) -> list[Array]:
-        """F(t, y, y'), whose rows tell more, then f(t, y)."""
+        """F(t, y, y'), whose rows have more telling names, then f(t, y)."""
         out = np.empty(self.system.n)
         self.system.rhs(t, y, out)
         return [*super().probe(t, y, yp), out]

@@ -20,10 +20,10 @@ from mbdae.system.base import Array, System
 from mbdae.ties import largest
 from mbdae.values import set_option, whole
 
-#: neighbouring steps in the interpolant; 4 loses all digits where the step jumps (start, last step), 2 gains nothing
+#: number of neighbouring steps in the interpolant; 4 lose all digits where the step jumps (start, last step), 2 gain nothing
 POINTS = 3
-#: beams that vibrate by more than FAST rad in the characteristic time of the motion: orders above 2 feed the vibrations they
-#: do not resolve. Measured there: errors of 0.1 to 0.5 without a sign of it at 1e-3, of 2e-3 or no end at 1e-4, no end at 1e-5
+#: angle (rad) in the motion's characteristic time up to which a beam may vibrate with tolerances above LOOSE: orders above 2
+#: excite vibrations that they do not resolve (errors 0.1 to 0.5 without warning at 1e-3, 2e-3 or no end at 1e-4, no end at 1e-5)
 FAST, LOOSE = 2000.0, 1e-5
 
 
@@ -42,7 +42,7 @@ class IDA(Solver):
     max_order: int = 5
 
     factors: ClassVar[dict[str, dict[str, float]]] = {"IDA": {"GGL": 2e-3, "ODE": 5e-3, "DAE": 2e-3}}
-    error_fall: ClassVar[float] = 0.4  # the error of a variable-order run scatters by a factor of 5 over nearby rtol
+    error_fall: ClassVar[float] = 0.4  # the error of a variable-order run varies by a factor of 5 between similar rtol
     companion: ClassVar[float] = 30.0
     tightest: ClassVar[dict[str, float]] = {"": 1e-13}
     alternative: ClassVar[str] = ", or use RadauIIA(3)"
@@ -52,7 +52,7 @@ class IDA(Solver):
         set_option(self, "max_order", whole, "BDF has orders 1 to 5", least=1, most=5)
 
     def check(self, system: System) -> None:
-        """Refuse an index above 1, and loose tolerances on stiff beams."""
+        """Raise OptionError for an index above 1, and for loose tolerances with stiff beams."""
         highest = int(np.max(system.index))
         if highest > 1:
             worst = system.names[int(np.argmax(system.index))]
@@ -74,7 +74,7 @@ class IDA(Solver):
         _Run(self, loop, h0).steps()
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
-        """Local Hermite interpolation over the stored steps."""
+        """Dense output: Hermite interpolation over neighbouring steps."""
         return Hermite(t, y, yp, POINTS)
 
 
@@ -97,13 +97,13 @@ class _Run(SundialsRun):
         if correction is None:
             worst = largest(np.abs(last.values))
             return self.loop.failure(f"{message}; the iteration matrix is singular", self.system.equations[worst])
-        if np.max(np.abs(correction) * weights) < 1.0:  # Newton is not what fails: the error test is
+        if np.max(np.abs(correction) * weights) < 1.0:  # Newton's method converges, so the error test fails
             y, yp = self.loop.state
             correction = last.y - y - (last.t - self.loop.t) * yp
         return self.loop.failure(message, self.system.names[largest(np.abs(correction) * weights)])
 
     def _newton_correction(self) -> Array | None:
-        """Correction (n,) of one more Newton iteration at the last point, None where the matrix is singular."""
+        """Correction (n,) of one more Newton iteration at the last point; None where the iteration matrix is singular."""
         system, last = self.system, self.last
         data = np.zeros((system.n, system.n) if system.sparsity is None else (system.sparsity.nnz,))
         system.jacobian(last.t, last.y, last.yp, last.cj, data)

@@ -1,4 +1,4 @@
-"""IDA and CVODE through the Python interface of scikit-sundae, one step in a call: where its libraries cannot be opened."""
+"""IDA and CVODE by the Python interface of scikit-sundae, one step per call: used where its libraries cannot be opened."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from mbdae.native.sundials import STUCK
 from mbdae.native.sundials_steps import Settings, Steps
 from mbdae.system.base import Array, System
 
-#: how scikit-sundae begins a report: the function of SUNDIALS and its error code
+#: beginning of scikit-sundae's reports: the function of SUNDIALS and its error code
 REPORT = re.compile(r"\s*\[\w+, Error: -?\d+\]")
 
 
 class PythonMethod(ABC):
-    """What `native.sundials.Method` does; functions that SUNDIALS calls do it `with self`, which keeps an exception."""
+    """The interface of `native.sundials.Method`. Functions called by SUNDIALS use `with self`, which stores their exceptions."""
 
     def __init__(self, system: System, settings: Settings, start: tuple[float, Array, Array]) -> None:
         self.system, self.settings, self.error = system, settings, None
@@ -39,37 +39,37 @@ class PythonMethod(ABC):
 
     @abstractmethod
     def create(self, **options: Any) -> Any:
-        """The object of scikit-sundae."""
+        """The solver object of scikit-sundae."""
 
     @abstractmethod
     def begin(self, t: float, y: Array, yp: Array) -> None:
-        """Start, or start again."""
+        """Start, or start again, at the time t."""
 
     @abstractmethod
     def slope(self, result: Any) -> Array:
         """y' (n,) at the end of a step."""
 
     def piece(self, start: tuple[float, Array, Array], last_step: float, end: tuple[float, Array, Array]) -> Array | None:
-        """What the interpolant needs of a step."""
+        """Data of a step for the interpolant, or None."""
         return None
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """Evaluations, rejected steps, and Jacobians so far."""
+        """Numbers of evaluations, of rejected steps, and of Jacobians so far."""
         return self._residuals, self._rejected, self._jacobians
 
     def newest(self) -> tuple[float, Array] | None:
-        """Where the Jacobian was evaluated since this was asked last."""
+        """Point (t, y) of the latest Jacobian since the last call; None where there is no new one."""
         found, self._newest = self._newest, None
         return found
 
     def renew(self) -> None:
-        """Have the next step begin with a new Jacobian."""
+        """Request a new Jacobian for the next step."""
         raise NotImplementedError
 
     def advance(self, start: tuple[float, Array, Array], last_step: float, stop: float, toward: float, rows: int = 1,
                 left: float = np.inf) -> Steps:  # fmt: skip
-        """One step, whatever `rows` and `left` allow."""
+        """Make one step, whatever `rows` and `left` allow."""
         none = np.empty((0, self.system.n))
         try:
             with redirect_stdout(_WithoutReports(sys.stdout)):
@@ -86,16 +86,16 @@ class PythonMethod(ABC):
         return Steps(np.array([end[0]]), end[1][None], end[2][None], [self.piece(start, last_step, end)], 0)
 
     def reason(self, code: int) -> str:
-        """What a code of the last step says."""
+        """Text for the error code of the last step."""
         return "the step fell below the round-off of the time" if code == STUCK else self._message
 
     def raise_error(self) -> None:
-        """Raise what a function that SUNDIALS calls raised."""
+        """Raise the stored exception of a function called by SUNDIALS."""
         if self.error is not None:
             raise self.error
 
     def evaluated(self, t: float) -> None:
-        """Count an evaluation at t; one nearer than the last: that attempt was rejected."""
+        """Count an evaluation at t; where t is before that of the last evaluation, the last attempt was rejected."""
         self._rejected += t < self.t
         self.t = t
         self._residuals += 1
@@ -112,13 +112,13 @@ class IdaByPython(PythonMethod):
     """IDA for F(t, y, y') = 0."""
 
     def create(self, **options: Any) -> Any:
-        import sksundae.ida  # 0.4 s: only when it is used
+        import sksundae.ida  # imported here, because the import takes 0.4 s
 
         options |= {"linsolver": "dense"}
         if self.system.sparsity is not None:
             options |= {"linsolver": "sparse", "sparsity": self.system.sparsity}
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # sparse warns that the given Jacobian replaces its own
+            warnings.simplefilter("ignore", UserWarning)  # scikit-sundae warns that the given Jacobian replaces its own
             return sksundae.ida.IDA(self.residual, jacfn=self.jacobian, **options)
 
     def begin(self, t: float, y: Array, yp: Array) -> None:
@@ -128,14 +128,14 @@ class IdaByPython(PythonMethod):
         return np.asarray(result.yp)
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
-        """Residual for IDA."""
+        """Residual, as called by IDA."""
         with self:
             self.evaluated(t)
             self.system.residual(t, y, yp, out)
             self.y[:], self.yp[:], self.values[:] = y, yp, out
 
     def jacobian(self, t: float, y: Array, yp: Array, res: Array, cj: float, out: Array) -> None:
-        """Jacobian for IDA."""
+        """Jacobian, as called by IDA."""
         with self:
             self.cj = cj
             self._jacobians += 1
@@ -151,7 +151,7 @@ class CvodeByPython(PythonMethod):
         super().__init__(*args)
 
     def create(self, **options: Any) -> Any:
-        import sksundae.cvode  # 0.4 s: only when it is used
+        import sksundae.cvode  # imported here, because the import takes 0.4 s
 
         return sksundae.cvode.CVODE(self.rate, jacfn=self.jacobian, method=self._multistep, **options)
 
@@ -169,19 +169,19 @@ class CvodeByPython(PythonMethod):
         (t0, y0, yp0), (t, y, yp) = start, end
         if self._tame and t - t0 <= self._tame * last_step:
             return None
-        step = self._method.step  # brought back to t, or the next internal step would only return to it
+        step = self._method.step  # sets the solver back to t; otherwise its next step would only return there
         own = np.array([step(t0 + c * (t - t0), method="normal").y - y0 for c in self._nodes])
         step(t, method="normal")
         ends = cubic(len(self._nodes) + 1, t - t0, (y0, yp0), (y, yp))
         return ends if (np.abs(own - ends) <= self.settings.rtol * np.abs(y) + self.settings.atol).all() else own
 
     def evaluated(self, t: float) -> None:
-        """Those that choose the first step are no attempts, so none of them is rejected."""
+        """Count an evaluation; those that choose the first step are not attempts, so that none of them is rejected."""
         self.t = min(self.t, t) if self._choosing else self.t
         super().evaluated(t)
 
     def rate(self, t: float, y: Array, out: Array) -> None:
-        """y' for CVODE, not a number where a new Jacobian is wanted: see `cvode_rates` of native/sundials.c."""
+        """y', as called by CVODE; NaN where a new Jacobian is requested: see `cvode_rates` of native/sundials.c."""
         with self:
             if self._renew or (self._renewing and np.isnan(y[0])):
                 self._renew, self._renewing = False, True
@@ -193,7 +193,7 @@ class CvodeByPython(PythonMethod):
             self.y[:], self.values[:] = y, out
 
     def jacobian(self, t: float, y: Array, yp: Array, out: Array) -> None:
-        """df/dy for CVODE; asked for first in the first attempt."""
+        """df/dy, as called by CVODE; its first call belongs to the first attempt of a step."""
         with self:
             self._choosing = False
             self._jacobians += 1
@@ -202,7 +202,7 @@ class CvodeByPython(PythonMethod):
 
 
 class _WithoutReports(io.TextIOBase):
-    """Standard output without the lines scikit-sundae prints there on a failure: the SolverError says the same."""
+    """Standard output without the lines that scikit-sundae prints there after a failure, because the SolverError repeats them."""
 
     def __init__(self, stream: Any) -> None:
         super().__init__()
@@ -217,9 +217,9 @@ class _WithoutReports(io.TextIOBase):
         return len(text)
 
     def flush(self) -> None:
-        """Flush the stream behind."""
+        """Flush the underlying stream."""
         self._stream.flush()
 
     def isatty(self) -> bool:
-        """Whether the stream behind is a terminal."""
+        """Whether the underlying stream is a terminal."""
         return bool(self._stream.isatty())

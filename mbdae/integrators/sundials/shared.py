@@ -1,6 +1,6 @@
-"""What the solvers of SUNDIALS share: their steps, and what stopped them.
+"""Steps and errors of the solvers of SUNDIALS.
 
-Their methods are those of `native.sundials`; where its libraries cannot be used, those of `python`, which do the same slowly.
+They use `native.sundials`, or, where its libraries cannot be opened, the slower methods of `python`.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from mbdae.system.base import Array
 if TYPE_CHECKING:
     from mbdae.integrators.sundials.python import PythonMethod
 
-Method: TypeAlias = "native.Method | PythonMethod"  #: IDA or CVODE with its memory; a context
+Method: TypeAlias = "native.Method | PythonMethod"  #: IDA or CVODE with its memory, as a context manager
 
 
 class SundialsRun(ABC):
-    """One run with SUNDIALS: its steps and what stopped them. last: the method, which knows the last point evaluated."""
+    """One run with SUNDIALS. last: the method, which knows the last point evaluated."""
 
     last: Method
 
@@ -39,18 +39,18 @@ class SundialsRun(ABC):
 
     @abstractmethod
     def create(self) -> Method:
-        """The method, about to begin at the last accepted step."""
+        """Create the method, to begin at the last accepted step."""
 
     @abstractmethod
     def diagnosis(self, message: str) -> SolverError:
-        """The failure that names what resists."""
+        """The error that names the unknown or equation which prevented a step."""
 
     def accepted(self, watch: SundialsWatch) -> None:
-        """A step of a watched run is about to be kept."""
+        """Called before a step of a watched run is stored."""
         return
 
     def settings(self, order: int) -> Settings:
-        """What both methods are told."""
+        """Settings of IDA and CVODE."""
         return Settings(self.rtol, self.atol, order, self.first_step)
 
     def tolerance(self, y: Array) -> Array:
@@ -64,10 +64,10 @@ class SundialsRun(ABC):
                 self._steps()
         finally:
             self.__dict__.pop("last", None)
-            del self.watch  # it refers to this object: it is freed at once, with all it refers to
+            del self.watch  # it refers to this object; without it memory is freed at once
 
     def _steps(self) -> None:
-        """Many steps in one call where nothing is asked between them, else one at a time; no output time interrupts them."""
+        """Many steps per call where nothing is checked between them, else one per call; output times do not interrupt them."""
         loop, watch, last = self.loop, self.watch, self.last
         together = watch is None and loop.system.longest_step is None and not loop.system.looks_at_steps
         rows, going = MOST_ROWS if together else 1, True
@@ -83,7 +83,7 @@ class SundialsRun(ABC):
                 raise not_finite(loop, self, message) or self.diagnosis(message)
 
     def _keep(self, made: Steps, watch: SundialsWatch | None) -> bool:
-        """Keep a step, or have it repeated; returns whether the run goes on."""
+        """Store a step, or have it repeated; returns whether the run goes on."""
         loop, t, y, yp = self.loop, float(made.t[0]), made.y[0], made.yp[0]
         if watch is not None:
             if watch.refuses(t, y, yp):
@@ -94,7 +94,7 @@ class SundialsRun(ABC):
         return loop.accept(t, y, yp, made.pieces[0])
 
     def _count(self) -> None:
-        """Add what the last call did to the work of the run."""
+        """Add the work of the last call to the counts of the run."""
         stats, counts = self.stats, self.last.counts
         residuals, rejected, jacobians = (now - before for now, before in zip(counts, self._counted, strict=True))
         self._counted = counts
@@ -104,16 +104,16 @@ class SundialsRun(ABC):
         stats.newton_iterations, stats.factorisations = stats.residuals, stats.jacobians
 
     def probe(self, t: float, y: Array, yp: Array) -> list[Array]:
-        """What SUNDIALS sees of the equations at a point, arrays (n,): here F(t, y, y')."""
+        """The functions of the equations that SUNDIALS calls, evaluated at a point, arrays (n,): here F(t, y, y')."""
         out = np.empty(self.system.n)
         self.system.residual(t, y, yp, out)
         return [out]
 
 
 def not_finite(loop: StepLoop, run: SundialsRun, why: str) -> SolverError | None:
-    """The failure that names the equation which is not finite at the last point or just after the last step.
+    """The error that names the equation which is not finite at the last point, or just after the last step.
 
-    Predicted states are asked first: later iterates are not finite themselves and blame every row.
+    Predicted states are checked first: later iterates are not finite themselves, and every row would seem wrong.
     """
     y, yp = loop.state
     soon = loop.t + 1e-9 * (loop.t_end - float(run.system.t0))

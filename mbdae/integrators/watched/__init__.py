@@ -1,1 +1,1 @@
-"""What a step must not step over: contacts, and laws that switch or act within a short width."""
+"""Contacts, and laws that switch or vary within a narrow range: no step may pass over them."""

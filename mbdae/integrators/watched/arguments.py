@@ -1,4 +1,4 @@
-"""The arguments at which equations switch or are local, over one step of a solver.
+"""The arguments of functions that switch or vary within a narrow range, over one step of a solver.
 
 PHI(u) of the argument u of a steep function changes by one where u changes by about one width of the function: constant where
 the function is constant, the logarithm for a power. Arguments are evaluated on the polynomial of the step.
@@ -14,23 +14,23 @@ import numpy as np
 from mbdae.symbolic.functions import limited, scales
 from mbdae.system.base import Array, Switches
 
-#: beyond these arguments a function is flat: exp(-25) = 1e-11; sinh and exp are followed up to e^40, tanh up to 1 - 3e-8
+#: beyond these a function is constant: exp(-25) = 1e-11; sinh and exp are followed up to e^40, tanh up to 1 - 3e-8
 FLAT, STEEP, SATURATED = 25.0, 40.0, 9.0
-#: powers are followed between these logarithms of their base
+#: range of the logarithm of the base in which powers are followed
 LOGARITHMS = (-90.0, 40.0)
-#: an extremum between points may lie beyond the nearest of them by this part of the difference of its neighbours
+#: part of the difference of its neighbours by which an extremum may lie beyond the nearest point
 BEYOND = 0.5
-#: change of PHI that makes an extremum worth a search
+#: change of PHI at an extremum from which the extremum is located
 MATTERS = 0.25
-#: an extremum nearer to a kink than this part of the argument's change over the step may cross it
+#: part of an argument's change over the step: an extremum nearer to a kink may cross it
 MARGIN = 1e-2
-#: points of one round of a search in an interval, most rounds for an extremum and for a place; each is 4 or 8 times finer
+#: points per round of a search in an interval; most rounds for an extremum, and for a place. A round is 4 or 8 times finer
 SECTIONS, ROUNDS, PLACES = 9, 20, 9
-#: part of its distance from the start of the step to which a place is found, at least
+#: largest relative error of a place, counted from the start of the step
 EXACT = 1e-3
-SMALL = 1e-3  #: part of the step over which a rate of PHI is taken
-ROUND_OFF = 1e-10  #: difference of an argument over its magnitude that may be round-off
-TINIEST = 1e-300  #: keeps logarithms finite
+SMALL = 1e-3  #: part of the step over which the rate of PHI is a difference quotient
+ROUND_OFF = 1e-10  #: difference of an argument, over its magnitude, that may be round-off
+TINIEST = 1e-300  #: added to a magnitude before its logarithm is taken, so that it is finite
 
 
 _between_logarithms = limited(*LOGARITHMS)
@@ -44,7 +44,7 @@ Inside = Callable[[Array], Array]  #: y (k, n) on the polynomial of a step after
 
 
 def _interpolation(nodes: Array, at: Array) -> Array:
-    """(k, nodes) weights of the values at nodes in those of their polynomial at points (k,)."""
+    """Weights (k, nodes) by which values at nodes give those of their polynomial at points (k,)."""
     V, degree = np.polynomial.chebyshev.chebvander, len(nodes) - 1
     return np.asarray(np.linalg.solve(V(2 * nodes - 1, degree).T, V(2 * at - 1, degree).T).T)
 
@@ -52,15 +52,15 @@ def _interpolation(nodes: Array, at: Array) -> Array:
 NODES = 0.5 * (1 - np.cos(np.pi * np.arange(8) / 7))  #: Chebyshev's points of [0, 1], both ends included
 FINE = np.linspace(0.0, 1.0, 33)
 TO_FINE = _interpolation(NODES, FINE)
-#: weights of the values at `NODES` in the slopes at both ends, and in the differences of the fine points between those slopes
+#: weights of the values at `NODES`: slope at the start, differences of neighbouring fine points, slope at the end
 TO_SLOPES = np.diff(_interpolation(NODES, np.array([0.0, 1e-6, 1.0 - 1e-6, 1.0])), axis=0)[::2] * 1e6
 TO_RISES = np.vstack([TO_SLOPES[:1], np.diff(TO_FINE, axis=0), TO_SLOPES[1:]])
-#: weights of the start, the end, and points just beyond and before the end on the tangent there
+#: weights of the values at `NODES`: start, end, and points just after and before the end on the tangent there
 TO_ENDS = np.vstack([np.eye(8)[[0, -1]], np.eye(8)[-1] + SMALL * TO_SLOPES[1], np.eye(8)[-1] - SMALL * TO_SLOPES[1]])
 
 
 def cubic_weights(part: Array) -> Array:
-    """(k, 4) weights of y and h y' at the start and of both at the end of a step, in the cubic through them at parts (k,)."""
+    """Weights (k, 4) of y and h y' at the start and at the end of a step, in their cubic at parts (k,) of the step."""
     s, r = part, 1 - part
     return np.stack([r * r * (1 + 2 * s), s * r * r, s * s * (3 - 2 * s), -s * s * r], axis=1)
 
@@ -68,11 +68,12 @@ def cubic_weights(part: Array) -> Array:
 AT_NODES = cubic_weights(NODES)
 #: weights of the values at `NODES` in the last two Chebyshev coefficients of their polynomial: how well it describes the argument
 TO_TAIL = np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * NODES - 1, 7))[-2:]
-POOR = 1e-3  #: of an argument's change over the step: above, the argument itself is evaluated at the fine points
+#: error of the polynomial, over an argument's change in the step, above which the argument is evaluated at the fine points
+POOR = 1e-3
 
 
 def cubic_of_step(h: float, start: tuple[Array, Array], end: tuple[Array, Array]) -> Inside:
-    """The cubic with y and y' (n,) at both ends of a step of h."""
+    """The cubic through y and y' (n,) at both ends of a step of h (s)."""
     ends = np.array([start[0], h * start[1], end[0], h * end[1]])
     return lambda part: np.asarray((AT_NODES if part is NODES else cubic_weights(part)) @ ends)
 
@@ -89,9 +90,9 @@ class Course(NamedTuple):
 
 
 class StepArguments:
-    """The arguments of a system over the last step.
+    """The arguments of a system's switches over the last step.
 
-    at_nodes (8, na): values at `NODES`; kinks (na,): which are those of kinks.
+    at_nodes (8, na): values at `NODES`; kinks (na,): which arguments are of kinks.
     """
 
     def __init__(self, switches: Switches) -> None:
@@ -108,14 +109,15 @@ class StepArguments:
         self._rise = TO_RISES @ self.at_nodes
         tail, size = np.abs(TO_TAIL @ self.at_nodes).sum(axis=0), np.abs(self.at_nodes).max(axis=0)
         self._fine: Array | None = None
-        if np.any(tail > POOR * np.ptp(self.at_nodes, axis=0) + ROUND_OFF * size):  # the polynomial is far from some argument
+        # the polynomial of some argument is too inaccurate
+        if np.any(tail > POOR * np.ptp(self.at_nodes, axis=0) + ROUND_OFF * size):
             self._fine = self.at(FINE)
             self._rise[1:-1] = np.diff(self._fine, axis=0)
         self._ends = self.stretched(TO_ENDS @ self.at_nodes)
 
     def quiet(self, t: Array, y: Callable[[Array], Array], limit: float) -> tuple[Any, Array]:
-        """Of steps between times t (m+1,), with y (m, 8, n) at parts (8,) of each: (m,) whether none of its arguments turns,
-        changes its sign or varies by more than a limit, and the largest rate of a PHI at its end, 1/s."""
+        """Of steps between times t (m+1,), with y (m, 8, n) at parts (8,) of each: (m,) whether no argument has an extremum, a
+        change of sign or a variation of PHI above `limit`; and (m,) the largest rate of a PHI at the end, 1/s."""
         h, states = np.diff(t), y(NODES)
         m, _, n = states.shape
         times = t[:-1, None] + NODES * h[:, None]
@@ -137,7 +139,7 @@ class StepArguments:
         return self._fine
 
     def at(self, parts: Array) -> Array:
-        """Arguments (k, na) after parts (k,) of the step."""
+        """Arguments (k, na) at parts (k,) of the step."""
         return self.switches.arguments(self.t + parts * self.h, self.inside(parts))
 
     def stretched(self, U: Array) -> Array:
@@ -156,7 +158,7 @@ class StepArguments:
         return float(np.max(np.abs(self._ends[2] - self._ends[3]))) / (2 * SMALL * self.h)
 
     def suspects(self, limit: float) -> Any:
-        """(na,) whether PHI varies by more than a limit, or an argument crosses a kink or has an extremum that may matter."""
+        """(na,) whether PHI varies by more than `limit`, or an argument crosses a kink or has an extremum that may matter."""
         turns = self._turns()
         if turns is not None:
             return self._turning(turns, limit)
@@ -164,7 +166,7 @@ class StepArguments:
         return over | (self.kinks & ((self.at_nodes[0] < 0) != (self.at_nodes[-1] < 0)))
 
     def _turns(self) -> Any:
-        """(33, na) where arguments turn by more than round-off, at the fine points; None: nowhere."""
+        """(33, na) fine points at which arguments have an extremum larger than round-off; None where there is none."""
         rise = self._rise
         turns = rise[:-1] * rise[1:] <= 0
         if turns.any():
@@ -173,7 +175,7 @@ class StepArguments:
         return turns if turns.any() else None
 
     def _turning(self, turns: Any, limit: float) -> Any:
-        """`suspects` of a step within which arguments turn; turns (33, na): at which points."""
+        """`suspects` for a step with extrema; turns (33, na): the fine points at which arguments have them."""
         F, rise = self.fine, self._rise
         steps, negative, stretched = np.abs(rise[1:-1]), F < 0, self.stretched(F)
         height = np.maximum(np.vstack([steps[:1], steps]), np.vstack([steps, steps[-1:]]))
@@ -208,8 +210,8 @@ class StepArguments:
             u = self.at(s)[:, i]
             best = int(np.argmax(sign * u))
             part, value = float(s[best]), float(u[best])
-            if (best == 0 and a > 0) or (best == SECTIONS - 1 and b < 1):  # it lies outside the interval, because the fine
-                a, b = max(part - (b - a), 0.0), min(part + (b - a), 1.0)  # points are those of a polynomial
+            if (best == 0 and a > 0) or (best == SECTIONS - 1 and b < 1):  # the extremum is outside of the interval,
+                a, b = max(part - (b - a), 0.0), min(part + (b - a), 1.0)  # which was found by the polynomial
                 continue
             low, high = max(best - 1, 0), min(best + 1, SECTIONS - 1)
             a, b = float(s[low]), float(s[high])
@@ -218,7 +220,7 @@ class StepArguments:
         return part, value
 
     def _settled(self, i: int, value: float, change: float) -> bool:
-        """Whether an extremum near a value, with a change towards its neighbours, is located well enough."""
+        """Whether an extremum near `value` is located well enough; change: to its neighbouring points."""
         farther = value + BEYOND * change
         if self._signed[i] and (farther < 0) != (value < 0):
             return False
@@ -232,7 +234,7 @@ class StepArguments:
         return self.place(i, course, k, lambda v: (v < 0) != first)[0]
 
     def place(self, i: int, course: Course, k: int, beyond: Callable[[Any], Any]) -> tuple[float, float]:
-        """Parts of the step between which argument i first goes beyond something in interval k of its course."""
+        """Parts of the step between which argument i first satisfies `beyond` in interval k of its course."""
         a, b = float(course.s[k]), float(course.s[k + 1])
         for _ in range(PLACES):
             s = np.linspace(a, b, SECTIONS)
@@ -246,7 +248,7 @@ class StepArguments:
         return a, b
 
     def noise(self, i: int, tolerance: Callable[[Array], Array]) -> tuple[float, float]:
-        """How far a tolerance of the unknowns (n,) moves argument i and PHI of it at the end of the step; seeded samples."""
+        """Change of argument i, and of its PHI, at the end of the step by the tolerance (n,) of the unknowns; random samples."""
         y = self.inside(np.ones(1))[0]
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (4, len(y)))
         u = self.switches.arguments(np.full(5, self.t + self.h), np.vstack([y, y + signs * tolerance(y)]))[:, i]
@@ -254,6 +256,6 @@ class StepArguments:
 
 
 def _slice(where: Any) -> Any:
-    """Numbers as a slice where they follow each other."""
+    """Indices as a slice where they are consecutive."""
     first, last = int(where[0]), int(where[-1])
     return slice(first, last + 1) if last - first == len(where) - 1 else where

@@ -1,8 +1,8 @@
-"""Motions that switch without end: equations that jump where an argument vanishes, and push it back from either side.
+"""Chattering: equations that jump where an argument vanishes, and drive the argument back to zero from both sides.
 
-On-off control, and friction by sign(rate) where a body sticks, keep the motion where they switch. Steps then cross the jump again
-and again, each by as little as the tolerance tells apart, and a run would hardly go on. A run that crosses other switches often
-leaves each of them between two crossings.
+On-off control, and friction by sign(rate) where a body sticks, keep the motion at the point of switching. Steps then cross the
+jump again and again, each by as little as the tolerance allows, and the run hardly advances. Other arguments that vanish often
+leave zero in between.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ import numpy as np
 from mbdae.integrators.watched.arguments import NODES, StepArguments
 from mbdae.system.base import Array, System
 
-#: changes of sign in a row, and the part of the run in which so many have to happen: rarer ones cost less than 1e4 of them do
+#: chattering: MOST changes of sign within PART of the run; at a lower rate a run has less than 1e4 of them, which it can afford
 MOST, PART = 100, 1e-2
-#: an argument stays where it vanishes while it is below so many times the change that the tolerance makes in it (measured: 3,
-#: in one step of some hundred 12), else half of the count is forgotten; crossings by less than a part of that change (round-off
-#: of a body at rest) do not count
+#: STAYS: an argument remains at zero while it is below so many times its change by the tolerance (measured: 3, in one of some
+#: hundred steps 12); otherwise half of the count is dropped. LEAST: crossings by less than this part of that change (round-off of
+#: a body at rest) do not count
 STAYS, LEAST = 30.0, 1e-4
-#: halvings of the step to either side of a change of sign; change of the equations across that place, over their change in the
-#: whole step, above which they jump
+#: HALVINGS of the step locate a change of sign; JUMPS: change of the equations across it, over their change in the
+#: whole step, above which the equations jump
 HALVINGS, JUMPS = 40, 1e-3
 
 #: number of a kink -> changes of sign until now, and the time (s) of the first
@@ -30,16 +30,16 @@ Counts = dict[int, tuple[int, float]]
 
 
 class Endless(NamedTuple):
-    """What switches without end: its item, how often it did, and in which time (s)."""
+    """A chattering argument: its item, the number of changes of sign, and the time (s) they took."""
 
     item: str
     times: int
     span: float
 
     def told(self) -> str:
-        """For a message."""
-        return (f"'{self.item}' switches without end: {self.times} times within {self.span:.1e} s, and where it switches is met "
-                f"within the tolerance all the time. Its value jumps there and drives the motion back from either side, as "
+        """The message on it."""
+        return (f"'{self.item}' switches without end: {self.times} times within {self.span:.1e} s, and stays where it "
+                f"switches, to within the tolerance. Its value jumps there and drives the motion back from both sides, as "
                 f"on-off control and friction by the sign of a rate do: give the jump a width, as in tanh(x/width), state "
                 f"mb.Coulomb friction, or switch at the instants of s.controller(...)")  # fmt: skip
 
@@ -48,11 +48,11 @@ class Chattering:
     """Counts the changes of sign of every kink of a run while its argument stays near 0."""
 
     def __init__(self, system: System, arguments: StepArguments, tolerance: Callable[[Array], Array], known: Counts) -> None:
-        """known: of the run until now, which may consist of many parts."""
+        """known: counts of the run until now, whose parts share them."""
         self.system, self.arguments, self.tolerance, self._counts = system, arguments, tolerance, known
 
     def endless(self, span: float) -> Endless | None:
-        """Count those in the last step, which is accepted; what switches without end in a run of this length, s."""
+        """Count the changes of sign in the last step, which is accepted. Returns what chatters in a run of `span` s, or None."""
         arguments, counts = self.arguments, self._counts
         negative = arguments.at_nodes < 0
         crossed = arguments.kinks & np.any(negative[1:] != negative[:-1], axis=0)
@@ -61,7 +61,7 @@ class Chattering:
             count, since = counts.pop(i, (0, arguments.t))
             leaves = largest > STAYS * noise
             count = count // 2 if leaves else count + int(crossed[i] and largest > LEAST * noise)
-            if count >= MOST:  # the last step crossed
+            if count >= MOST:  # the last step had a change of sign
                 if arguments.t + arguments.h - since < PART * span and self._jumps(i):
                     return Endless(arguments.switches.names[i], count, arguments.t + arguments.h - since)
             elif count:
@@ -83,7 +83,7 @@ class Chattering:
         return bool(jump[row] > JUMPS * change[row])
 
     def _equations(self, parts: Array) -> Array:
-        """F (k, n) after parts (k,) of the last step, at the same rates."""
+        """F (k, n) at parts (k,) of the last step, all with the same rates."""
         t, h = self.arguments.t, self.arguments.h
         y, out = self.arguments.inside(np.array([0.0, *parts, 1.0])), np.empty((len(parts), self.system.n))
         for i, part in enumerate(parts):

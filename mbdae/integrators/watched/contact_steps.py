@@ -1,7 +1,7 @@
-"""Step sizes near contacts: no step passes over a contact, and none that enters one is long against the impact.
+"""Step sizes near contacts: no step passes over a contact, and a step that begins a contact is short compared with the impact.
 
-Used where a system has `guards`. A contact is apart where its gap is positive, made where it is negative. Python's numbers are
-four times faster here than arrays, because contacts are few.
+Used where a system has `guards`. A contact is open where its gap is positive, closed where it is negative. Plain Python numbers
+are four times faster here than arrays, because contacts are few.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ from mbdae.integrators.watched.zero import zero_between
 from mbdae.native.contacts import Contacts
 from mbdae.system.base import Array, System
 
-#: part of the way to the surface one step may go
+#: part of the gap that one step may close
 APPROACH = 0.5
-#: part of an impact one step may cover; with 0.1 Radau needs up to twice the steps for the same error
+#: part of the duration of an impact that one step may cover; with 0.1 Radau needs up to twice the steps for the same error
 IMPACT = 0.2
-#: part by which the penetration may change in a longer step: a body at rest on a contact needs no short steps
+#: change of the penetration, over itself, up to which a step may be longer: a body at rest on a contact needs no short steps
 REST = 0.1
-#: durations of an impact after which a contact counts as lasting: its motion is smooth, and the error test alone bounds the step.
-#: With a bound the higher orders of BDF keep a body at rest trembling: 2 to 3 times the evaluations
+#: durations of an impact after which a contact counts as lasting: motion is smooth, and the error test alone bounds the step.
+#: With a bound on the step higher orders of BDF let a body at rest oscillate: 2 to 3 times the evaluations
 LASTING = 3.0
-#: part by which a penetration may change before the Jacobian is evaluated anew
+#: change of a penetration, over itself, above which the Jacobian is evaluated anew
 CHANGE = 0.2
-#: a minimum between two points apart that is below this part of the smaller gap may be a contact
+#: a minimum of the gap between two points below this part of the smaller gap may be a contact
 MARGIN = 0.1
 #: largest weight of a slope in a cubic Hermite polynomial on [0, 1]
 SLOPE = 4 / 27
-#: times a step is repeated shorter at one place; then it is accepted as it is
+#: number of times a step is repeated with a shorter length at one place before it is accepted
 RETRIES = 4
 #: part of a step at either end within which a zero of the gap counts as being at that end
 MET = 1e-2
-#: shortest step over the time: shorter ones are round-off of the time
+#: shortest step, over the time: shorter ones are round-off of the time
 ROUND = 1e3 * float(np.finfo(float).eps)
 
 
 class Contact(NamedTuple):
-    """One contact at one time: gap (m or rad), its rate, duration (s) of an impact at this speed."""
+    """One contact at one time: gap (m or rad), its rate, and the duration (s) of an impact at this speed."""
 
     gap: float
     rate: float
@@ -55,7 +55,7 @@ class Contact(NamedTuple):
 
 
 class Cubic(NamedTuple):
-    """Cubic of a gap over a step: width (s), gaps (m or rad) and their rates at both ends."""
+    """Cubic polynomial of a gap over a step: width (s), gaps (m or rad) and their rates at both ends."""
 
     h: float
     g0: float
@@ -64,17 +64,17 @@ class Cubic(NamedTuple):
     r1: float
 
     def value(self, s: float) -> float:
-        """Gap after the part s of the step."""
+        """Gap at the part s of the step."""
         bend = self.h * s * (1 - s) * ((1 - s) * self.r0 - s * self.r1)
         return self.g0 + s * s * (3 - 2 * s) * (self.g1 - self.g0) + bend
 
     def suspect(self, margin: float) -> bool:
-        """Whether it can come below margin times the smaller gap inside: a cheap test, false for nearly every step."""
+        """Whether its minimum can be below margin times the smaller gap at the ends: a quick test, rarely true."""
         drop = max(-self.r0, 0.0) + max(self.r1, 0.0)
         return (1 - margin) * min(self.g0, self.g1) < SLOPE * self.h * drop
 
     def minimum(self) -> tuple[float, float]:
-        """Part of the step and gap of the lowest point inside; the lower end where there is none."""
+        """Part of the step and gap at the minimum inside; those of the lower end where there is no minimum inside."""
         d0, d1, rise = self.h * self.r0, self.h * self.r1, self.g1 - self.g0
         a, b = d0 + d1 - 2 * rise, 3 * rise - 2 * d0 - d1
         square = b * b - 3 * a * d0
@@ -86,7 +86,7 @@ class Cubic(NamedTuple):
         return (0.0, self.g0) if self.g0 < self.g1 else (1.0, self.g1)
 
     def zero(self, upto: float) -> float:
-        """Part of the step after which the gap, positive at the start and negative at `upto`, vanishes."""
+        """Part of the step at which the gap, positive at the start and negative at `upto`, vanishes."""
         low, high = 0.0, upto
         for _ in range(30):
             middle = 0.5 * (low + high)
@@ -95,20 +95,21 @@ class Cubic(NamedTuple):
 
 
 class ContactSteps:
-    """The contacts of one run: how long the next step may be, and whether the last one is to be repeated shorter.
+    """The contacts of one run: bounds of the next step, and whether the last step has to be repeated with a shorter length.
 
     A solver calls `bound` before a step and `look` after it; `hidden` or `shorter` then return a shorter step to try, and `keep`
     is called when the step is accepted.
     """
 
     def __init__(self, system: System, stats: Stats, impact: float = IMPACT) -> None:
-        """impact: part of an impact one step may cover."""
+        """impact: part of the duration of an impact that one step may cover."""
         self.system, self.stats, self.impact = system, stats, impact
         self._t = self._t_end = float(system.t0)
         self._here = self._before = self._end = self._contacts(system.t0, system.y0)
-        self._inside = [0] * len(self._here)  # accepted steps that ended inside the present contact, if it began in this run
-        self._lasting = [self._t + LASTING * c.duration for c in self._here]  # times (s) after which the contact is no impact
-        self._stiff = [min(c.gap, 0.0) for c in self._here]  # gaps the Jacobian in use belongs to
+        self._inside = [0] * len(self._here)  # accepted steps in the present contact, if it began in this run
+        # times (s) after which the contact counts as lasting
+        self._lasting = [self._t + LASTING * c.duration for c in self._here]
+        self._stiff = [min(c.gap, 0.0) for c in self._here]  # gaps for which the present Jacobian was evaluated
         self._retries = 0
 
     def _contacts(self, t: float, y: Array) -> list[Contact]:
@@ -117,16 +118,17 @@ class ContactSteps:
         return [Contact(*values) for values in zip(*parts, strict=True)]
 
     def _gaps(self, t: float, y: Array) -> Array:
-        """The gaps alone, which are much cheaper where the system gives them by themselves."""
+        """The gaps alone, which take much less time where the system has a function for them."""
         assert self.system.guards is not None
         gaps: Callable[[float, Array], Array] | None = getattr(self.system.guards, "gaps", None)
         return np.asarray(self.system.guards(t, y)[0] if gaps is None else gaps(t, y))
 
     def bound(self) -> float:
-        """Largest step from the last accepted point, s: half the way to the surface, or a small part of an impact."""
+        """Largest step from the last accepted point, s: the time to close half the gap, or a small part of an impact."""
         bound = inf
         for here, before, lasting in zip(self._here, self._before, self._lasting, strict=True):
-            short = self.impact * min(here.duration, before.duration)  # of both: at its turning point an impact has no speed
+            # of both speeds, because at its turning point an impact has no speed
+            short = self.impact * min(here.duration, before.duration)
             if here.gap < 0:
                 if self._t < lasting:
                     bound = min(bound, max(short, REST * min(here.calm, before.calm)))
@@ -138,13 +140,13 @@ class ContactSteps:
 
     @cached_property
     def native(self) -> Contacts | None:
-        """The contacts as native methods look at them between closer looks; None where the system has only a function."""
+        """The contacts as tables for native methods, which watch many steps at a time; None for guards in Python."""
         made = getattr(self.system.guards, "native", None)
         return None if made is None else made({"impact": self.impact, "approach": APPROACH, "rest": REST, "margin": MARGIN,
                                                "slope": SLOPE, "change": CHANGE, "round": ROUND})  # fmt: skip
 
     def given(self) -> Contacts | None:
-        """`native` with what is known of the last accepted step."""
+        """`native` after the state at the last accepted step has been written to it."""
         native = self.native
         if native is not None:
             native.here[:], native.before[:] = self._here, self._before
@@ -153,7 +155,7 @@ class ContactSteps:
         return native
 
     def take(self, t: Array, y: Array, dropped: int) -> None:
-        """Learn from `native`, which kept steps; the last two states (2, n) are those at t (2,); some later ones were dropped."""
+        """Take the contacts from `native` after steps; y (2, n): last two states, at t (2,); dropped: number of later steps."""
         native = self.native
         assert native is not None
         self._t, self._retries = float(t[1]), 0
@@ -170,7 +172,7 @@ class ContactSteps:
         self._t_end, self._end = t, self._contacts(t, y)
 
     def hidden(self) -> float | None:
-        """Time (s) at which the step should have ended, because it hides a contact or goes deep into one. None: accept it."""
+        """Time (s) at which the step should have ended, because it hides a contact or a deep penetration. None: accept it."""
         found = [place for i in range(len(self._end)) if (place := self._hidden(i)) is not None]
         if not found:
             return None
@@ -184,7 +186,7 @@ class ContactSteps:
         return self._t + part * h
 
     def _hidden(self, i: int) -> tuple[float, bool] | None:
-        """Part of the step after which contact i may be made, unless the end shows it well, and whether that is certain."""
+        """Part of the step at which contact i may close, and whether it does; None where the end of the step shows it well."""
         here, end, cubic = self._here[i], self._end[i], self._cubic(i)
         short = self.impact * min(here.duration, end.duration)
         if not (here.gap > 0 and cubic.h > short):
@@ -198,10 +200,11 @@ class ContactSteps:
         if not (0 < part < 1 and least < MARGIN * min(here.gap, end.gap)):
             return None
         part = cubic.zero(part) if least < 0 else part
-        return max(part, short / cubic.h), least < 0  # steps of this length are never repeated, so none has to be shorter
+        # steps of this length are never repeated, so that no shorter one is asked for
+        return max(part, short / cubic.h), least < 0
 
     def count_hidden(self, inner: list[tuple[float, Array]]) -> None:
-        """Count the contacts that came and went inside a constant step; inner: times (s) and states between its ends."""
+        """Count the contacts that open and close inside a constant step; inner: times (s) and states inside it."""
         between = [self._contacts(t, y) for t, y in inner]
         for i, (here, end) in enumerate(zip(self._here, self._end, strict=True)):
             if here.gap >= 0 and end.gap >= 0:
@@ -210,9 +213,9 @@ class ContactSteps:
                 self.stats.missed_dips += dips or any(contacts[i].gap < 0 for contacts in between)
 
     def shorter(self, h: float, inside: Callable[[float], Array]) -> float | None:
-        """Width (s) that the step of width h should have: it then ends at the contact it hides, or where one is made or lost.
+        """Width (s) that the step of width h should have, so that it ends where a contact (a hidden one too) closes or opens.
 
-        inside: y (n,) on the polynomial of the step after a part of it. None: accept the step.
+        inside: part of the step -> y (n,) on its polynomial. None: accept the step.
         """
         when = self.hidden()
         if when is not None:
@@ -223,7 +226,7 @@ class ContactSteps:
         part, gaps = None, None
         for i in crossed:
             if gaps is not None and (gaps[i] < 0) == (self._here[i].gap < 0):
-                continue  # made or lost later than the first one found
+                continue  # it opens or closes later than the first contact found
             found = self._zero(i, h, inside)
             if MET < found < 1 - MET and (part is None or found < part):
                 part, gaps = found, self._gaps(self._t + found * h, inside(found))
@@ -233,7 +236,7 @@ class ContactSteps:
         return part * h
 
     def _zero(self, i: int, h: float, inside: Callable[[float], Array]) -> float:
-        """Part of the step after which contact i is made or lost, on the polynomial of the step."""
+        """Part of the step at which contact i closes or opens, on the polynomial of the step."""
 
         def gap(part: float) -> float:
             if part in (0.0, 1.0):
@@ -243,7 +246,7 @@ class ContactSteps:
         return 0.0 if gap(0.0) == 0.0 else zero_between(gap, 0.01 * MET)
 
     def keep(self) -> None:
-        """Count the contacts of the step that is accepted."""
+        """Accept the last step, and count its contacts."""
         self._before, self._here, self._t, self._retries = self._here, self._end, self._t_end, 0
         for i, (before, here) in enumerate(zip(self._before, self._here, strict=True)):
             if here.gap < 0:
@@ -258,19 +261,19 @@ class ContactSteps:
                 self._inside[i] = 0
 
     def jacobian_at(self, t: float, y: Array) -> None:
-        """The Jacobian in use is of (t, y)."""
+        """To be called when the Jacobian was evaluated at (t, y)."""
         self._stiff = [min(c.gap, 0.0) for c in self._contacts(t, y)]
 
     def stiffness_changed(self) -> bool:
-        """Whether a penetration at the last accepted point differs from that where the Jacobian was evaluated.
+        """Whether a penetration at the last accepted point differs much from the one at which the Jacobian was evaluated.
 
-        The stiffness of a contact, kept after its end, makes every correction and every error estimate look small.
+        With the stiffness of a contact that has opened, all corrections and error estimates would be too small.
         """
         gaps = (min(here.gap, 0.0) for here in self._here)
         return any(abs(now - was) > -CHANGE * min(now, was) for now, was in zip(gaps, self._stiff, strict=True))
 
     def nearest(self) -> str:
-        """For a message: the contact that is made, or will be made first."""
+        """Part of a message: the contact that is closed, or will close first."""
         if not self._here:
             return ""
         remaining = [c.gap if c.gap < 0 else c.calm if c.rate < 0 else inf for c in self._here]

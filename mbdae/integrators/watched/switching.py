@@ -1,4 +1,4 @@
-"""Step sizes where equations switch (kinks) or are local (narrow peaks): no step passes over a kink or a peak.
+"""Step sizes where equations switch (kinks) or vary within a narrow range (peaks): no step passes over a kink or a peak.
 
 A step over which PHI of an argument (`arguments.py`) varies by more than `LIMIT` is repeated shorter; one that crosses a kink
 is repeated so that it ends there. Used where a system has `switches`.
@@ -15,41 +15,42 @@ from mbdae.integrators.solution import Stats
 from mbdae.integrators.watched.arguments import MARGIN, Course, Inside, StepArguments
 from mbdae.system.base import Array, System
 
-#: largest variation of PHI over an accepted step, over the next step as expected from its rate, and over a step that is repeated
+#: largest variation of PHI: LIMIT over an accepted step, REACH over the next step by its rate, AGAIN over a repeated step
 LIMIT, REACH, AGAIN = 2.5, 1.0, 1.25
-#: times a step is repeated shorter at one place; then it is accepted as it is
+#: number of times a step is repeated with a shorter length at one place before it is accepted
 RETRIES = 10
-#: part of a step at its end within which its only kink counts as being at the end; at its start that of the step before
+#: part of a step: a single kink nearer to its end counts as at the end; one as near to its start belongs to the step before
 MET = 1e-2
-#: arguments below this many times the change that the tolerance of the unknowns makes in them are 0
+#: arguments below this many times their change by the tolerance of the unknowns count as 0
 NOISE = 3.0
-#: shortest part of a step to be made a step of its own; shortest step over the time, shorter ones are round-off of the time
+#: TINY: shortest part of a step that becomes a step of its own; ROUND: shortest step over the time (shorter is round-off)
 TINY, ROUND = 1e-9, 1e3 * float(np.finfo(float).eps)
 
 Found = tuple[float, int, bool]  #: part of a step, number of an argument, whether a kink or peak is certainly hidden there
 
 
 class SwitchingSteps:
-    """The switches of one run: how long the next step may be, and where the last one should have ended."""
+    """The switches of one run: bounds of the next step, and where the last step should have ended."""
 
     def __init__(self, system: System, stats: Stats, tolerance: Callable[[Array], Array]) -> None:
-        """tolerance: y (n,) -> tolerance of every unknown (n,)."""
+        """tolerance: function of y (n,) -> tolerance of every unknown (n,)."""
         assert system.switches is not None
         self.arguments, self.stats, self.tolerance = StepArguments(system.switches), stats, tolerance
         self._retries, self._bound = 0, inf
-        self.crossed = False  #: whether the last accepted step crossed a kink: the Jacobian is of equations that no longer hold
-        self._goal = self._reached = -1  # kink at which the step is to end, and the one before did
+        self.crossed = False  #: whether the last accepted step crossed a kink, so that the Jacobian is out of date
+        # number of the kink at which the present step is to end, and of the one at which the last step ended; -1: none
+        self._goal = self._reached = -1
 
     def bound(self) -> float:
         """Largest step from the last accepted point, s."""
         return self._bound
 
     def look(self, t: float, h: float, inside: Inside) -> None:
-        """Evaluate the arguments over the last step, of h from t."""
+        """Evaluate the arguments over the last step, of length h from t."""
         self.arguments.look(t, h, inside)
 
     def shorter(self) -> float | None:
-        """Width (s) the step should have had; None: accept it."""
+        """Width (s) that the step should have had; None: accept the step."""
         found = self._found()
         if found is None:
             return None
@@ -65,15 +66,15 @@ class SwitchingSteps:
         return part * h
 
     def keep(self) -> None:
-        """The step is accepted: bound the next one."""
+        """Accept the step, and bound the next one."""
         self._retries, self._reached, self._goal = 0, self._goal, -1
         rate, U = self.arguments.rate(), self.arguments.at_nodes
         self._bound = REACH / rate if rate > 0 else inf
         self.crossed = bool((((U[0] < 0) != (U[-1] < 0)) & self.arguments.kinks).any())
 
     def quiet(self, t: Array, y: Callable[[Array], Array]) -> int:
-        """Of steps between times t (m+1,), with y (m, k, n) at parts (k,) of each: how many of the first need no closer look.
-        They count as accepted."""
+        """Of steps between times t (m+1,), with y (m, k, n) at parts (k,) of each: how many of the first hide nothing; these are
+        accepted."""
         calm, rate = self.arguments.quiet(t, y, LIMIT)
         h = np.diff(t)
         calm[1:] = calm[1:] & (h[1:] * rate[:-1] <= REACH * (1 + 1e-9))
@@ -97,7 +98,7 @@ class SwitchingSteps:
     # -- what a step hides
 
     def _found(self, constant: bool = False) -> Found | None:
-        """Smallest part of the step after which it should have ended."""
+        """The first place in the step at which it should have ended, or None."""
         asked = self.arguments.suspects(LIMIT)
         if not asked.any():
             return None
@@ -111,7 +112,7 @@ class SwitchingSteps:
         return min(found, default=None)
 
     def _scale(self, i: int) -> Found | None:
-        """Where PHI of argument i has varied by AGAIN, if it varies by more than LIMIT over the step."""
+        """Place where PHI of argument i has varied by AGAIN, if it varies by more than LIMIT over the step."""
         arguments, course = self.arguments, self.arguments.course(i)
         if arguments.switches.kinds[i] == "power":
             course = self._with_zeros(i, course)
@@ -125,14 +126,14 @@ class SwitchingSteps:
         return part, i, arguments.noise(i, self.tolerance)[1] < 1
 
     def _with_zeros(self, i: int, course: Course) -> Course:
-        """The course with the zeros of argument i, of which the logarithm is infinite, as points."""
+        """The course with the zeros of argument i as further points, because the logarithm is infinite there."""
         s, u = course
         for k in reversed(course.changes()):
             s, u = np.insert(s, k + 1, self.arguments.zero(i, course, k)), np.insert(u, k + 1, 0.0)
         return Course(s, u)
 
     def _crossings(self, i: int) -> list[float]:
-        """Parts of the step after which argument i changes its sign, without the kink at which the step before was to end."""
+        """Parts of the step at which argument i changes its sign, without the kink at which the last step was to end."""
         course = self.arguments.course(i)
         changes = course.changes()
         if not len(changes) or self._is_noise(i, course):
@@ -141,7 +142,7 @@ class SwitchingSteps:
         return found[1:] if self._reached == i and found[0] < MET else found
 
     def _near_misses(self, i: int) -> list[float]:
-        """Parts of the step after which argument i turns so near to 0 that it may cross it."""
+        """Parts of the step at which argument i has an extremum so near to 0 that it may cross it."""
         course = self.arguments.course(i)
         s, u = course
         rise = np.diff(u)
@@ -150,5 +151,5 @@ class SwitchingSteps:
         return [] if near and self._is_noise(i, course) else near
 
     def _is_noise(self, i: int, course: Course) -> bool:
-        """Whether argument i stays so near to 0 that its sign is within the tolerance."""
+        """Whether argument i stays so near to 0 that the tolerance does not determine its sign."""
         return float(np.max(np.abs(course.u))) < NOISE * self.arguments.noise(i, self.tolerance)[0]

@@ -1,4 +1,4 @@
-"""What bounds the step beside the error: contacts, kinks of the equations, and functions with narrow peaks."""
+"""Bounds of the step beside the error test: contacts, kinks of the equations, and functions with narrow peaks."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ Tolerance = Callable[[Array], Array]  #: y (n,) -> tolerance of every unknown (n
 
 
 class StepWatch:
-    """Contacts and switches of one run, each only where the system has some.
+    """Contacts and switches of one run, where the system has some.
 
     A solver calls `bound` before a step and `look` after it; `shorter` then returns a shorter step to try, or None; `keep` is
     called when the step is accepted.
     """
 
-    #: part of an impact one step may cover
+    #: part of the duration of an impact that one step may cover
     impact: float = IMPACT
 
     def __init__(self, loop: StepLoop, tolerance: Tolerance) -> None:
@@ -38,7 +38,7 @@ class StepWatch:
 
     @classmethod
     def of(cls, loop: StepLoop, tolerance: Tolerance) -> Self | None:
-        """The watch of a run, None where there is nothing to watch."""
+        """The watch of a run; None where the system has neither contacts nor switches."""
         needed = loop.system.guards is not None or loop.system.switches is not None
         return cls(loop, tolerance) if needed else None
 
@@ -48,32 +48,32 @@ class StepWatch:
         return max(min(bounds), ROUND * abs(self.loop.t))
 
     def bound_of_switches(self) -> float:
-        """The same where contacts are watched natively."""
+        """Largest step (s) because of switches alone, where native methods watch the contacts."""
         return inf if self.switching is None else max(self.switching.bound(), ROUND * abs(self.loop.t))
 
     def look(self, t: float, y: Array, inside: Inside) -> None:
-        """Evaluate the last step: its end (t, y) and its polynomial, y (k, n) after parts (k,) of the step."""
+        """Evaluate the last step: its end (t, y), and inside: parts (k,) of the step -> y (k, n) on its polynomial."""
         if self.contacts is not None:
             self.contacts.look(t, y)
         if self.switching is not None:
             self.switching.look(self.loop.t, t - self.loop.t, inside)
 
     def shorter(self, h: float, inside: Inside) -> float | None:
-        """Width (s) the step of width h should have had; None: accept it."""
+        """Width (s) that the step of width h should have had; None: accept the step."""
         widths = [None if self.contacts is None else self.contacts.shorter(h, lambda part: inside(np.array(part))),
                   None if self.switching is None else self.switching.shorter()]  # fmt: skip
         return min((width for width in widths if width is not None), default=None)
 
     @property
     def one_by_one(self) -> bool:
-        """Whether steps that are made already cannot be looked at many at a time."""
+        """Whether steps have to be made one at a time, because the system's contacts have no native tables."""
         return self.contacts is not None and self.contacts.native is None
 
     def kept(self, t: Array, y: Array, inside: Inside, closely: bool) -> tuple[int, float]:
-        """Of steps between times t (m+1,) to states y (m, n), made already, how many may be kept, and the longest (s) the next
-        one may be because of what one hides; inside: y (m, k, n) after parts (k,) of each.
+        """Of steps between times t (m+1,) to states y (m, n), made already, how many can be accepted, and the largest length (s)
+        of the next step because of what one hides. inside: parts (k,) -> y (m, k, n) on the polynomials.
 
-        closely: it is one, looked at for all it may hide; else the contacts of all of them have been looked at."""
+        closely: it is one step, checked for contacts and switches; else native methods have checked the contacts of all steps."""
         if not closely:
             return (len(y) if self.switching is None else self.switching.quiet(t, inside)), inf
 
@@ -89,13 +89,13 @@ class StepWatch:
         return 1, inf
 
     def keep(self) -> None:
-        """The step is accepted."""
+        """Accept the step."""
         for part in (self.contacts, self.switching):
             if part is not None:
                 part.keep()
 
     def keep_adaptive(self) -> None:
-        """The same of a solver that shortens its steps where equations switch; raises ChatteringError where that has no end."""
+        """Accept a step of a solver with error control; raises ChatteringError where equations switch without end."""
         self.keep()
         loop = self.loop
         found = None if self.chattering is None else self.chattering.endless(loop.run_end - float(loop.first_system.t0))
@@ -103,32 +103,32 @@ class StepWatch:
             raise loop.failure(found.told(), "", ChatteringError)
 
     def count_hidden(self, inner: Callable[[], list[tuple[float, Array]]]) -> None:
-        """Count what is hidden inside a constant step; inner: times (s) and states between its ends."""
+        """Count what a constant step hides; inner: times (s) and states inside it."""
         if self.contacts is not None:
             self.contacts.count_hidden(inner())
         if self.switching is not None:
             self.switching.count_hidden()
 
     def jacobian_at(self, t: float, y: Array) -> None:
-        """The Jacobian in use is of (t, y)."""
+        """To be called when the Jacobian was evaluated at (t, y)."""
         if self.contacts is not None:
             self.contacts.jacobian_at(t, y)
 
     def stiffness_changed(self) -> bool:
-        """Whether the equations at the last accepted point differ from those where the Jacobian was evaluated."""
+        """Whether contacts or kinks at the last accepted point differ from those at which the Jacobian was evaluated."""
         of_contacts = self.contacts is not None and self.contacts.stiffness_changed()
         return of_contacts or (self.switching is not None and self.switching.crossed)
 
     def nearest(self) -> str:
-        """For a message: the contact that is made, or will be made first."""
+        """Part of a message: the contact that is closed, or will close first."""
         return "" if self.contacts is None else self.contacts.nearest()
 
 
 class SundialsWatch(StepWatch):
-    """The watch of a run with SUNDIALS, which takes a stop time before a step, and is restarted to repeat a step."""
+    """The watch of a run with SUNDIALS, which is given a stop time before each step, and is restarted to repeat a step."""
 
-    #: with a tolerance too coarse for an impact 0.2 loses 45 % of its speed, 0.1 28 %; a body coming to rest made 250 contacts at
-    #: 0.2, 28 at 0.1 (37 are right, rtol 1e-3). With finer tolerances both cost the same
+    #: with a tolerance too coarse for an impact, 0.2 loses 45 % of the impact's speed, 0.1 loses 28 %; a body coming to rest had
+    #: 250 contacts with 0.2, 28 with 0.1 (37 are right, rtol 1e-3). With finer tolerances both cost the same
     impact = 0.1
 
     def __init__(self, loop: StepLoop, tolerance: Tolerance) -> None:
@@ -136,13 +136,13 @@ class SundialsWatch(StepWatch):
         self._until = -inf
 
     def stop(self) -> float:
-        """Time (s) the next step must not pass."""
+        """Time (s) that the next step must not pass."""
         loop = self.loop
         until = self._until if self._until - loop.t > ROUND * abs(self._until) else inf
         return float(min(loop.t_end, loop.t + self.bound(), until))
 
     def refuses(self, t: float, y: Array, yp: Array) -> bool:
-        """Whether the last step, which ends with these values, has to be repeated; the next ones then end at what it hid."""
+        """Whether the last step, which ends with these values, has to be repeated; the next steps then end at what it hid."""
         self.look(t, y, cubic_of_step(t - self.loop.t, self.loop.state, (y, yp)))
         hidden = None if self.contacts is None else self.contacts.hidden()
         shorter = None if self.switching is None else self.switching.shorter()
@@ -155,7 +155,7 @@ class SundialsWatch(StepWatch):
 
 
 def stop_time(loop: StepLoop, watch: SundialsWatch | None) -> float:
-    """Time (s) the next step with SUNDIALS must not pass: the end, what is watched, and what inputs of time allow."""
+    """Time (s) that the next step must not pass: end of the part, bounds of the watch, and bounds by inputs of time."""
     stop = loop.t_end if watch is None else watch.stop()
     longest = loop.system.longest_step
     return stop if longest is None else min(stop, loop.t + max(longest(loop.t), ROUND * abs(loop.t)))

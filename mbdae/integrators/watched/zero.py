@@ -1,4 +1,4 @@
-"""A zero of a continuous function by Brent's method. SciPy's takes 0.15 s to import, longer than many runs with contact."""
+"""A zero of a continuous function by Brent's method, without SciPy, whose import takes longer (0.15 s) than many runs."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ ITERATIONS = 100
 def zero_between(f: Callable[[float], float], within: float) -> float:
     """A zero of f in [0, 1] to within a distance; f(0) and f(1) differ in sign, or one of them is 0 (else ValueError).
 
-    a: the last point but one; b: the best; c: the zero lies between b and c. The next point is that of a parabola or a straight
-    line through them where it shortens the interval fast enough, else the middle."""
+    a: the point before the last; b: the best point; c: the zero lies between b and c. The next point is that of the parabola or
+    straight line through them where it shortens the interval fast enough, else the middle."""
     a, b = 0.0, 1.0
     at_a, at_b = f(a), f(b)
     if at_a == 0 or at_b == 0:
@@ -36,7 +36,7 @@ def zero_between(f: Callable[[float], float], within: float) -> float:
 
 def _next(before: float, step: float, half: float, a: tuple[float, float], c: tuple[float, float],
           within: float) -> tuple[float, float]:  # fmt: skip
-    """The last and the next step from b; a, c: distances of the other points and their values over that at b."""
+    """The last and the next step from b; a, c: distance of each point from b, and its value over that at b."""
     (to_a, ratio_a), (to_c, ratio_c) = a, c
     if abs(before) <= within or abs(ratio_a) <= 1:
         return half, half

@@ -41,6 +41,8 @@ class Friction(Part):
 
     def largest(self) -> float | None:
         """The largest coefficient among speeds up to 1 km/s; None of a law with internal states that does not state it."""
+        if self.states:
+            return None
         v = se.Symbol("v")
         values = [se.sympify(self.coefficient(v)).subs({v: se.RealDouble(10.0**power)}) for power in range(-6, 4)]
         return None if any(value.free_symbols for value in values) else max(abs(float(value)) for value in values)

@@ -169,7 +169,7 @@ class ElementPage(Page):
         return dict(zip(p.targets, p.kernel.values(x).T, strict=True))
 
     def blocks(self) -> list[Block]:
-        """Energy and rows."""
+        """Sections on the kinetic energy and the equations of motion that follow from it."""
         rows = dynamics(self.d)
         if not rows:
             return [Section("Kinetic energy", [Paragraph("The node has no inertia of its own.")])]

@@ -145,11 +145,11 @@ def solution_set(r: LawPage) -> list[Block]:
     blocks, wrong, n = _told(r, J[reached]), np.zeros(STARTS, dtype=bool), r.numbers(state)
     if not r.s.branches:
         return [*blocks, Paragraph("The rows have no unwanted branch.")]
-    blocks.append(Paragraph("The rows alone allow the opposite too; required is:"))
+    blocks.append(Paragraph("The rows alone allow the opposite orientation too; on the wanted branch:"))
     for i, (name, e) in enumerate(r.s.branches.items()):
         wrong |= np.broadcast_to(n.scalar(e), (STARTS,)) <= 0
         blocks += r.lines(f"b_{{{i + 1}}} = {r.writer.scalar(e)} > 0", note=name)
-    text = f"{int((wrong & reached).sum())} of the {reached.sum()} solutions lie on an unwanted branch; a start refuses them."
+    text = f"{int((wrong & reached).sum())} of the {reached.sum()} solutions lie on an unwanted branch; no run starts there."
     return [*blocks, *([Paragraph(text)] if np.any(reached) else [])]
 
 

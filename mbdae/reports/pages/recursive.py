@@ -133,7 +133,8 @@ class RecursivePage(RecursiveValues):
         self._want_mass()
         self.known["mass"] = MATRIX
         w.used.add("mass")
-        text = "The rates of the coordinates and of k enter linearly; accelerations leave a rest, the bias, where they are zero:"
+        text = ("Velocities and accelerations of l are linear in those of k and of the coordinates; the bias is the acceleration"
+                " of l that remains where theirs are zero:")  # fmt: skip
         mass = r"\bar{\mathbf{M}} = \mathbf{B}^{\mathsf{T}}\,\mathbf{M}\,\mathbf{B}"
         told = "The mass of l, passed on in the same way:"
         return [*self.told(text, *lines, *product), Paragraph(told), Equation(mass)]

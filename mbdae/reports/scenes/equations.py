@@ -212,7 +212,7 @@ class SceneEquations:
         while open_:
             block = self._block(open_, known)
             if block is None:
-                raise ValueError(f"more than {LARGEST_BLOCK} rows hang together")
+                raise ValueError(f"more than {LARGEST_BLOCK} rows can only be solved together")
             places, unknowns = block
             self.steps.append((unknowns, [open_.pop(at) for at in places], places))
             known |= set(unknowns)
@@ -343,7 +343,7 @@ def total(row: Row) -> Expr:
 
 
 def determinant(A: list[list[Expr]]) -> Expr:
-    """By minors."""
+    """Determinant of a square matrix, by expansion in minors."""
     if len(A) == 1:
         return A[0][0]
     minors = [[row[:j] + row[j + 1 :] for row in A[1:]] for j in range(len(A))]

@@ -32,12 +32,12 @@ class ClosedForms(SceneEquations, Page):
         forces = self.forces()
         numbers = self.numbers()
         told = (
-            "Of every body the balance of forces along $x$, $y$, $z$ and of moments about its centre ($\\theta$, $\\psi$): $p$,"
-            " inertia less all forces that are no reactions, and the multipliers $\\lambda$ of the joints with their arms."
+            "For every body the balance of forces along $x$, $y$, $z$ and of moments about its centre ($\\theta$, $\\psi$): $p$"
+            " is inertia minus all forces other than reactions; the multipliers $\\lambda$ of the joints enter with their arms."
         )
         how = (
-            "Force balances give a multiplier each. What is left falls into the smallest blocks of rows that stand for"
-            " themselves, solved by determinants; the other multipliers follow:"
+            "Each force balance gives one multiplier. The other rows are split into the smallest blocks that can be solved"
+            " one after the other, by determinants; the remaining multipliers follow:"
         )
         told += "".join(f" The name {escaped(name)} is written {words}." for name, words in self.names.renamed.items())
         on_l = "The force $F$ (N) on body l of each joint, and the moment $T$ (N m) about its point there:"
@@ -76,7 +76,7 @@ class ClosedForms(SceneEquations, Page):
         known = [unit(self.said[self.latex[str(x)]].unit or "1") for x in unknowns]
         A = [[self.letter(f"a{count}_{i}{j}", f"a^{{({count})}}_{{{i + 1}{j + 1}}}", str(efforts[i] / known[j]),
                           f"factor of ${self.latex[str(unknowns[j])]}$") for j in range(n)] for i in range(n)]  # fmt: skip
-        h = [self.letter(f"h{count}_{i}", f"h^{{({count})}}_{{{i + 1}}}", efforts[i].of_force, "the rest of the row")
+        h = [self.letter(f"h{count}_{i}", f"h^{{({count})}}_{{{i + 1}}}", efforts[i].of_force, "minus the rest of the row")
              for i in range(n)]  # fmt: skip
         for i, row in enumerate(rows):
             lines += [f"{w.scalar(A[i][j])} = {w.scalar(row.get(unknown, se.Integer(0)))}" for j, unknown in enumerate(unknowns)]

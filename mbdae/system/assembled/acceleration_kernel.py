@@ -25,9 +25,11 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.motion.workspace import Workspace, narrow_order
 
-VELOCITY, POSITION = "baumgarte_velocity", "baumgarte_position"  #: factors of G u + g_t (1/s) and of g (1/s^2) in the rows
-SPREAD = 1e-5  #: squared independent part of a row of G M^-1/2 below which S has lost too many digits
-WHOLE_BELOW = 150  #: velocities and multipliers; above, sparse factors of the full equations cost less than full ones of these
+#: parameters of a form: factor of G u + g_t (1/s) and factor of g (1/s^2) in the rows
+VELOCITY, POSITION = "baumgarte_velocity", "baumgarte_position"
+SPREAD = 1e-5  #: independent part of a row of G M^-1/2, squared, below which Cholesky factors of S have lost too many digits
+#: velocities and multipliers together up to which the equations of u' and lambda are factorised as a full matrix
+WHOLE_BELOW = 150
 
 Index = NDArray[np.intp]
 RowOf = Callable[[Target, int, int], int]
@@ -40,12 +42,12 @@ def _with_drift(d: Derived, rates: list[Expr]) -> list[tuple[Target, Expr]]:
 
 
 def stabilised(d: Derived) -> list[tuple[Target, Expr]]:
-    """G u' + gamma + 2 alpha (G u + g_t) + beta^2 g, as a form integrates them."""
+    """Rows G u' + gamma + 2 alpha (G u + g_t) + beta^2 g: accelerations with Baumgarte's stabilisation."""
     return _with_drift(d, outputs.second_rate(d))
 
 
 def equations_of_motion(d: Derived) -> list[tuple[Target, Expr]]:
-    """Outputs of a law from which u' and lambda follow: its rows of F where they and all rates are 0, and its entries of G."""
+    """Outputs of a law from which u' and lambda follow: its rows of F at zero rates and multipliers, and its entries of G."""
     if isinstance(d.law, Element):
         still = {se.Symbol(f"{d.frames[0].side}_qp{i + 1}"): 0 for i in range(d.frames[0].kind.sizes[0])}
         return [*((t, e.subs(still)) for t, e in outputs.kinematics(d)), *outputs.loads(d)]
@@ -58,7 +60,7 @@ def equations_of_motion(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 class AccelerationKernel(Workspace):
-    """q', u', s' and multipliers of a system of constrained bodies; `multipliers` (m,) are those of the last call."""
+    """q', u', s' and multipliers of a system of constrained bodies; `multipliers` (m,): those of the last evaluation."""
 
     def __init__(self, full: Any, mass: Array, row_of: RowOf, whole: bool) -> None:
         """full: the equations with multipliers; mass (nu, nu); row_of: row of F of an output of an instance; whole: the equations
@@ -107,7 +109,8 @@ class AccelerationKernel(Workspace):
         i, j = np.nonzero(inverse)
         part.add(h + i, self._F + self.nq + j, -inverse[i, j])
         along = {int(k): np.flatnonzero(inverse[k]).tolist() for k in np.unique(columns)}
-        cells = sorted({(r, c) for r, k in zip(rows.tolist(), columns.tolist(), strict=True) for c in along[k]})  # of G M^-1
+        # entries (row, column) of G M^-1 that are not zero
+        cells = sorted({(r, c) for r, k in zip(rows.tolist(), columns.tolist(), strict=True) for c in along[k]})
         row, column = np.array(cells, dtype=np.intp).reshape(-1, 2).T
         weighted, place_of = part.zeros(len(cells)), {cell: k for k, cell in enumerate(cells)}
         terms = [(place_of[r, c], e, inverse[k, c]) for e, (r, k) in enumerate(zip(rows.tolist(), columns.tolist(), strict=True))
@@ -135,7 +138,7 @@ class AccelerationKernel(Workspace):
         part.multiply(u + column, weighted + np.arange(len(cells)), x + place[row], -1.0)
 
     def _by_lu(self, part: Operations, mass: Array) -> None:
-        """The equations of u' and lambda by LU: for masses that are zero, or differ too much."""
+        """The equations of u' and lambda together by LU: for masses that are zero, or differ too much."""
         m, nu = self.m, self.nu
         n = nu + m
         K = part.slots(n * n)
@@ -160,7 +163,7 @@ class AccelerationKernel(Workspace):
         return max(bad - self.nu, 0) if self.whole else int(self._order[bad])
 
     def shares(self, t: float, y: Array) -> Array:
-        """(m,) squared independent part of every constraint row, over its length."""
+        """(m,) independent part of every constraint row, squared, over the squared length of the row."""
         dependent = self.y_rates(t, y, np.empty(self.differential))
         if self.whole:
             G = np.zeros((self.m, self.nu))
@@ -168,7 +171,7 @@ class AccelerationKernel(Workspace):
             return row_shares(G)
         share = np.empty(self.m)
         share[self._order] = self.W[self._factor] ** 2 / self.W[self._diagonal : self._diagonal + self.m]
-        if dependent >= 0:  # there are no factors from this row on
+        if dependent >= 0:  # the factors end at this row
             share[dependent] = 0.0
         return share
 
@@ -182,7 +185,7 @@ def _inverse(mass: Array) -> Array:
 
 
 def _blocks(matrix: Array) -> list[Index]:
-    """The sets of rows and columns of a symmetric matrix that its entries tie together."""
+    """The sets of rows and columns of a symmetric matrix that its entries connect: its diagonal blocks."""
     label = np.arange(len(matrix))
     for i, j in np.argwhere(np.triu(matrix, 1)).tolist():
         if label[i] != label[j]:
@@ -191,7 +194,7 @@ def _blocks(matrix: Array) -> list[Index]:
 
 
 def _entry(full: Any, target: Target, g: int, i: int, entries: dict[tuple[int, int], int]) -> int:
-    """Number of an entry of G, -1 for those that are dropped."""
+    """Number of an entry of G; -1 for entries whose row or column has no unknown."""
     nb = full.numbering
     row, column = nb.row(g, i, target[1]), nb.velocity(("u", *target[2:]), g, i)
     if row is None or not 0 <= column < nb.nu:
@@ -214,7 +217,7 @@ def acceleration_kernel(full: Any, M: Array, row_of: RowOf, start: tuple[float, 
 
 
 def row_shares(G: Array) -> Array:
-    """(m,) squared part of every row of G (m, nu), over its length, that is independent of the others."""
+    """(m,) part of every row of G (m, nu) that is independent of the other rows, squared, over the squared length of the row."""
     unit = G / np.linalg.norm(G, axis=1, keepdims=True)
     _, sigma, V = np.linalg.svd(unit.T, full_matrices=False)
     return np.asarray(1 / np.sum((V / np.maximum(sigma[:, None], 1e-150)) ** 2, axis=0))

@@ -33,20 +33,21 @@ from mbdae.system.model.trees import Tree
 from mbdae.system.motion.mechanics import LARGE
 from mbdae.system.motion.workspace import Columns, Loaded
 
-#: index of unknowns where stresses are unknowns: velocities of stiff modes and stresses are the derivatives of multipliers
-#: of nearly rigid strains, and their errors are weighed like those
+#: index of the kinds of unknowns where the stresses of beams are unknowns: for nearly rigid strains velocities and stresses
+#: behave like unknowns of index 2 and 3, and the test of local errors weighs them like these
 ELASTIC = {"v": 2, "z": 3, "lambda": 3, "mu": 2}
 RESOLVED = {"z": 3}
-SPARSE_FROM = 150  #: unknowns; below, dense linear algebra is faster (measured 150-200)
+#: number of unknowns from which the Jacobian is sparse; with fewer, dense linear algebra is faster (measured 150-200)
+SPARSE_FROM = 150
 
 
 class Assembly:
     """The equations of a model in a form, F(t, y, y') = 0 with their exact Jacobian, at any state; members as in `System`.
 
-    open: every parameter of a law stays an input of its kernels (for those who read the operations); else what does not vary in a
-    run is evaluated once."""
+    open: every parameter of a law stays an input of its kernels, so that it can be varied; else what does not vary in a run is
+    evaluated once and stored as a constant."""
 
-    has_pattern = True  #: whether its Jacobian has a pattern, or is full
+    has_pattern = True  #: whether the Jacobian has a sparsity pattern; False: it is full
 
     def __init__(self, model: Model, rows: list[Row], spec: FormSpec, sparse: bool | None = None,
                  moved: MovedBodies | None = None, open: bool = False) -> None:  # fmt: skip
@@ -64,12 +65,14 @@ class Assembly:
         self._offset = np.zeros(1 + nb.first_input - self.n)  # rows of F, a spare one, rows of loaded nodes
         self._residual, self._jacobian, self._mass = Scatter(), Scatter(), Scatter()
         self._inert = False  #: whether kernels of laws outside of trees depend on accelerations
-        self._loaded: tuple[list[Any], Scatter, list[Any]] = ([], Scatter(), [])  #: kernels forward, of rows, of derivatives
+        #: kernels of trees: for the motion of loaded nodes, for the rows of the trees, for the derivatives of both
+        self._loaded: tuple[list[Any], Scatter, list[Any]] = ([], Scatter(), [])
         entries = Entries(self.n)
         live = {(row.group, row.instance) for row in rows}
         for g, group in enumerate(model.groups):
             d = group.derived
-            idle = d.rows and not (d.forced or getattr(d.law, "penalty", None))  # a joint whose rows are all met
+            # every row of this joint is satisfied by shared or joint coordinates
+            idle = d.rows and not (d.forced or getattr(d.law, "penalty", None))
             active = [i for i in range(len(group.instances))
                       if (g, i) not in moved.replaced and not (idle and (g, i) not in live)]  # fmt: skip
             if active:
@@ -86,7 +89,7 @@ class Assembly:
     # -- construction
 
     def plan(self, d: Derived) -> LinearisedPlan:
-        """The outputs of a law, as they are evaluated here."""
+        """The outputs of a law with their derivatives, sorted for this assembly."""
         return linearised_plan(d, self.spec.outputs, not self._open)
 
     def _kinds(self) -> tuple[str, ...]:
@@ -107,10 +110,11 @@ class Assembly:
         return tuple(names)
 
     def row_of(self, target: Target, g: int, i: int) -> int:
-        """Row of F a target belongs to; n (a spare row) for rows left out, above it the rows of loaded nodes."""
+        """Row of F a target belongs to; n (a spare row) for rows left out, above n the rows of loaded nodes."""
         block, nb = self.spec.rows[target[0]], self.numbering
         if block in ("q", "u"):
-            own = isinstance(self.model.groups[g].instances[i].law, Element)  # shared displacements are moved by their owner
+            # a displacement shared by nodes is integrated by the node that owns it
+            own = isinstance(self.model.groups[g].instances[i].law, Element)
             if own and block == "q" and nb.shares(nb.node_of(target, g, i), target[2], "q"):
                 return self.n
             return self._row_at(block, nb.node_of(target, g, i), target[2])
@@ -120,7 +124,7 @@ class Assembly:
         return self.n if row is None else nb.start[block] + row
 
     def _row_at(self, block: str, node: Node, component: int) -> int:
-        """Row of F of an entry of a node; of a loaded node its own row, n where it has none."""
+        """Row of F of an entry of a node; for a loaded node a row of its own, n where it has none."""
         place = self.numbering.node_place(block if node not in self.moved.nodes else "w" + block, node, component)
         if place < self.n:
             return place
@@ -154,11 +158,11 @@ class Assembly:
         return np.array([self.numbering.node_place(head, of_element[a], i) for of_element in nodes], dtype=np.intp)
 
     def _row_on(self, nodes: list[list[Node]], target: Target) -> NDArray[np.intp]:
-        """(elements,) row of F of a momentum row; of a loaded node its own row."""
+        """(elements,) row of F of an equation of motion of every element; for a loaded node a row of its own."""
         return np.array([self._row_at("u", e[target[1]], target[2]) for e in nodes], dtype=np.intp)
 
     def _add_elements(self, batch: ElementBatch, entries: Entries) -> None:
-        """A kernel over the elements of beams."""
+        """Add a kernel over the elements of beams."""
         kernel, nodes, z = batch.kernel, batch.nodes, self.numbering.start["z"] + batch.stresses
         timed = iter([self.numbering.slot(-1, *place) for place in batch.timed])
         slots = {t: z[:, t[1]] if t[0] == "z" else np.full(len(nodes), next(timed)) if t[0] == "p" else self._nodal(nodes, t)
@@ -172,7 +176,7 @@ class Assembly:
             entries.varying(at, np.stack([slots[t] for _, t in kernel.jacobian_places], axis=1))
 
     def _add_inertia(self, line: Line, entries: Entries) -> None:
-        """Consistent mass and dead loads of a beam."""
+        """Add the consistent mass and the dead loads of a beam."""
         nodes = [[line.nodes[a] for a in element] for element in line.mesh.elements]
         entries_of = [(a, i) for a in range(line.mesh.order + 1) for i in range(line.kind.sizes[1])]
         rows = np.stack([self._row_on(nodes, ("u", *e)) for e in entries_of], axis=1)
@@ -183,7 +187,7 @@ class Assembly:
         at, by = (np.array(p).reshape(len(rows), -1) for p in np.broadcast_arrays(rows[:, :, None], columns[:, None, :]))
         values = line.blocks.reshape(at.shape)
         entries.constant(at, by, values)
-        M = sp.coo_matrix((values.ravel(), (at.ravel(), by.ravel()))).tocsr().tocoo()  # one term for every pair of unknowns
+        M = sp.coo_matrix((values.ravel(), (at.ravel(), by.ravel()))).tocsr().tocoo()  # duplicates are summed
         kept = (M.data != 0) & (M.row != self.n)
         self._residual.linear(M.row[kept].astype(np.intp), M.col[kept].astype(np.intp), M.data[kept])
 
@@ -193,7 +197,7 @@ class Assembly:
         return np.stack(found, axis=1) if found else np.zeros((len(active), 0), dtype=np.intp)
 
     def _add_tree(self, plan: TreePlan, trees: list[Tree], entries: Entries) -> None:
-        """Without laws outside that act on it, the kernels of a tree are evaluated like those of any law."""
+        """Add the kernels of equal trees; where no law outside acts on them they are evaluated like those of any law."""
         nb, moved = self.numbering, self.moved
 
         def slots(targets: Sequence[Any]) -> NDArray[np.intp]:
@@ -239,7 +243,7 @@ class Assembly:
 
     @cached_property
     def pattern(self) -> Places | None:
-        """Entries of the Jacobian."""
+        """Sparsity pattern of the Jacobian."""
         return Places(self.columns.first, self.columns.rows)
 
     # -- evaluation
@@ -262,7 +266,7 @@ class Assembly:
         return made
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy makes its own tables: addresses are those of this object's arrays."""
+        """For copies: a copy makes its own tables, because they contain addresses of arrays."""
         return {name: value for name, value in self.__dict__.items() if name != "evaluation"}
 
     def motion(self) -> Loaded:
@@ -298,7 +302,7 @@ class Assembly:
         self._write(fy + cj * fyp, out)
 
     def _write(self, data: Array, out: Array) -> None:
-        """CSC data into (n, n) or CSC data, as `sparsity` says."""
+        """Write CSC values `data` into `out`: a full (n, n) matrix, or CSC values where `sparsity` is set."""
         if self.sparsity is not None:
             out[:] = data
             return
@@ -310,7 +314,7 @@ class Assembly:
         return self.evaluation.jacobian(t, y, yp)
 
     def dense_jacobian(self, t: float, y: Array, yp: Array) -> Array:
-        """dF/dy and dF/dy' (2, n, n), of equations of whatever size."""
+        """dF/dy and dF/dy' (2, n, n) as full matrices, also where the Jacobian is sparse."""
         return self._whole(*self.jacobian_values(t, y, yp))
 
     def _whole(self, fy: Array, fyp: Array) -> Array:

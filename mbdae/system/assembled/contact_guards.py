@@ -19,16 +19,18 @@ from mbdae.system.motion.states import gap_outputs
 from mbdae.system.motion.workspace import Values
 from mbdae.system.start.contacts import ExpectedContact
 
-NEAR = 10.0  #: durations of an impact before it from which its effective mass is that of the present position
-SAME = 0.01  #: rad, or part of the scene's length, within which effective masses are not calculated again
+#: an impact nearer in time than this many of its durations takes its effective mass from the present position
+NEAR = 10.0
+#: change of position (rad, or part of the scene's length) within which effective masses are not calculated again
+SAME = 0.01
 
 States = Callable[[Array, Array], tuple[Array, Array, Array]]  #: times (nt,) and unknowns (nt, n) -> q, u, s of all nodes
 
 
 @dataclass(frozen=True)
 class ContactPlace:
-    """One place of contact: numbers of its law's group and instance, its name, its law with numbers, its effective mass at the
-    start (kg or kg m^2)."""
+    """A place of contact: numbers of its law's group and instance, its name, its law with numbers, and its effective mass at
+    the start (kg or kg m^2)."""
 
     place: Place
     name: str
@@ -40,7 +42,7 @@ class ContactPlace:
         return float(self.durations(speed, mass))
 
     def durations(self, speed: Any, mass: float | None = None) -> Any:
-        """Those at speeds of any shape; infinite where nothing can move, so that there is no impact."""
+        """Durations (s) of impacts at speeds of any shape; infinite where nothing can move, so that there is no impact."""
         resisting = self.mass if mass is None else mass
         return self.law.contact_duration(resisting, speed) if resisting < np.inf else np.full(np.shape(speed), np.inf)
 
@@ -64,21 +66,23 @@ class ContactGuards:
                 self.places += [ContactPlace((g, i), name, instance.law, masses[g, i]) for name in named]
         self._made_of = system.numbering, system.motion(), gathers, kernels
         self._positions = system.numbering.nq
-        self._at, self._masses = np.zeros(0), dict[int, float]()  # positions for which masses of places are known
+        # `_at`: positions (nq,) at which `_masses`, by number of the place, were calculated
+        self._at, self._masses = np.zeros(0), dict[int, float]()
         self._durations: dict[tuple[int, float], Array] = {}
-        self._last: tuple[float, Array, tuple[Array, Array, Array]] | None = None  # solvers ask twice for the same state
+        # the last state and its result, because solvers evaluate the same state twice in a row
+        self._last: tuple[float, Array, tuple[Array, Array, Array]] | None = None
 
     @cached_property
     def _gaps(self) -> Values:
-        """Gaps and their rates, compiled when they are first asked for."""
+        """Kernel of the gaps and their rates, compiled when it is first asked for."""
         return Values(*self._made_of)
 
     def native(self, numbers: Mapping[str, float]) -> Contacts:
-        """The contacts as native methods look at them."""
+        """The contacts as tables of the native methods."""
         return Contacts(self._gaps, [p.law.with_joints for p in self.places], {**numbers, "near": NEAR})
 
     def hold(self, contacts: Contacts) -> None:
-        """Give them the durations of impacts as they are known now."""
+        """Give the native contacts the durations of impacts as they are known now."""
         known = np.array([n in self._masses for n in range(len(self.places))])
         found = []
         for n, place in enumerate(self.places):
@@ -89,22 +93,22 @@ class ContactGuards:
         contacts.hold(found, known, self._at, SAME * min(1.0, self._mechanics.model.length))
 
     def memory(self) -> dict[str, Any]:
-        """The effective masses that are known, and where."""
+        """The effective masses that are known, and the positions they were calculated at."""
         return {"at": self._at.copy(), "places": list(self._masses), "masses": list(self._masses.values())}
 
     def remember(self, memory: dict[str, Any]) -> None:
-        """Know the effective masses that `memory` told."""
+        """Restore the effective masses that `memory` returned."""
         self._at, self._last = memory["at"], None
         self._masses = dict(zip(memory["places"], memory["masses"], strict=True))
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The joint of every place."""
+        """The name of the contact of every place."""
         return tuple(place.name for place in self.places)
 
     @property
     def jumps(self) -> bool:
-        """Whether the force of a contact jumps where it is made."""
+        """Whether the force of a contact jumps from zero when the bodies touch."""
         return any(place.law.jumps for place in self.places)
 
     @property
@@ -119,7 +123,7 @@ class ContactGuards:
         return self._last[2]
 
     def gaps(self, t: float, y: Array) -> Array:
-        """Gap (places,) alone, without the durations of impacts, which cost ten times as much."""
+        """Gaps (places,) alone, without the durations of impacts, which take ten times as long."""
         return self._gaps.at_states(np.array([t]), y[None])[0, ::2]
 
     def _evaluated(self, t: float, y: Array) -> tuple[Array, Array, Array]:
@@ -133,7 +137,7 @@ class ContactGuards:
         return gap, rate, duration
 
     def _with_present_masses(self, duration: Array, rate: Array, near: Sequence[int], t: float, y: Array) -> None:
-        """Durations of impacts that are near, or last, by the effective masses at the present position."""
+        """Replace the durations of impacts that are near or in progress: effective masses at the present position."""
         moved = np.abs(y[: len(self._at)] - self._at) if len(self._at) else np.array([np.inf])
         if np.max(moved) > SAME * min(1.0, self._mechanics.model.length):
             self._at, self._masses = y[: self._positions].copy(), {}

@@ -17,7 +17,7 @@ from mbdae.system.motion.workspace import Columns, Index, Loaded, Workspace, nar
 
 
 class Scatter:
-    """Terms of the residual: kernels with the rows of their values, and linear terms."""
+    """Terms of F or of its Jacobian: kernels with the places of their values, and linear terms."""
 
     def __init__(self) -> None:
         self.gathers: list[Index] = []
@@ -27,8 +27,8 @@ class Scatter:
         self._linear: list[tuple[Index, Index, Array]] = [(np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0))]
 
     def kernel(self, gather: Index, places: Index, kernel: Any, solved: tuple[Index, Any] | None = None) -> None:
-        """A kernel for all instances of a law: slots it reads, rows it adds to (instances, ...). solved: of trees, the slots that
-        `TreePlan.rates` of the same rows reads, and its kernel."""
+        """Add a kernel for all instances of a law: slots it reads, rows it adds to (instances, ...). solved, for trees alone: the
+        kernel `TreePlan.rates` of the same rows and the slots it reads."""
         if solved is not None:
             self.solved[len(self.kernels)] = solved
         self.gathers.append(gather)
@@ -36,18 +36,18 @@ class Scatter:
         self.kernels.append(kernel)
 
     def linear(self, rows: Index, columns: Index, weights: Array) -> None:
-        """Terms weight * unknown."""
+        """Add terms weight * unknown."""
         self._linear.append((rows, columns, weights))
 
     @property
     def linear_terms(self) -> tuple[Index, Index, Array]:
-        """Rows, columns and weights."""
+        """Rows, columns and weights of all linear terms."""
         rows, columns, weights = (np.concatenate(parts) for parts in zip(*self._linear, strict=True))
         return rows, columns, weights
 
     def emit_right(self, part: Operations, first: int, n: int) -> list[tuple[Index, Index, Any]]:
-        """Set n slots from `first` on to minus the terms without y' of all but the trees that have kernels for u'; their rows,
-        the slots these kernels read, and the kernels."""
+        """Set n slots from `first` on to minus the terms without y', except those of trees that have a kernel for u'. Returns of
+        these trees the rows, the slots their kernels read, and the kernels."""
         for k, (gather, places, kernel) in enumerate(zip(self.gathers, self.places, self.kernels, strict=True)):
             if k not in self.solved:
                 values, own = kernel.emit(part, gather), places < n
@@ -59,7 +59,7 @@ class Scatter:
                 for k, (gather, kernel) in self.solved.items()]  # fmt: skip
 
     def emit(self, part: Operations, first: int) -> None:
-        """Add the values of the kernels to their places behind slot `first`."""
+        """Add the values of the kernels to their places, counted from slot `first`."""
         for gather, places, kernel in zip(self.gathers, self.places, self.kernels, strict=True):
             part.add(first + places, kernel.emit(part, gather))
 
@@ -82,8 +82,8 @@ class EquationsOfScene(Workspace):
         self.jacobian_part = self._jacobian(terms_of_jacobian, pattern, place, c)
         self.rates = operations.slots(self.n)
         self.rates_part: Operations | None = None
-        self._steady: tuple[Operations, slice] | None = None  # how a mass matrix that does not vary is factorised, and where
-        self._massless = -1  # a velocity for which this matrix has no factors
+        self._steady: tuple[Operations, slice] | None = None  # operations that factorise a constant mass matrix, and its slots
+        self._massless = -1  # number of a velocity for which the constant mass matrix is singular, or -1
 
     def _residual(self) -> Operations:
         part, first, nb = self.operations.part(self.motion), self.rows, self.numbering
@@ -91,7 +91,7 @@ class EquationsOfScene(Workspace):
         self._terms.emit(part, first)
         rows, columns, weights = self._terms.linear_terms
         part.add(first + rows, columns, weights)
-        if self._stages[0]:  # project the forces on loaded nodes on the coordinates that move them
+        if self._stages[0]:  # transform the forces on loaded nodes to joint coordinates
             part.set(nb.loaded_rows, first + nb.loaded_rows - self.n + 1)
             self._stages[1].emit(part, first)
         return part
@@ -114,7 +114,7 @@ class EquationsOfScene(Workspace):
         return part
 
     def _chain(self, part: Operations, to: Index, kernels: Index, trees: Index, pattern: Pattern) -> None:
-        """Products of derivatives of the trees with those of laws that act on their bodies."""
+        """Products of the trees' derivatives with the derivatives of laws that act on their bodies (chain rule)."""
         one = part.constant(np.concatenate([[1.0], pattern.chained]))
         factors = np.concatenate([[one], trees]).astype(np.intp)
         middle = np.concatenate([kernels, one + 1 + np.arange(len(pattern.chained))]).astype(np.intp)
@@ -124,10 +124,10 @@ class EquationsOfScene(Workspace):
         part.multiply(to[kept], at, factors[pattern.right[kept]])
 
     def with_rates(self, mass: Scatter, constant: Any | None, pattern: Columns, light: bool) -> None:
-        """y' = f(t, y) too: F at y' = 0, then the mass matrix, which stands in the rows and columns of the velocities.
+        """Add y' = f(t, y): F at y' = 0, then a solution with the mass matrix (rows and columns of the velocities).
 
-        constant (nu, nu): its entries that do not vary, mass: those that do; None: it is read from the Jacobian with respect
-        to y', whose entries are those of pattern; light: nothing outside of trees has inertia."""
+        constant (nu, nu): its entries that do not vary, mass: kernels of those that vary; constant None: the mass matrix is read
+        from dF/dy', whose entries are those of pattern; light: no law outside of trees has inertia."""
         nb, operations = self.numbering, self.operations
         nu, nq, first = nb.nu, nb.nq, self.rates
         solved = np.sort(np.concatenate([np.zeros(0, np.intp), *(self._terms.places[k].ravel() for k in self._terms.solved)]))
@@ -143,7 +143,7 @@ class EquationsOfScene(Workspace):
         self.rates_part = part
 
     def _rates_of_trees(self) -> None:
-        """y' where every velocity belongs to a tree that has one kernel for its accelerations."""
+        """Set y' by the kernels of the trees, where every velocity belongs to a tree that has a kernel of its accelerations."""
         part, first, n = self.operations.part(self.motion), self.rates, self.n
         part.load(first, -self._offset[:n])
         pivots, rows = list[Index](), list[Index]()
@@ -193,7 +193,7 @@ class EquationsOfScene(Workspace):
         part.set(first + nq + np.arange(nu), right + place)
 
     def compile(self) -> None:
-        """Make the workspace; nothing is added afterwards. Parts are compiled when they are first asked for."""
+        """Make the workspace; no operations are added afterwards. Its parts are compiled when they are first asked for."""
         self.finish(self.residual_part, self.jacobian_part, self.rates_part, nnz=self.nnz, rows=self.rows, fy=self.fy,
                     fyp=self.fy + self.nnz, rates_at=self.rates)  # fmt: skip
         self._rows, self._at_rows = self.view(self.rows, self.n)
@@ -215,7 +215,7 @@ class EquationsOfScene(Workspace):
         out[:] = self._rows
 
     def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
-        """The same at points (k,), (k, n)."""
+        """out[i] = F(t[i], y[i], yp[i]) for k points: t (k,), the others (k, n)."""
         self.make("residual")
         t, y, yp = (np.ascontiguousarray(x, dtype=float) for x in (t, y, yp))
         found = out if out.flags.c_contiguous else np.empty((len(t), self.n))
@@ -231,6 +231,6 @@ class EquationsOfScene(Workspace):
         return self._fy.copy(), self._fyp.copy()
 
     def right_hand_side(self, t: float, y: Array, out: Array) -> int:
-        """out[:] = y'; the number of a velocity without inertia, or -1."""
+        """out[:] = y'. Returns the number of a velocity without inertia, or -1."""
         bad = self.solved(t, y, out)
         return int(self.order[bad]) if bad >= 0 else self._massless

@@ -1,4 +1,4 @@
-"""What a form asks of the assembly of a scene's equations."""
+"""The options of a form for the assembly of a scene's equations."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from mbdae.kernels.plan import Outputs
 
 @dataclass(frozen=True)
 class FormSpec:
-    """What a form asks of the assembly.
+    """The options of a form for the assembly.
 
-    outputs: which outputs of every law; rows: to which block of rows each kind of output belongs; blocks:
-    multiplier blocks of y; derivatives: multipliers are read from y'; index: index of each kind of unknown; mixed: beams
-    keep their stresses as unknowns (kind "z"); waves: elastic vibrations are resolved (velocities in the error test);
-    loads_only: of beams only gravity and loads along them; numbers: parameters of the form itself, by name; eliminated: the
+    outputs: selects the outputs of every law; rows: to which block of rows each kind of output belongs; blocks: blocks of
+    multipliers in y; derivatives: the multipliers are the derivatives of these unknowns; index: index of each kind of unknown;
+    mixed: stresses of beams are unknowns (kind "z"); waves: elastic vibrations are resolved (velocities are in the error test);
+    loads_only: beams enter with gravity and loads alone; numbers: parameters of the form itself, by name; eliminated: the
     multipliers are solved for at every state, y = (q, u, s)."""
 
     label: str

@@ -1,4 +1,4 @@
-"""Entries of the Jacobian: where the values of kernels and constants belong; loaded nodes by the chain rule."""
+"""Entries of the Jacobian: places of the values of kernels and of constants; the chain rule for loaded nodes."""
 
 from __future__ import annotations
 
@@ -17,29 +17,30 @@ Index = NDArray[np.intp]
 class Entries:
     """Collects entries (row, column) of F_y and F_y'.
 
-    Rows: below n of F, n dropped, above it rows of loaded nodes. Columns: below n of F_y, below 2 n of F_y', above it
-    q, u and u' of loaded nodes, -1 dropped. An entry on a loaded node is multiplied by the derivatives of the tree: its
-    row by those of the rows of F by the node's rows, its column by those of the node's motion by the unknowns."""
+    Rows: below n rows of F, n: left out, above n rows of loaded nodes. Columns: below n those of F_y, below 2 n those of F_y',
+    above that q, u and u' of loaded nodes; -1: left out. An entry of a loaded node is multiplied by derivatives of the tree: its
+    row by the derivatives of F by the node's rows, its column by the derivatives of the node's motion by the unknowns."""
 
     def __init__(self, n: int) -> None:
         self.n = n
         none = np.zeros(0, np.intp)
         self._varying: list[tuple[Index, Index]] = [(none, none)]
         self._fixed: list[tuple[Index, Index, Array]] = [(none, none, np.zeros(0))]
-        self._tree_cells: list[tuple[int, int]] = []  #: (row, column) of every value of the trees; (n, -1) if a factor
+        #: (row, column) of every value of the trees; (n, -1) for a value that is only a factor of products
+        self._tree_cells: list[tuple[int, int]] = []
         self._left: dict[int, list[tuple[int, int]]] = defaultdict(list)  #: row of a loaded node -> rows of F, factors
         self._right: dict[int, list[tuple[int, int]]] = defaultdict(list)  #: slot of a loaded node -> columns, factors
 
     def varying(self, rows: Index, columns: Index) -> None:
-        """Entries whose values a kernel gives, in the order of its outputs."""
+        """Add entries whose values a kernel returns, in the order of its outputs."""
         self._varying.append((rows.ravel(), columns.ravel()))
 
     def constant(self, rows: Index, columns: Index, values: Array) -> None:
-        """Entries with fixed values."""
+        """Add entries with constant values."""
         self._fixed.append((rows.ravel(), columns.ravel(), values.ravel()))
 
     def chain(self, piece: Piece, trees: int, slot: Callable[[int, tuple[object, ...]], int]) -> None:
-        """The values of a kernel of equal trees; slot(tree, place): slot of a row, of a state or of an input."""
+        """Add the values of a kernel of equal trees; slot(tree, place): slot of a row, of a state or of an input."""
         for tree in range(trees):
             for target, place in piece.targets:
                 factor = len(self._tree_cells)
@@ -53,7 +54,7 @@ class Entries:
                     self._tree_cells[-1] = row, column
 
     def finish(self) -> Pattern:
-        """The finished entries."""
+        """All entries as a finished pattern."""
         n = self.n
         rows, columns = (np.concatenate(parts) for parts in zip(*self._varying, strict=True))
         fixed_rows, fixed_columns, values = (np.concatenate(parts) for parts in zip(*self._fixed, strict=True))
@@ -69,7 +70,7 @@ class Entries:
         )  # fmt: skip
 
     def _products(self, rows: Index, columns: Index) -> list[tuple[int, int, int, int, int]]:
-        """(row, column, left factor, value, right factor); factor 0 is the number 1, f + 1 value f of the trees."""
+        """(row, column, left factor, value, right factor) of every product; factor 0 is 1, factor f + 1 value f of the trees."""
         found = []
         for v in np.flatnonzero(((rows > self.n) | (columns >= 2 * self.n)) & (rows != self.n) & (columns >= 0)):
             row, column = int(rows[v]), int(columns[v])
@@ -80,7 +81,7 @@ class Entries:
 
 
 class Pattern:
-    """Finished entries: rows and columns of kernel values, tree values and products, and of constants."""
+    """Finished entries: rows and columns of values of kernels, values of trees, products, and constants."""
 
     def __init__(self, n: int, rows: Index, columns: Index, factors: Index, chained: Array, fixed_rows: Index,
                  fixed_columns: Index, fixed: Array) -> None:  # fmt: skip
@@ -91,5 +92,5 @@ class Pattern:
 
 
 def _cells(n: int, rows: Index, columns: Index) -> Index:
-    """Number of the cell column * n + row, n * n where there is none."""
+    """Number column * n + row of every entry; n * n where it is left out."""
     return np.where((rows >= n) | (columns < 0), n * n, columns % max(n, 1) * n + rows)

@@ -1,4 +1,4 @@
-"""Numbers of laws that runs of the same compiled equations may vary."""
+"""Numbers of laws that can be varied between runs without compiling the equations again."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ REMEDY = "build a scene for every value, and solve them one by one"
 
 
 def numbers_of(workspace: Workspace, equations: Assembly, names: Sequence[str]) -> Numbers:
-    """Where the numbers of laws by these names stand, "elbow.mass" those of all laws of the item elbow.
+    """Slots of the numbers of laws by these names; "elbow.mass" stands for that number of all laws of the item elbow.
 
     equations: those of the right-hand side that the workspace evaluates. Raises OptionError where one is not an input of every
     kernel that depends on it: a number that is 0, 1 or -1 is part of a tree's kernels, others become constants."""
@@ -33,7 +33,7 @@ def numbers_of(workspace: Workspace, equations: Assembly, names: Sequence[str]) 
 
 
 def _slots(equations: Assembly, name: str) -> list[int]:
-    """Slots of a number of the laws of an item."""
+    """Slots of the number of an item's laws by its name, "item.number"."""
     found = [(why, slot) for known, why, slot in _numbers(equations) if known == name]
     if not found:
         offered = sorted({known for known, why, _ in _numbers(equations) if not why})
@@ -45,7 +45,7 @@ def _slots(equations: Assembly, name: str) -> list[int]:
 
 
 def _numbers(equations: Assembly) -> Iterator[tuple[str, str, int]]:
-    """Name of every number of every law, why it cannot be varied alone ("": it can), and its slot."""
+    """For every number of every law: its name, the reason why it cannot be varied alone ("" where it can), and its slot."""
     model = equations.model
     for g, i, instance in model.instances():
         law, derived = instance.law, model.groups[g].derived

@@ -1,4 +1,4 @@
-"""Values of expressions of sensors at states of any form: the statement that feeds loads, evaluated by itself."""
+"""Values of expressions of sensors at states of any form, by the same statements that feed loads."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Observer:
 
     @cached_property
     def _values(self) -> tuple[Callable[[Array, Array], Array], Any]:
-        """The kernels, compiled when they are first asked for, and the order of their values."""
+        """The function that evaluates the kernels, compiled when it is first asked for, and the order of its values."""
         model = self._extended
         chosen = [(g, list(range(len(model.groups[g].instances)))) for g in self._numbers.values()]
         counts = dict(zip(self._numbers, np.cumsum([0, *(len(active) for _, active in chosen)])[:-1], strict=True))

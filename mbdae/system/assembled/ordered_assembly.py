@@ -26,10 +26,11 @@ Inertia = dict[tuple[int, int], float]
 
 
 class OrderedEquations(Workspace):
-    """Such a scene in an array: the motion of the bodies on which other laws act, those laws, and the passes.
+    """The equations of a scene whose trees are evaluated joint by joint: motion of loaded bodies, laws on them, the three passes.
 
-    terms: of F by other laws; offset: constants of the rows of F, of a spare one and of rows of loaded nodes; inertia: what
-    other laws give the unknowns, by row and column. `part` leaves what is wanted in n slots from `result` on."""
+    terms: of F, by laws outside of the trees; offset: constants of the rows of F, of a spare one and of rows of loaded nodes;
+    inertia: entries of the mass matrix by laws outside of the trees, by row and column. `part` leaves its result in n slots from
+    `result` on."""
 
     result: int
 
@@ -55,11 +56,11 @@ class OrderedEquations(Workspace):
             tree.write_motion(part, at, lambda j, head, i, of=place: self.numbering.node_place(head, of(j), i), heads)  # type: ignore[misc]
 
     def _row(self, tree: OrderedTree, role: str, j: int, i: int) -> int:
-        """Slot of a row of a loaded node."""
+        """Slot of a row of a loaded node, `role` "wq" or "wu"."""
         return self.F + self.numbering.node_place(role, tree.tree.node(j), i) - self.n + 1
 
     def _laws(self, part: Operations, offset: Array, kept: Any) -> None:
-        """Rows of F by other laws; kept: which of the linear terms (rows, columns) count."""
+        """Rows of F by laws outside of the trees; kept: which of the linear terms (rows, columns) count."""
         part.load(self.F, offset)
         self._terms.emit(part, self.F)
         rows, columns, weights = self._terms.linear_terms
@@ -67,7 +68,7 @@ class OrderedEquations(Workspace):
         part.add(self.F + rows[some], columns[some], weights[some])
 
     def _passes(self, part: Operations, force: int, rates: int) -> None:
-        """Rates of the velocities of trees (slots `rates`) by the forces on them (slots `force`)."""
+        """Second rates of the trees' coordinates (slots `rates`) from the forces on them (slots `force`)."""
         pivots: list[tuple[int, int]] = []
         for tree, at in self._trees:
             tree.loads(part, at, lambda j, i, of=tree: self._row(of, "wu", j, i))  # type: ignore[misc]
@@ -78,13 +79,13 @@ class OrderedEquations(Workspace):
             tree.accelerations(part, lambda k: rates + k)
 
     def ready(self, **parts: Any) -> None:
-        """Make the workspace; nothing is added afterwards."""
+        """Make the workspace; no operations are added afterwards."""
         self.finish(**parts)
         self._c = core()
 
     @cached_property
     def _changes(self) -> Part:
-        """The operations of the derivative, compiled when a method asks for them."""
+        """The operations of the derivative, compiled when they are first asked for."""
         part = self.change.part
         if part.widest >= len(self._x):
             self._x = np.zeros(part.widest + 1)
@@ -94,7 +95,7 @@ class OrderedEquations(Workspace):
         return table
 
     def derivatives(self, t: float, first: int, directions: Array) -> Array:
-        """(k, n) changes of the result for changes of the slots from `first` on in directions (k, m), where `part` has run."""
+        """(k, n) changes of the result for changes (k, m) of the slots from `first` on, at the state evaluated last."""
         changes, by = ctypes.byref(self._changes), self.change.distance
         seeds, found = self.W[by + first : by + first + directions.shape[1]], self.W[by + self.result : by + self.result + self.n]
         out, yp = np.empty((len(directions), self.n)), self.view(self.n, self.n)[1]
@@ -122,7 +123,7 @@ class OrderedRates(OrderedEquations):
         solve_alone(part, self._inertia, lambda k: first + k, sorted(set(range(nb.nu)) - set(self.order.tolist())))
 
     def compile(self) -> None:
-        """Make the workspace and the table of C."""
+        """Make the workspace and the table that C reads."""
         self.ready(rates=self.part, rates_at=self.rates)
         table = Table(self.address, self.n, 0, None, None, address_of("scene_rates"), None)
         self.equations = Equations(table, self, make=self.make)
@@ -139,9 +140,9 @@ class OrderedRates(OrderedEquations):
 
 
 class OrderedResidual(OrderedEquations):
-    """F(t, y, y') beside constraints: rows of velocities of trees are u' less its value by the passes, all others as ever."""
+    """F(t, y, y') beside constraints: rows of the trees' velocities are u' less its value by the passes, others as usual."""
 
-    equations = None  #: C calls these by Python: their Jacobian is full
+    equations = None  #: C has no table of these equations and calls them by Python, because their Jacobian is full
 
     def _equations(self, part: Operations, offset: Array) -> None:
         nb, n = self.numbering, self.n
@@ -154,7 +155,7 @@ class OrderedResidual(OrderedEquations):
         force, rates = part.zeros(nb.nu), part.slots(nb.nu)
         part.add(force + np.arange(nb.nu), self.F + nb.nq + np.arange(nb.nu), -1.0)
         alone = set(own.tolist())
-        for (a, b), m in self._inertia.items():  # is part of the passes
+        for (a, b), m in self._inertia.items():  # the passes contain the inertia of all other unknowns
             if a in alone:
                 part.add([force + a], [dotted + b], m)
         self._correct(part)
@@ -180,7 +181,7 @@ class OrderedResidual(OrderedEquations):
                     part.add(self.F + q + n + np.arange(4), quaternion_rate().emit(part, gather[None])[0])
 
     def compile(self) -> None:
-        """Make the workspace and the table of C."""
+        """Make the workspace and the table that C reads."""
         self.ready(residual=self.part, rows=self.F)
         self._rows, self._at_rows = self.view(self.F, self.n)
 
@@ -199,7 +200,7 @@ class OrderedResidual(OrderedEquations):
 
 
 class OrderedAssembly(Assembly):
-    """F = y' - f(t, y), or F(t, y, y') beside constraints, with its Jacobian, which is full."""
+    """F = y' - f(t, y), or F(t, y, y') where there are constraints, with a full Jacobian."""
 
     has_pattern = False
 
@@ -267,5 +268,5 @@ class OrderedAssembly(Assembly):
 
 
 def assembly_of(moved: MovedBodies) -> type[Assembly]:
-    """The kind of assembly for the trees of a scene."""
+    """The class of assembly for the trees of a scene: joint by joint, or by kernels of whole trees."""
     return OrderedAssembly if moved.ordered else Assembly

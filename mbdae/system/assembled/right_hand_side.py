@@ -1,4 +1,4 @@
-"""The equations as some methods need them: solved for y', or by their parts M, f, g and G."""
+"""The equations solved for y', or as their parts M, f, g and G, for methods that need these."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mbdae.system.motion.all_bodies import AllBodies
 from mbdae.system.motion.mechanics import Mechanics
 
 ITERATIONS = 30
-SETTLED = 1e-10  #: change of rates and multipliers, over the largest of them, at which Newton's method stops
+SETTLED = 1e-10  #: change of rates and multipliers, relative to the largest of them, at which Newton's method stops
 
 
 class Partition(NamedTuple):
@@ -51,12 +51,12 @@ def partition_of(mechanics: Mechanics, all_bodies: AllBodies) -> Partition:
 
 
 def _reduced_partition(mechanics: Mechanics, all_bodies: AllBodies) -> Partition:
-    """The same in joint coordinates: T^T M T, T^T (f - M T' u), and the rows that are left."""
+    """The parts in joint coordinates: T^T M T, T^T (f - M T' u), and the rows of the joints that are not recursive."""
     left = [row for row in mechanics.rows if (row.group, row.instance) not in all_bodies.moved.replaced]
     full = Mechanics(mechanics.model, left)
 
     def at(t: float, q: Array, u: Array | None = None) -> tuple[Array, Array, Array, Array]:
-        """t, and q, u of all nodes with the velocity map."""
+        """t (1,), q and u of all nodes, and the velocity map T."""
         times, u = np.array([t]), np.zeros(all_bodies.nu) if u is None else u
         all_q, all_u = all_bodies.states(times, np.r_[q, u][None])
         return times, all_q, all_u, all_bodies.velocity_map(all_bodies.workspace(times, q[None], u[None]))[0]
@@ -83,7 +83,7 @@ def _reduced_partition(mechanics: Mechanics, all_bodies: AllBodies) -> Partition
 
 
 def state_rate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Rates of internal states."""
+    """Outputs of a law that are rates of its internal states."""
     return [] if isinstance(d.law, Element) else [(("s", j), e) for j, e in enumerate(d.state_rates)]
 
 
@@ -93,7 +93,7 @@ def state_rates(mechanics: Mechanics, t: float, q: Array, u: Array, s: Array) ->
 
 
 class Rates:
-    """y' and multipliers of F(t, (y, lambda), (y', 0)) = 0, where y' and lambda occur linearly or nearly so.
+    """y' and multipliers from F(t, (y, lambda), (y', 0)) = 0, linear or nearly linear in both, by Newton's method.
 
     full: equations whose first unknowns are y, the others algebraic multipliers. linear: whether y' and lambda occur linearly."""
 
@@ -116,7 +116,7 @@ class Rates:
         return self._matrix(np.where(self._rate, fyp, fy)), self._matrix(fy)[:, : self.n]
 
     def shares(self, t: float, y: Array) -> Array:
-        """(m,) squared independent part of every constraint row, over its length."""
+        """(m,) independent part of every constraint row, squared, over the squared length of the row."""
         nb, (by_rates, _) = self.full.numbering, self.matrices(t, y, np.zeros(self.n))
         return row_shares(by_rates[self.n :, nb.nq : nb.nq + nb.nu].toarray())
 
@@ -127,7 +127,17 @@ class Rates:
         return sp.csc_matrix((data, pattern.indices, pattern.indptr), shape=pattern.shape)
 
     def solve(self, t: float, y: Array, out: Array) -> None:
-        """out[:] = y'; the multipliers are kept."""
+        """out[:] = y'; where the equations are not linear, the multipliers are kept as the start of the next solution. After a
+        trial that went too far they are large, and beginning from them would lose the digits of all that follows."""
+        if self.linear:
+            self.multipliers[:] = 0.0
+        try:
+            self._settle(t, y, out)
+        except SolverError:
+            self.multipliers[:] = 0.0
+            raise
+
+    def _settle(self, t: float, y: Array, out: Array) -> None:
         out[:] = 0.0
         for _ in range(1 if self.linear else ITERATIONS):
             matrix, _ = self.matrices(t, y, out)
@@ -141,13 +151,13 @@ class Rates:
                           f"coefficient", t)  # fmt: skip
 
     def jacobian(self, t: float, y: Array, yp: Array) -> Array:
-        """dy'/dy (n, n) at y' and the multipliers of the same point, by the theorem on implicit functions."""
+        """dy'/dy (n, n) at y' and the multipliers of the same point, by the implicit function theorem."""
         by_rates, by_state = self.matrices(t, y, yp)
         return -solved(by_rates, by_state.toarray(), self.full, t)[: self.n]
 
 
 def solved(matrix: sp.csc_matrix, right: Array, full: Assembly, t: float) -> Array:
-    """matrix^-1 right; raises a SolverError that names the unknown where the matrix is singular."""
+    """Solution x of matrix x = right; raises a SolverError that names the unknown where the matrix is singular."""
     try:
         x = np.linalg.solve(matrix.toarray(), right) if full.sparsity is None else splu(matrix).solve(right)
         if np.isfinite(x).all():
@@ -158,16 +168,16 @@ def solved(matrix: sp.csc_matrix, right: Array, full: Assembly, t: float) -> Arr
 
 
 def singular(t: float, row: str) -> SolverError:
-    """The refusal where constraints depend on each other, or a motion has no inertia."""
+    """The error where constraints depend on each other, or a motion has no inertia; row: name of a dependent row, or ""."""
     where = f": {row} depends on the other constraints there" if row else ""
     return SolverError(f"accelerations and reactions are not determined at t = {t:.9g} s (singular position){where}; the GGL "
                        f"form with mb.RadauIIA(3) may pass it", t, row)  # fmt: skip
 
 
 def rhs_of(system: Assembly) -> Callable[[float, Array, Array], None]:
-    """y' = rhs of a scene without constraints, y = (q, u, s): one residual at y' = 0, then the mass matrix.
+    """The function out[:] = y' of a scene without constraints, y = (q, u, s): a residual at y' = 0, then the mass matrix.
 
-    Raises SolverError where it is not positive definite."""
+    It raises a SolverError where the mass matrix is not positive definite."""
 
     def rhs(t: float, y: Array, out: Array) -> None:
         velocity = system.evaluation.right_hand_side(t, y, out)

@@ -35,7 +35,7 @@ def switches_of_model(model: Model, moved: MovedBodies) -> Switches | None:
 
 
 def _weight(instance: Instance, stated: Expr) -> float:
-    """Magnitude of the exponent of a power at the numbers of an instance; 1 where it varies and for everything else."""
+    """|exponent| of a power, with the numbers of an instance; 1 for an exponent that varies and for all other functions."""
     exponent = stated.subs(dict(instance.numbers))
     return 1.0 if exponent.free_symbols else abs(float(exponent))
 
@@ -48,7 +48,7 @@ class _Arguments:
 
     @cached_property
     def _values(self) -> Callable[[Array, Array], Array]:
-        """Compiled when they are first asked for."""
+        """The kernels of all arguments, compiled when they are first asked for."""
         return values_at_states(self.model, self.moved, self.watched, switch_outputs)
 
     def __call__(self, t: Array, y: Array) -> Array:
@@ -57,8 +57,8 @@ class _Arguments:
 
 def values_at_states(model: Model, moved: MovedBodies, watched: list[tuple[int, list[int]]],
                      outputs: Any) -> Callable[[Array, Array], Array]:  # fmt: skip
-    """(t (k,), y (k, n) of any form) -> outputs (k, no) of laws: groups with the numbers of their instances. Where they read
-    bodies that joints move, the motion of these is found first: by kernels of whole trees, or joint by joint."""
+    """The function (t (k,), y (k, n) of any form) -> outputs (k, no) of the watched laws: numbers of groups and instances. Where
+    the laws read bodies that joints move, their motion is evaluated first: by kernels of whole trees, or joint by joint."""
     needed = {node for g, active in watched for i in active for node in model.groups[g].instances[i].nodes if node}
     carried = bool(needed & set(moved.nodes))
     bodies = OrderedBodies(model, moved) if carried and moved.ordered else None
@@ -81,7 +81,7 @@ def values_at_states(model: Model, moved: MovedBodies, watched: list[tuple[int, 
 
 
 def motion_of_all(moved: MovedBodies, nb: Numbering) -> Loaded:
-    """The motion of every node moved by joint coordinates, written where the laws read it."""
+    """Kernels of the motion of every node moved by joint coordinates, with slots where the laws read it."""
     pieces = []
     for p, trees in moved.plans():
         piece = p.motion_of_all

@@ -36,7 +36,7 @@ class Meshed(NamedTuple):
 
 
 def meshed(scene: SceneData, planar: bool = False) -> tuple[dict[Beam, Meshed], dict[tuple[str, str], Body]]:
-    """Every beam with nodes where something attaches, and the station of every (item, side) on a beam."""
+    """Meshes of all beams, with nodes where something attaches, and the station (node) of every (item, side) on a beam."""
     wanted: dict[Beam, list[tuple[str, str, float, Array]]] = {b: [] for b in scene.bodies if isinstance(b, Beam)}
     for c in scene.connections:
         for side, body in (("k", c.k), ("l", c.l)):
@@ -59,7 +59,7 @@ def meshed(scene: SceneData, planar: bool = False) -> tuple[dict[Beam, Meshed], 
 
 
 def _give_welded_nodes_equal_axes(scene: SceneData, meshes: dict[Beam, LineMesh], nodes: dict[tuple[str, str], int]) -> None:
-    """Nodes of two beams that are welded to each other get the same axes, so that they can share their rotation."""
+    """Give nodes of two beams that are welded to each other the same axes, so that they can share their rotation."""
     settled: set[tuple[Beam, int]] = set()
     for c in (c for c in scene.connections if c.is_joint and c.joint.welds):
         if not (isinstance(c.k, Beam) and isinstance(c.l, Beam)):
@@ -74,7 +74,7 @@ def _give_welded_nodes_equal_axes(scene: SceneData, meshes: dict[Beam, LineMesh]
 
 
 def _stations(beam: Beam, mesh: LineMesh, planar: bool) -> list[Station]:
-    """In the plane nodes have axes x along the beam and z, whatever the section's axes are."""
+    """The nodes of a mesh as bodies. In the plane their axes are x along the beam and z, whatever the section's axes are."""
     half, none = mesh.headings / 2, np.zeros(len(mesh.headings))
     P = np.column_stack([np.cos(half), none, none, np.sin(half)]) if planar else mesh.quaternions
     zero, R = np.zeros((3, 3)), rotation_matrices(P)
@@ -85,8 +85,8 @@ def _stations(beam: Beam, mesh: LineMesh, planar: bool) -> list[Station]:
 
 
 def drawn_quaternion(body: Body | None) -> Array:
-    """Quaternion (4,) of a body's axes as drawn (None: the ground); of a node of a beam with the sign its mesh gives it:
-    what is interpolated along an element must not change its sign."""
+    """Quaternion (4,) of a body's axes as drawn (None: the ground). A node of a beam keeps the sign given by its mesh, because
+    quaternions that are interpolated along an element must not change sign."""
     if isinstance(body, Station):
         return body.quaternion
     return quaternion(body.drawn.rotation) if body is not None else np.eye(4)[0]
@@ -104,22 +104,22 @@ class Line:
 
     @cached_property
     def mixed(self) -> LineKernel:
-        """Internal forces with the stresses as unknowns."""
+        """Kernel of the internal forces with the stresses as unknowns."""
         return strain_kernel(self.mesh, self.numbers, self.kind)
 
     @cached_property
     def displacement(self) -> LineKernel:
-        """Internal forces with the stresses eliminated by their compliance."""
+        """Kernel of the internal forces with the stresses eliminated by their compliance."""
         return strain_kernel(self.mesh, self.numbers, self.kind, mixed=False)
 
     @cached_property
     def blocks(self) -> Array:
-        """Consistent mass of every element."""
+        """Consistent mass matrix of every element."""
         return mass_blocks(self.mesh, self.numbers, self.kind)
 
     @cached_property
     def loads(self) -> list[tuple[ElementKernel, dict[str, Any]]]:
-        """Kernels of following and of timed loads, with the prescribed inputs of each."""
+        """Kernels of follower loads and loads that depend on time, with the prescribed inputs of each."""
         out: list[tuple[ElementKernel, dict[str, Any]]] = []
         for load in self._loads:
             values = {name: getattr(load.law, name) for name in load.law.params if getattr(load.law, name) is not None}
@@ -143,7 +143,7 @@ class Line:
 
     @property
     def timed(self) -> dict[str, Any]:
-        """Every prescribed value by "number of the load.name"."""
+        """Every prescribed value, by "number of the load.name"."""
         return {f"{n}.{name}": v for n, (_, timed) in enumerate(self.loads) for name, v in timed.items()}
 
     @property
@@ -153,13 +153,13 @@ class Line:
         return [f"{self.beam.name}.{name} in element {e + 1}" for e in range(len(self.mesh.elements)) for name in names]
 
     def places(self, head: str) -> NDArray[np.intp]:
-        """(elements, p + 1, size) numbers among all q or u of the model of every element's nodes."""
+        """(elements, p + 1, size) numbers of every element's q or u (head) among all q or u of the model."""
         first = np.array([n.q if head == "q" else n.u for n in self.nodes], dtype=np.intp)
         return np.asarray(first[self.mesh.elements][:, :, None] + np.arange(self.kind.sizes[0 if head == "q" else 1]))
 
     @property
     def mass(self) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-        """Rows, columns and values of the mass of all elements, in the numbering of all u."""
+        """Rows, columns and values of the mass matrix of all elements, in the numbering of all u."""
         at = self.places("u").reshape(len(self.blocks), -1)
         rows, columns = np.broadcast_arrays(at[:, :, None], at[:, None, :])
         return rows.ravel(), columns.ravel(), self.blocks.ravel()
@@ -174,21 +174,21 @@ class Line:
         return np.asarray(nodes.velocity_columns(by_position, at).transpose(2, 0, 1))
 
     def fastest_vibration(self, q: Array) -> float:
-        """Bound of the angular frequency of every mode at q (nq,), rad/s: no mode of a mesh is faster than the fastest one of its
-        elements alone; infinite where a strain is rigid."""
+        """Upper bound of the angular frequencies of all modes at q (nq,), rad/s: the largest frequency of a single free element;
+        infinite where a strain is rigid."""
         if self.beam.section.rigid:
             return float("inf")
         return float(np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(self.blocks, self.stiffness(q)))))))
 
     def energy(self, q: Array, u: Array) -> tuple[Array, Array]:
-        """Elastic energy (nt,), J, and dissipated power (nt,), W."""
+        """Elastic energy (nt,), J, and dissipated power (nt,), W, from the strains."""
         kernel = self.displacement
         x = nodal_inputs(kernel, [self], q, u, np.zeros((len(q), 0)))
         found = kernel.at_points(x, [kernel.derived.energy, kernel.derived.dissipated])
         return tuple(found.reshape(len(q), -1, 2).sum(axis=1).T)
 
     def stored(self, q: Array, u: Array, z: Array) -> Array:
-        """Elastic energy (nt,), J, of stresses z (nt, those of this beam): compliance stress^2 / 2, whatever the strains."""
+        """Elastic energy (nt,), J, from the stresses z (nt, number of them): compliance stress^2 / 2."""
         kernel = self.mixed
         terms = [se.Symbol(f"compliance_{n}") * se.Symbol(n) ** 2 / 2 for n in kernel.derived.stresses]
         x = nodal_inputs(kernel, [self], q, u, np.zeros((len(q), 0)))
@@ -196,14 +196,14 @@ class Line:
         return np.asarray(kernel.at_points(x, [WEIGHT * sum(terms)]).reshape(len(q), -1).sum(axis=1))
 
     def stress(self, q: Array, u: Array) -> Array:
-        """Stress unknowns of all elements from positions and velocities (nq,), (nu,); 0 where the section is rigid."""
+        """Stress unknowns of all elements from positions (nq,) and velocities (nu,); 0 for rigid strains."""
         kernel = self.mixed
         x = nodal_inputs(kernel, [self], q[None], u[None], np.zeros((1, 0)))
         x = np.hstack([x, np.zeros((len(x), len(kernel.names)))])
         return np.asarray(kernel.at_points(x, [e for _, e in kernel.derived.resultants]).ravel())
 
     def potential(self, q: Array) -> Array:
-        """Potential of gravity and dead loads (nt,), J."""
+        """Potential energy of gravity and dead loads (nt,), J."""
         n = self.kind.translations
         return np.asarray(-np.einsum("teai,eai->t", q[:, self.places("q")[..., :n]], self.dead[..., :n]))
 
@@ -241,7 +241,7 @@ class ElementBatch:
 
 
 def batches(lines: list[Line], mixed: bool) -> list[ElementBatch]:
-    """The kernels of all beams: equal laws in one, gyroscopic moments, loads."""
+    """The kernels of all beams: internal forces, equal laws in one kernel, gyroscopic moments, loads."""
     groups: dict[Any, list[tuple[Line, LineKernel, NDArray[np.intp]]]] = {}
     first = 0
     for line in lines:
@@ -269,7 +269,7 @@ def _none(kernel: ElementKernel) -> NDArray[np.intp]:
 
 
 def sparse_mass(lines: list[Line], nu: int) -> Any:
-    """Mass matrix (nu, nu) of all beams, CSC."""
+    """Mass matrix (nu, nu) of all beams in CSC format."""
     parts = [line.mass for line in lines]
     rows, columns, values = (np.concatenate([p[i] for p in parts]) for i in range(3))
     return sp.csc_matrix((values, (rows, columns)), shape=(nu, nu))

@@ -1,4 +1,4 @@
-"""The clock of a scene: values prescribed in time, by lookups in tables and one kernel of all expressions."""
+"""The clock of a scene: evaluates what is prescribed in time, by lookups in tables and one kernel of all expressions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mbdae.system.base import Array
 
 
 class Clock:
-    """`expressions` of the time and of the time at which conditions are read (`timed.sided`)."""
+    """Evaluates `expressions` of the time and of the time at which conditions are read (`timed.sided`)."""
 
     def __init__(self, expressions: tuple[Expr, ...]) -> None:
         self.expressions = expressions
@@ -22,12 +22,12 @@ class Clock:
         self._kernel = Kernel([timed.TIME, timed.SIDE, *self._split.symbols], self._split.expressions)
 
     def values(self, inputs: Array) -> Array:
-        """(k, expressions) at times and times of conditions (k, 2)."""
+        """Values (k, expressions) at (time, time of conditions) (k, 2)."""
         return self._kernel.values(self._split.with_lookups(inputs))
 
     def emit(self, part: Operations, at: int, first: int) -> None:
-        """Append the clock to a native program: values from slot `first` on, at the time in slot `at` and the time of conditions
-        in the next one."""
+        """Append the clock to a native program: values from slot `first` on; slot `at` has the time, the next one the time of
+        conditions."""
         read: dict[tuple[str, float, float, int], int] = {}
         slots = [at, at + 1]
         for (table, order), a, b, column in self._split.readings:
@@ -40,5 +40,5 @@ class Clock:
 
 @lru_cache(maxsize=64)
 def clock(expressions: tuple[Expr, ...]) -> Clock:
-    """One for all numberings of a scene, which are several in a run."""
+    """The clock of some expressions; one object serves all numberings of a scene."""
     return Clock(expressions)

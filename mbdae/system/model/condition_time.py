@@ -12,16 +12,16 @@ class ConditionTime:
     None: just after the time of every evaluation, but before `end`, the end of the run."""
 
     def __init__(self) -> None:
-        self.read = np.array([nan, inf])  #: both, as the native evaluation reads them; NaN for None
+        self.read = np.array([nan, inf])  #: (time, end) as the native evaluation reads them; NaN where time is None
 
     @property
     def time(self) -> float | None:
-        """The time in the present part of a run, s."""
+        """The time in the present part of a run, s, or None."""
         return None if isnan(self.read[0]) else float(self.read[0])
 
     @time.setter
     def time(self, value: float | None) -> None:
-        """Set it, s."""
+        """Set the time, s, or None."""
         self.read[0] = nan if value is None else value
 
     @property
@@ -31,5 +31,5 @@ class ConditionTime:
 
     @end.setter
     def end(self, value: float) -> None:
-        """Set it, s."""
+        """Set the end of the run, s."""
         self.read[1] = value

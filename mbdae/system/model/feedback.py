@@ -30,14 +30,14 @@ from mbdae.system.model.nodes import Node
 from mbdae.system.model.sides import sides_of
 from mbdae.values import BadValueError
 
-AT = 1e-9  #: relative to the length of a beam: how far from a node a sensor may be
+AT = 1e-9  #: largest distance of a sensor from a node, relative to the length of the beam
 HALF = se.Rational(1, 2)
 
 
 @dataclass(frozen=True)
 class Scenery:
-    """What is known of a model's nodes when its laws are gathered: nodes of bodies and of joint coordinates, meshes of beams,
-    the body an item is attached to, and the law of a joint."""
+    """The nodes of a model by which sensors are found: nodes of bodies and of joint coordinates, meshes of beams, the body an
+    item is attached to, and the law of a joint."""
 
     scene: Any
     planar: bool
@@ -50,8 +50,8 @@ class Scenery:
 
 @dataclass
 class Fed:
-    """What is fed into one law: names with their expressions, readings with kinds and nodes of their frames, numbers, those of
-    the frames, values in time, and names of the states of other laws."""
+    """The feeds of one law: names with their expressions; readings of sensors, with the kinds, nodes and numbers of their
+    frames; numbers; values in time; names of the states of other laws."""
 
     names: list[tuple[str, Expr]] = field(default_factory=list)
     readings: list[Reading] = field(default_factory=list)
@@ -64,12 +64,12 @@ class Fed:
 
     @property
     def feeds(self) -> Feeds:
-        """As a part of the structure of the law."""
+        """The feeds as a part of the law's structure."""
         return Feeds(tuple(self.readings), tuple(self.names))
 
 
 def fed_into(scenery: Scenery, values: Mapping[str, Any]) -> Fed:
-    """What is fed into a law by the expressions of sensors among its values."""
+    """The feeds of a law whose parameter values contain expressions of sensors."""
     made = _Feeding(scenery)
     for name, value in values.items():
         if paths(value):
@@ -78,15 +78,15 @@ def fed_into(scenery: Scenery, values: Mapping[str, Any]) -> Fed:
 
 
 class _Feeding:
-    """The expressions of one law, one after the other."""
+    """Replaces sensors, signals, numbers and functions of time in the expressions of one law by symbols."""
 
     def __init__(self, scenery: Scenery) -> None:
         self.scenery, self.fed = scenery, Fed()
-        self._known: dict[str, Expr] = {}  # path -> symbol
-        self._given: dict[tuple[str, Expr], Expr] = {}  # numbers and values in time with their symbols
+        self._known: dict[str, Expr] = {}  # path of a sensor -> its symbol
+        self._given: dict[tuple[str, Expr], Expr] = {}  # (kind, number or function of time) -> its symbol
 
     def shared(self, e: Any, name: str) -> Expr:
-        """An expression in symbols; name: of what it is the value."""
+        """The expression with everything but its form replaced by symbols, which begin with `name`."""
         e = se.sympify(e)
         free = e.free_symbols
         if is_condition(e) and free and free <= {TIME}:
@@ -116,7 +116,7 @@ class _Feeding:
         return self._given[kind, e]
 
     def _of(self, path: str) -> Expr:
-        """The symbol of a sensor or signal, which is entered where it is new."""
+        """The symbol of a sensor or signal by its path; it is entered into the feeds when it is new."""
         if path not in self._known:
             try:
                 sensed = found(self.scenery.scene, path)
@@ -172,7 +172,7 @@ class _Feeding:
         return nearest
 
     def _frames(self, law: Any, names: tuple[str, ...], bodies: tuple[Body, ...]) -> None:
-        """Add frames on bodies, with the numbers by which a law of these names sees them."""
+        """Add frames on bodies to the feeds, with the numbers (points and axes) of these frames."""
         nodes = tuple(self.scenery.by_body.get(b) for b in bodies)
         sides, numbers = sides_of(law, bodies, nodes, self.scenery.planar)
         for name in names:

@@ -1,4 +1,4 @@
-"""The inputs of time of a model: between which instants they are smooth, and how fast they vary there."""
+"""The inputs of time of a model: the instants at which they break, and how fast they vary in between."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model
 
-SHARE = 0.02  #: what a step may leave out of a table, part of its range, over the accuracy of the run
+SHARE = 0.02  #: part of its range by which a step may be wrong about a table, over the accuracy of the run
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Timeline:
         return len(self.stretches.edges) > len(self.edges) or len(self.stretches.kinks) > 0
 
     def summary(self) -> str:
-        """One line for `check`."""
+        """A line for `check` on the breaks, kinks and finest change of the inputs."""
         found = []
         if len(self.breaks):
             found.append(f"{len(self.breaks)} break{'s' * (len(self.breaks) > 1)}, the first at t = {self.breaks[0]:.6g} s")
@@ -59,7 +59,7 @@ class Timeline:
 
 
 def expressions_of(model: Model) -> tuple[Expr, ...]:
-    """Every expression of time in a model, once."""
+    """Every expression of time in a model, each once."""
     found = [e for g, _, instance in model.instances() for value in instance.timed.values()
              for e in used(value, by_rates(model.groups[g].derived))]  # fmt: skip
     found += [se.sympify(value) for line in model.lines for value in line.timed.values()]
@@ -78,7 +78,7 @@ def by_rates(d: Derived) -> bool:
 
 
 def timeline(model: Model, t0: float, t1: float, accuracy: float | None = None) -> Timeline | None:
-    """Of a run from t0 to t1; None where no input switches or varies by itself. accuracy: at which the run aims, None where its
+    """The timeline of a run from t0 to t1; None where no input switches or varies by itself. accuracy: of the run; None where its
     steps are constant."""
     expressions = expressions_of(model)
     if not expressions:

@@ -9,6 +9,7 @@ import symengine as se
 
 from mbdae.inputs import timed
 from mbdae.scene.components import Connection
+from mbdae.scene.scene import SceneData
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.motion import Step, real_value, symbolic_motion
 from mbdae.system.base import Array
@@ -19,31 +20,31 @@ NO_TURN = np.eye(4)[0]
 
 
 class JointMotion:
-    """The elementary motions of a joint as drawn, at a time t of its timed parameters; none where it states no motion."""
+    """The elementary motions of a joint as drawn, at a time t of its timed parameters; empty where its law states no motion."""
 
     def __init__(self, item: Connection, t: float = 0.0) -> None:
         law: Any = (item.as_kinematic or item.laws)[0] if item.loose else item.joint
-        motion = symbolic_motion(law) if isinstance(law, Joint) else None  # of forces there is none
+        motion = symbolic_motion(law) if isinstance(law, Joint) else None  # a force states no motion
         self._steps = motion.steps if motion is not None else ()
         self._t, self.at = t, np.asarray(law.at, dtype=float)
         self._axes = joint_axes(law, item.k)
 
     def _direction(self, step: Step) -> Array:
-        """Its axis as drawn (3,)."""
+        """Axis of an elementary motion as drawn (3,)."""
         return np.asarray(self._axes @ [float(c) for c in step.axis])
 
     def _amount(self, e: Any, values: dict[str, float]) -> float:
-        if e.is_Symbol and str(e) != "t":  # as most amounts
+        if e.is_Symbol and str(e) != "t":  # the most frequent case, without substitution
             return float(values.get(str(e), 0.0))
         numbers = {s: values.get(str(s), 0.0) for s in e.free_symbols if str(s) != "t"}
         found = e.subs(numbers)
         return timed.value_at(found, self._t) if found.free_symbols else real_value(found)
 
     def drawn(self, values: dict[str, float], outwards: bool) -> tuple[Array, Array]:
-        """Rigid motion (quaternion, displacement) of l's drawn place by values of the coordinates, 0 where none is given; of k's
-        place relative to l where it is not outwards."""
+        """Rigid motion (quaternion, displacement) of l relative to its drawn place at values of the coordinates, 0 where none is
+        given; with `outwards` False the inverse motion, of k relative to l."""
         P, r = NO_TURN, np.zeros(3)
-        for step in self._steps:  # free rotations start at 0
+        for step in self._steps:  # coordinates of free rotations are not among the values and count as 0
             amount = self._amount(step.amount, values)
             if not amount:
                 continue
@@ -65,19 +66,19 @@ class JointMotion:
         return bool(np.any(np.abs([p[0], p[1], r[2], v[2], w[0], w[1]]) > 1e-12))
 
     def not_as_drawn(self, length: float) -> str:
-        """What is wrong where the motion moves l although all coordinates are 0; length: of the scene, m."""
+        """Message where the motion moves l although all coordinates are 0; "" where it does not. length: of the scene, m."""
         P, r = self.drawn({}, True)
         if np.max(np.abs(P[1:])) <= 1e-9 and np.max(np.abs(r)) <= 1e-9 * length:
             return ""
         return (f"its motion moves l by {np.linalg.norm(r):.3g} m and turns it by {2 * np.linalg.norm(P[1:]):.3g} rad where its "
-                f"coordinates are 0, where l must be as drawn; state it without this, or draw l there")  # fmt: skip
+                f"coordinates are 0, but l must be as drawn there; state the motion without this, or draw l there")  # fmt: skip
 
     def planar_turn(self, values: dict[str, float]) -> float:
         """Rotation of l about z, whole turns included, rad."""
         return sum(self._amount(s.amount, values) * float(self._direction(s)[2]) for s in self._steps if s.turns)
 
     def rates(self, values: dict[str, float], rates: dict[str, float]) -> tuple[Array, Array, Array]:
-        """Where l's joint point is from k's, its velocity and the angular velocity of l relative to k, (3,) each, in axes as
+        """Vector from k's joint point to l's, its velocity, and the angular velocity of l relative to k, (3,) each, in axes as
         drawn and fixed to k."""
         P, way, v, w = NO_TURN, np.zeros(3), np.zeros(3), np.zeros(3)
         for step in self._steps:
@@ -90,3 +91,15 @@ class JointMotion:
             else:
                 way, v = way + amount * axis, v + rate * axis + np.cross(w, amount * axis)
         return way, v, w
+
+
+def out_of_plane_motions(scene: SceneData) -> dict[str, str]:
+    """Recursive joints that stay kinematic in a planar scene, and why: a coordinate leaves the plane, or is a free rotation."""
+    found = {}
+    for c in (c for c in scene.joints if c.recursive):
+        across = [name for name in c.coordinates if JointMotion(c).leaves_plane({name: 1.0}, {name: 1.0})]
+        if "rotation" in map(c.unit, c.coordinates):
+            found[c.name] = "in the plane its rotation is an angle: state a revolute joint to make it recursive"
+        elif across:
+            found[c.name] = f"in the plane its {across[0]} stays 0: as a recursive joint it would move out of the plane"
+    return found

@@ -24,18 +24,18 @@ from mbdae.symbolic.law import Element, Structure
 from mbdae.system.model.beams import Line, meshed
 from mbdae.system.model.condition_time import ConditionTime
 from mbdae.system.model.feedback import Scenery, fed_into
-from mbdae.system.model.joint_motion import JointMotion
+from mbdae.system.model.joint_motion import JointMotion, out_of_plane_motions
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import rotation_matrices
 from mbdae.system.model.sides import sides_of
 
-ALL = 6  #: freedoms of a body
-FLAT = 1e-12  #: relative to the scene's length: what counts as lying in the plane
+ALL = 6  #: degrees of freedom of a body
+FLAT = 1e-12  #: distance from the plane, relative to the scene's length, that counts as lying in it
 
 
 @dataclass
 class Instance:
-    """One law of the scene between nodes (None: ground), with its numbers."""
+    """One law of the scene between nodes (None: ground), with its numbers and its parameters that depend on time."""
 
     law: Any
     nodes: tuple[Node | None, ...]
@@ -49,17 +49,17 @@ class Instance:
 class Group:
     """Laws of one class and structure between nodes of the same kinds: one kernel for all of them."""
 
-    key: tuple[Any, Structure, tuple[Side, ...]]  #: law class, its structure, its sides
+    key: tuple[Any, Structure, tuple[Side, ...]]  #: law class, its structure, its frames
     instances: list[Instance] = field(default_factory=list)
 
     @property
     def derived(self) -> Derived:
-        """The derivation all instances share."""
+        """The derivation that all instances share."""
         return derive(*self.key)
 
     @cached_property
     def side_numbers(self) -> dict[str, int]:
-        """Numbers of the frames among the nodes of an instance, by their names."""
+        """Position of each frame's node among the nodes of an instance, by the frame's name."""
         return {f.side: n for n, f in enumerate(self.derived.frames)}
 
     @cached_property
@@ -75,7 +75,7 @@ class Group:
         return np.array(rows, dtype=float).reshape(len(rows), len(names))
 
     def side(self, name: str) -> list[Node]:
-        """The nodes of one frame of all its laws."""
+        """The nodes of one frame, of all instances."""
         n = self.side_numbers[name]
         return [i.nodes[n] for i in self.instances]  # type: ignore[misc]
 
@@ -94,8 +94,9 @@ class Model:
     stay_kinematic: dict[str, str] = field(default_factory=dict)  #: recursive joints that stay kinematic, and why
     lines: list[Line] = field(default_factory=list)  #: flexible beams
     attached: dict[tuple[str, str], Body] = field(default_factory=dict)  #: (item, side) on a beam -> the node it is attached to
-    undefined: list[str] = field(default_factory=list)  #: of the rows vanished those that need axes of a point mass
-    scenery: Any = None  #: by which sensors are found, see `Scenery`
+    #: names of the vanished rows that are undefined because a point mass has no axes
+    undefined: list[str] = field(default_factory=list)
+    scenery: Any = None  #: nodes by which sensors are found, see `Scenery`
     conditions: ConditionTime = field(default_factory=ConditionTime)
 
     @cached_property
@@ -114,20 +115,20 @@ class Model:
         return [(n, n.body) for n in self.nodes if n.body is not None]
 
     def ends(self, c: Connection) -> tuple[Body, Body]:
-        """The bodies an item connects in the model: on a beam the node it attaches to."""
+        """The bodies an item connects in the model; on a beam the node (station) it is attached to."""
         return self.attached.get((c.name, "k"), c.k), self.attached.get((c.name, "l"), c.l)
 
     def line(self, beam: Body) -> Line | None:
-        """The nodes and elements of a beam."""
+        """The nodes and elements of a beam, None where the body is no beam of the model."""
         return next((line for line in self.lines if line.beam is beam), None)
 
     @cached_property
     def joint_coordinates(self) -> list[Node]:
-        """Coordinates of joints that keep them as unknowns."""
+        """Nodes of the joint coordinates that are unknowns of their own."""
         return [n for n in self.nodes if n.body is None]
 
     def coordinate_node(self, joint: str, coordinate: str) -> Node | None:
-        """A joint's coordinate that is an unknown of its own; None where it is not."""
+        """The node of a joint's coordinate; None where it is not an unknown of its own."""
         return self._by_coordinate.get((joint, coordinate))
 
     @cached_property
@@ -155,7 +156,7 @@ class Model:
 
 
 def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
-    """The model of a scene; space="auto" tries the plane first and keeps the reason where that fails.
+    """The model of a scene; space="auto" tries the plane first and stores the reason where that is not possible.
 
     kept: recursive joints that stay kinematic, and why."""
     kept = _changing(scene) | dict(kept or {})
@@ -164,7 +165,7 @@ def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
         if reason is None:
             try:
                 flat = "every point, axis, velocity and load lies in the plane z = 0 and no law leaves it"
-                return _assemble(scene, True, kept | _rotations(scene), flat)
+                return _assemble(scene, True, kept | out_of_plane_motions(scene), flat)
             except LawError as error:
                 reason = str(error)
         if scene.space == "planar":
@@ -183,12 +184,6 @@ def _changing(scene: SceneData) -> dict[str, str]:
     return found
 
 
-def _rotations(scene: SceneData) -> dict[str, str]:
-    """Recursive joints with a free rotation, which is one angle in the plane."""
-    why = "in the plane its rotation is an angle: state a revolute joint to make it recursive"
-    return {c.name: why for c in scene.joints if c.recursive and "rotation" in map(c.unit, c.coordinates)}
-
-
 def scene_length(scene: SceneData) -> float:
     """Largest distance between any two points of the scene along an axis, m (1 m for a single point)."""
     points = [p for b in scene.bodies for p in (b.drawn.position, *b.outline)]
@@ -200,7 +195,7 @@ def scene_length(scene: SceneData) -> float:
 
 
 def out_of_plane(scene: SceneData) -> str | None:
-    """The first thing that leaves the plane z = 0, or None."""
+    """Reason why the scene is not planar: the first thing that leaves the plane z = 0; None where nothing does."""
     tolerance = FLAT * scene_length(scene)
     if abs(scene.gravity[2]) > 0:
         return f"gravity has the z component {scene.gravity[2]:g} m/s^2"
@@ -232,7 +227,7 @@ def out_of_plane(scene: SceneData) -> str | None:
 
 
 def _upright(beam: Beam) -> bool:
-    """Whether section axis 3 is z all along a beam."""
+    """Whether section axis 3 is parallel to z along the whole beam."""
     mesh = mesh_of(beam)
     sections = rotation_matrices(mesh.quaternions[mesh.elements]) @ rotation_matrices(mesh.turns)
     return bool(np.all(sections[..., 2, 2] > 0.5))
@@ -307,7 +302,7 @@ def entry_of(scenery: Scenery, law: Any, bodies: tuple[Body, ...], ends: tuple[N
 
 
 def without_rows(item: str, d: Derived) -> list[str]:
-    """What is wrong with a joint that constrains nothing, as a sentence; rows that are satisfied in the plane do no harm."""
+    """Error messages for a joint that constrains nothing; rows that are satisfied in the plane are no error."""
     if d.rows or (d.vanished and not d.undefined) or d.law.freedoms() == ALL:
         return []
     if d.undefined:
@@ -317,7 +312,7 @@ def without_rows(item: str, d: Derived) -> list[str]:
 
 
 def laws_of(c: Connection, kept: Mapping[str, str]) -> list[Any]:
-    """The laws of an item in the model."""
+    """The laws of an item in the model; kept: recursive joints that stay kinematic."""
     return c.as_kinematic or c.laws if c.name in kept else c.laws
 
 

@@ -22,12 +22,13 @@ from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.model.shared_nodes import Sharing, shared_displacements
 from mbdae.system.model.trees import Place, Tree
 
-MOST_FULL = 600  #: unknowns up to which a full Jacobian costs less than the sparse one of kinematic joints
-SURELY = 64  #: rates of a tree from which a kernel of the whole of it is not tried
+#: number of unknowns up to which the full Jacobian of these trees costs less than the sparse one of kinematic joints
+MOST_FULL = 600
+SURELY = 64  #: number of a tree's velocities above which one kernel of the whole tree is not tried
 
 
 def acting_on(instance: Instance) -> list[Node]:
-    """The moving nodes a law reads and acts on: a spring on a joint's own coordinate touches that alone."""
+    """The moving nodes a law reads and acts on; a force of a joint's own coordinate acts on that coordinate alone."""
     own = instance.law.own_coordinates and not isinstance(instance.law, Joint)
     return [n for n in (instance.nodes[len(instance.law.frames) :] if own else instance.nodes) if n is not None]
 
@@ -35,7 +36,7 @@ def acting_on(instance: Instance) -> list[Node]:
 class MovedBodies:
     """The trees of a model: the nodes they move, the laws that their kernels replace, loaded nodes, nodes that share unknowns.
 
-    ordered: the trees are evaluated joint by joint, not by a kernel of the whole tree; alone: so, and no constraint is left."""
+    ordered: the trees are evaluated joint by joint, not by a kernel of the whole tree; alone: and no constraint row is left."""
 
     def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True, ordered: bool = False) -> None:
         self.ordered = ordered
@@ -54,7 +55,7 @@ class MovedBodies:
         not_shared = moved | {n for tree in trees for n in tree.nodes[1:] if n}
         self.sharing = shared_displacements(model, not_shared, self.replaced) if share else Sharing()
         self._constants: dict[Any, int] = {}
-        self.constants: list[float] = []  #: quaternions of the joints' axes, which no law has among its numbers
+        self.constants: list[float] = []  #: quaternions of the joints' axes, which are not among the numbers of the laws
         for tree in self.trees:
             for j, own in enumerate(tree.numbers, start=1):
                 for name in (name for name in own if "_P" in name):
@@ -65,17 +66,17 @@ class MovedBodies:
             self._groups.setdefault(tree.structure, []).append(tree)
 
     def keeps(self, row: Row) -> bool:
-        """Whether a constraint row is left: not that of a recursive joint, not met by shared displacements."""
+        """Whether a constraint row stays in the equations: no recursive joint and no shared displacement satisfies it."""
         return (row.group, row.instance) not in self.replaced and (row.group, row.instance, row.row) not in self.sharing.rows
 
     def numbering(self, model: Model, rows: list[Row], blocks: tuple[str, ...], derivatives: bool = False,
                   loaded: bool = True, numbers: Mapping[str, float] | None = None) -> Numbering:  # fmt: skip
-        """The numbering of all other unknowns; without `loaded` no moved node has slots. numbers: parameters of the form."""
+        """The numbering of the remaining unknowns; without `loaded` no moved node has slots. numbers: parameters of the form."""
         return Numbering(model, rows, blocks, derivatives, self.nodes, self.loaded if loaded else (), self.replaced,
                          self.constants, self.sharing, numbers or {})  # fmt: skip
 
     def plans(self) -> list[tuple[TreePlan, list[Tree]]]:
-        """Plan and trees of equal structure, of trees that have kernels of their own."""
+        """The plans of trees that have kernels of their own, each with the trees of its structure."""
         return [] if self.ordered else [(tree_plan(structure), trees) for structure, trees in self._groups.items()]
 
     def gather(self, numbering: Numbering, piece: Piece, trees: list[Tree]) -> NDArray[np.intp]:
@@ -90,7 +91,8 @@ class MovedBodies:
         if head == "clock":
             j, drive = next((j, drive) for j, c, drive in tree.driven if c == owner)
             g, i = tree.joints[j - 1]
-            if drive in numbering.model.groups[g].instances[i].numbers:  # held at a constant value
+            # the coordinate is prescribed as a constant, its rates are 0
+            if drive in numbering.model.groups[g].instances[i].numbers:
                 return numbering.slot(g, i, drive) if name == 0 else numbering.width - 1
             return numbering.slot(g, i, drive + ("", "_dot", "_ddot")[name])
         g, i = _instance(tree, owner)
@@ -118,12 +120,12 @@ def _freedoms(tree: Tree) -> int:
 
 
 def _rows_left(model: Model, replaced: frozenset[Place]) -> int:
-    """Number of constraint rows of laws that no tree replaces."""
+    """Number of constraint rows of the laws that no tree replaces."""
     return sum(len(model.groups[g].derived.rows) for g, i, _ in model.instances() if (g, i) not in replaced)
 
 
 def too_large(moved: MovedBodies) -> dict[str, str]:
-    """Joints of trees whose equations take more operations than are worth compiling at once, and why."""
+    """Joints of trees whose equations take too many operations to be compiled at once, and why they stay kinematic."""
     found: dict[str, str] = {}
     for tree in moved.trees:
         try:
@@ -148,5 +150,5 @@ def _instance(tree: Tree, owner: str) -> Place:
 
 
 def slot_of(numbering: Numbering, tree: Tree, place: tuple[Any, ...]) -> int:
-    """Slot of an entry of a node of a tree (head, node, i); below n also the row of F."""
+    """Slot of an entry (head, node, i) of a tree's node; below n this is also its row of F."""
     return numbering.node_place(place[0], tree.node(place[1]), place[2])

@@ -12,8 +12,8 @@ from mbdae.symbolic.frames import NodeKind
 
 @dataclass(frozen=True)
 class Node:
-    """A moving node: its name and body (None for a joint's own coordinate), kind, and where it starts in q and u;
-    unit of its translations, or of the coordinate; of a coordinate the joint and its name there."""
+    """A moving node: its name and body (None for a joint's own coordinate), its kind, and its first entries in q and u.
+    unit: of its translations, or of the coordinate. A coordinate also has the name of its joint and its name there."""
 
     name: str
     body: Body | None
@@ -25,7 +25,7 @@ class Node:
     coordinate: str = ""
 
     def position(self, q: Array) -> Array:
-        """Position (3,) of the node in q (nq,), m."""
+        """Position (3,) of the node at q (nq,), m."""
         r = np.zeros(3)
         r[: self.kind.translations] = q[self.q : self.q + self.kind.translations]
         return r

@@ -66,9 +66,9 @@ def constraint_rows(model: Model) -> list[Row]:
 
 
 class Numbering:
-    """Where every number stands: y = (q, u, s, z, lambda, mu), without the blocks that a form does not have, and the workspace.
+    """Places of all numbers: y = (q, u, s, z, lambda, mu), without the blocks that a form does not have, and the workspace.
 
-    The workspace is a row of all numbers that kernels read; a slot is a column of it. Its slots are y, y', the motion of loaded
+    The workspace is an array of numbers that kernels read; a slot is a column of it. Its slots are y, y', the motion of loaded
     nodes, prescribed values, constants (numbers of the laws and the like), and a zero, which entries without unknown read.
 
     moved: nodes whose motion follows from joint coordinates: they have no unknowns. loaded: those of them on which laws
@@ -123,7 +123,7 @@ class Numbering:
         self.width = self._first_constant + len(self._constants) + 1
 
     def _collect_prescribed(self) -> list[Any]:
-        """Every prescribed value with its derivatives, each of which gets a slot."""
+        """Every prescribed value and its derivatives; each of them gets a slot."""
         values: list[Any] = []
 
         def add(key: tuple[int, int, str], value: Any) -> None:
@@ -140,12 +140,12 @@ class Numbering:
         return values
 
     def _collect_numbers(self) -> None:
-        """Give every number of the laws and of the form a slot; those of a law stand one behind the other."""
+        """Give every number of the laws and of the form a slot; the numbers of a law are consecutive."""
         self._numbers_at = [self._add(group.numbers.ravel().tolist()) for group in self.model.groups]
         self._slots |= {(-2, 0, name): self._add([number]) for name, number in self.form_numbers.items()}
 
     def _add(self, numbers: Iterable[float]) -> int:
-        """Append constants; the slot of the first."""
+        """Append constants; returns the slot of the first."""
         first = self._first_constant + len(self._constants)
         self._constants.extend(numbers)
         return first
@@ -158,17 +158,17 @@ class Numbering:
 
     @property
     def side(self) -> float | None:
-        """Time at which conditions of inputs are read while a run is between two breaks; None: where they are evaluated."""
+        """Time at which conditions of inputs are read between two breaks of a run; None: the time of the evaluation."""
         return self.model.conditions.time
 
     def _sides(self, t: Array) -> Array:
-        """Times (count,) at which conditions are read outside of a run."""
+        """Times (count,) at which conditions are read in evaluations outside of a run."""
         end = self.model.conditions.end
         times: Array = timed.after(t)
         return np.minimum(times, 2 * end - timed.after(end)) if end < np.inf else times
 
     def fill_clock(self, W: Array, t: Array) -> None:
-        """Prescribed values at times t (count,)."""
+        """Write the values prescribed at times t (count,) into the workspace W (count, width)."""
         if self._clock_values:
             side = self._sides(t) if self.side is None else np.full(len(t), self.side)
             W[:, self.first_input : self._first_constant] = self.clock.values(np.column_stack([t, side]))
@@ -176,7 +176,7 @@ class Numbering:
     def node_place(self, head: str, node: Node, component: int) -> int:
         """Slot of an entry of a node: "q", "u", their rates "qp", "up"; for loaded nodes also their rows "wq", "wu"."""
         name = node.name
-        if name not in self._loaded and not self._sharing.has(name):  # as most nodes of large scenes
+        if name not in self._loaded and not self._sharing.has(name):  # the usual case in large scenes
             q, u = self._place[name]
             return (q if head[0] == "q" else self.nq + u) + component + (self.n if head[-1] == "p" else 0)
         nq, nu = node.kind.sizes
@@ -193,11 +193,11 @@ class Numbering:
         return (q if head[0] == "q" else self.nq + u) + component - first + (self.n if head.endswith("p") else 0)
 
     def shares(self, node: Node, component: int, head: str) -> bool:
-        """Whether an entry of "q" or "u" is one that the node has from another one, or from the ground."""
+        """Whether an entry of the node's "q" or "u" is that of another node, or fixed to the ground."""
         return component < self._own(node, head)
 
     def _own(self, node: Node, head: str) -> int:
-        """Number of entries of "q" or "u" that are not unknowns of the node itself: displacements, or all."""
+        """Number of leading entries of "q" or "u" that are not unknowns of the node itself: its displacements, or all."""
         if node.name in self._sharing.turned:
             return node.kind.sizes[0 if head[0] == "q" else 1]
         return node.kind.translations if node.name in self._sharing.nodes else 0
@@ -229,11 +229,11 @@ class Numbering:
         return -1 if row is None else self.start[head] + row + (self.n if self.derivatives else 0)
 
     def place_of_state(self, item: str) -> int:
-        """Place among the unknowns of the state of an item that has one for others to read."""
+        """Number, among the unknowns, of the internal state of an item that other laws read."""
         return self.start["s"] + self._kept_state[item]
 
     def places(self, target: Target, g: int, active: Sequence[int] | None = None) -> NDArray[np.intp]:
-        """The same (instances,) of many instances of a group, by default all."""
+        """(instances,) slots of a target of many instances of a group, by default all; see `place`."""
         key, group = (g, target), self.model.groups[g]
         if active is not None and len(active) < len(group.instances):
             return np.array([self.place(target, g, i) for i in active], dtype=np.intp)
@@ -277,7 +277,7 @@ class Numbering:
 
     def _gathered(self, g: int, inputs: Inputs, chosen: tuple[int, ...]) -> NDArray[np.intp]:
         at = np.array(chosen, dtype=np.intp)
-        columns = [self.places(target, g, chosen) % self.width for target in inputs.unknowns]  # -1: the zero at the end
+        columns = [self.places(target, g, chosen) % self.width for target in inputs.unknowns]  # -1 is the last slot, the zero
         for name in inputs.parameters:
             if name in self.form_numbers:
                 columns.append(np.full(len(at), self._slots[-2, 0, name]))
@@ -295,7 +295,7 @@ class Numbering:
         return np.stack(columns, axis=1) if columns else np.empty((len(group.instances), 0))
 
     def scaling(self) -> Array:
-        """(m,) scaling of every constraint row (paper Eq. 2), 1 where its joint has none."""
+        """(m,) scaling factor of every constraint row (`symbolic.law.AUGMENTED`), 1 where its joint has none."""
         return self._scaling
 
     @cached_property
@@ -303,18 +303,18 @@ class Numbering:
         return np.array([self.model.groups[r.group].instances[r.instance].numbers.get("scaling", 1.0) for r in self.rows])
 
     def rows_among(self, rows: list[Row]) -> NDArray[np.intp]:
-        """(m,) where the rows are among others."""
+        """(m,) numbers of these constraint rows in another list of rows."""
         at = {(r.group, r.instance, r.row): n for n, r in enumerate(rows)}
         return np.array([at[r.group, r.instance, r.row] for r in self.rows], dtype=np.intp)
 
     @property
     def of_positions(self) -> NDArray[np.intp]:
-        """(nq,) where the position unknowns are among those of all nodes."""
+        """(nq,) numbers of the position unknowns among the positions q of all nodes."""
         return np.concatenate([np.arange(n.q + self._own(n, "q"), n.q + n.kind.sizes[0]) for n in self.free]).astype(np.intp)
 
     @property
     def of_velocities(self) -> NDArray[np.intp]:
-        """(nu,) where the velocity unknowns are among those of all nodes."""
+        """(nu,) numbers of the velocity unknowns among the velocities u of all nodes."""
         return np.concatenate([np.arange(n.u + self._own(n, "u"), n.u + n.kind.sizes[1]) for n in self.free]).astype(np.intp)
 
     def names(self) -> tuple[str, ...]:

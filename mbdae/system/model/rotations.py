@@ -1,4 +1,4 @@
-"""Rotations by numbers: quaternions (4,) of any length, rotation vectors, matrices."""
+"""Rotations in numbers: quaternions (4,) of any length, rotation vectors, matrices."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from mbdae.system.base import Array
 
 
 def quaternion_product(a: Array, b: Array) -> Array:
-    """a o b for arrays (..., 4)."""
-    if a.ndim == b.ndim == 1:  # as below; numbers by themselves are much faster than arrays of four
+    """Quaternion product a o b of arrays (..., 4)."""
+    if a.ndim == b.ndim == 1:  # the formula below; for single quaternions Python numbers are much faster than arrays
         (s, x, y, z), (t, u, v, w) = a.tolist(), b.tolist()
         return np.array([s * t - (x * u + y * v + z * w), s * u + t * x + (y * w - z * v), s * v + t * y + (z * u - x * w),
                          s * w + t * z + (x * v - y * u)])  # fmt: skip
@@ -51,7 +51,7 @@ def quaternion(R: Array) -> Array:
 
 
 def rotation_of(kind: NodeKind, q: Array) -> Array:
-    """Rotation matrix (3, 3) of a node's positions."""
+    """Rotation matrix (3, 3) of a node of this kind at its positions q."""
     if kind is NodeKind.SPATIAL:
         return rotation_matrices(q[3:])
     if kind is NodeKind.PLANAR:

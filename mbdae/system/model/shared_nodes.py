@@ -19,15 +19,15 @@ from mbdae.system.model.beams import drawn_quaternion
 from mbdae.system.model.model import Instance, Model
 from mbdae.system.model.nodes import Node
 
-ON = 1e-13  #: of the scene's length: a joint that lies on a node
-EQUAL = 1e-13  #: axes of two nodes, rad
+ON = 1e-13  #: distance of a joint from a node, relative to the scene's length, up to which the joint lies on the node
+EQUAL = 1e-13  #: difference of the axes of two nodes (rad) up to which they are equal
 ROWS = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
 class Sharing:
     """displacement_of: node -> the node whose displacement it takes; fixed_position: node -> its constant position;
-    rotation_of, fixed_rotation: the same for rotations (quaternion, or angle in the plane) of nodes that share both;
+    rotation_of, fixed_rotation: likewise for the rotations (quaternion, or angle in the plane) of nodes that share both;
     rows: group, instance and row number of the constraint rows that are satisfied by this."""
 
     displacement_of: dict[str, Node] = field(default_factory=dict)
@@ -52,7 +52,7 @@ class Sharing:
 
 
 def shared_displacements(model: Model, excluded: set[Node], replaced: frozenset[tuple[int, int]]) -> Sharing:
-    """The joints of a model with beams whose rows are met by sharing; excluded: nodes moved by joint coordinates."""
+    """Shared displacements of a model with beams, and the joint rows they satisfy; excluded: nodes moved by joint coordinates."""
     leads: dict[Node, Node] = {}
     pinned: dict[Node, Array] = {}
     order = {n: i for i, n in enumerate(model.nodes)}
@@ -61,7 +61,7 @@ def shared_displacements(model: Model, excluded: set[Node], replaced: frozenset[
     for g, i, instance in model.instances() if model.lines else ():
         names, ends = model.groups[g].derived.rows, [n for n in instance.nodes[:2] if n is not None]
         if model.groups[g].derived.reactive:
-            continue  # its friction needs the multipliers
+            continue  # friction needs the multipliers of these rows
         if (g, i) in replaced or not {"x", "y"} <= set(names) or excluded & set(ends) or not _on_both(model, instance):
             continue
         first, *others = sorted({leader(n, leads) for n in ends}, key=lambda n: order[n])
@@ -72,7 +72,7 @@ def shared_displacements(model: Model, excluded: set[Node], replaced: frozenset[
             if others[0] in pinned:
                 pinned[first] = pinned.pop(others[0])
         elif others or len(ends) == 1:
-            continue  # held at two points of the ground: these rows are needed
+            continue  # both ends are already fixed to the ground, so that these rows constrain the beams
         rows |= {(g, i, names.index(name)) for name in ROWS if name in names}
         if instance.law.welds:
             welded.append((g, i, ends))
@@ -84,7 +84,7 @@ def shared_displacements(model: Model, excluded: set[Node], replaced: frozenset[
 
 def _shared_rotations(model: Model, welded: list[tuple[int, int, list[Node]]],
                       ) -> tuple[dict[str, Node], dict[str, Array], set[Any]]:  # fmt: skip
-    """Nodes that take the rotation of another one, or keep that they are drawn with, and the rows of welds this meets."""
+    """Nodes that take the rotation of another node, nodes whose rotation is fixed as drawn, and the weld rows thus satisfied."""
     leads: dict[Node, Node] = {}
     fixed_rotation: dict[Node, Array] = {}
     rows: set[Any] = set()
@@ -104,13 +104,13 @@ def _shared_rotations(model: Model, welded: list[tuple[int, int, list[Node]]],
 
 
 def _drawn(node: Node) -> Array:
-    """Angle (1,) or quaternion (4,) a node is drawn with."""
+    """Angle (1,) or quaternion (4,) of a node as drawn."""
     assert node.body is not None
     return np.array([node.body.heading]) if node.kind is NodeKind.PLANAR else drawn_quaternion(node.body)
 
 
 def _alike(a: Node, b: Node) -> bool:
-    """Whether two nodes have axes, and are drawn with the same."""
+    """Whether two nodes have axes of the same kind that are equal as drawn."""
     return a.kind is b.kind and a.kind.turns and bool(np.max(np.abs(_drawn(a) - _drawn(b))) <= EQUAL)
 
 

@@ -17,7 +17,7 @@ from mbdae.system.model.nodes import Node
 
 def sides_of(law: Any, bodies: tuple[Body, ...], nodes: tuple[Node | None, ...],
            planar: bool) -> tuple[tuple[Side, ...], dict[str, float]]:  # fmt: skip
-    """Kinds and axes of the law's frames, and the numbers of those frames."""
+    """Kinds and axes of a law's frames, and the numbers of these frames."""
     if isinstance(law, Element):
         assert nodes[0] is not None
         return ((nodes[0].kind, Axes.GENERAL),), {}
@@ -43,7 +43,7 @@ def _names(side: str) -> tuple[str, ...]:
 
 
 def joint_axes(law: Any, k: Body) -> Array:
-    """Joint axes as drawn (columns, inertial): z along the axis; laws along the axes of a body take that body's."""
+    """Joint axes as drawn (columns, inertial): z along the axis; a law with `axes_of` takes the axes of that body."""
     if law.axes_of == "k":
         return k.drawn.rotation
     if law.axes_of == "l":
@@ -65,12 +65,12 @@ def _axes(axis: tuple[float, ...], axis_x: tuple[float, ...] | None) -> Array:
         x /= np.linalg.norm(x)
     y = [z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]]
     found = np.array([x, y, z]).T
-    found.flags.writeable = False  # shared by all joints with these axes
+    found.flags.writeable = False  # read-only, because all joints with these axes share the array
     return found
 
 
 def pattern(Q: Array) -> Axes:
-    """The planar structure of Q; raises LawError where there is none."""
+    """Which entries of Q the planar case fixes; raises LawError where the axis is neither in the plane nor normal to it."""
     if abs(Q[2, 2] - 1) < 1e-12:
         return Axes.NORMAL
     if abs(Q[2, 2] + 1) < 1e-12:

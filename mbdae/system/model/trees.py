@@ -21,7 +21,7 @@ from mbdae.system.model.model import Instance, Model
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import quaternion, quaternion_product
 
-ROUND_OFF = 1e-15  #: of unit vectors, and of offsets over the scene's length: what counts as 0 or 1
+ROUND_OFF = 1e-15  #: error of unit vectors, and of offsets over the scene's length, up to which they count as 0 or 1
 Place = tuple[int, int]  #: numbers of a group and of an instance
 
 
@@ -33,15 +33,15 @@ class Tree:
 
     structure: TreeStructure
     nodes: tuple[Node | None, ...]
-    coordinates: tuple[Node, ...]  #: of all joints, in their order
+    coordinates: tuple[Node, ...]  #: coordinates of all joints, in the order of the joints
     joints: tuple[Place, ...]
-    names: tuple[str, ...]  #: of the joints
+    names: tuple[str, ...]  #: names of the joints
     members: tuple[Place, ...]
-    numbers: tuple[dict[str, float], ...]  #: of the joints, with the quaternions of their axes
+    numbers: tuple[dict[str, float], ...]  #: numbers of the laws of the joints, with the quaternions of their axes
 
     @property
     def moved_nodes(self) -> tuple[Node, ...]:
-        """Nodes without unknowns: the bodies but the root, and prescribed coordinates."""
+        """Nodes without unknowns: the bodies except the root, and prescribed coordinates."""
         driven = [self.node(-c) for _, c, _ in self.driven]
         return tuple(n for n in (*self.nodes[1:], *driven) if n is not None)
 
@@ -58,13 +58,13 @@ class Tree:
         return tuple(name for name, link in zip(self.names, self.structure.links, strict=True) if not link.coordinates)
 
     def node(self, j: int) -> Node:
-        """A node by its number in the tree; -c is coordinate c."""
+        """A node by its number in the tree; -c stands for coordinate c."""
         found = self.nodes[j] if j >= 0 else self.coordinates[-j - 1]
         assert found is not None
         return found
 
     def loaded(self, nodes: set[Node]) -> Tree:
-        """The tree with the nodes on which laws outside it act."""
+        """This tree with the nodes on which laws outside of it act marked as loaded."""
         numbers = tuple(j for j, n in enumerate(self.nodes) if j and n in nodes)
         return replace(self, structure=replace(self.structure, loaded=numbers))
 
@@ -73,7 +73,7 @@ Joined = tuple[Connection, Body, Body]  #: a joint with the bodies (or nodes of 
 
 
 def refused(joints: list[Joined]) -> list[str]:
-    """Why joints cannot be recursive, one sentence each."""
+    """Error messages for joints that cannot be recursive, one sentence each."""
     leads: dict[Body, Body] = {}
     via: dict[Body, str] = {}
     found = []
@@ -116,9 +116,9 @@ def find_trees(model: Model) -> list[Tree]:
 
 
 def _rigid(model: Model, joints: list[Joined]) -> list[Joined]:
-    """Rigid joints that close no loop with the recursive ones."""
+    """Rigid joints that close no loop with the recursive joints: they become part of the trees."""
     leads: dict[Body, Body] = {}
-    points: set[Body] = set()  # a point has no orientation, so nothing is mounted on it
+    points: set[Body] = set()  # point masses, which have no orientation: a further rigid joint on one cannot be part of a tree
     for _, k, l in joints:
         leads[leader(k, leads)] = leader(l, leads)
         points |= {b for b in (k, l) if b.is_point}
@@ -133,7 +133,7 @@ def _rigid(model: Model, joints: list[Joined]) -> list[Joined]:
 
 
 def _roots(joints: list[Joined], ground: Body) -> list[Body]:
-    """Bodies in the order in which they may be roots: the ground, those that are no joint's l, the rest."""
+    """Bodies in the order in which they are tried as roots: the ground, bodies that are l of no joint, the rest."""
     bodies = list(dict.fromkeys([b for _, *ends in joints for b in ends]))
     carried = {l for _, _, l in joints}
     return sorted(bodies, key=lambda b: (b is not ground, b.is_point, b in carried))
@@ -180,7 +180,7 @@ def _tree(model: Model, root: Body, edges: list[tuple[Body, Connection, Body]], 
 
 
 def _link(model: Model, parent: int, child: Node | None, place: Place, numbers: dict[str, float], first: int) -> Link:
-    """first: number of its first coordinate in the tree."""
+    """A joint as a link of the tree; first: number of its first coordinate in the tree."""
     assert child is not None
     group, instance = model.groups[place[0]], model.groups[place[0]].instances[place[1]]
     sides = group.key[2]
@@ -195,7 +195,7 @@ def _link(model: Model, parent: int, child: Node | None, place: Place, numbers: 
 
 
 def _with_quaternions(instance: Instance, sides: Any) -> dict[str, float]:
-    """Numbers of a joint, with the quaternions of its axes on both sides where they are spatial."""
+    """Numbers of a joint, with the quaternions of its axes on both sides in space."""
     stated = instance.law.params.keys() - instance.law.derived()
     own = {name: v for name, v in instance.numbers.items() if name[:2] in ("k_", "l_") or name in stated}
     for side, (kind, _) in zip("kl", sides[:2], strict=True):
@@ -205,13 +205,14 @@ def _with_quaternions(instance: Instance, sides: Any) -> dict[str, float]:
     if "k_P0" in own and "l_P0" in own:
         k, l = (drawn_quaternion(None if n is None else n.body) for n in instance.nodes[:2])
         to_joint, of_l = (np.array([own[f"{side}_P{i}"] for i in range(4)]) for side in "kl")
-        if quaternion_product(k, to_joint) @ quaternion_product(l, of_l) < 0:  # the outer node keeps the sign of the inner one
+        # the quaternion of l has the sign that follows from k's
+        if quaternion_product(k, to_joint) @ quaternion_product(l, of_l) < 0:
             own |= {f"l_P{i}": -float(p) for i, p in enumerate(of_l)}
     return own
 
 
 def _rounded(numbers: dict[str, float], length: float) -> Numbers:
-    """Numbers that are 0, 1 or -1 but for rounding become part of the structure; all others are given at run time."""
+    """Numbers for the structure of a tree: 0, 1 or -1 up to rounding are part of it, all others (None) are given at run time."""
     out: list[tuple[str, int | None]] = []
     for name, value in numbers.items():
         small = ROUND_OFF * (length if "_p" in name else 1.0)
@@ -221,8 +222,8 @@ def _rounded(numbers: dict[str, float], length: float) -> Numbers:
 
 
 def _is_member(instance: Instance, structure: Structure, numbered: dict[Node, int]) -> bool:
-    """Elements and forces between nodes of one tree (and the ground) that act on one that its joints move. Contacts stay outside:
-    what watches their gaps between steps reads the motion of the bodies."""
+    """Whether a law is an element or a force between nodes of one tree (and the ground) that acts on a node moved by its joints.
+    Contacts are no members: the check of their gaps between steps reads the motion of the bodies."""
     moving = [n for n in instance.nodes if n is not None]
     law = instance.law
     touches = isinstance(law, Force) and law.has_gaps

@@ -1,4 +1,4 @@
-"""The motion of all bodies from the unknowns of a form, joint coordinates among them; dynamics in joint coordinates."""
+"""The motion of all bodies from the unknowns of a form, including joint coordinates; dynamics in joint coordinates."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mbdae.system.motion.reaction_friction import Solve
 
 
 class AllBodies:
-    """The motion of all nodes of a model from its unknowns (q, u, s), among them the coordinates of recursive joints."""
+    """The motion of all nodes of a model from its unknowns (q, u, s), including coordinates of recursive joints."""
 
     def __init__(self, model: Model, moved: MovedBodies) -> None:
         self.model, self.moved = model, moved
@@ -27,7 +27,7 @@ class AllBodies:
         self.nq, self.nu = self.numbering.nq, self.numbering.nu
 
     def workspace(self, t: Array, q: Array, u: Array, up: Array | None = None) -> Array:
-        """(nt, width) what the kernels of the trees read, at reduced states."""
+        """(nt, width) workspace that the kernels of the trees read, from the positions and velocities of the unknowns."""
         nb = self.numbering
         W = nb.workspace(len(t))
         W[:, : self.nq], W[:, self.nq : self.nq + self.nu] = q, u
@@ -45,7 +45,7 @@ class AllBodies:
         return q, u
 
     def accelerations(self, t: Array, q: Array, u: Array, up: Array) -> Array:
-        """u' (nt, nu) of all nodes from reduced states and accelerations."""
+        """u' (nt, nu) of all nodes from positions, velocities and accelerations of the unknowns."""
         return self._motion(self.workspace(t, q, u, up), up)[2]
 
     def reduced(self, q: Array, u: Array) -> tuple[Array, Array]:
@@ -72,7 +72,7 @@ class AllBodies:
         return q, u, a
 
     def _share(self, out: dict[str, Array]) -> None:
-        """Displacements and rotations that nodes share, and those that are fixed."""
+        """Set displacements and rotations of nodes that share those of other nodes, or are fixed."""
         sharing, nodes = self.moved.sharing, {n.name: n for n in self.model.nodes}
         for turning, fixed in enumerate((sharing.fixed_position, sharing.fixed_rotation)):
             for name, value in fixed.items():
@@ -90,7 +90,7 @@ class AllBodies:
                 out[head][:, _first(tree.node(-c), head)] = W[:, slot]
 
     def velocity_map(self, W: Array) -> Array:
-        """T (nt, nu of all nodes, nu of the unknowns): velocities of all nodes per velocity of an unknown."""
+        """T (nt, nu of all nodes, nu of the unknowns): derivatives of all nodes' velocities by those of the unknowns."""
         nb = self.numbering
         T = np.zeros((len(W), self.model.nu, self.nu))
         T[:, nb.of_velocities, np.arange(self.nu)] = 1.0
@@ -109,7 +109,7 @@ def _first(node: Node, head: str) -> int:
 
 
 def _part(node: Node, head: str, turning: int) -> slice:
-    """Translations of a node (0), or its rotation (1), among all q or u."""
+    """Places of a node's translations (turning = 0) or of its rotation (1) among all q or u."""
     first, n = _first(node, head), node.kind.translations
     return slice(first + n, first + node.kind.sizes[0 if head == "q" else 1]) if turning else slice(first, first + n)
 
@@ -122,7 +122,7 @@ class TreeMechanics(Mechanics):
         self.all_bodies = all_bodies
 
     def admissible(self, t: Array, q: Array, u: Array) -> tuple[Array, Array]:
-        """Bodies where the coordinates of their recursive joints have them: accelerations follow from these coordinates."""
+        """States with bodies where the coordinates of their recursive joints place them, on which accelerations depend."""
         return self.all_bodies.states(t, np.hstack(self.all_bodies.reduced(q, u)))
 
     def _constrained(self, t: Array, q: Array, u: Array) -> Solve:
@@ -138,11 +138,12 @@ class TreeMechanics(Mechanics):
         E = self.unique(G[:, closing], rows, 1 / units)
 
         def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
-            inner = None if slope is None else slope[:, :, closing]  # joints with friction of their own are never recursive
+            # columns of the joints that close loops; joints whose friction follows from their reaction are never recursive
+            inner = None if slope is None else slope[:, :, closing]
             reduced = mass, np.einsum("tij,tj->ti", Tt, f - bias @ M), rows, right, units
             ud, lam = solve_constrained(*reduced, None if inner is None else Tt @ inner, E)
             acceleration = np.einsum("tij,tj->ti", T, ud) + bias
-            left = f - acceleration @ M  # force that all reactions together exert
+            left = f - acceleration @ M  # sum of all reactions, as a force on the velocities
             if inner is not None:
                 left += np.einsum("tij,tj->ti", inner, lam)
             if self.redundant:
@@ -156,12 +157,12 @@ class TreeMechanics(Mechanics):
 
     @cached_property
     def closing(self) -> Any:
-        """(m,) numbers of the rows of joints that are not recursive: those that close loops."""
+        """(k,) numbers of the constraint rows of joints that are not recursive: those that close loops."""
         inside = self.all_bodies.moved.replaced
         return np.array([n for n, r in enumerate(self.rows) if (r.group, r.instance) not in inside], dtype=int)
 
     def _leaf_to_root(self, left: Array, G: Array, multipliers: Array) -> None:
-        """G^T lambda = left joint by joint from the leaves: each joint balances the force that is left on the body it moves."""
+        """Solve G^T lambda = left joint by joint, leaves first: each joint balances the force left on the body it moves."""
         numbers = {(r.group, r.instance, r.row): n for n, r in enumerate(self.rows)}
         for tree in self.all_bodies.moved.trees:
             for j in range(len(tree.joints), 0, -1):
@@ -175,6 +176,6 @@ class TreeMechanics(Mechanics):
                 multipliers[:, own] = np.linalg.solve(on_body, left[:, body, None])[..., 0]
                 left -= np.einsum("tij,ti->tj", G[:, own], multipliers[:, own])
                 for row, name in zip(rows, names, strict=True):
-                    if name in drives:  # a drive balances the force that is left on its coordinate
+                    if name in drives:  # the multiplier of a drive is the force left on its coordinate
                         u = tree.node(-drives[name]).u
                         multipliers[:, row] = left[:, u] / G[:, row, u]

@@ -9,8 +9,9 @@ import numpy as np
 from mbdae.deferred import issparse
 from mbdae.system.base import Array
 
-AT_ONCE = 1_000_000  #: entries of matrices solved at once: bounded memory
-ROUND_OFF = 1e-12  #: length of a row in joint coordinates over that in all coordinates, below which it is rounding
+AT_ONCE = 1_000_000  #: number of matrix entries solved together, which bounds the memory
+#: length of a row in joint coordinates, over its length in all coordinates, below which it is zero up to rounding
+ROUND_OFF = 1e-12
 
 
 def row_lengths(B: Any) -> Array:
@@ -30,11 +31,11 @@ def largest_entries(B: Any) -> Array:
 
 
 def unique_multipliers(B: Array, redundant: int, mass: float, whole: Array) -> Array:
-    """E (nt, m, m) of G u' - E lambda = -gamma, for rows G of which so many follow from the others.
+    """E (nt, m, m) of G u' - E lambda = -gamma, where this many (`redundant`) rows of G follow from others.
 
-    With E the equations have one solution: the accelerations are those without it, and lambda is the one of least norm, every
-    row in the unit of its work in a unit displacement. B (nt, m, nu): G over unit displacements; mass: of a unit displacement;
-    whole (nt, m): lengths of the rows over the displacements of all nodes: joint coordinates may satisfy a row by themselves."""
+    With E the equations have one solution: unchanged accelerations, and the lambda of least norm, with every row in the unit of
+    its work in a unit displacement. B (nt, m, nu): G over unit displacements; mass: of a unit displacement; whole (nt, m):
+    lengths of the rows over the displacements of all nodes, because joint coordinates may satisfy a row by themselves."""
     lengths = np.linalg.norm(B, axis=2)
     lengths = np.where(lengths > ROUND_OFF * whole, lengths, whole)[:, :, None]
     lengths[lengths == 0] = 1.0
@@ -43,8 +44,8 @@ def unique_multipliers(B: Array, redundant: int, mass: float, whole: Array) -> A
 
 
 def least_norm(B: Array, force: Array) -> Array:
-    """Multipliers lambda (nt, m) of least norm, as in `unique_multipliers`, with B^T lambda = force (nt, nu); B (nt, m, nu): G
-    over unit displacements, force: times them."""
+    """Multipliers lambda (nt, m) of least norm, as in `unique_multipliers`, with B^T lambda = force; B (nt, m, nu): G over unit
+    displacements; force (nt, nu): generalised forces times unit displacements."""
     lengths = row_lengths(B)
     found = [np.linalg.lstsq(b.T, f, rcond=1e-9)[0] for b, f in zip(B / lengths, force, strict=True)]
     return np.asarray(np.array(found).reshape(lengths.shape[:2]) / lengths[:, :, 0])
@@ -70,7 +71,7 @@ def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array, 
 
 
 def _solved(K: Array, right: Array, scale: Array) -> Array:
-    """Solutions (nt, n) of K x = right, all at once where none is singular."""
+    """Solutions (nt, n) of K x = right for many states: together where no K is singular, else one by one."""
     try:
         x = np.linalg.solve(K, right[:, :, None])
     except np.linalg.LinAlgError:
@@ -83,7 +84,7 @@ def _solved(K: Array, right: Array, scale: Array) -> Array:
 
 
 def _solve(K: Array, right: Array, scale: Array) -> Array:
-    """Solution of K x = right; least norm in scaled unknowns where K is singular."""
+    """Solution of K x = right; where K is singular, the solution of least norm in scaled unknowns."""
     try:
         x = np.asarray(np.linalg.solve(K, right), dtype=float)
         if np.all(np.isfinite(x)) and np.linalg.norm(K @ x - right) <= 1e-8 * (np.linalg.norm(right) + 1e-300):

@@ -7,13 +7,13 @@ import numpy as np
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
 
-#: P o r = (P[FACTORS] * SIGNS) r for quaternions P, r
+#: quaternion product P o r = (P[FACTORS] * SIGNS) r of quaternions P, r
 FACTORS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
 SIGNS = np.array([[1.0, -1, -1, -1], [1, 1, -1, 1], [1, 1, 1, -1], [1, -1, 1, 1]])
 
 
 class Displacements:
-    """q (nq,) moved by displacements (nu,) in the directions of the velocities; rotations of bodies in body axes."""
+    """Displaces q (nq,) by virtual displacements (nu,) in the directions of the velocities; rotations of bodies in body axes."""
 
     def __init__(self, numbering: Numbering) -> None:
         nb = numbering
@@ -26,7 +26,7 @@ class Displacements:
         self._q, self._u = np.setdiff1d(np.arange(nb.nq), self._P), np.setdiff1d(np.arange(nb.nu), self._turn)
 
     def __call__(self, q: Array, by: Array) -> Array:
-        """Moved positions, a new array."""
+        """Displaced positions, a new array."""
         out = q.copy()
         if not len(self._P):
             out += by
@@ -40,7 +40,7 @@ class Displacements:
         return out
 
     def units(self, scale: Array) -> Array:
-        """(nu,) typical size of every displacement from that of the positions (nq,)."""
+        """(nu,) typical size of every displacement, from the typical sizes of the positions (nq,)."""
         out = np.ones(len(self._u) + self._turn.size)
         out[self._u] = scale[self._q]
         return out

@@ -1,4 +1,4 @@
-"""Accelerations and multipliers of many states with sparse matrices: their entries are at the same places in all of them."""
+"""Accelerations and multipliers of many states with sparse matrices of one sparsity pattern."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from mbdae.native.pivots import largest_pivots
 from mbdae.native.sparse import Entries, Factors, Orders, SingularMatrixError
 from mbdae.system.base import Array
 
-GIVE = 1e-10  #: compliance of constraints, over that of a unit mass at a unit displacement, then corrected
-CORRECTIONS = 4  #: of it: each leaves this small a part of the error
-CLOSE = 1e-8  #: what may be left of the equations, over their right-hand sides
+#: compliance of the constraints that makes K regular, over that of a unit mass at a unit displacement
+GIVE = 1e-10
+CORRECTIONS = 4  #: corrections of the error by this compliance: each reduces it about as `GIVE` does
+CLOSE = 1e-8  #: residual of the equations that is accepted, over their right-hand sides
 
 
 class FixedPattern:
-    """K x = right with K = [[M, G^T - slope], [G, 0]] at many states.
+    """Solves K x = right with K = [[M, G^T - slope], [G, 0]] at many states.
 
-    M (nu, nu): sparse, the same at all of them. rows, columns: of the entries of G (m, nu). slope (nt, nu, m) or None. The order
-    of elimination is found once; it is sought again where pivots become small."""
+    M (nu, nu): sparse, equal in all states. rows, columns: places of the entries of G (m, nu). slope (nt, nu, m) or None. The
+    order of elimination is found once, and again where pivots become small."""
 
     def __init__(self, M: Any, m: int, rows: Any, columns: Any, slope: Array | None) -> None:
         nu, M = M.shape[0], sp.coo_matrix(M)
@@ -46,10 +47,11 @@ class FixedPattern:
         return np.asarray(np.hstack([*parts, np.zeros((len(G), self.m))]) @ self._add)
 
     def at(self, values: NDArray[np.float64], give: Array, redundant: bool) -> Callable[[Array], Array]:
-        """The solution x (n,) of a right-hand side (n,) at one state, until another state is asked for.
+        """The function right-hand side (n,) -> x (n,) at one state; valid until `at` is called for another state.
 
-        redundant: rows follow from others; then, and where K is singular, multipliers are those of least norm, every row in the
-        unit of its work in a unit displacement. give (m,): squared lengths of the rows over unit displacements, over a mass."""
+        redundant: some rows follow from others; then, and where K is singular, multipliers are those of least norm, with every
+        row in the unit of its work in a unit displacement. give (m,): squared lengths of the rows over unit displacements, over a
+        mass: the compliance of a row is `GIVE` times this."""
         begun = [not redundant and self._factored(values), False]
 
         def solve(right: Array) -> Array:
@@ -67,7 +69,7 @@ class FixedPattern:
         return np.asarray(np.bincount(self.entries.row_of, values * x[self.entries.column_of], self.n), dtype=float)
 
     def _factored(self, values: Array) -> bool:
-        """Whether K has factors."""
+        """Factorise K; returns whether it is regular."""
         self._exact.values[:] = values
         try:
             self._exact.factor()
@@ -76,7 +78,7 @@ class FixedPattern:
         return True
 
     def _solved(self, values: Array, right: Array) -> Array | None:
-        """None where K is singular."""
+        """x with K x = right by the factors; None where K is singular or the residual too large."""
         x = self._exact.solve(right)
         left = np.linalg.norm(self._product(values, x) - right)
         return x if left <= CLOSE * (np.linalg.norm(right) + 1e-300) else None
@@ -87,7 +89,7 @@ class FixedPattern:
         self._near.factor()
 
     def _nearest(self, values: Array, right: Array) -> Array:
-        """Multipliers of least norm: with compliance of the constraints, which is then corrected."""
+        """The solution with multipliers of least norm: by compliant constraints, whose error is then corrected."""
         x = np.zeros(self.n)
         for _ in range(CORRECTIONS):
             x = x + self._near.solve(right - self._product(values, x))

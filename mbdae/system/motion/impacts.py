@@ -1,4 +1,4 @@
-"""The effective masses of impacts: how much resists a one-sided law along the directions in which it may act."""
+"""Effective masses of impacts: the inertia that resists a one-sided law along the directions in which it may act."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def approach_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def approaches(mechanics: Mechanics, t: float, q: Array) -> dict[Place, Array]:
-    """Rows (directions, nu) of every one-sided law at positions q (nq,): their displacement rates are rows @ u."""
+    """Rows (directions, nu) of every one-sided law at positions q (nq,): rows @ u are the rates of its displacements."""
     found = {}
     for g, p, values in mechanics.evaluate(approach_outputs, np.array([t]), q[None], np.zeros((1, mechanics.nu))):
         for i in range(len(mechanics.model.groups[g].instances)):

@@ -20,9 +20,9 @@ from mbdae.system.motion.reaction_friction import Solve, solve_with_friction
 from mbdae.system.motion.states import States
 from mbdae.threads import one_thread
 
-AT_ONCE = 100  #: rows whose mobility is computed together
-LARGE = 400  #: velocities from which on matrices of bodies are sparse
-TOGETHER = 200  #: states whose entries of sparse matrices are stored at once
+AT_ONCE = 100  #: number of rows whose mobility is computed together, which bounds the memory
+LARGE = 400  #: number of velocities above which matrices of rigid bodies are sparse
+TOGETHER = 200  #: number of states whose entries of sparse matrices are stored together, which bounds the memory
 
 
 def _inertia(d: Derived) -> Any:
@@ -32,16 +32,16 @@ def _inertia(d: Derived) -> Any:
 class Mechanics(States):
     """Masses, forces, accelerations and multipliers of a model at states."""
 
-    carries_bodies = False  #: whether all rows are those of joints that carry bodies along
+    carries_bodies = False  #: whether every constraint row belongs to a joint of a tree
 
     @cached_property
     def sparse(self) -> bool:
-        """Whether its matrices are sparse: with beams, and where there are many bodies."""
+        """Whether its mass matrix and constraint Jacobian are sparse: with beams, and where there are many bodies."""
         return bool(self.model.lines) or self.large
 
     @property
     def large(self) -> bool:
-        """Whether its rank is that of sparse rows."""
+        """Whether there are so many bodies that the rank is found by sparse elimination."""
         return self.nu > LARGE
 
     def constraint_matrix(self, t: Array, q: Array) -> Any:
@@ -52,7 +52,7 @@ class Mechanics(States):
 
     @cached_property
     def mass(self) -> Any:
-        """(nu, nu), constant: bodies carry their node at the centre of mass, spin in the body frame; sparse with beams."""
+        """Mass matrix (nu, nu), constant: nodes of bodies are centres of mass with spins in body axes; sparse with beams."""
         if not self.sparse:
             values, rows, columns = self._entries_of_mass
             M = np.zeros((self.nu, self.nu))
@@ -61,13 +61,13 @@ class Mechanics(States):
         return self._mass_of_bodies() + sparse_mass(self.model.lines, self.nu) if self.model.lines else self._mass_of_bodies()
 
     def _mass_of_bodies(self) -> Any:
-        """(nu, nu) of all but beams, sparse."""
+        """Mass matrix (nu, nu) of everything but beams, sparse."""
         values, rows, columns = self._entries_of_mass
         return sp.csc_matrix((values, (rows, columns)), shape=(self.nu, self.nu))
 
     @cached_property
     def inertia(self) -> dict[tuple[int, int], float]:
-        """Entries of the mass matrix of all but beams, by row and column."""
+        """Entries of the mass matrix of everything but beams, by row and column."""
         found: dict[tuple[int, int], float] = {}
         for value, *place in zip(*(part.tolist() for part in self._entries_of_mass), strict=True):
             found[place[0], place[1]] = found.get((place[0], place[1]), 0.0) + value
@@ -75,7 +75,7 @@ class Mechanics(States):
 
     @cached_property
     def _entries_of_mass(self) -> tuple[Array, Any, Any]:
-        """Values, rows and columns of the mass matrix of all but beams, added where a place comes again."""
+        """Values, rows and columns of the mass matrix of everything but beams; duplicates are to be summed."""
         entries: list[tuple[Array, Any, Any]] = []
         for g, group in enumerate(self.model.groups):
             p = linearised_plan(group.derived, _inertia)
@@ -89,7 +89,7 @@ class Mechanics(States):
 
     @cached_property
     def weight(self) -> Any:
-        """The mass matrix made positive definite by a millionth of its largest entries: the metric of projections."""
+        """The mass matrix plus a millionth of its largest entries, so that it is positive definite: the metric of projections."""
         M, rotational = self.mass, self.rotational
         if not (self.sparse or isinstance(M, np.ndarray)):
             M = M.toarray()
@@ -98,10 +98,10 @@ class Mechanics(States):
         return M + (sp.diags(1e-6 * floor, format="csc") if self.sparse else np.diag(1e-6 * floor))
 
     def mobility(self, G: Any) -> Array:
-        """(m,) velocity of every row of G (m, nu), sparse or not, per impulse on it, by the metric of projections."""
+        """(m,) velocity along every row of G (m, nu), sparse or not, per impulse along it, with `weight` as mass matrix."""
         if not self.sparse:
             return np.asarray(np.einsum("ij,ji->i", G, np.linalg.solve(self.weight, G.T)))
-        if not self.model.lines:  # bodies by themselves
+        if not self.model.lines:  # blocks of single bodies
             G = sp.csr_matrix(G)
             return np.asarray((G @ self._inverse_weight).multiply(G).sum(axis=1))[:, 0]
         factors, parts = splu(self.weight), [np.zeros(0)]
@@ -113,7 +113,7 @@ class Mechanics(States):
 
     @cached_property
     def _inverse_weight(self) -> Any:
-        """Inverse of the weight of bodies, node by node."""
+        """Inverse of `weight` of rigid bodies, node by node."""
         parts = []
         for _, _, by in self._kinds:
             rows, columns = np.broadcast_arrays(by[:, :, None], by[:, None, :])
@@ -126,14 +126,14 @@ class Mechanics(States):
         """(k,) velocity along every row (k, nu) per impulse on it at positions q (nq,), with the constraints in force."""
         if self.sparse:
             return self._sparse_mobility(t, q, rows)
-        impulses = np.vstack([rows, np.zeros((1, self.nu))])  # the last one: what moves without
+        impulses = np.vstack([rows, np.zeros((1, self.nu))])  # the last one, without an impulse, is subtracted below
         with one_thread():
             solve = self._constrained(np.full(len(impulses), t), np.tile(q, (len(impulses), 1)), np.zeros(impulses.shape))
             moved = solve(impulses, None)[0]
         return np.asarray(np.einsum("ij,ij->i", rows, moved[:-1] - moved[-1]))
 
     def _sparse_mobility(self, t: float, q: Array, rows: Array) -> Array:
-        """`mobility_with_joints` by one factorisation."""
+        """`mobility_with_joints` for sparse matrices, by one factorisation."""
         at = np.array([t])
         G, places, give = self._entries_and_give(at, q[None])
         found = FixedPattern(self.mass, self.m, *places, None)
@@ -160,7 +160,7 @@ class Mechanics(States):
         return W[:, [self.numbering.slot(-1, *place) for place in slots]]
 
     def _of_beams(self, t: Array, q: Array, u: Array, z: Array | None) -> Array:
-        """Forces of beams (nt, nu) by their stresses, those by the compliance of their strains."""
+        """Forces of beams (nt, nu) from their stresses z, or from their strains where z is None."""
         f = np.zeros((len(t), self.nu))
         for line in self.model.lines:
             np.add.at(f.T, line.places("u").ravel(), line.dead.ravel()[:, None])
@@ -178,15 +178,15 @@ class Mechanics(States):
         np.add.at(f.T, at, -values.reshape(len(t), -1).T)
 
     def elastic_force(self, q: Array) -> Array:
-        """Forces (nu,) by which the beams resist their deformation at positions q (nq,)."""
+        """Internal elastic forces (nu,) of the beams at positions q (nq,)."""
         return np.asarray(self._of_elements(False, np.zeros(1), q[None], np.zeros((1, self.nu)))[0])
 
     def power_of_loads(self, t: Array, q: Array, u: Array) -> Array:
-        """Power (nt,) of following and timed loads on beams, W."""
+        """Power (nt,) of follower loads and time-dependent loads on beams, W."""
         return np.asarray(np.einsum("ti,ti->t", self._of_elements(True, t, q, u), u))
 
     def _of_elements(self, loads: bool, t: Array, q: Array, u: Array) -> Array:
-        """Forces (nt, nu) of the loads on beams, or of the elements themselves."""
+        """Forces (nt, nu) on the nodes of beams: of their loads, or else of their elements."""
         f = np.zeros((len(t), self.nu))
         for batch in self._batches[False]:
             if batch.is_load is loads:
@@ -205,11 +205,11 @@ class Mechanics(States):
             return solve_with_friction(self, (t, q, u, s), f, solve) if self.reactive and self.m else solve(f, None)
 
     def admissible(self, t: Array, q: Array, u: Array) -> tuple[Array, Array]:
-        """q (nt, nq) and u (nt, nu) as they may be given to `accelerations`, from random ones: here all."""
+        """q (nt, nq) and u (nt, nu), changed from arbitrary values to ones that `accelerations` takes; here all values are."""
         return q, u
 
     def _constrained(self, t: Array, q: Array, u: Array) -> Solve:
-        """The linear equations for u' and lambda at given states."""
+        """The function that solves the linear equations for u' and lambda at the given states."""
         if self.sparse:
             return self._sparse(t, q, u)
         if not self.m:
@@ -219,8 +219,8 @@ class Mechanics(States):
         return lambda f, slope: solve_constrained(self.mass, f, G, gamma, 1 / self.velocity_units, slope, E)
 
     def unique(self, G: Array, rows: Array | None = None, units: Any = 1.0) -> Array | None:
-        """E (nt, m, m), see `unique_multipliers`, where rows of G (nt, m, nu) follow from others; None where all are needed.
-        rows (nt, m, n): what is left of these rows over joint coordinates, whose units are (n,)."""
+        """E (nt, m, m), see `unique_multipliers`, where rows of G (nt, m, nu) follow from others; None where none do. rows
+        (nt, m, n): these rows over joint coordinates, where those are the unknowns, whose unit displacements are units (n,)."""
         if not self.redundant:
             return None
         mass = float(np.max(self.mass.diagonal() * self.velocity_units**2))
@@ -228,7 +228,7 @@ class Mechanics(States):
         return unique_multipliers(B if rows is None else rows * units, self.redundant, mass, np.linalg.norm(B, axis=2))
 
     def _sparse(self, t: Array, q: Array, u: Array) -> Solve:
-        """The same in one pattern for all states."""
+        """`_constrained` with sparse matrices of one pattern for all states."""
         gamma = self.acceleration_bias(t, q, u)
         G, places, give = self._entries_and_give(t, q)
 
@@ -245,7 +245,7 @@ class Mechanics(States):
         return solve
 
     def _entries_and_give(self, t: Array, q: Array) -> tuple[Array, tuple[Any, Any], Array]:
-        """Entries (nt, k) of G, their rows and columns, and the give (nt, m) of the rows: see `FixedPattern`."""
+        """Entries (nt, k) of G, their rows and columns, and the numbers `give` (nt, m) of the rows: see `FixedPattern.at`."""
         G, rows, columns = self.entries_of_G(t, q)
         mass = float(np.max(self.mass.diagonal() * self.velocity_units**2))
         give = np.zeros((len(t), self.m))

@@ -25,26 +25,27 @@ from mbdae.system.motion.reaction_friction import Solve
 from mbdae.system.motion.states import blocks
 from mbdae.system.motion.workspace import Workspace
 
-NOTHING = 1e-13  #: pivot of the mass matrix over the inertia of the body with all it carries, below which a motion has none
+#: pivot of the mass matrix, over the inertia of the body with all that it carries, below which a motion has no inertia
+NOTHING = 1e-13
 
 
 class _AtStates(Workspace):
-    """Operations on the numbers of one state after the other, values prescribed in time among them."""
+    """Operations that are run for one state after the other; a state includes the values prescribed in time."""
 
     def __init__(self, numbering: Numbering) -> None:
         super().__init__(numbering)
-        self.clock = self.operations.part()  # the states bring their own values of time
+        self.clock = self.operations.part()  # empty, because the states include the values prescribed in time
         self.part = self.operations.part()
 
     def ready(self, result: int, count: int) -> None:
-        """Compile; the numbers of `count` slots from `result` on are the values."""
+        """Compile the operations; results are the `count` numbers from slot `result` on."""
         self.finish(self.part)
         self.make("residual")
         self._found, _ = self.view(result, count)
         self._at_yp = self.view(self.n, self.n)[1]
 
     def values(self, W: Array, more: tuple[int, Array] | None = None) -> Array:
-        """(states, count) at rows of numbers W (states, width); more: a slot and rows that stand from there on."""
+        """Results (states, count) at rows of numbers W (states, width); more: a slot and the rows of numbers from there on."""
         out = np.empty((len(W), len(self._found)))
         for i, row in enumerate(W):
             self.W[: row.size] = row
@@ -56,7 +57,7 @@ class _AtStates(Workspace):
 
 
 class OrderedMotion(_AtStates):
-    """q, u and u' of all nodes that joints move, one behind the other, at rows of numbers of a numbering."""
+    """q, u and u' of all nodes that joints move, in consecutive slots, from rows of numbers of a numbering."""
 
     def __init__(self, model: Model, moved: MovedBodies, numbering: Numbering) -> None:
         super().__init__(numbering)
@@ -112,7 +113,7 @@ class OrderedBodies(AllBodies):
         return self._by_order.of_all(W)
 
     def velocity_map(self, W: Array) -> Array:
-        """T (nt, nu of all nodes, nu of the unknowns), column by column: velocities are linear in those of the unknowns."""
+        """T (nt, nu of all nodes, nu of the unknowns), column by column: all velocities are linear in those of the unknowns."""
         first, columns = self.nq, np.zeros((len(W), self.model.nu, self.nu))
         still = W.copy()
         still[:, first : first + self.nu] = 0.0
@@ -125,12 +126,12 @@ class OrderedBodies(AllBodies):
 
 
 def bodies_of(model: Model, moved: MovedBodies) -> AllBodies:
-    """The motion of all bodies of a model, in the way its trees are evaluated."""
+    """The motion of all bodies of a model: by kernels of whole trees, or joint by joint."""
     return (OrderedBodies if moved.ordered else AllBodies)(model, moved)
 
 
 class _Accelerations(_AtStates):
-    """u' of all nodes from forces on them, which stand in slots behind the numbers of a state."""
+    """u' of all nodes from forces on them, which are given in the slots after the numbers of a state."""
 
     def __init__(self, model: Model, moved: MovedBodies, numbering: Numbering, mass: dict[tuple[int, int], float]) -> None:
         super().__init__(numbering)
@@ -155,7 +156,8 @@ class _Accelerations(_AtStates):
         ordered.outwards(part)
         nodes = [j for j in ordered.bodies if j]
         forces = [ordered.at(j, place) for j in nodes for place in ordered.bodies[j].kernels.outward.column if place[0] == "p"]
-        part.set(forces, np.full(len(forces), part.zeros(1)))  # forces of bodies at rest are among those given
+        # the given forces include gyroscopic forces, so that those of the bodies themselves are set to zero
+        part.set(forces, np.full(len(forces), part.zeros(1)))
         ordered.loads(part, nodes, lambda j, i: left + tree.node(j).u + i)
         pivots = ordered.inwards(part, lambda k: rates + k)
         ordered.accelerations(part, lambda k: rates + k)
@@ -166,7 +168,7 @@ class _Accelerations(_AtStates):
 
 
 def solve_alone(part: Operations, mass: dict[tuple[int, int], float], rate: Callable[[int], int], rest: Sequence[int]) -> None:
-    """Accelerations of unknowns (rest) that no tree has, by their constant inertia; forces on them stand at their rates."""
+    """Accelerations of the unknowns `rest`, which no tree has, by their constant inertia, in the slots that held the forces."""
     if not rest:
         return
     place, n = {k: i for i, k in enumerate(rest)}, len(rest)
@@ -185,7 +187,7 @@ def solve_alone(part: Operations, mass: dict[tuple[int, int], float], rate: Call
 
 
 def _bare(model: Model, tree: Tree) -> Tree:
-    """A tree with the bodies' inertia alone among its laws."""
+    """A tree without laws but the inertia of its bodies."""
     kept = [k for k, (g, i) in enumerate(tree.members) if isinstance(model.groups[g].instances[i].law, Element)]
     structure = replace(tree.structure, members=tuple(tree.structure.members[k] for k in kept), loaded=())
     return replace(tree, structure=structure, members=tuple(tree.members[k] for k in kept))
@@ -198,7 +200,7 @@ class OrderedMechanics(TreeMechanics):
 
     @cached_property
     def mass(self) -> Any:
-        """(nu, nu), sparse."""
+        """Mass matrix (nu, nu), sparse."""
         return self._mass_of_bodies()
 
     def _constrained(self, t: Array, q: Array, u: Array) -> Solve:
@@ -223,7 +225,7 @@ class OrderedMechanics(TreeMechanics):
         return _Accelerations(self.model, e.moved, e.numbering, mass)
 
     def without_inertia(self, t: Array, q: Array) -> list[int]:
-        """Numbers of the unknowns' velocities that have no inertia at positions q (nq,)."""
+        """Numbers of the velocities, among the unknowns, that have no inertia at positions q (nq,)."""
         e, solver = self.all_bodies, self._by_order
         W = e.workspace(t, *e.reduced(q[None], np.zeros((1, self.nu))))
         solver.values(W, (solver.force, np.zeros((1, self.nu))))
@@ -232,7 +234,7 @@ class OrderedMechanics(TreeMechanics):
         return [solver.pivots[i][1] for i in lost]
 
     def _joint_by_joint(self, t: Array, q: Array, left: Array, multipliers: Array) -> None:
-        """G^T lambda = left from the leaves inwards, as `TreeMechanics._leaf_to_root`, with the entries of G of one joint at a
+        """Solve G^T lambda = left, leaves first, as `TreeMechanics._leaf_to_root`; needs the entries of G of one joint at a
         time."""
         entries = {g: (p.targets, values) for g, p, values in self.evaluate(jacobian_G, t, q, np.zeros((len(t), self.nu)))}
         numbers = {(r.group, r.instance, r.row): n for n, r in enumerate(self.rows)}
@@ -251,7 +253,7 @@ class OrderedMechanics(TreeMechanics):
 
     def _one(self, tree: Tree, j: int, rows: dict[int, int], G: dict[tuple[int, int], Array], drives: dict[int, int],
              left: Array, multipliers: Array) -> None:  # fmt: skip
-        """rows: their numbers; G: entries by row and column; drives: prescribed coordinates by row."""
+        """Multipliers of one joint. rows: their numbers; G: entries by row and column; drives: prescribed coordinates by row."""
         node, own = tree.node(j), [r for r in rows if r not in drives]
         at, zero = range(node.u, node.u + node.kind.sizes[1]), np.zeros(len(left))
         on_body = np.array([[G.get((r, k), zero) for r in own] for k in at]).transpose(2, 0, 1)
@@ -261,7 +263,7 @@ class OrderedMechanics(TreeMechanics):
         for (r, k), value in G.items():
             if r in force:
                 left[:, k] -= value * force[r]
-        for r, c in drives.items():  # a drive balances the force that is left on its coordinate
+        for r, c in drives.items():  # the multiplier of a drive is the force left on its coordinate
             u = tree.node(-c).u
             multipliers[:, rows[r]] = left[:, u] / G[r, u]
 

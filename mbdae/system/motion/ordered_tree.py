@@ -1,7 +1,7 @@
-"""A tree of joints in the order of its bodies: tables by which kernels of single joints run from the root outwards and back.
+"""A tree of joints in the order of its bodies: tables by which kernels of single joints run outwards from the root and back.
 
-Bodies of one kind that follow each other are one operation, whose instances read what those before them have left. The tables
-are all that grows with the tree.
+Consecutive bodies of one kind are one operation, whose instances read results of the instances before them. Only the tables grow
+with the tree.
 """
 
 from __future__ import annotations
@@ -24,11 +24,12 @@ from mbdae.system.model.trees import Tree
 
 Index = NDArray[np.intp]
 Place = tuple[Any, ...]
-MOST_KINDS = 12  #: kinds of joints with numbers 0, 1 or -1 of their own, above which such numbers are given at run time
+#: number of kinds of joints that differ in numbers 0, 1 or -1, above which such numbers are given at run time
+MOST_KINDS = 12
 
 
 class Own(NamedTuple):
-    """A body of a tree: its kernels, the body that carries it (-1: none), and the numbers of the laws on it alone."""
+    """A body of a tree: its kernels, the body that carries it (-1: none), and the numbers of the laws that act on it alone."""
 
     kernels: BodyKernels
     parent: int
@@ -36,7 +37,7 @@ class Own(NamedTuple):
 
 
 def ordered_size(moved: MovedBodies, numbering: Numbering, tree: Tree) -> tuple[int, int]:
-    """Number of kernels that serve the joints of a tree, and of the operations that all joints together take."""
+    """Number of different kernels for the joints of a tree, and number of operations of all its joints together."""
     every = [own.kernels for own in OrderedTree(moved, numbering, tree).bodies.values()]
     kernels = {id(kernel): kernel for own in every for kernel in (own.outward, *own.passes[:2])}
     sizes = {key: kernel.operations for key, kernel in kernels.items()}
@@ -44,8 +45,8 @@ def ordered_size(moved: MovedBodies, numbering: Numbering, tree: Tree) -> tuple[
 
 
 class OrderedTree:
-    """A tree in an array of a native program. quaternion: whether the rotations of its bodies are wanted as quaternions;
-    inertia: (row, column) among velocities -> what other laws give the unknowns of the tree."""
+    """A tree in the array of a native program. quaternion: whether the rotations of its bodies are evaluated as quaternions;
+    inertia: (row, column) among velocities -> entries of the mass matrix by laws outside of the tree."""
 
     def __init__(self, moved: MovedBodies, numbering: Numbering, tree: Tree, quaternion: bool = False,
                  inertia: dict[tuple[int, int], float] | None = None) -> None:  # fmt: skip
@@ -91,9 +92,9 @@ class OrderedTree:
         return [nb.node_place("u", node, i) - nb.nq for node in nodes for i in range(node.kind.sizes[1])]
 
     def _ordered(self) -> list[list[int]]:
-        """Bodies of one kind behind each other, those that carry before those that are carried."""
+        """Runs of bodies of one kind, bodies that carry others first."""
         depth: dict[int, int] = {}
-        for j, own in self.bodies.items():  # links come in such an order
+        for j, own in self.bodies.items():  # a link comes after the one that carries it
             depth[j] = depth[own.parent] + 1 if own.parent >= 0 else 0
         number = {k: i for i, k in enumerate(dict.fromkeys(id(own.kernels) for own in self.bodies.values()))}
         runs: list[list[int]] = []
@@ -109,21 +110,21 @@ class OrderedTree:
         return self._base[j] + self.bodies[j].kernels.outward.column[place]
 
     def unknown(self, j: int, place: Place) -> int:
-        """Number among the velocities of a freedom ("up", node, i) of a body as its kernels see it."""
+        """Number, among the velocities, of a freedom ("up", node, i) in the numbering of the body's kernels."""
         _, node, i = place
         node = node - self.tree.structure.links[j - 1].first + 1 if j else 0
         return slot_of(self.numbering, self.tree, ("u", node, i)) - self.numbering.nq
 
     @property
     def unknowns(self) -> Index:
-        """Numbers of its velocities, body by body."""
+        """Numbers of the tree's velocities, body by body."""
         return np.array([self.unknown(j, place) for run in self._runs for j in run
                          for place in self.bodies[j].kernels.freedoms], dtype=np.intp)  # fmt: skip
 
     # -- from the root outwards
 
     def outwards(self, part: Operations) -> None:
-        """Motion of the bodies, inertia and forces of their laws."""
+        """Append the motion of the bodies, and the inertia and forces of the laws on them."""
         for run in self._runs:
             kernel = self.bodies[run[0]].kernels.outward
             first = part.slots(len(run) * kernel.width)
@@ -147,7 +148,7 @@ class OrderedTree:
         return self.bodies[j].kernels.kind
 
     def _laws(self, part: Operations, kernel: ProgramKernel, places: list[tuple[int, tuple[int, ...]]]) -> None:
-        """Laws between bodies: their forces are added to those of every body."""
+        """Append laws between bodies: their forces are added to those of the bodies."""
         gather = [[self._read_between(m, nodes, place) for place in kernel.inputs] for m, nodes in places]
         values = kernel.emit(part, np.array(gather, dtype=np.intp).reshape(len(places), len(kernel.inputs)))
         to = [[self.at(nodes[j], ("p", i)) for _, j, i in kernel.targets] for _, nodes in places]
@@ -177,7 +178,7 @@ class OrderedTree:
 
     def write_motion(self, part: Operations, nodes: Sequence[int], to: Callable[[int, str, int], int],
                      heads: tuple[str, ...] = ("q", "u")) -> None:  # fmt: skip
-        """Those of q, u and u' ("up") of some bodies that are asked for, to the slots to(body, head, i)."""
+        """Write q, u and u' ("up") of some bodies, those in `heads`, to the slots to(body, head, i)."""
         for kind in dict.fromkeys(map(self._kind, nodes)):
             alike, kernel = [j for j in nodes if self._kind(j) is kind], links.node_motion(kind, heads)
             values = kernel.emit(part, self._table(alike, kernel, self._moved_at))
@@ -192,8 +193,8 @@ class OrderedTree:
 
     def loads(self, part: Operations, nodes: Sequence[int], row: Callable[[int, int], int], role: str = "wu",
               to: Callable[[int, int], int] | None = None) -> None:  # fmt: skip
-        """Adds forces of laws outside of the tree, whose rows (of a role) stand at the slots row(body, i), to slots to(body, i),
-        by default the forces of the bodies."""
+        """Add the forces of laws outside of the tree, given in the slots row(body, i) of the rows `role`, to the slots
+        to(body, i), by default to the forces of the bodies."""
         for kind in dict.fromkeys(map(self._kind, nodes)):
             alike, kernel = [j for j in nodes if self._kind(j) is kind], links.node_load(kind, role)
 
@@ -205,8 +206,8 @@ class OrderedTree:
 
     def corrections(self, part: Operations, nodes: Sequence[int], row: Callable[[int, int], int],
                     F: Callable[[int, Place], int]) -> None:  # fmt: skip
-        """Corrections of the rates of positions: rows of loaded bodies, row(body, i), along the freedoms ("up", node, i) of all
-        that carry them, added at slots F(body, freedom)."""
+        """Add corrections of the rates of positions: rows row(body, i) of loaded bodies are projected on the freedoms
+        ("up", node, i) of all bodies that carry them, and added at the slots F(body, freedom)."""
         first: dict[int, int] = {j: part.zeros(own.kernels.shape.body) for j, own in self.bodies.items()}
         self.loads(part, nodes, row, "wq", lambda j, i: first[j] + i)
         for run in reversed(self._runs):
@@ -225,8 +226,8 @@ class OrderedTree:
     # -- inwards, and the accelerations outwards again
 
     def inwards(self, part: Operations, force: Callable[[int], int]) -> list[tuple[int, int]]:
-        """Inertia and forces of all that every body carries; force: slot of the force on a velocity. Slots of the pivots of the
-        mass matrix with the velocities they belong to."""
+        """Append the sums of inertia and forces of every body and all that it carries; force: slot of the force on a velocity.
+        Returns the slots of the pivots of the mass matrix, with the velocities they belong to."""
         pivots: list[tuple[int, int]] = []
         for run in reversed(self._runs):
             own, back = self.bodies[run[0]].kernels, run[::-1]
@@ -257,7 +258,7 @@ class OrderedTree:
         return read
 
     def accelerations(self, part: Operations, rate: Callable[[int], int], given: bool = False) -> None:
-        """Accelerations of the bodies; rate: slot of the rate of a velocity, which is read where it is given, else written."""
+        """Append the accelerations of the bodies; rate: slot of the rate of a velocity, read where `given`, else written."""
         to: list[int] = []
         found: list[int] = []
         for run in self._runs:

@@ -17,11 +17,11 @@ from mbdae.system.base import Array
 from mbdae.system.motion.states import States
 
 ITERATIONS = 30
-SETTLED = 1e-10  #: change of the multipliers, over the largest of them and of the loads, at which Newton's method stops
-SMALLEST = 1e-6  #: N or N m, of what counts as a load
-STEPS = 8  #: equal steps in which friction is increased from 0 where Newton's method fails at once
+SETTLED = 1e-10  #: change of the multipliers at which Newton's method stops, relative to the largest multiplier or load
+SMALLEST = 1e-6  #: smallest load (N or N m) to which this change is relative
+STEPS = 8  #: equal steps by which friction is increased from 0 to its value where Newton's method fails without them
 
-State = tuple[Array, Array, Array, Array | None]  #: t, q, u, s of many states
+State = tuple[Array, Array, Array, Array | None]  #: times, q, u, s of many states
 #: (f, dR/dlambda (nt, nu, m) or None) -> u', lambda of M u' + (G^T - dR/dlambda) lambda = f, G u' = -gamma
 Solve = Callable[[Array, Array | None], tuple[Array, Array]]
 
@@ -44,7 +44,7 @@ def friction_of(mechanics: States, state: State, multipliers: Array) -> tuple[Ar
 
 
 def solve_with_friction(mechanics: States, state: State, f: Array, solve: Solve) -> tuple[Array, Array]:
-    """u' (nt, nu) and lambda (nt, m); f (nt, nu): the loads at multipliers 0. Raises SolverError where there is no solution."""
+    """u' (nt, nu) and lambda (nt, m); f (nt, nu): forces at zero multipliers. Raises SolverError where there is no solution."""
     f = f - friction_of(mechanics, state, np.zeros((len(f), mechanics.m)))[0]
     _, start = solve(f, None)
     acceleration, multipliers, left = _newton(mechanics, state, f, solve, start, 1.0)
@@ -59,7 +59,7 @@ def solve_with_friction(mechanics: States, state: State, f: Array, solve: Solve)
 
 def _newton(mechanics: States, state: State, f: Array, solve: Solve, multipliers: Array,
             share: float) -> tuple[Array, Array, NDArray[np.bool_]]:  # fmt: skip
-    """u', lambda and which multipliers (nt, m) have not settled, with a share of the friction."""
+    """u', lambda and which multipliers (nt, m) have not converged, with this share of the friction."""
     for _ in range(ITERATIONS):
         R, slope = friction_of(mechanics, state, multipliers)
         acceleration, new = solve(f + share * (R - np.einsum("tij,tj->ti", slope, multipliers)), share * slope)
@@ -71,7 +71,7 @@ def _newton(mechanics: States, state: State, f: Array, solve: Solve, multipliers
 
 
 def _refusal(mechanics: States, left: NDArray[np.bool_]) -> str:
-    """The message that names the joints whose reactions have not settled."""
+    """The error message that names the joints whose reactions have not converged."""
     places = {(g, i): mechanics.model.groups[g].instances[i].item
               for g in mechanics.reactive for i in range(len(mechanics.model.groups[g].instances))}  # fmt: skip
     unsettled = [(r.group, r.instance) for r, found in zip(mechanics.rows, np.any(left, axis=0), strict=True) if found]

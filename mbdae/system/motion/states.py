@@ -24,18 +24,18 @@ from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.model.rotations import quaternion_product, turned
 
 Index = NDArray[np.intp]
-AT_ONCE = 4_000_000  #: numbers of states that are evaluated at once: bounded memory
+AT_ONCE = 4_000_000  #: numbers of the workspaces of all states that are evaluated together, which bounds the memory
 
 
 def blocks(count: int, width: int) -> list[slice]:
-    """States one after the other, so many at once that their rows of numbers take a bounded memory."""
+    """Slices of states, each small enough that the workspaces of its states take a bounded memory."""
     size = max(1, AT_ONCE // max(width, 1))
     return [slice(first, min(first + size, count)) for first in range(0, count, size)] or [slice(0, 0)]
 
 
 class States:
-    """Evaluates a model at states t (nt,), q (nt, nq), u (nt, nu), s (nt, ns); rows: the constraint rows that count; redundant:
-    how many of them follow from the others (which ones differs from position to position)."""
+    """Evaluates a model at states t (nt,), q (nt, nq), u (nt, nu), s (nt, ns). rows: the constraint rows in force; redundant: how
+    many of them follow from the others (which ones depends on the position)."""
 
     def __init__(self, model: Model, rows: list[Row], redundant: int = 0) -> None:
         self.model, self.rows, self.redundant = model, rows, redundant
@@ -51,7 +51,7 @@ class States:
 
     @cached_property
     def followed(self) -> dict[tuple[str, str], int]:
-        """Number of the internal state that follows a joint's coordinate through whole turns, by the names of both."""
+        """Number of the internal state that counts the whole turns of a joint's coordinate, by (joint, coordinate)."""
         found = {}
         for n, (g, i, j) in enumerate(self.numbering.states):
             group = self.model.groups[g]
@@ -72,12 +72,12 @@ class States:
 
     @cached_property
     def velocity_units(self) -> Array:
-        """(nu,) size of each virtual displacement: the scene's length, or 1 rad."""
+        """(nu,) unit of each virtual displacement: the scene's length, or 1 rad."""
         return np.where(self.rotational, 1.0, self.model.length)
 
     @cached_property
     def position_units(self) -> Array:
-        """(nq,) size of each position unknown: the scene's length, 1 for quaternions and angles."""
+        """(nq,) unit of each position unknown: the scene's length, 1 for quaternions and angles."""
         units = np.ones(self.nq)
         for node in self.model.nodes:
             if node.unit == "m":
@@ -87,7 +87,7 @@ class States:
     def evaluate(self, outputs: Outputs, t: Array, q: Array, u: Array, s: Array | None = None,
                  multipliers: Array | None = None, groups: Sequence[int] | None = None,
                  ) -> list[tuple[int, Any, Array]]:  # fmt: skip
-        """(group, plan, values (nt, instances, outputs)) of every group, or of those named, that has such outputs."""
+        """(group, plan, values (nt, instances, outputs)) of every group, or of the groups given, whose laws have such outputs."""
         parts = blocks(len(t), self.numbering.width)
         if len(parts) > 1:
             found = [self.evaluate(outputs, t[part], q[part], u[part], None if s is None else s[part],
@@ -102,19 +102,20 @@ class States:
         return out
 
     def workspace(self, t: Array, q: Array, u: Array, s: Array | None, multipliers: Array | None) -> Array:
-        """(nt, width) rows every kernel reads from."""
+        """(nt, width) workspaces of all states, which the kernels read."""
         nb = self.numbering
         W = nb.workspace(len(t))
         W[:, : self.nq], W[:, self.nq : self.nq + self.nu] = q, u
         if s is not None:
             W[:, nb.start["s"] : nb.start["s"] + len(nb.states)] = s
         if multipliers is not None:
-            W[:, nb.start["lambda"] : nb.start["lambda"] + self.m] = multipliers / nb.scaling()  # a form's unknowns
+            # multipliers of scaled rows are the unknowns of a form
+            W[:, nb.start["lambda"] : nb.start["lambda"] + self.m] = multipliers / nb.scaling()
         nb.fill_clock(W, t)
         return W
 
     def constraint_jacobian(self, t: Array, q: Array) -> Array:
-        """G (nt, m, nu)."""
+        """Constraint Jacobian G (nt, m, nu)."""
         G = np.zeros((len(t), self.m, self.nu))
         for values, rows, columns in self._entries_of_G(t, q):
             places: Any = slice(None), rows, columns
@@ -122,12 +123,12 @@ class States:
         return G
 
     def sparse_constraint_jacobian(self, t: Array, q: Array) -> list[sp.csr_matrix]:
-        """G (m, nu) of every state."""
+        """Constraint Jacobian G (m, nu) of every state, sparse."""
         values, rows, columns = self.entries_of_G(t, q)
         return [sp.csr_matrix((of_state, (rows, columns)), shape=(self.m, self.nu)) for of_state in values]
 
     def entries_of_G(self, t: Array, q: Array) -> tuple[Array, Index, Index]:
-        """Values (nt, k) of the entries of G with their rows and columns (k,); a place may come twice."""
+        """Values (nt, k) of the entries of G with their rows and columns (k,); duplicates are to be summed."""
         parts = self._entries_of_G(t, q)
         rows, columns = (np.concatenate([np.zeros(0, np.intp), *(part[i] for part in parts)]) for i in (1, 2))
         return np.concatenate([np.zeros((len(t), 0)), *(part[0] for part in parts)], axis=1), rows, columns
@@ -141,7 +142,7 @@ class States:
         return found
 
     def rows_without_slope(self, t: Array, q: Array) -> Any:
-        """(m,) bool: rows of which an entry of G is not finite at positions q (nq,)."""
+        """(m,) bool: rows in which an entry of G is not finite at positions q (nq,)."""
         found = np.zeros(self.m, dtype=bool)
         for g, p, values in self.evaluate(jacobian_G, t, q[None], np.zeros((1, self.nu))):
             taken, rows, _ = self._places_in_G(g, p)
@@ -149,7 +150,7 @@ class States:
         return found
 
     def _places_in_G(self, g: int, p: Any) -> tuple[Index, Index, Index]:
-        """Numbers of the values of a group (instances times outputs) that belong to rows in force, their rows and columns."""
+        """Numbers of a group's values (instances times outputs) that belong to rows in force, and their rows and columns in G."""
         if g not in self._in_G:
             nb = self.numbering
             rows = np.stack([self._rows_of(g, target[1]) for target in p.targets], axis=1).ravel()
@@ -184,11 +185,11 @@ class States:
         return out
 
     def position_residual(self, t: Array, q: Array) -> Array:
-        """g (nt, m)."""
+        """Constraint residual g (nt, m)."""
         return self._rows(position, t, q, np.zeros((len(t), self.nu)))
 
     def velocity_residual(self, t: Array, q: Array, u: Array) -> Array:
-        """G u + g_t (nt, m)."""
+        """Velocity constraint residual G u + g_t (nt, m)."""
         return self._rows(velocity, t, q, u)
 
     def acceleration_bias(self, t: Array, q: Array, u: Array) -> Array:
@@ -197,7 +198,7 @@ class States:
 
     @cached_property
     def _kinds(self) -> list[tuple[NodeKind, Any, Any]]:
-        """Kinds of nodes with the places in q and u of all their nodes, (k, nq) and (k, nu)."""
+        """Kinds of nodes, each with the places in q (k, nq) and u (k, nu) of its k nodes."""
         found: dict[NodeKind, list[Node]] = {}
         for node in self.model.nodes:
             found.setdefault(node.kind, []).append(node)
@@ -205,7 +206,7 @@ class States:
         return [(kind, at[:, :1] + np.arange(kind.sizes[0]), at[:, 1:] + np.arange(kind.sizes[1])) for kind, at in first.items()]
 
     def integrate_positions(self, q: Array, displacement: Array) -> Array:
-        """q (nq,) moved by virtual displacements (nu,): translations add, rotations in body axes compose."""
+        """q (nq,) after virtual displacements (nu,): translations add, rotations in body axes compose."""
         q = q.copy()
         for kind, at, by in self._kinds:
             d = displacement[by]
@@ -218,7 +219,7 @@ class States:
         return q
 
     def rates(self, q: Array, u: Array) -> Array:
-        """q' (nq,) of velocities u (nu,)."""
+        """q' (nq,) from velocities u (nu,)."""
         qp = np.zeros(self.nq)
         for kind, at, by in self._kinds:
             d = u[by]
@@ -241,6 +242,6 @@ def gap_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def gaps_of(mechanics: States, t: Array, q: Array, u: Array) -> dict[tuple[int, int], tuple[Array, Array]]:
-    """By group and instance of every one-sided law: its gaps (m or rad) and their rates at states (nt,), (nt, places) each."""
+    """Gaps (m or rad) and their rates, (nt, places) each, of every one-sided law, by (group, instance), at states (nt,)."""
     return {(g, i): (values[:, i, ::2], values[:, i, 1::2]) for g, _, values in mechanics.evaluate(gap_outputs, t, q, u)
             for i in range(len(mechanics.model.groups[g].instances))}  # fmt: skip

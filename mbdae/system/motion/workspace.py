@@ -16,13 +16,13 @@ from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
 
 Index = NDArray[np.intp]
-BANDED_FROM = 64  #: rows from which an order with a narrow band is looked for
-Loaded = Sequence[tuple[Piece, Index, Index]]  #: kernels of trees, the slots they read, the places of their values
+BANDED_FROM = 64  #: number of rows from which an order with a narrow band is computed
+Loaded = Sequence[tuple[Piece, Index, Index]]  #: kernels of trees with the slots they read and the slots of their values
 
 
 class Workspace:
-    """The workspace of a numbering with its clock (values prescribed in time) and the motion of loaded nodes, by kernels of
-    trees."""
+    """The workspace of a numbering, evaluated natively: its clock (values prescribed in time) and the motion of loaded nodes by
+    kernels of trees."""
 
     def __init__(self, numbering: Numbering, motion: Loaded = ()) -> None:
         self.numbering, self.n = numbering, numbering.n
@@ -37,8 +37,8 @@ class Workspace:
 
     def finish(self, residual: Operations | None = None, jacobian: Operations | None = None, rates: Operations | None = None,
                unknowns: int | None = None, rates_at: int = 0, **slots: int) -> None:
-        """Make the workspace and the table of C. unknowns: how many of them are given, by default all; rates_at: slot of y';
-        slots: `rows`, `fy` and `fyp`, as in `Scene`."""
+        """Make the workspace and the table that C reads. unknowns: how many of them are given, by default all; rates_at: slot of
+        y'; slots: `rows`, `fy` and `fyp`, as in `Scene`."""
         nb = self.numbering
         self.W = np.zeros(self.operations.size)
         self.W[: nb.width] = nb.workspace(1)[0]
@@ -58,7 +58,7 @@ class Workspace:
         self._call_rates = core().scene_rates
 
     def make(self, *parts: str) -> None:
-        """Compile parts that are about to run, once: "residual", "jacobian" or "rates"."""
+        """Compile parts before their first run: "residual", "jacobian" or "rates"."""
         for name in parts:
             if name in self._parts:
                 table, kept = self._parts[name].table(len(self.W))
@@ -67,12 +67,12 @@ class Workspace:
                 del self._parts[name]
 
     def view(self, first: int, count: int) -> tuple[Array, int]:
-        """Numbers from a slot on, in place, and their address: asked for once, it takes longer than many an evaluation."""
+        """View of the numbers from a slot on, and its address, which callers store because finding it takes long."""
         found = self.W[first : first + count]
         return found, found.ctypes.data
 
     def solved(self, t: float, y: Array, out: Array) -> int:
-        """out[:] = y'; the row of a matrix that depends on those before, or -1."""
+        """out[:] = y'. Returns the number of a row of a matrix that depends on those before it, or -1."""
         self.make("rates")
         self._y[:] = y
         code = self._call_rates(self.address, t, self._at_y, self._at_rates)
@@ -81,7 +81,7 @@ class Workspace:
 
 
 class Values(Workspace):
-    """Values of kernels at states, such as the gaps of contacts: at(t, y) of every state in rows."""
+    """Values of kernels at states, such as the gaps of contacts."""
 
     def __init__(self, numbering: Numbering, motion: Loaded, gathers: Sequence[Index], kernels: Sequence[Any]) -> None:
         super().__init__(numbering, motion)
@@ -96,7 +96,7 @@ class Values(Workspace):
         self._call = core().scene_values
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A copy makes its own tables: addresses are those of this object's arrays."""
+        """For copies: a copy makes its own tables, because they contain addresses of arrays."""
         return Values, self._made_of
 
     def at_states(self, t: Array, y: Array) -> Array:
@@ -117,11 +117,11 @@ class Columns(NamedTuple):
 
 
 def narrow_order(n: int, i: Index, j: Index) -> tuple[Index, Index]:
-    """An order of n rows in which the symmetric pattern of the entries (i, j) has a narrow band, and the place of each
-    row in it."""
+    """An order of n rows in which the symmetric sparsity pattern with the entries (i, j) has a narrow band, and the place of
+    each row in it."""
     order = np.arange(n)
     if n >= BANDED_FROM:
-        from scipy.sparse.csgraph import reverse_cuthill_mckee  # not needed by small scenes
+        from scipy.sparse.csgraph import reverse_cuthill_mckee  # imported here because small scenes do not need it
 
         graph = sp.csr_matrix((np.ones(len(i)), (i, j)), shape=(n, n))
         order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.intp)

@@ -23,17 +23,18 @@ from mbdae.system.base import Array
 from mbdae.system.rank.rows import DEPENDENT
 
 Whole = NDArray[np.intp]
-PASSES, ROUND_OFF = 3, 1e-9  #: projections one after the other, and what the last one may still change of a unit vector
-AT_ONCE = 64  #: vectors that are projected together
-LIMITS = (1e-3, 1e-4, 1e-5)  #: independent part of a row of unit length below which it is left aside at first; the next one is
-FEW = 500  #: taken where more than so many of those left aside are independent
-DENSE = 3000  #: rows up to which dense matrices decide where sparse ones cannot
-TAKES_PART = 1e-6  #: coefficient of a row in a dependency from which it takes part in it
+PASSES, ROUND_OFF = 3, 1e-9  #: number of projections, and change of a unit vector by the last one up to which they have converged
+AT_ONCE = 64  #: number of vectors that are projected together
+#: independent part of a unit row below which elimination leaves the row aside; tried in this order
+LIMITS = (1e-3, 1e-4, 1e-5)
+FEW = 500  #: number of independent rows among those left aside above which the next of `LIMITS` is tried
+DENSE = 3000  #: number of rows up to which dense matrices decide where sparse ones cannot
+TAKES_PART = 1e-6  #: coefficient of a row in a dependency above which the row takes part in it
 
 
 def order_of(pattern: Any, first: Sequence[int], label: Any) -> Whole:
-    """An order of rows whose products have this pattern, of little fill: those in `first` before all others, and rows with one
-    label, those of a joint, one behind the other as stated."""
+    """An order of rows of little fill-in, for products of rows with this sparsity pattern: rows in `first` before all others, and
+    rows with one label, those of a joint, consecutive as stated."""
     count = int(np.max(label, initial=-1)) + 1
     member = sp.csr_matrix((np.ones(len(label)), (label, np.arange(len(label)))), shape=(count, len(label)))
     joined = member @ abs(pattern) @ member.T
@@ -46,11 +47,11 @@ def order_of(pattern: Any, first: Sequence[int], label: Any) -> Whole:
 
 
 class SparseRows:
-    """Constraint rows B (m, n) of unit length, sparse, with a choice of rows that span all.
+    """Sparse constraint rows B (m, n) of unit length, with a choice of rows that span all.
 
-    always: numbers of rows that are chosen first; label (m,): numbers of their joints. kept: numbers of the rows chosen, rising;
-    left: those of the others; parts (m,): lengths of what is new in the rows chosen last, and of what the others add to the
-    choice; 1 for rows that are clearly new."""
+    always: numbers of rows that are chosen first; label (m,): numbers of their joints. kept: numbers of the chosen rows, rising;
+    left: numbers of the others; parts (m,): of the rows chosen last, the length of what each adds to the span; of the rows left,
+    the length of what they would add; 1 for all other rows."""
 
     def __init__(self, B: Any, always: Sequence[int] = (), label: Any = None) -> None:
         self.B, self.m = sp.csr_matrix(B), B.shape[0]
@@ -65,7 +66,7 @@ class SparseRows:
         self._solve = self._factors(kept)
 
     def spanning(self, kept: Whole) -> SparseRows:
-        """The same rows with a choice made elsewhere."""
+        """These rows with the chosen rows given."""
         other = copy(self)
         other.__dict__.pop("dependencies", None)
         other._take(kept)
@@ -104,7 +105,7 @@ class SparseRows:
         return np.flatnonzero(factors.left_out(Order(entries, self.order, self.order), limit**2))
 
     def _factors(self, rows: Whole) -> Callable[[Array], Array]:
-        """b (k, ...) -> x with B B^T x = b, of some rows (k,)."""
+        """The function b (k, ...) -> x with B B^T x = b, for some rows B (k, n)."""
         if not len(rows):
             return lambda b: b
         place = np.empty(self.m, dtype=int)
@@ -122,7 +123,7 @@ class SparseRows:
         return solve
 
     def project(self, X: Array) -> Array:
-        """Vectors X (n, k) without what the chosen rows span."""
+        """Vectors X (n, k) projected on the complement of the span of the chosen rows."""
         K, size = self.B[self.kept], np.linalg.norm(X, axis=0)
         for _ in range(PASSES if len(self.kept) else 0):
             change = K.T @ self._solve(K @ X)
@@ -132,16 +133,16 @@ class SparseRows:
         return X
 
     def remainders(self, rows: Whole) -> Array:
-        """(k, n) what some rows add to the span of the chosen ones."""
+        """(k, n) components of some rows orthogonal to the span of the chosen rows."""
         return self.project(self.B[rows].toarray().T).T
 
     def sizes_of(self, rows: Whole) -> Array:
-        """(k,) lengths of what some rows add to the span of the chosen ones."""
+        """(k,) lengths of the components of some rows orthogonal to the span of the chosen rows."""
         return np.concatenate([np.zeros(0), *(np.linalg.norm(self.remainders(rows[p]), axis=1) for p in _pieces(len(rows)))])
 
     @cached_property
     def dependencies(self) -> sp.csr_matrix:
-        """W (rows left, m): combinations of rows that vanish, of unit length, one for every row that was left."""
+        """W (rows left, m): linear combinations of rows that vanish, of unit length, one for every row left."""
         K, parts = self.B[self.kept], []
         for piece in _pieces(len(self.left)):
             some = self.left[piece]
@@ -164,12 +165,12 @@ class SparseRows:
 
 
 def _pieces(count: int) -> list[slice]:
-    """Parts of so many vectors."""
+    """Slices of `AT_ONCE` vectors each."""
     return [slice(first, first + AT_ONCE) for first in range(0, count, AT_ONCE)]
 
 
 def _newest(rows: Array) -> Whole:
-    """Numbers of rows (k, n) that span all of them, the newest first."""
+    """Numbers of rows (k, n) that span all of them, those with the largest independent part first."""
     R, order = qr(rows.T, mode="r", pivoting=True)
     found: Whole = order[: int(np.sum(np.abs(np.diag(R)) > DEPENDENT))]
     return found
@@ -180,7 +181,7 @@ class NotResolvedError(Exception):
 
 
 def too_many(m: int) -> SceneError:
-    """The refusal where neither sparse nor dense matrices decide."""
+    """The error where neither sparse nor dense matrices determine the rank."""
     return SceneError([f"the {m} constraint rows of the scene depend on each other too nearly to tell their rank, and more than "
                        f"{DENSE} are too many for dense matrices: align the joints of its loops exactly, or leave out joints "
                        f"that other joints make superfluous"])  # fmt: skip

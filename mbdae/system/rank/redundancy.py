@@ -1,4 +1,4 @@
-"""Which constraint rows follow from the others, by the rank of all in several consistent positions and beside the start."""
+"""Which constraint rows follow from the others, by the rank of all rows in several consistent positions and near the start."""
 
 from __future__ import annotations
 
@@ -26,29 +26,32 @@ from mbdae.system.rank.sparse_redundancy import (
 )
 from mbdae.system.start.start import Starter
 
-CERTAIN, DOUBTFUL = 1e-8, 1e-3  #: between the two: nearly redundant, reported whether kept or left out
-STEPS = (0.3, 0.1, 0.03)  #: rad, or parts of the scene's length, by which other positions are tried
-NEARBY = 1e-3  #: of the scene's length: violation of released rows above which a position belongs to another motion
+#: independent part of a unit row: between the two a row is nearly redundant, and reported whether kept or left out
+CERTAIN, DOUBTFUL = 1e-8, 1e-3
+STEPS = (0.3, 0.1, 0.03)  #: steps (rad, or parts of the scene's length) by which other positions are tried
+#: violation of the released rows, over the scene's length, above which a position belongs to another branch of the motion
+NEARBY = 1e-3
 
 
 @dataclass
 class RankReport:
     """Rank of all constraint rows, and which of them are redundant.
 
-    kept and dropped rows, rows nearly redundant (among either), rows dependent at the start only, and the freedoms. Which of
-    the rows are kept holds for the start: a run chooses others before these become dependent (`RowsInForce`)."""
+    kept and dropped rows, nearly redundant rows (kept or dropped), rows dependent at the start only, and the degrees of freedom.
+    The choice of the kept rows is for the start: a run chooses others before these become dependent (`RowsInForce`)."""
 
     kept: list[Row]
     dropped: list[Row] = field(default_factory=list)
     doubtful: list[tuple[Row, float]] = field(default_factory=list)
     singular_here: list[Row] = field(default_factory=list)
-    not_unique: list[Row] = field(default_factory=list)  #: rows whose reactions the redundant ones could share
+    #: rows whose reactions are not unique, because redundant rows can take part of them
+    not_unique: list[Row] = field(default_factory=list)
     degrees_of_freedom: int = 0
-    smallest: float = 1.0  #: smallest singular value that counts of all rows, of unit length
+    smallest: float = 1.0  #: smallest singular value, without those that count as 0, of all rows in unit length
 
 
 def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[Row] = ()) -> RankReport:
-    """Rank of all constraint rows: the largest at the start, beside it (`_rank_lost_here`) and in other consistent positions.
+    """Rank of all rows: the largest of that at the start, near it (`_rank_lost_here`) and in other consistent positions.
 
     always: rows that recursive joints and shared displacements satisfy; they are kept."""
     if not mechanics.m:
@@ -77,7 +80,7 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[
     rank = max(at_start + lost, *ranks)
     chosen = chosen_rows(here, at_start, first) if at_start < len(rows) else list(range(len(rows)))
     singular = set[int]()
-    if at_start < rank:  # the start is a singular position: rows that are new beside it make up for those that are not here
+    if at_start < rank:  # in a singular start position rows that are independent near it are chosen too
         best_place = beside[order] if at_start + lost == rank else places[int(np.argmax(ranks))]
         chosen = rows_in_order(best_place, rank, chosen)
         singular = set(chosen[at_start:])
@@ -89,7 +92,7 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[
 
 
 def _analysed_sparse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[Row]) -> RankReport:
-    """The same for many rows."""
+    """`analyse` for many rows, by sparse elimination."""
     t, rows = starter.t, mechanics.rows
     here = sparse_rows(mechanics, t, q, always)
     closing = {row.name.rsplit(".", 1)[0] for row in rows} - {joint.name for _, joint, _ in starter.tree.edges}
@@ -114,7 +117,7 @@ def _analysed_sparse(mechanics: Mechanics, starter: Starter, q: Array, always: C
 
 
 def _nearly_redundant(rows: list[Row], chosen: list[int], singular: set[int], places: list[Array]) -> list[tuple[Row, float]]:
-    """Rows that are left out although they are not quite dependent, and rows that are kept although they nearly are."""
+    """Dropped rows that are not exactly dependent, and kept rows that nearly are."""
     kept, left = sorted(set(chosen) - singular), [i for i in range(len(rows)) if i not in set(chosen)]
     parts = independent_parts(places[0][kept])
     found = [(rows[i], float(part)) for i, part in zip(kept, parts, strict=True) if DEPENDENT < part < DOUBTFUL]
@@ -127,7 +130,7 @@ def _nearly_redundant(rows: list[Row], chosen: list[int], singular: set[int], pl
 
 
 def _dependent_on_others(B: Array) -> list[int]:
-    """Rows whose multiplier can change without any effect: they take part in a dependency."""
+    """Numbers of rows that take part in a dependency, so that their multipliers can change without any effect."""
     left, sizes, _ = np.linalg.svd(B)
     null = left[:, int(np.sum(sizes > DEPENDENT)) :]
     return [int(i) for i in np.flatnonzero(np.max(np.abs(null), axis=1, initial=0.0) > 1e-6)]
@@ -138,9 +141,9 @@ def _rows_at(mechanics: Mechanics, t: Array, q: Array) -> Array:
 
 
 def _rank_lost_here(mechanics: Mechanics, t: Array, q: Array, rank: int) -> tuple[int, Array]:
-    """How many rows depend on the others in this position alone, and the unit rows (m, nu) beside it.
+    """How many rows depend on the others in this position alone, and the unit rows (m, nu) near it.
 
-    Along a motion v that the rows allow, G changes by G'(v). Rows W that depend on each other here (W^T G = 0) go on doing so if
+    Along a motion v that the rows allow, G changes by G'(v). Rows W that depend on each other here (W^T G = 0) stay dependent if
     W^T G'(v) N = 0, where N are the motions that all rows allow; else the rank rises by the rank of this matrix. That holds at
     a position that cannot be left too: a stretched chain between two fixed points moves to first order only."""
     units, G = mechanics.velocity_units, mechanics.constraint_jacobian(t, q[None])[0]
@@ -150,7 +153,7 @@ def _rank_lost_here(mechanics: Mechanics, t: Array, q: Array, rank: int) -> tupl
     W, N = left[:, rank:], right[rank:].T
     released = [i for i, row in enumerate(mechanics.rows) if not row.prescribes]
     tangent, rng = null_space(B[released]), np.random.default_rng(11)
-    most, beside, seen = 0, B, np.zeros(mechanics.nu)  # the coordinates of nodes that have a row
+    most, beside, seen = 0, B, np.zeros(mechanics.nu)  # skips coordinates of nodes without a constraint row
     for own in (slice(node.u, node.u + node.kind.sizes[1]) for node in mechanics.model.nodes):
         seen[own] = np.any(B[:, own])
     for _ in range(SAMPLES if tangent.size and N.size else 0):
@@ -185,7 +188,7 @@ def _other_positions(mechanics: Mechanics, starter: Starter, q: Array, without: 
 
 
 def _moved(closer: Starter, q: Array, direction: Array) -> list[Array]:
-    """The position a step in a direction leads to once the loops are closed again; none where they close at no step."""
+    """The first position a step in this direction leads to that can be closed again; none where no step closes."""
     for step in STEPS:
         try:
             return [closer.close(closer.moved(q, step * direction))]
@@ -195,13 +198,13 @@ def _moved(closer: Starter, q: Array, direction: Array) -> list[Array]:
 
 
 def free_motions(mechanics: Mechanics, t: Array, q: Array, starter: Starter) -> Array:
-    """(coordinates, freedoms) basis of the motions the constraints leave to rigid beams, over unit displacements."""
+    """Basis (coordinates, freedoms) of the motions that the constraints allow with rigid beams, over unit displacements."""
     G = mechanics.constraint_jacobian(t, q[None])[0]
     return null_space((G @ starter.rigid.basis(q) if mechanics.model.lines else G) * starter.units(q))
 
 
 def null_space(A: Array) -> Array:
-    """Orthonormal basis (n, k) of the x with A x = 0; rows of A (m, n) of about the same size."""
+    """Orthonormal basis (n, k) of the x with A x = 0; the rows of A (m, n) are of similar size."""
     if not len(A):
         return np.eye(A.shape[1])
     _, sizes, V = np.linalg.svd(A, full_matrices=True)

@@ -18,21 +18,22 @@ from mbdae.system.model.numbering import Row
 from mbdae.system.motion.constrained import row_lengths
 from mbdae.system.motion.mechanics import Mechanics, in_units
 
-DEPENDENT = 2e-6  #: independent part of a row of unit length below which it counts as dependent on the rows before it
-SHIFT = 1e-12  #: added to B B^T of sparse rows where it is singular, below the square of `DEPENDENT`
-CLEAR = 0.1  #: the same, above which a row is taken in the order of the scene
+DEPENDENT = 2e-6  #: independent part of a unit row below which it counts as dependent on the rows before it
+SHIFT = 1e-12  #: added to the diagonal of B B^T of sparse rows where that is singular; less than the square of `DEPENDENT`
+CLEAR = 0.1  #: independent part of a unit row above which rows are chosen in the order of the scene
 Rows = tuple[Row, ...]
-WORN = 0.2  #: smallest singular value of the rows in force over that of the best choice, below which they are chosen again
+#: smallest singular value of the rows in force, over that of the best choice, below which rows are chosen again
+WORN = 0.2
 
 
 def unit_rows(mechanics: Mechanics, G: Any) -> Any:
-    """G over unit displacements (the scene's length, 1 rad), with rows of unit length; sparse where G is."""
+    """G over unit displacements (the scene's length, 1 rad), its rows scaled to unit length; sparse where G is."""
     B = in_units(mechanics, G)
     return sp.diags(1 / row_lengths(B)[:, 0]) @ B if issparse(B) else np.asarray(B / row_lengths(B))
 
 
 def smallest(B: Any, rank: int) -> float:
-    """The smallest singular value that counts of rows of a given rank; 1 where there are none."""
+    """The smallest singular value of rows, without those that count as 0 by the rank; 1 where there are no rows."""
     if issparse(B):
         return smallest_value(B, rank < B.shape[0]) if rank else 1.0
     return float(np.linalg.svd(B, compute_uv=False)[rank - 1]) if rank else 1.0
@@ -55,7 +56,7 @@ def smallest_value(B: Any, singular: bool) -> float:
 
 
 def independent_parts(B: Array) -> Array:
-    """(m,) distance of every row (unit length) from the span of the rows before it that are new themselves."""
+    """(m,) distance of every row (unit length) from the span of the independent rows before it."""
     basis = np.zeros((0, B.shape[1]))
     out = np.zeros(len(B))
     for i, row in enumerate(B):
@@ -67,7 +68,7 @@ def independent_parts(B: Array) -> Array:
 
 
 def rows_in_order(B: Array, rank: int, always: Sequence[int]) -> list[int]:
-    """Numbers (rank,) of rows that span all: those in `always`, in their order those that are clearly new, then the newest."""
+    """Numbers (rank,) of rows that span all: `always`, then clearly independent ones in order, then by independent part."""
     chosen, basis = list[int](), np.zeros((0, B.shape[1]))
     left = B.copy()
 
@@ -91,7 +92,7 @@ def rows_in_order(B: Array, rank: int, always: Sequence[int]) -> list[int]:
 
 
 def best_rows(B: Array, rank: int, always: Sequence[int]) -> list[int]:
-    """Numbers (rank,) of rows that span all as well as any: those in `always`, then by QR with pivots."""
+    """Numbers (rank,) of well-conditioned rows that span all: those in `always`, then by QR with column pivoting."""
     basis = np.linalg.qr(B[list(always)].T)[0] if len(always) else np.zeros((B.shape[1], 0))
     others = np.array([i for i in range(len(B)) if i not in set(always)], dtype=int)
     left = B[others] - (B[others] @ basis) @ basis.T
@@ -100,13 +101,13 @@ def best_rows(B: Array, rank: int, always: Sequence[int]) -> list[int]:
 
 
 def chosen_rows(B: Array, rank: int, always: Sequence[int]) -> list[int]:
-    """Numbers (rank,) of the rows to begin with: in their order where that is good enough."""
+    """Numbers (rank,) of the rows at the start: in the order of the scene where these are well-conditioned enough."""
     ordered, other = rows_in_order(B, rank, always), best_rows(B, rank, always)
     return ordered if smallest(B[ordered], rank) >= WORN * smallest(B[other], rank) else other
 
 
 def _without(row: Array, basis: Array) -> Array:
-    """A row without what an orthonormal basis (k, n) spans; twice, for rounding."""
+    """The part of a row orthogonal to an orthonormal basis (k, n); projected twice against rounding."""
     for _ in range(2):
         row = row - basis.T @ (basis @ row)
     return row

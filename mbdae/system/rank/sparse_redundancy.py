@@ -1,4 +1,4 @@
-"""`redundancy.analyse` for many rows, by sparse elimination (`large.SparseRows`) instead of dense matrices."""
+"""Parts of `redundancy.analyse` for many rows, by sparse elimination (`large.SparseRows`) instead of dense matrices."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ from mbdae.system.rank.large import SparseRows, Whole
 from mbdae.system.rank.rows import DEPENDENT, smallest, unit_rows
 
 SAMPLES = 3
-ASIDE = 1e-4  #: rad, or parts of the scene's length, by which rows are differentiated
-CHANGING = 2e-6  #: change of a unit row per rad, or scene's length, from which rows depend on each other in one position alone
+ASIDE = 1e-4  #: displacement (rad, or part of the scene's length) for the finite differences of rows
+#: derivative of a unit row (per rad, or scene's length) above which a dependency holds in one position alone
+CHANGING = 2e-6
 
 
 def numbers_of_joints(rows: list[Row]) -> Whole:
-    """(m,) the same number for all rows of a joint."""
+    """(m,) number of the joint that each row belongs to."""
     joints = {key: n for n, key in enumerate(dict.fromkeys((row.group, row.instance) for row in rows))}
     return np.array([joints[row.group, row.instance] for row in rows], dtype=np.intp)
 
@@ -33,7 +34,7 @@ def sparse_rows(mechanics: Mechanics, t: Array, q: Array, always: Container[Row]
 
 
 def rank_lost_here(mechanics: Mechanics, t: Array, q: Array, here: SparseRows) -> tuple[int, Any]:
-    """As `redundancy._rank_lost_here`: how many rows depend on the others in this position alone, and the unit rows beside it."""
+    """`redundancy._rank_lost_here` for sparse rows: number of rows that depend on the others only here, and unit rows nearby."""
     units, lengths = mechanics.velocity_units, row_lengths(in_units(mechanics, mechanics.constraint_matrix(t, q)))
 
     def rows_at(step: Array) -> Any:
@@ -56,8 +57,8 @@ def rank_lost_here(mechanics: Mechanics, t: Array, q: Array, here: SparseRows) -
 
 
 def motions(mechanics: Mechanics, here: SparseRows, count: int) -> list[Array]:
-    """Random motions (nu,) that the rows allow, prescribed coordinates released, over unit displacements, the largest entry 1; of
-    nodes that have a row, and none where nothing can move."""
+    """Random motions (nu,) that the rows without prescribed coordinates allow, over unit displacements, with largest entry 1.
+    Only nodes with a constraint row move; the list is empty where nothing can move."""
     released = np.array([i for i, row in enumerate(mechanics.rows) if not row.prescribes], dtype=np.intp)
     space = here if len(released) == here.m else SparseRows(here.B[released])
     seen, rng = np.zeros(mechanics.nu), np.random.default_rng(11)
@@ -71,7 +72,7 @@ def motions(mechanics: Mechanics, here: SparseRows, count: int) -> list[Array]:
 
 
 def chosen_beside(here: SparseRows, beside: Any, rank: int) -> tuple[Whole, Whole]:
-    """The rows to keep in a singular position, and those of them that are new beside it alone."""
+    """The rows to keep in a singular position, and those of them that are independent near it only."""
     chosen = SparseRows(beside, [int(i) for i in here.kept]).kept[:]
     new = np.setdiff1d(chosen, here.kept)[: rank - here.rank]
     return np.sort(np.r_[here.kept, new]), new
@@ -79,7 +80,7 @@ def chosen_beside(here: SparseRows, beside: Any, rank: int) -> tuple[Whole, Whol
 
 def nearly_redundant(here: SparseRows, kept: Whole, singular: Whole, others: list[SparseRows],
                      limits: tuple[float, float]) -> list[tuple[int, float]]:  # fmt: skip
-    """As `redundancy._nearly_redundant`, by the numbers of rows."""
+    """`redundancy._nearly_redundant` for sparse rows: numbers of rows and the independent part of each."""
     certain, doubtful = limits
     own = np.setdiff1d(kept, singular)
     found = [(int(i), float(here.parts[i])) for i in own if DEPENDENT < here.parts[i] < doubtful]

@@ -1,8 +1,8 @@
-"""A start with bent beams: where no rigid motion of the beams closes the loops or follows the prescribed motions.
+"""A start with bent beams, where no rigid motion of the beams closes the loops or follows the prescribed motions.
 
-Loops of beams may be drawn, or driven, so that they close only because their beams bend: a four-bar with one hinge that is not
-parallel to the others. Positions are then those of least elastic energy, and velocities those of least elastic power: the motion
-of a mechanism that moves slowly. Rigid motions, which cost no elastic energy, are fixed by a small share of the inertia.
+Loops of beams may be drawn or driven so that they close only if beams bend, such as a four-bar with one hinge that is not
+parallel to the others. Positions then have the least elastic energy and velocities the least elastic power, as in a quasi-static
+motion. Rigid motions cost no elastic energy; a small share of the inertia determines them.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from mbdae.system.motion.mechanics import Mechanics, in_units
 from mbdae.system.start.least_change import largest_violation
 from mbdae.system.start.sparse_change import cheapest
 
-SLOW = 0.01  #: frequency of the slow motion assumed, over the lowest bending frequency: its square weighs the inertia
+SLOW = 0.01  #: assumed frequency of the motion over the lowest bending frequency; its square is the weight of the inertia
 STEPS = 50
-CONVERGED = 1e-9  #: last displacement of Newton's method, over the scene's length, or rad
+CONVERGED = 1e-9  #: last displacement (rad, or over the scene's length) at which Newton's method has converged
 
 
 def can_bend(mechanics: Mechanics) -> bool:
-    """Whether a scene has beams, all of whose strains are elastic."""
+    """Whether a scene has beams and none of their strains is rigid."""
     lines = mechanics.model.lines
     return bool(lines) and not any(line.beam.section.rigid for line in lines)
 
 
 class Bending:
-    """Stiffness, elastic forces and weighted inertia of the beams of a scene at positions q (nq,)."""
+    """Stiffness, elastic forces and weighted inertia of a scene with beams at positions q (nq,)."""
 
     def __init__(self, mechanics: Mechanics, q: Array) -> None:
         self.units = mechanics.velocity_units
@@ -39,12 +39,12 @@ class Bending:
         self.force = mechanics.elastic_force(q)
 
     def least(self, A: Array, right: Array, pull: Array) -> Array:
-        """x (nu,) with A x = right that makes x^T W x / 2 - pull^T x least, rows of A (m, nu) in any number."""
+        """x (nu,) with A x = right that minimises x^T W x / 2 - pull^T x; A (m, nu) may have any number of rows."""
         return cheapest(self.weight, self.units, A, right, pull)
 
 
 def stiffness(mechanics: Mechanics, q: Array) -> sp.csc_matrix:
-    """(nu, nu) of all beams at positions q (nq,), per virtual displacement."""
+    """Stiffness matrix (nu, nu) of all beams at positions q (nq,), per virtual displacement."""
     parts: list[Any] = []
     for line in mechanics.model.lines:
         K = line.stiffness(q)
@@ -79,7 +79,7 @@ def closed_by_bending(mechanics: Mechanics, q: Array, closure: Callable[[Array],
 
 
 def _lowest(mechanics: Mechanics) -> float:
-    """Square of the lowest bending frequency of a beam by its own length, (rad/s)^2."""
+    """Square of the lowest bending frequency of the beams, estimated from their lengths, (rad/s)^2."""
     beams = [line.beam for line in mechanics.model.lines]
     lengths = [float(np.sum(np.linalg.norm(np.diff(beam.outline, axis=0), axis=1))) for beam in beams]
     sections = [beam.section for beam in beams]

@@ -1,4 +1,4 @@
-"""What is known of the contacts of a scene before its run: penetration at the start, and the one to expect."""
+"""The contacts of a scene before its run: penetration at the start, and the penetration to be expected."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.motion.states import gaps_of
 from mbdae.system.start.start import Start
 
-RESTS = 10.0  #: force of a contact over the weight on it up to which bodies are drawn at rest, whatever the scene's length
-ROUND_OFF = 1e-9  #: speed of two points relative to each other, over their own, below which they move together
+RESTS = 10.0  #: force of a contact over the weight on it, up to which the penetration at the start is that of bodies at rest
+ROUND_OFF = 1e-9  #: relative speed of two points over their own speeds, below which it is rounding
 
 
 @dataclass(frozen=True)
 class ExpectedContact:
-    """A contact before the run: that of one one-sided law. SI units; rad, rad/s and kg m^2 where its gaps are angles.
+    """A contact before the run, of one one-sided law. SI units; rad, rad/s and kg m^2 where its gaps are angles.
 
-    place: numbers of its group and instance; impact: what is known of it; penetration: at the start; weight: of the effective
-    mass (N), 0 where a joint's reaction is known."""
+    place: numbers of its group and instance; impact: data of its impact, see `Impact`; penetration: at the start;
+    weight: of the effective mass (N), 0 where the reaction of an ideal joint is known."""
 
     item: str
     law: Any
@@ -36,7 +36,7 @@ class ExpectedContact:
 
     @property
     def size(self) -> float:
-        """To what its gaps are relative: the scene's length (m), or 1 rad."""
+        """Size to which its gaps are relative: the scene's length (m), or 1 rad."""
         return self.impact.size
 
     @property
@@ -46,16 +46,16 @@ class ExpectedContact:
 
     @property
     def unit(self) -> str:
-        """m or rad."""
+        """Unit of its gaps: m or rad."""
         return str(self.law.gap_unit)
 
     @cached_property
     def depth(self) -> float:
-        """Penetration to be expected."""
+        """Largest penetration to be expected in a run, in `unit`."""
         return float(self.law.expected_depth(self.impact))
 
     def summary(self) -> str:
-        """The contact in a line."""
+        """A line for `check`: the contact and the penetration to be expected."""
         expected = f"of about {self.depth:.1g} {self.unit} expected" if math.isfinite(self.depth) else "not known before the run"
         return f"'{self.item}' with {self.law.summary_of_contact()}; penetration {expected}"
 
@@ -65,19 +65,19 @@ class ExpectedContact:
         return f"penetration of {p:.3g} {self.unit}{detail}"
 
     def problems(self, continued: bool) -> list[str]:
-        """Why the start is refused, one sentence each; continued: another run ended there."""
+        """Error messages on the start, one sentence each; continued: another run ended in this state."""
         load = self.law.elastic_load(self.penetration)
         rests = load is not None and load[0] <= RESTS * self.weight
         why = "" if rests else self.law.refuses_start(self.penetration, self.size, continued)
         return [f"'{self.item}' starts with a {self._at_start()}, {why}"] if why else []
 
     def changes(self) -> list[str]:
-        """A sentence on penetration at the start."""
+        """A sentence on penetration at the start, for the list of changes."""
         return [f"'{self.item}' starts with a {self._at_start()}"] if self.penetration > 0 else []
 
 
 def expected_contacts(mechanics: Mechanics, start: Start, reactions: dict[str, float], time: float) -> list[ExpectedContact]:
-    """Every contact of a scene before its run; reactions: size (N) of the force of its ideal joint, by item; time: characteristic
+    """Every contact of a scene before its run; reactions: force (N) of the ideal joint, by item; time: characteristic
     time, s."""
     t, q, u = np.array([start.t]), start.q[None], start.u[None]
     known = approaches(mechanics, start.t, start.q)
@@ -105,6 +105,6 @@ def _law(mechanics: Mechanics, place: Place) -> Any:
 
 
 def _speed(rows: Array, u: Array) -> float:
-    """Speed along the directions of rows (k, nu); 0 where it is round-off."""
+    """Speed along the directions of rows (k, nu); 0 where it is only rounding."""
     speed, of_points = np.linalg.norm(rows @ u), np.linalg.norm(np.abs(rows) @ np.abs(u))
     return float(speed) if speed > ROUND_OFF * of_points else 0.0

@@ -1,4 +1,4 @@
-"""Joints with clearance taken as ideal joints: the start of their scene, and the forces they would transmit."""
+"""Joints with clearance replaced by ideal joints: a start for their scene, and the reactions of the ideal joints."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mbdae.system.start.start import Starter
 
 @dataclass
 class IdealStart:
-    """q, u with every pin centred; changes in sentences; reactions (N) by joint."""
+    """q, u with every pin centred in its bearing; what was changed, in sentences; reactions (N) by joint."""
 
     q: Array
     u: Array
@@ -26,10 +26,10 @@ class IdealStart:
 
 
 def ideal_start(scene: SceneData, kept: dict[str, str], t0: float) -> IdealStart:
-    """The start of a scene whose joints with clearance are closed: pins centred, moving as ideal joints would.
+    """The start of a scene with its clearances closed: pins centred, moving as with ideal joints.
 
-    A mass point drawn off the centre stays where it is, and so does the velocity of a body where one is stated: such
-    joints are left open in positions, or in velocities."""
+    Where a point mass is drawn off the centre its position is kept, and where a body's velocity is stated it is kept: these
+    joints are not closed in positions, or in velocities."""
     closed = {c.name: "clearance" for c in scene.joints if c.loose and not _off_centre(c, scene)}
     mechanics = _mechanics(scene, kept | closed)
     starter = Starter(mechanics, t0)
@@ -47,7 +47,7 @@ def _mechanics(scene: SceneData, kept: dict[str, str]) -> Mechanics:
 
 
 def _off_centre(c: Connection, scene: SceneData) -> bool:
-    """Whether the pin is a mass point that is drawn elsewhere than the race."""
+    """Whether the pin is a point mass that is drawn off the centre of the bearing."""
     return c.l.is_point and float(np.linalg.norm(c.l.drawn.position - c.joint.at)) > FLAT * scene_length(scene)
 
 
@@ -56,7 +56,7 @@ def _has_velocity(c: Connection) -> bool:
 
 
 def _reactions(starter: Starter, q: Array, u: Array, joints: dict[str, str]) -> dict[str, float]:
-    """Size (N) of the force every ideal joint would transmit at the start."""
+    """Magnitude (N) of the reaction of every ideal joint at the start, by joint."""
     mechanics = starter.mechanics
     if not mechanics.m or not joints:
         return {}

@@ -9,11 +9,11 @@ import numpy as np
 from mbdae.system.base import Array
 from mbdae.system.motion.constrained import largest_entries, row_lengths
 
-DEPENDENT = 1e-9  #: singular values of rows of unit length below which they depend on each other
+DEPENDENT = 1e-9  #: singular value of unit rows below which rows depend on each other
 
 
 def least_change(A: Array, right: Array, root: Array, massless: Any, stated: Array, off: Array) -> Array:
-    """x (n,) with A x = right (least squares), of these the one nearest to stated x = off, of these the smallest one.
+    """x (n,) with A x = right (least squares), of these the one with stated x nearest to off, of these the smallest.
 
     A (rows, n), stated (s, n); root: Cholesky factor of the mass of the coordinates that have one, which measures the
     size; massless (n,) bool: joint coordinates, which have no mass and follow from the rows of A that contain them."""
@@ -23,7 +23,7 @@ def least_change(A: Array, right: Array, root: Array, massless: Any, stated: Arr
     scaled, wanted = (np.asarray(np.linalg.solve(root, part.T).T) for part in (rows[np.ix_(left, heavy)], stated[:, heavy]))
     sizes, lengths = row_lengths(scaled), row_lengths(wanted)
     scaled, wanted = scaled / sizes, wanted / lengths
-    # y = root^T x: its length is the size of the change. The stated rows without what the conditions fix leave free motions
+    # y = root^T x, so that |y| is the mass-weighted size of x; free: stated rows, projected on the motions the conditions leave
     found = np.linalg.lstsq(scaled, np.column_stack([values[left] / sizes[:, 0], scaled @ wanted.T]), rcond=DEPENDENT)[0]
     y, free = found[:, 0], wanted - found[:, 1:].T
     y = y + _pseudo_inverse(free) @ (off / lengths[:, 0] - wanted @ y)
@@ -34,18 +34,18 @@ def least_change(A: Array, right: Array, root: Array, massless: Any, stated: Arr
 
 
 def violations(g: Array, B: Any) -> Array:
-    """(m,) |g| over the largest entry of every row of B (m, n), sparse or not."""
+    """(m,) |g| over the magnitude of the largest entry of every row of B (m, n), sparse or not."""
     size = largest_entries(B)
     return np.asarray(np.abs(g) / np.where(size > 0, size, 1.0))
 
 
 def largest_violation(g: Array, B: Any) -> float:
-    """The largest of them; 0 where there are no rows."""
+    """The largest of the `violations`; 0 where there are no rows."""
     return float(np.max(violations(g, B), initial=0.0))
 
 
 def _without(A: Array, right: Array, columns: Any) -> tuple[Array, Array, dict[int, int]]:
-    """The equations with columns eliminated from all rows but one each, and the number of that row by column."""
+    """The equations with columns eliminated from all rows but one each, and the number of that pivot row by column."""
     A, right = A.copy(), right.copy()
     pivots: dict[int, int] = {}
     for column in columns:
@@ -64,7 +64,7 @@ def _without(A: Array, right: Array, columns: Any) -> tuple[Array, Array, dict[i
 
 
 def _pseudo_inverse(A: Array) -> Array:
-    """(n, rows) of A, whose singular values below `DEPENDENT` count as zero."""
+    """Pseudo-inverse (n, rows) of A, with singular values below `DEPENDENT` taken as zero."""
     U, sizes, V = np.linalg.svd(A, full_matrices=False)
     kept = sizes > DEPENDENT
     return np.asarray(V[kept].T @ (U[:, kept] / sizes[kept]).T)

@@ -1,4 +1,4 @@
-"""Consistent positions: bodies placed joint by joint as drawn and held, and loops closed."""
+"""Consistent positions: bodies placed joint by joint as drawn or held, then loops closed."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from mbdae.system.start.least_change import largest_violation, least_change, vio
 from mbdae.system.start.rigid_beams import RigidMotions
 from mbdae.system.start.sparse_change import sparse_least_change
 
-Held = tuple[Connection, str, float]  #: a joint, its coordinate, the value held
-CLOSED = 1e-12  #: relative to the scene's length and 1 rad: a closed loop
+Held = tuple[Connection, str, float]  #: a joint, one of its coordinates, and the value at which it is held
+CLOSED = 1e-12  #: largest violation of a closed loop, over the scene's length, or rad
 
 
 def coordinate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """The coordinates of a joint, their rates and their gradients, ("C", side, column, name)."""
+    """The coordinates of a joint, their rates and their gradients by the velocities, ("C", side, column, name)."""
     out, v = coordinate(d), d.variation
     for name, value in d.coordinates.items():
         for f in d.frames:
@@ -42,7 +42,7 @@ def coordinate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def branch_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Expressions that must be positive on the right branch of the constraints."""
+    """Expressions that are positive on the intended branch of the constraints."""
     if not isinstance(d.law, Joint) or not all(f.kind.oriented for f in d.sides):
         return []
     return [(("branch", name), d.variation.resolve(d.variation.name(e))) for name, e in d.law.positives(*d.sides).items()]
@@ -64,12 +64,12 @@ class ConsistentPositions:
         self._motions: dict[Connection, JointMotion] = {}
 
     def placed(self) -> Array:
-        """Positions of the tree with every held coordinate at its value."""
+        """Positions (nq,) of the tree with every held coordinate at its value; loops may be open."""
         motion = {b: (np.eye(4)[0], np.zeros(3)) for b in self.tree.roots}
         for parent, joint, child in self.tree.edges:
             P, r = motion[parent]
             held = self.held_values(joint)
-            if not held:  # as drawn
+            if not held:  # the joint is as drawn
                 motion[child] = motion[parent]
                 continue
             dP, dr = self._motion(joint).drawn(held, joint.l is child)
@@ -80,7 +80,7 @@ class ConsistentPositions:
             n = node.kind.translations
             q[node.q : node.q + n] = (rotation_matrices(P) @ body.drawn.position + r)[:n]
             if node.kind is NodeKind.PLANAR:
-                q[node.q + 2] = body.heading + turns[body.owner]  # whole turns along the tree included
+                q[node.q + 2] = body.heading + turns[body.owner]  # whole turns along the tree are added to the drawn angle
             elif node.kind is NodeKind.SPATIAL:
                 q[node.q + 3 : node.q + 7] = quaternion_product(P, drawn_quaternion(body))
         joints = {c.name: c for c in self.scene.joints}
@@ -89,7 +89,7 @@ class ConsistentPositions:
         return q
 
     def _turns(self) -> dict[Body, float]:
-        """Turn of every body along the tree from its place as drawn, whole turns included, rad; in the plane."""
+        """Rotation of every planar body from its drawn angle, summed along the tree with whole turns, rad."""
         turns = dict.fromkeys(self.tree.roots, 0.0)
         for parent, joint, child in self.tree.edges if self.model.planar else ():
             held = self.held_values(joint)
@@ -103,11 +103,11 @@ class ConsistentPositions:
         return self._motions[joint]
 
     def held_values(self, joint: Connection) -> dict[str, float]:
-        """Start values of a joint's coordinates that the user fixed."""
+        """Start values that the user fixed, by coordinate of a joint."""
         return joint.hold | {c: timed.value_at(value, self.t[0]) for c, value in joint.prescribed.items()}
 
     def held_rates(self, joint: Connection) -> dict[str, float]:
-        """Start rates of a joint's coordinates that the user fixed."""
+        """Start rates that the user fixed, by coordinate of a joint."""
         return joint.hold_rate | {c: timed.rate_at(value, self.t[0]) for c, value in joint.prescribed.items()}
 
     def close(self, q: Array) -> Array:
@@ -136,7 +136,7 @@ class ConsistentPositions:
         return q
 
     def closing_error(self, q: Array) -> float:
-        """Largest distance by which loops are open, over the scene's length, or rad."""
+        """Largest violation of the loops, over the scene's length, or rad."""
         return largest_violation(self._closure(q), in_units(self.mechanics, self._closure_jacobian(q)))
 
     def close_or_bend(self, q: Array) -> Array:
@@ -166,12 +166,12 @@ class ConsistentPositions:
                 f"{unit}; check the points of the bodies it connects")  # fmt: skip
 
     def _held(self, values: Callable[[Connection], dict[str, float]]) -> list[Held]:
-        """Held coordinates whose value is not a constraint row already; none without `holding`."""
+        """Held coordinates whose value is not already a constraint row; none without `holding`."""
         return [(joint, c, value) for joint in self.scene.joints if self.holding
                 for c, value in values(joint).items() if c not in joint.prescribed]  # fmt: skip
 
     def _coordinates(self, q: Array, u: Array, held: list[Held]) -> tuple[Array, Array, Any]:
-        """Values (j,), rates (j,) and gradients (j, nu) of joint coordinates."""
+        """Values (j,), rates (j,) and gradients (j, nu) of the held joint coordinates."""
         order = {(joint.name, c): i for i, (joint, c, _) in enumerate(held)}
         value, speed, shape = np.zeros(len(held)), np.zeros(len(held)), (len(held), self.mechanics.nu)
         C: Any = sp.lil_matrix(shape) if self.mechanics.large else np.zeros(shape)
@@ -200,13 +200,13 @@ class ConsistentPositions:
         return self.with_rows(q, C)
 
     def with_rows(self, q: Array, C: Any) -> Any:
-        """G (m, nu) with further rows C (j, nu) below it; sparse where the mechanics is large."""
+        """Constraint Jacobian G (m, nu) with the further rows C (j, nu) below it; sparse where the mechanics is large."""
         G = self.mechanics.constraint_matrix(self.t, q)
         return sp.vstack([G, C], format="csr") if self.mechanics.large else np.vstack([G, C])
 
     def _least_change(self, A: Any, right: Array, q: Array, stated: Array | None = None, off: Array | None = None) -> Array:
-        """x in the coordinates of rigid motions with A B x = right (least squares) of least mass-weighted size; where
-        `stated` is given, of least change of those motions first."""
+        """x in the coordinates of rigid motions with A B x = right (least squares), of least mass-weighted size; where `stated`
+        is given, first with stated x as near to off as possible."""
         if stated is None or off is None:
             stated, off = np.zeros((0, self.rigid.size)), np.zeros(0)
         if self.mechanics.large and not self.model.lines:
@@ -251,7 +251,7 @@ class ConsistentPositions:
                 self.changes.append(f"'{body.name}' moved by {moved:.4g} m to close the loops")
 
     def check_branches(self, q: Array) -> None:
-        """Refuse the spurious branches of the constraints (axes reversed, driven angle off by pi)."""
+        """Refuse other branches of the constraints: axes reversed, or a driven angle wrong by pi."""
         problems = []
         for g, p, values in self.mechanics.evaluate(branch_outputs, self.t, q[None], np.zeros((1, self.mechanics.nu))):
             for i, instance in enumerate(self.model.groups[g].instances):

@@ -14,11 +14,11 @@ from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import quaternion_product, rotation_matrices, rotation_of, turned
 
-FULL = 400  #: coordinates up to which rows are full
+FULL = 400  #: number of coordinates up to which rows are full arrays
 
 
 class RigidMotions:
-    """Coordinates of displacements: those of every node, of a beam six (three in the plane) for all its nodes together."""
+    """Coordinates of rigid motions: the velocities of every single node, and six (three in the plane) for all nodes of a beam."""
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -29,7 +29,7 @@ class RigidMotions:
 
     @property
     def massless(self) -> Any:
-        """(size,) bool: coordinates of joints, which have no mass."""
+        """(size,) bool: joint coordinates, which have no mass of their own."""
         counts = [n.kind.sizes[1] for n in self.single]
         mask = np.repeat([n.body is None for n in self.single], counts)
         return np.r_[mask, np.zeros(self.size - len(mask), dtype=bool)].astype(bool)
@@ -63,7 +63,7 @@ class RigidMotions:
         return np.eye(last - first, self.size, k=first)
 
     def basis(self, q: Array) -> Array:
-        """B (nu, size): velocities of all nodes per coordinate; a beam moves (v of its first node, w), inertial."""
+        """B (nu, size): velocities of all nodes by the coordinates; those of a beam: v of its first node and w, inertial axes."""
         B, column = np.zeros((self.model.nu, self.size)), 0
         for node in self.single:
             nu = node.kind.sizes[1]
@@ -85,7 +85,7 @@ class RigidMotions:
         return B
 
     def moved(self, q: Array, x: Array, free: Array) -> Array:
-        """q after displacements x (size,) of the coordinates; `free` are the positions with those of single nodes applied."""
+        """q after displacements x (size,) of the coordinates; free: positions with single nodes displaced already."""
         q, column = free.copy(), self.size - sum(nodes[0].kind.sizes[1] for nodes in self.beams)
         before = free
         for nodes in self.beams:

@@ -1,4 +1,4 @@
-"""Changes of a motion that satisfy linear conditions at least cost, by sparse matrices: of many bodies, and of bent beams."""
+"""Changes of a motion that satisfy linear conditions and minimise a quadratic cost, by sparse matrices."""
 
 from __future__ import annotations
 
@@ -11,22 +11,23 @@ from mbdae.system.base import Array
 from mbdae.system.motion.constrained import largest_entries
 
 CORRECTIONS = 5
-GIVEN = 1e-10  #: compliance of the conditions over that of the stiffest unknown, against singular matrices; then corrected
-STATED = 1e-5  #: the same, of stated velocities: they give way to the conditions
+#: compliance of the conditions over that of the stiffest unknown, which keeps matrices regular; its error is corrected
+GIVEN = 1e-10
+STATED = 1e-5  #: compliance of stated velocities, over that of the stiffest unknown, so that they yield to the conditions
 
 
 def cheapest(W: Any, units: Array, A: Any, right: Array, pull: Array, give: Array | None = None) -> Array:
-    """x (nu,) with A x = right that makes x^T W x / 2 - pull^T x least, rows of A (m, nu) in any number.
+    """x (nu,) with A x = right that minimises x^T W x / 2 - pull^T x; A (m, nu) may have any number of rows.
 
     W (nu, nu) is positive definite.
 
-    units (nu,): unit displacements; give (m,): compliances of the conditions, all `GIVEN` by default: where conditions contradict
-    each other those with the larger one are violated."""
+    units (nu,): unit displacements; give (m,): compliances of the conditions, by default `GIVEN`: where conditions contradict
+    each other, those with the larger compliance are violated."""
     A, W, pull = sp.csr_matrix(A) @ sp.diags(units), sp.diags(units) @ W @ sp.diags(units), pull * units
     size = largest_entries(A)
     size[size == 0] = 1.0
     stiff = float(np.max(W.diagonal()))
-    A, right = sp.diags(stiff / size) @ A, stiff * right / size  # rows like those of W
+    A, right = sp.diags(stiff / size) @ A, stiff * right / size  # rows get entries as large as those of W
     corner = -stiff * (np.full(A.shape[0], GIVEN) if give is None else give)
     factors = splu(sp.bmat([[W, A.T], [A, sp.diags(corner)]], format="csc"))
     x, forces = np.zeros(len(units)), np.zeros(A.shape[0])
@@ -37,7 +38,7 @@ def cheapest(W: Any, units: Array, A: Any, right: Array, pull: Array, give: Arra
 
 
 def sparse_least_change(A: Any, right: Array, weight: Any, units: Array, stated: Any, off: Array) -> Array:
-    """As `least_change.least_change`, for many bodies: x (n,) with A x = right, of these nearest to stated x = off, of these the
-    smallest one by the weight (n, n)."""
+    """`least_change.least_change` for many bodies: x (n,) with A x = right, of these the one with stated x nearest to off, of
+    these the smallest one by the weight (n, n)."""
     give = np.r_[np.full(A.shape[0], GIVEN), np.full(stated.shape[0], STATED)]
     return cheapest(weight, units, sp.vstack([A, stated]), np.r_[right, off], np.zeros(len(units)), give)

@@ -1,4 +1,4 @@
-"""The start: consistent positions, velocities, accelerations and multipliers, and what had to be changed for them.
+"""The start: consistent positions, velocities, accelerations and multipliers, and changes to the drawn scene.
 
 The scene is drawn with every joint at 0. Prescribed and held values are kept; every other joint of the tree starts
 at relative rest; loops close by the smallest mass-weighted change of what is not held.
@@ -24,14 +24,14 @@ from mbdae.system.model.rotations import rotation_of
 from mbdae.system.start.bent_beams import Bending, can_bend
 from mbdae.system.start.positions import ConsistentPositions
 
-ROUNDING = 1e-11  #: of the largest speed: what velocities along a tree miss those of its joints by
+ROUNDING = 1e-11  #: error of velocities along a tree, over the largest speed, that counts as rounding
 
 
 @dataclass
 class Start:
-    """Consistent start of a scene: q, u, s, accelerations, multipliers; `changes` in sentences. Of a run to be continued with
-    other joint models also the names of its internal states `s`, and by joint and name the coordinates (rad or m, turns
-    counted)."""
+    """Consistent start of a scene: q, u, s, accelerations, multipliers; `changes` in sentences. For a run continued with other
+    joint models also the names of the internal states `s`, the joint coordinates (rad with whole turns, or m) by joint and name,
+    and by name the controllers that have been called before (`system.sampling.UnderWay`)."""
 
     t: float
     q: Array
@@ -42,10 +42,11 @@ class Start:
     changes: list[str] = field(default_factory=list)
     names: tuple[str, ...] | None = None
     coordinates: dict[tuple[str, str], float] = field(default_factory=dict)
+    controllers: dict[str, Any] = field(default_factory=dict)
 
 
 def state_start_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Start values of internal states."""
+    """Outputs of a law that are start values of its internal states."""
     return [] if isinstance(d.law, Element) else [(("s", j), e) for j, e in enumerate(d.state_starts)]
 
 
@@ -53,7 +54,7 @@ class Starter(ConsistentPositions):
     """Finds the start of a model: consistent positions, and velocities by projection."""
 
     def run(self, q: Array, u: Array | None = None) -> Start:
-        """From closed positions and velocities, by default those of the tree: states, accelerations and multipliers."""
+        """The start at closed positions q; u: velocities, by default those of the tree, projected on the constraints."""
         self.check_branches(q)
         u = self.project_velocities(q, self.velocities_of_tree(q) if u is None else u)
         s = self.states(q, u)
@@ -61,8 +62,8 @@ class Starter(ConsistentPositions):
         return Start(float(self.t[0]), q, u, s, a[0], multipliers[0], self.changes)
 
     def velocities_of_tree(self, q: Array) -> Array:
-        """Velocities (nu,) of the tree: given ones, held rates, relative rest elsewhere."""
-        twist: dict[Body, tuple[Array, Array]] = {}  # velocity of the centre of mass, angular velocity
+        """Velocities (nu,) along the tree: stated ones, held rates, zero relative velocity at all other joints."""
+        twist: dict[Body, tuple[Array, Array]] = {}  # velocity of the centre of mass and angular velocity of each body
         place = self._poses(q)
         for root in self.tree.roots:
             twist[root] = (root.drawn.velocity, root.drawn.angular_velocity)
@@ -95,7 +96,7 @@ class Starter(ConsistentPositions):
         motion, outwards = self._motion(joint), joint.l is child
         way, slide, spin = motion.rates(self.held_values(joint), self.held_rates(joint))
         _, Rk = place[joint.k.owner]
-        to_now = Rk @ joint.k.drawn.rotation.T  # the joint's motion is known in axes fixed to k, as drawn
+        to_now = Rk @ joint.k.drawn.rotation.T  # from drawn axes fixed to k to the present inertial axes
         point = r if parent.is_point else r + R @ parent.drawn.rotation.T @ (motion.at - parent.drawn.position)
         point = point + to_now @ way if outwards else point
         sign = 1.0 if outwards else -1.0
@@ -113,7 +114,7 @@ class Starter(ConsistentPositions):
             r = node.position(q)
             R = rotation_of(node.kind, q[node.q : node.q + node.kind.sizes[0]])
             poses[body] = (r, R)
-            if body is not body.owner and body.owner not in poses:  # a rigid beam moves with its first node
+            if body is not body.owner and body.owner not in poses:  # a beam is rigid here and moves with its first node
                 R = R @ body.drawn.rotation.T
                 poses[body.owner] = (r + R @ (body.owner.drawn.position - body.drawn.position), R)
         return poses
@@ -138,7 +139,7 @@ class Starter(ConsistentPositions):
         return projected
 
     def fits(self, q: Array, u: Array) -> bool:
-        """Whether velocities fit the joints but for rounding, of mechanics whose joints take the bodies along."""
+        """Whether velocities satisfy the joints up to rounding; only for mechanics in which all rows belong to trees."""
         if not self.mechanics.carries_bodies:
             return False
         off = self.mechanics.velocity_residual(self.t, q[None], u[None])[0]
@@ -146,8 +147,8 @@ class Starter(ConsistentPositions):
         return bool(np.max(np.abs(off), initial=0.0) <= ROUNDING * max(speed, 1e-300) * max(1.0, self.model.length))
 
     def _projected(self, q: Array, u: Array, given: list[tuple[Body, Any, Any]]) -> tuple[Array, Array]:
-        """Velocities that satisfy the joints and the held rates, and their change in the coordinates of rigid motions: of given
-        velocities first, then of all."""
+        """Velocities that satisfy the joints and the held rates, and their change in the coordinates of rigid motions: the change
+        of given velocities is minimised first, then the change of all."""
         held = self._held(self.held_rates)
         _, _, C = self._coordinates(q, u, held)
         A = self.with_rows(q, C)
@@ -177,13 +178,13 @@ class Starter(ConsistentPositions):
                           f"release one of the prescribed or held rates"])  # fmt: skip
 
     def _rows_of(self, parts: list[Any]) -> Any:
-        """Sparse rows one below the other; full where the mechanics is not large."""
+        """Rows one below the other, as a sparse matrix where the mechanics is large, else as an array."""
         if self.mechanics.large and not self.model.lines:
             return sp.vstack([sp.csr_array((0, self.rigid.size)), *parts], format="csr")
         return np.vstack([np.zeros((0, self.rigid.size)), *map(as_full, parts)])
 
     def _far(self, left: Array, u: Array) -> bool:
-        """Whether velocities u violate the constraints by more than rounding."""
+        """Whether velocities u violate the constraints by more than rounding, where `left` is the violation."""
         speed = float(np.max(np.abs(u) * self.mechanics.velocity_units, initial=0.0)) + 1.0
         return bool(np.max(np.abs(left), initial=0.0) > 1e-8 * speed * max(1.0, self.model.length))
 
@@ -193,6 +194,6 @@ class Starter(ConsistentPositions):
 
 
 def _stated(given: tuple[Body, Any, Any]) -> tuple[Any, Any]:
-    """The rows of the velocity and of the angular velocity of a body that the user states: those that are not zero."""
+    """Rows of the velocity and of the angular velocity of a body that the user states; rows of stated zeros are left out."""
     body, moves, turns = given
     return moves[: None if np.any(body.drawn.velocity) else 0], turns[: None if np.any(body.drawn.angular_velocity) else 0]

@@ -10,15 +10,15 @@ from mbdae.system.motion.mechanics import Mechanics, in_units
 from mbdae.system.start.rigid_beams import RigidMotions
 from mbdae.system.start.start import Start
 
-#: mu takes up the local errors of the positions: a sum of small random pieces, no smooth function. Held to the
-#: tolerance of the positions it makes BDF reject every second step (Andrews, rtol 1e-9: 19692 steps instead of 1871).
+#: factor on the scale of mu, which sums the local errors of the positions and is not smooth: with the tolerance of the positions
+#: BDF rejects every second step (Andrews, rtol 1e-9: 19692 steps instead of 1871)
 SLACK = 1e5
 
 
 def characteristic_time(mechanics: Mechanics, start: Start) -> float:
-    """The shortest of: unit over speed, root of unit over acceleration, at the start; 1 s where nothing moves."""
+    """The shortest of unit / speed and sqrt(unit / acceleration) of all velocities at the start, s; 1 s where nothing moves."""
     units, acceleration = mechanics.velocity_units, start.acceleration
-    if mechanics.model.lines:  # of beams as rigid bodies: their elastic modes are faster
+    if mechanics.model.lines:  # beams count as rigid bodies, because their elastic modes are faster
         B = RigidMotions(mechanics.model).basis(start.q)
         M = mechanics.mass @ B
         acceleration = B @ np.linalg.lstsq(B.T @ M, M.T @ acceleration, rcond=1e-12)[0]
@@ -29,18 +29,18 @@ def characteristic_time(mechanics: Mechanics, start: Start) -> float:
 
 
 def state_scale(mechanics: Mechanics) -> Array:
-    """(ns,) typical magnitude of the internal states, as their laws say; 1 where they do not."""
+    """(ns,) typical magnitude of the internal states as stated by their laws, else 1."""
     groups = mechanics.model.groups
     named = [(groups[g].instances[i].law, groups[g].derived.states[j]) for g, i, j in mechanics.numbering.states]
     return np.array([law.state_scales().get(name, 1.0) for law, name in named])
 
 
 def multiplier_scales(mechanics: Mechanics, start: Start, T: float) -> tuple[Array, Array]:
-    """(m,) of lambda and of mu: what moves the scene by its units in its characteristic time.
+    """(m,) scales of lambda and of mu: reactions that accelerate the scene by one unit in its characteristic time T (s).
 
-    The largest power (constraint force of a characteristic acceleration, at least its start value, times the row's
-    speed) holds for all rows: a direction unloaded at the start carries the load after a quarter turn, and a tolerance
-    relative to its start value would stop IDA there."""
+    The largest power (constraint force of a characteristic acceleration, at least its start value, times the row's speed) is used
+    for all rows: a direction that carries no load at the start may carry it a quarter turn later, and a tolerance relative to its
+    start value would stop IDA there."""
     if not mechanics.m:
         return np.zeros(0), np.zeros(0)
     G = mechanics.constraint_matrix(np.array([start.t]), start.q)
@@ -53,7 +53,7 @@ def multiplier_scales(mechanics: Mechanics, start: Start, T: float) -> tuple[Arr
 
 
 def stress_scale(mechanics: Mechanics, T: float) -> float:
-    """N or N m: what accelerates the beams by their length in the characteristic time."""
+    """Scale of stresses, N or N m: the force that accelerates the beams by their length in the characteristic time."""
     if not mechanics.model.lines:
         return 1.0
     mass = max(line.beam.mass for line in mechanics.model.lines)

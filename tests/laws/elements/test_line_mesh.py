@@ -6,10 +6,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from mbdae.errors import OptionError
 from mbdae.kernels.beam import GyroscopicKernel, mass_blocks
 from mbdae.kernels.line_nodes import Nodes
+from mbdae.laws.elements.line_frames import quaternions
 from mbdae.laws.elements.line_mesh import arc, curved, polyline
 from mbdae.laws.elements.line_shape import gauss, mass_points, node_positions, strain_points, table
 from mbdae.symbolic.frames import NodeKind
@@ -195,3 +197,28 @@ def test_axis_normal_to_the_plane(direction):
     assert polyline(ends, 2).normal_axis == 3
     assert polyline(ends, 2, axis2=(0, 0, 1)).normal_axis == polyline(ends, 2, axis2=(0, 0, -1)).normal_axis == 2
     assert polyline(ends, 2, axis2=(-direction[1], direction[0], 1)).normal_axis is None
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_quaternions_of_any_axes_are_continuous_and_begin_with_a_positive_scalar(seed):
+    """Axes turned step by step, through half turns too, where one component after the other is the largest."""
+    rng = np.random.default_rng(seed)
+    steps = Rotation.from_rotvec(rng.normal(size=(60, 3)) * 0.4)
+    turned = [Rotation.from_rotvec(rng.normal(size=3) * 2)]
+    for step in steps:
+        turned.append(step * turned[-1])
+    axes = np.array([r.as_matrix() for r in turned])
+    P = quaternions(axes)
+    np.testing.assert_allclose(Rotation.from_quat(P[:, [1, 2, 3, 0]]).as_matrix(), axes, atol=1e-14)
+    assert P[0, 0] >= 0
+    assert (np.einsum("ki,ki->k", P[1:], P[:-1]) > 0).all()
+
+
+def test_nodes_stand_where_they_are_asked_for():
+    """Lengths along two segments, of 2 and 3 m."""
+    mesh = polyline([(0, 0, 0), (2, 0, 0), (2, 3, 0)], [2, 2], through=[0.3, 4.7])
+    assert mesh.order == 2
+    for length, place in ((0.3, (0.3, 0, 0)), (4.7, (2, 2.7, 0))):
+        node = int(np.argmin(abs(mesh.places - length)))
+        assert mesh.places[node] == pytest.approx(length, abs=1e-12)
+        assert mesh.positions[node] == pytest.approx(place, abs=1e-12)

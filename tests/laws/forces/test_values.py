@@ -360,3 +360,17 @@ def test_pin_that_cannot_tilt_touches_twice(outputs: Any) -> None:
     assert max(np.abs(column).max() for column in found[0].values()) > 1
     for target, column in found[0].items():
         assert found[1][target] == pytest.approx(column if target in same else 2 * column, rel=1e-12), target
+
+
+def test_a_load_on_a_coordinate_is_the_drive_of_its_joint() -> None:
+    """Told as such, beside springs and dampers, which are not; a torque needs a body that can turn."""
+    s = mb.Scene("rail")
+    block = s.rigid_body("block", 2.0, (1, 1, 1), at=(0, 0, 0))
+    s.prismatic("P", s.ground, block, at=(0, 0, 0), axis=(1, 0, 0), force=3.0 + mb.t, spring=10.0, damper=1.0)
+    r = s.simulate(0.5)
+    np.testing.assert_allclose(r["P"].drive, 3.0 + r.t, rtol=1e-12)
+    point = mb.Scene("point")
+    point.point_mass("m", 1.0, at=(0, 0, 0))
+    point.revolute("R", point.ground, "m", at=(0, 0, 0), torque=1.0)
+    with pytest.raises(mb.SceneError, match="a torque does nothing on the point mass 'm'"):
+        point.check()

@@ -52,7 +52,8 @@ def test_lugre_slides_steadily_on_the_stribeck_curve_and_is_continuous_at_revers
 def test_lugre_gives_back_no_more_than_its_bristles_hold() -> None:
     """Work done on it is never less than the change of sigma0 z^2 / 2, for normal force 1 and any motion."""
     law = mb.LuGre(0.3, 0.3, 0.01, 1e5, 316.0)  # sigma1 v_s = 3.16 < 4 sqrt(2 e) 0.3 fails: said by a warning
-    assert law.doubts()
+    (doubt,) = law.doubts()
+    assert f"exceeds 4 sqrt(2 e) mu_k = {4 * math.sqrt(2 * math.e) * 0.3:.2g}" in doubt
     law = mb.LuGre(0.3, 0.45, 1e-3, 1e5, 316.0)
     assert not law.doubts()
     part = stated(law)

@@ -40,6 +40,7 @@ def test_a_self_locking_screw_is_named_and_does_not_turn():
     assert "joint 'thread': self-locking: its friction coefficient 0.12 is above tan(lead angle) = 0.06631" in found
     assert "self-locking" not in str(steep.check())
     assert not jack.jack(0.005, 0.0).check().remarks
+    assert not jack.jack(0.0, 0.12).check().remarks  # a hinge: no axial force turns any
     # it creeps at the speed where the smoothed coefficient is the slope of the thread
     slope, travel = 0.005 / (2 * np.pi * jack.RADIUS), np.hypot(jack.RADIUS, 0.005 / (2 * np.pi))
     creep = jack.CREEP * np.arctanh(slope / 0.12) / travel
