@@ -25,8 +25,8 @@ FUNCTIONS = (
     "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp", "log", "Piecewise",
     "floor",
 )  # fmt: skip
-LONGEST, DEEPEST = 100_000, 120  #: characters, brackets inside each other
-MOST_BITS = 100_000  #: size of the integers that may arise while a text is read; fractions of doubles have up to 1100
+LONGEST, DEEPEST = 100_000, 120  #: most characters of a text, most brackets inside each other
+MOST_BITS = 100_000  #: most bits of an integer that arises while a text is read; doubles as fractions have up to 1100
 
 _TOKEN = re.compile(r"\s*(?:(?P<float>(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)|(?P<integer>\d+)"
                     r"|(?P<sensor>sensor\(\"(?:[^\"\\]|\\.)*\"\))|(?P<name>[A-Za-z]\w*)"
@@ -40,7 +40,7 @@ _PARTS = {*FUNCTIONS, *ONE_SIDED, *_NUMBERS, "Pi", "Exp1", "GoldenRatio", "Euler
 _RELATIONS: dict[str, Any] = {"<": se.Lt, "<=": se.Le, ">": se.Gt, ">=": se.Ge, "==": se.Eq, "!=": se.Ne}
 _SIGNS = {"StrictLessThan": "<", "LessThan": "<=", "Equality": "==", "Unequality": "!="}
 _JOINED = {"and": se.And, "&": se.And, "or": se.Or, "|": se.Or}
-#: precedence of a sign between two numbers or conditions; of one before a number, of "not"
+#: precedence of operators between two numbers or conditions; in the next line, of a sign before a number and of "not"
 _STRENGTH = {"or": 1, "|": 1, "and": 2, "&": 2, **dict.fromkeys(_RELATIONS, 4), "+": 5, "-": 5, "*": 6, "/": 6, "**": 8}
 _BEFORE_NUMBER, _NOT = 7, 3
 #: functions with their numbers of arguments (None: two or more)
@@ -57,7 +57,7 @@ _FUNCTIONS: dict[str, tuple[int | None, Callable[..., Any]]] = {
 
 
 def canonical(e: Expr) -> Expr:
-    """The expression with its terms in the order of its text: after it was stored its values are the same to the last bit."""
+    """The expression with terms in the order of its text, so that a stored expression has the same values to the last bit."""
     return read(written(e))
 
 
@@ -93,7 +93,7 @@ def _written(node: Expr, args: list[str]) -> str:
 
 
 class _Read(NamedTuple):
-    """A part that was read; bits: bound of the size of the integers in it."""
+    """A part that was read; bits: upper bound of the bits of the integers in it."""
 
     e: Any
     bits: int
@@ -139,7 +139,7 @@ class _Reader:
         self.at = self.depth = 0
 
     def whole(self) -> Any:
-        """All of the text."""
+        """Read the whole text."""
         found = self._expression(0)
         self._expect("the end")
         return found.e
@@ -203,13 +203,13 @@ class _Reader:
         return _Read((se.Add if signs == "+-" else se.Mul)(*(term.e for term in terms)), bits)
 
     def _joined(self, left: _Read, sign: str) -> _Read:
-        """Two conditions, joined by a word or a sign."""
+        """Two conditions, joined by and, or, & or |."""
         self.at += 1
         right = _condition(self._expression(_STRENGTH[sign]))
         return _Read(_JOINED[sign](_condition(left).e, right.e), _bounded(left.bits + right.bits))
 
     def _pair(self, left: _Read, sign: str) -> _Read:
-        """A comparison (of several, a < b < c, all have to hold), or a power."""
+        """A power or a comparison; of a chain such as a < b < c all comparisons have to hold."""
         self.at += 1
         if sign != "**":
             right = _value(self._expression(_STRENGTH[sign]))

@@ -109,7 +109,7 @@ class ProgrammedTree:
         return self._chunks(entries)
 
     def _chunks(self, entries: list[tuple[Any, Expr]]) -> list[Piece]:
-        """One kernel, or several by columns where one would be slow to compile."""
+        """One kernel for all entries, or several by columns of the Jacobian where one would be slow to compile."""
         program = self.tree.program
         if len(program.needed([e for _, e in entries])) <= CHUNK:
             return [self._piece(entries)] if entries else []

@@ -207,8 +207,8 @@ class JointModel:
 class Constrained(JointModel):
     """Joint models with constraint rows c.
 
-    scaling, penalty: of the paper's Eq. 2, V = scaling lambda.c + penalty c.c over the rows of a revolute joint (penalty
-    in N m, rows in m count as rad): scaling > 0, penalty >= 0.
+    scaling > 0, penalty >= 0: of the potential V = scaling lambda.c + penalty c.c over the rows of a revolute joint (penalty
+    in N m, rows in m count as rad); validation/paper names the source.
     """
 
     scaling: float = 1.0

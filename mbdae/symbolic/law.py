@@ -39,7 +39,7 @@ from mbdae.values import shown
 
 __all__ = ["AUGMENTED", "Element", "Force", "Law", "Parameter", "Structure", "TwoBodyLaw", "params"]
 
-#: paper Eq. 2: V = scaling lambda.c + penalty c.c of the rows c; the force of a row is scaling lambda + 2 penalty c
+#: V = scaling lambda.c + penalty c.c of constraint rows c (Eq. 2 of validation/paper); force: scaling lambda + 2 penalty c
 AUGMENTED = params(scaling=("1", "factor of the rows and their multipliers"), penalty=("N m", "factor of the squared rows"))
 
 

@@ -1,7 +1,7 @@
 """Sampled controllers in a run: called at sampling instants with values of sensors; their outputs are held in between.
 
-The outputs are internal states without a rate, so that they are part of every solution. A run ends a step at every instant and
-goes on from the state with the new outputs.
+The outputs are internal states without a rate, so that they are part of every solution. A run ends a step at every sampling
+instant and continues from the state with the new outputs.
 """
 
 from __future__ import annotations

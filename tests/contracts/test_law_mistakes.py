@@ -13,6 +13,7 @@ import symengine as se
 import sympy as sp
 
 import mbdae as mb
+from mbdae.symbolic.frames import NodeKind, make_frame
 
 
 def joint(**methods: Any) -> type[mb.Joint]:
@@ -122,6 +123,12 @@ def test_names_of_derivations_are_refused(name: str) -> None:
     """A parameter that is the symbol of a frame or row would silently be that symbol."""
     law = joint(params=mb.params(**{name: "1", "radius": "m"}), constraints=lambda self, k, l: {"a": l.r[0] * getattr(self, name)})
     assert f"Bowl: '{name}' in params is the symbol of" in told(law, **{name: 1.0})
+
+
+def test_a_frame_in_the_plane_knows_where_its_point_is_in_the_body() -> None:
+    """Two places and the angle of the drawing, of which no parameter of a law may have the name."""
+    own = {"k_p1", "k_p2", "k_theta0"}
+    assert own == own & {str(symbol) for symbol in make_frame("k", NodeKind.PLANAR).symbols}
 
 
 class Sticky(mb.Friction):

@@ -164,3 +164,18 @@ def test_sensors_it_has_not_are_named() -> None:
         _ = r["J"].displacement
     with pytest.raises(mb.OptionError, match=r"has no rate"):
         _ = r["J"].rate
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_boom_that_turns_and_reaches_starts_as_fast_as_both_say(model: Any) -> None:
+    """The load, drawn at d from the foot, has R(angle) (d + reach e) + rise angle up: its derivative by hand."""
+    angle, reach, turning, reaching = 0.4, 0.3, 2.0, 0.5
+    rates = {"angle": turning, "reach": reaching}
+    r = crane(model=model, start={"angle": angle, "reach": reach}, start_rate=rates).simulate(1e-6)
+    along = np.array([np.cos(angle), np.sin(angle), 0.0])
+    across, up = np.cross([0, 0, 1.0], along), np.array([0, 0, 1.0])
+    d = np.array([0.3 + reach, 0.1, 0.2])
+    at = along * d[0] + across * d[1]
+    np.testing.assert_allclose(r["load"].position[0], [0.2, 0, 0] + at + up * (d[2] + 0.1 * angle), atol=1e-12)
+    velocity = turning * np.cross(up, at) + reaching * along + 0.1 * turning * up
+    np.testing.assert_allclose(r["load"].velocity[0], velocity, atol=1e-9)

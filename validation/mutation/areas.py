@@ -38,7 +38,7 @@ AREAS = (
     Area("laws", 30, ("laws/joints", "laws/forces", "laws/couplings", "laws/control"),
          ("laws/joints", "laws/forces", "laws/test_own_laws_stay.py", "scene/test_couplings.py", "scene/test_joint_limits.py",
           "oracles", "system/test_joint_stops.py", "scene/test_three_frames.py", "control", "reference/test_joint_models.py",
-          "contracts")),
+          "analysis/test_equilibrium.py", "contracts")),
     Area("contact", 20, ("laws/contact",),
          ("laws/contact/test_surfaces.py", "laws/contact/test_free_bodies.py", "native/test_contacts.py",
           "system/test_contact_start.py", "scene/test_clearance.py", "laws/contact/test_journal.py",
@@ -56,7 +56,7 @@ AREAS = (
           "scene/test_storage_laws.py", "contracts/test_laws.py")),
     Area("system", 30, ("system",),
          ("system/test_system.py", "system/test_needed.py", "trees", "system", "oracles", "scene/test_start.py",
-          "scene/test_stated_velocities.py", "scene/test_check.py", "scene/test_recursive_scenes.py",
+          "scene/test_stated_velocities.py", "scene/test_own_joint.py", "scene/test_check.py", "scene/test_recursive_scenes.py",
           "reference/test_singular_positions.py", "reference/test_loops.py", "control", "integrators/test_dae.py",
           "results/test_accelerations.py", "results/test_guards.py", "scene/test_bent_start.py", "results/test_choice_by_laws.py",
           "scene/test_stiff_beams.py", "scene/test_clearance.py")),
@@ -73,7 +73,8 @@ AREAS = (
           "results/test_guards.py", "results/test_covers.py", "inputs/test_timed_runs.py", "integrators/test_accuracy.py",
           "integrators/test_batch.py", "integrators/test_services.py", "integrators/test_checkpoints.py", "control",
           "results/test_choice.py", "results/test_continued.py", "results/test_cost.py", "results/test_check_of_joints.py",
-          "scene/test_check.py", "results/test_contact_stability.py", "system/test_needed.py", "test_ties.py")),
+          "scene/test_check.py", "results/test_contact_stability.py", "system/test_needed.py",
+          "system/test_recursive_motion.py", "test_ties.py")),
 )  # fmt: skip
 
 

@@ -92,8 +92,10 @@ class Covers:
     def _by_place(self, area: Area, file: Path, mutant: Mutant) -> tuple[set[str], set[str], bool]:
         names = area.test_files(self.root)
         if file.suffix != ".py":
-            beside = [p for p in (file.with_suffix(".py"), file.with_name("program.py")) if p.exists()][:1]
-            return {t for p in beside for n in names for ran in self.lines(n, p).values() for t in ran if t}, set(), True
+            within = [p for p in file.parent.glob("*.c") if f'"{file.name}"' in p.read_text(encoding="utf-8")]
+            beside = [p.with_suffix(".py") for p in (file, *within)] + [file.with_name("program.py")]
+            calls = next((p for p in beside if p.exists()), file)
+            return {t for n in names for ran in self.lines(n, calls).values() for t in ran if t}, set(), True
         statement = Enclosing(file.read_text(encoding="utf-8"), mutant)
         near, far, on_import = set[str](), set[str](), False
         for name in names:
@@ -126,14 +128,16 @@ class Covers:
 
 
 class Enclosing:
-    """lines: of the innermost statement around a mutant, of a compound one without its body; names: what it assigns."""
+    """lines: of the innermost statement around a mutant, of a compound one other than a function without its body; names: what it
+    assigns."""
 
     def __init__(self, text: str, mutant: Mutant) -> None:
         first, last = (text.count("\n", 0, at) + 1 for at in (mutant.start, max(mutant.start, mutant.end - 1)))
         every = [n for n in ast.walk(ast.parse(text)) if isinstance(n, ast.stmt)]
         around = [n for n in every if n.lineno <= first and last <= (n.end_lineno or 0)]
         inner = max(around, key=lambda n: (n.lineno, -(n.end_lineno or 0)))
-        body, end = getattr(inner, "body", None), (inner.end_lineno or inner.lineno) + 1
+        whole = isinstance(inner, ast.FunctionDef)  # a default value is used where the function is
+        body, end = None if whole else getattr(inner, "body", None), (inner.end_lineno or inner.lineno) + 1
         self.lines = range(inner.lineno, max(body[0].lineno, inner.lineno + 1) if body else end)
         targets = inner.targets if isinstance(inner, ast.Assign) else [inner.target] if isinstance(inner, ast.AnnAssign) else []
         self.names = {n.id for target in targets for n in ast.walk(target) if isinstance(n, ast.Name)}

@@ -71,7 +71,7 @@ class JointMotion:
         if np.max(np.abs(P[1:])) <= 1e-9 and np.max(np.abs(r)) <= 1e-9 * length:
             return ""
         return (f"its motion moves l by {np.linalg.norm(r):.3g} m and turns it by {2 * np.linalg.norm(P[1:]):.3g} rad where its "
-                f"coordinates are 0, where l must be as drawn; state it without this, or draw l there")  # fmt: skip
+                f"coordinates are 0, but l must be as drawn there; state the motion without this, or draw l there")  # fmt: skip
 
     def planar_turn(self, values: dict[str, float]) -> float:
         """Rotation of l about z, whole turns included, rad."""

@@ -156,7 +156,7 @@ class Model:
 
 
 def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
-    """The model of a scene; space="auto" tries the plane first and keeps the reason where that fails.
+    """The model of a scene; space="auto" tries the plane first and stores the reason where that is not possible.
 
     kept: recursive joints that stay kinematic, and why."""
     kept = _changing(scene) | dict(kept or {})

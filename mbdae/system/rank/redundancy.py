@@ -141,9 +141,9 @@ def _rows_at(mechanics: Mechanics, t: Array, q: Array) -> Array:
 
 
 def _rank_lost_here(mechanics: Mechanics, t: Array, q: Array, rank: int) -> tuple[int, Array]:
-    """How many rows depend on the others in this position alone, and the unit rows (m, nu) beside it.
+    """How many rows depend on the others in this position alone, and the unit rows (m, nu) near it.
 
-    Along a motion v that the rows allow, G changes by G'(v). Rows W that depend on each other here (W^T G = 0) go on doing so if
+    Along a motion v that the rows allow, G changes by G'(v). Rows W that depend on each other here (W^T G = 0) stay dependent if
     W^T G'(v) N = 0, where N are the motions that all rows allow; else the rank rises by the rank of this matrix. That holds at
     a position that cannot be left too: a stretched chain between two fixed points moves to first order only."""
     units, G = mechanics.velocity_units, mechanics.constraint_jacobian(t, q[None])[0]

@@ -1,5 +1,5 @@
-"""What the equations of motion do not determine: motions without inertia, and friction by a reaction that redundant constraints
-share."""
+"""Checks for what the equations of motion leave undetermined: motions without inertia, and friction by a reaction that is not
+unique because of redundant constraints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The start: consistent positions, velocities, accelerations and multipliers, and what had to be changed for them.
+"""The start: consistent positions, velocities, accelerations and multipliers, and changes to the drawn scene.
 
 The scene is drawn with every joint at 0. Prescribed and held values are kept; every other joint of the tree starts
 at relative rest; loops close by the smallest mass-weighted change of what is not held.

@@ -129,6 +129,19 @@ def test_angles_and_their_branches(law: Any, kept: bool, angle: float) -> None:
         assert branches == pytest.approx([1.0, np.cos(off)], abs=1e-12)
 
 
+@pytest.mark.parametrize("angle", [0.0, np.pi])
+def test_branches_of_a_universal_joint_as_drawn_and_with_the_pin_of_l_turned_over(angle: float) -> None:
+    """Both angles are 0 as unknowns: where l is turned about k.z by pi the cross and l are half a turn off."""
+    d = derived(joints.Universal, True)
+    values = States(d, {}, np.random.default_rng(16), 1).special(angle, True)
+    for symbol in unknowns(d).values():
+        values[symbol][:] = 0.0
+    p = plan(d, read)
+    found = p.kernel.values(columns(p.all_inputs.symbols, values))[0]
+    branches = [value for target, value in zip(p.targets, found, strict=True) if not target[0].startswith("coordinate")]
+    assert branches == pytest.approx([np.cos(angle)] * 2, abs=1e-12)
+
+
 @pytest.mark.parametrize(("law", "kept"), [(joints.Prismatic, False), (joints.Prismatic, True), (joints.FixedOrientation, False),
                                            (joints.Weld, False)])  # fmt: skip
 def test_half_turns_that_the_rows_would_admit(law: Any, kept: bool) -> None:
