@@ -214,8 +214,8 @@ class Factors:
             raise SingularMatrixError(bad if bad < n else -1)
 
     def _begun(self, order: Order | None, surely: bool, accurate: float = ACCURATE) -> int:
-        """Factorise in an order, without checking the factors if `surely`, else to a relative error of a solution, for later values
-        too; -1, or the column at fault (n: the factors)."""
+        """Factorise in an order, without checking the factors if `surely`, else up to a relative error of a solution, which later
+        values are allowed too; -1, or the column at fault (n: the factors)."""
         self._take(order)
         self.table.surely, self.table.accurate = surely, accurate
         bad = int(functions().lu_factor(self._at))
