@@ -116,7 +116,7 @@ class Table:
             return self.t[(self.t > x0) & (self.t < x1)]
         turns = np.arange(np.floor((x0 - self.t[0]) / self.period), np.ceil((x1 - self.t[0]) / self.period))
         if len(turns) * len(self.t) > MOST_POINTS:
-            raise BadValueError(f"is repeated {len(turns)} times between {x0:g} and {x1:g} s")
+            raise BadValueError(f"has more than {MOST_POINTS} points with its repetitions between {x0:g} and {x1:g} s")
         all_points = (self.t[:-1] + self.period * turns[:, None]).ravel()
         return all_points[(all_points > x0) & (all_points < x1)]
 

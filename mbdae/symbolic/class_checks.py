@@ -51,7 +51,7 @@ def _expression(e: Any) -> Any:
 
 def _vector(v: Any) -> Any:
     if not callable(getattr(v, "cross", None)):
-        raise _WrongError(f"{shown(v)}, which is no vector; vectors are made of those of the frames, or by Vec(x, y, z)")
+        raise _WrongError(f"{shown(v)}, which is no vector: combine those of the frames, as in l.r - k.r, or use Vec(x, y, z)")
     return v
 
 

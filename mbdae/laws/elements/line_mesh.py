@@ -163,7 +163,9 @@ def _counts(lengths: Array, elements: int | Sequence[int]) -> list[int]:
     counts, n = np.asarray(elements), len(lengths)
     least = 1 if counts.ndim else n
     if counts.shape not in ((), (n,)) or not np.issubdtype(counts.dtype, np.integer) or counts.min() < least:
-        raise OptionError(f"elements = {elements}: give an integer of at least {n} (the segments), or {n} positive ones")
+        several = "" if n == 1 else f", or a list of {n}, one positive integer for every segment"
+        raise OptionError(f"elements = {elements}: the line has {n} segment{'s' * (n != 1)}; give an integer of at least {n}"
+                          f"{several}")  # fmt: skip
     if counts.ndim:
         return [int(count) for count in counts]
     found = [1] * n
