@@ -205,7 +205,7 @@ def _table(node: Node, args: list[Bounds]) -> Bounds:
 
 
 def _compare(node: Node, args: list[Bounds]) -> Any:
-    return _COMPARE[node.name](args[0][0], args[1][0])  # arguments are single values, at the time `SIDE`
+    return _COMPARE[node.name](args[0][0], args[1][0])  # in conditions the time is `SIDE`, one instant: both bounds are equal
 
 
 _RULES: dict[str, Callable[[Node, list[Any]], Any]] = {

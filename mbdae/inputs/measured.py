@@ -80,10 +80,10 @@ def _rows(place: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
         lines = place.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         why = getattr(error, "strerror", None) or "it is no text"
-        raise OptionError(f"the table '{place}' cannot be read: {why}") from None
+        raise OptionError(f"the table '{place}' cannot be read: {why}; give a text file in UTF-8 that exists") from None
     kept = [(i, line) for i, line in enumerate(lines, start=1) if line.strip() and not line.lstrip().startswith("#")]
     if not kept:
-        raise OptionError(f"the table '{place}' is empty")
+        raise OptionError(f"the table '{place}' is empty: give a file with names of columns in its first line and numbers below")
     sign = next((s for s in (";", ",", "\t") if s in kept[0][1]), None)
     split = [row if sign else " ".join(row).split() for row in csv.reader((line for _, line in kept), delimiter=sign or " ")]
     if not sign:

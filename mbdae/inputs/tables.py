@@ -17,6 +17,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.notation import counted
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import BadValueError, array, shown, word
 
@@ -116,7 +117,7 @@ class Table:
             return self.t[(self.t > x0) & (self.t < x1)]
         turns = np.arange(np.floor((x0 - self.t[0]) / self.period), np.ceil((x1 - self.t[0]) / self.period))
         if len(turns) * len(self.t) > MOST_POINTS:
-            raise BadValueError(f"is repeated {len(turns)} times between {x0:g} and {x1:g} s")
+            raise BadValueError(f"has more than {MOST_POINTS} points with its repetitions between {x0:g} and {x1:g} s")
         all_points = (self.t[:-1] + self.period * turns[:, None]).ravel()
         return all_points[(all_points > x0) & (all_points < x1)]
 
@@ -124,9 +125,9 @@ class Table:
 def _checked(t: Any, values: Any, outside: str) -> tuple[Array, Array]:
     t, values = (_numbers(name, x) for name, x in (("t", t), ("values", values)))
     if len(t) != len(values):
-        raise BadValueError(f"{len(t)} times and {len(values)} values: give one value for every time")
+        raise BadValueError(f"{counted(len(t), 'time')} and {counted(len(values), 'value')}: give one value for every time")
     if len(t) < 2:
-        raise BadValueError(f"a table of {len(t)} point{'s' * (len(t) != 1)} says nothing between points: give two or more")
+        raise BadValueError(f"a table of {counted(len(t), 'point')} says nothing between points: give two or more")
     falling = np.flatnonzero(~(np.diff(t) > CLOSEST * max(abs(t[0]), abs(t[-1]))))
     if len(falling):
         i = int(falling[0])

@@ -132,7 +132,7 @@ class _Reader:
         while at < len(text.rstrip()):
             found = _TOKEN.match(text, at)
             if not found:
-                raise ValueError(f"{text[at : at + 20].strip()!r} does not belong to it")
+                raise ValueError(f"{text[at : at + 20].strip()!r} cannot be part of an expression of t")
             self.tokens.append((str(found.lastgroup), found[str(found.lastgroup)]))
             at = found.end()
         self.tokens.append(("end", "the end"))
@@ -179,7 +179,7 @@ class _Reader:
             return _Read(se.RealDouble(_finite(float(text))), 1)
         if kind == "integer":
             if len(text) > MOST_BITS // 4:
-                raise ValueError("it holds a number of too many digits")
+                raise ValueError(f"it holds a number of more than {MOST_BITS // 4} digits: round it")
             return _Read(se.Integer(int(text) if len(text) < 4000 else _long(text)), 4 * len(text))
         if kind == "sensor":
             return _Read(se.Symbol(text), 1)
@@ -232,7 +232,7 @@ class _Reader:
         bits = _bounded(sum(a.bits for a in arguments))
         if name in LOGIC:
             if not all(is_condition(a.e) for a in arguments) or (name == "Not" and len(arguments) != 1):
-                raise ValueError(f"{name} joins conditions")
+                raise ValueError(f"{name} takes {'one condition' if name == 'Not' else 'conditions'}, such as t > 1, not numbers")
             return _Read(getattr(se, name)(*(a.e for a in arguments)), bits)
         if tables.named(name) is not None and len(arguments) == 1:
             return _Read(se.Function(name)(_value(arguments[0]).e), bits)
@@ -287,7 +287,7 @@ def _power(base: _Read, exponent: _Read) -> _Read:
     if exponent.e.is_number:
         size = abs(float(exponent.e))
         if not size <= MOST_BITS:
-            raise ValueError(f"an exponent is larger than {MOST_BITS}")
+            raise ValueError(f"an exponent is larger than {MOST_BITS} in magnitude: use a smaller one")
         times = math.ceil(size) or 1
     return _Read(base.e**exponent.e, _bounded(base.bits * times + exponent.bits))
 
@@ -300,7 +300,7 @@ def _finite(number: float) -> float:
 
 def _bounded(bits: int) -> int:
     if bits > MOST_BITS:
-        raise ValueError("it leads to numbers of too many digits")
+        raise ValueError(f"it leads to integers of more than {MOST_BITS} bits: use smaller numbers and exponents")
     return bits
 
 

@@ -268,5 +268,5 @@ core = declared(
 
 
 def address_of(name: str) -> int | None:
-    """Address of a function of the library."""
+    """Address of a function of the compiled library; None would be a null pointer, which no function has."""
     return ctypes.cast(getattr(core(), name), Pointer).value

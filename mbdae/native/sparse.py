@@ -20,8 +20,9 @@ from mbdae.native.library import declared
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-#: LAPACK's dense factors are faster where sparse ones take more than FEW multiplications, and more than the share DENSE of theirs
-#: (measured with full matrices: as fast with 25 unknowns, a third slower with 50, half as fast with 80)
+#: LAPACK's dense factorisation is faster than the sparse one where that takes more than FEW multiplications, and more than DENSE
+#: times those of the dense one (measured with full matrices, sparse against dense: as fast with 25 unknowns, a third slower with
+#: 50, half as fast with 80)
 FEW, DENSE = 5000, 0.5
 #: largest relative error of a solution with factors that are kept, by which Newton's method converges; TOLERABLE with more than
 #: SMALL unknowns, where other orders are dear (a chain of 2000 rods has 1.2e-4, another order takes 90 times as long)

@@ -11,6 +11,7 @@ from mbdae.display import lines, titled
 from mbdae.errors import ListsAttributes
 from mbdae.kernels.tree_plan import tree_plan
 from mbdae.laws.forces.on_coordinate import OnCoordinate
+from mbdae.notation import counted
 from mbdae.run.choice import Choice, choose, with_recursive_joints
 from mbdae.run.reductions import Reduction, reductions
 from mbdae.scene.components import Classical, Connection, Recursive
@@ -21,6 +22,9 @@ from mbdae.system.model.inputs import expressions_of, timeline
 from mbdae.system.model.trees import Tree
 from mbdae.system.motion.ordered_tree import ordered_size
 from mbdae.system.prepare import FORESIGHT, Prepared, prepare
+
+#: what `Check.unknowns` counts, in the singular
+_ONE = {"positions": "position", "velocities": "velocity", "states": "state", "multipliers": "multiplier", "stresses": "stress"}
 
 
 @dataclass(frozen=True)
@@ -140,16 +144,16 @@ class Check(ListsAttributes):
 
     def __str__(self) -> str:
         p, scene = self.prepared, self.prepared.model.scene
-        beams = f", {len(self.beams)} of them flexible beams" if self.beams else ""
-        loads = f", {len(scene.line_loads)} distributed loads" if scene.line_loads else ""
+        beams = f", {counted(len(self.beams), 'flexible beam')} among them" if self.beams else ""
+        loads = f", {counted(len(scene.line_loads), 'distributed load')}" if scene.line_loads else ""
         couplings = sum(isinstance(c.joint, Coupling) for c in scene.connections)
         forces = len(scene.connections) - len(scene.joints) - couplings
-        coupled = f"{couplings} coupling{'s' * (couplings > 1)}, " if couplings else ""
-        lines = [f"scene '{scene.name}': {len(scene.bodies)} bodies{beams}, {len(scene.joints)} joints, {coupled}"
-                 f"{forces} force elements{loads}",
+        coupled = f"{counted(couplings, 'coupling')}, " if couplings else ""
+        lines = [f"scene '{scene.name}': {counted(len(scene.bodies), 'body')}{beams}, "
+                 f"{counted(len(scene.joints), 'joint')}, {coupled}{counted(forces, 'force element')}{loads}",
                  f"  {'planar' if self.planar else 'spatial'}: {p.model.why}",
                  f"  degrees of freedom: {self.degrees_of_freedom}",
-                 "  unknowns: " + ", ".join(f"{n} {kind}" for kind, n in self.unknowns.items() if n)]  # fmt: skip
+                 "  unknowns: " + ", ".join(counted(n, _ONE[kind]) for kind, n in self.unknowns.items() if n)]  # fmt: skip
         lines += [f"  not joined to the ground: {_listed(self.not_joined)}"] if self.not_joined else []
         lines += self._of_joints()
         lines += self._of_beams()
@@ -193,7 +197,8 @@ class Check(ListsAttributes):
         lines = self.prepared.model.lines
         if not lines:
             return []
-        meshes = (f"{line.beam.name} ({len(line.mesh.elements)} elements of order {line.mesh.order}, {len(line.nodes)} nodes)"
+        meshes = (f"{line.beam.name} ({counted(len(line.mesh.elements), 'element')} of order {line.mesh.order}, "
+                  f"{len(line.nodes)} nodes)"
                   for line in lines)  # fmt: skip
         return [f"  beams: {'; '.join(meshes)}",
                 "  stresses: unknowns with Radau IIA; other solvers eliminate them by the compliance of the sections",

@@ -66,7 +66,7 @@ class Body:
 
         def __getattr__(self, name: str) -> Any:
             if name not in MOVING:
-                raise AttributeError(f"a body has no '{name}'")
+                raise AttributeError(f"a body has no '{name}'; dir(body) lists what it has")
             path = f"{self.name}.{name}[{'0, 0' if name == 'rotation' else 0}]"
             raise AttributeError(f"'{self.name}' has no {name} before it moves: as drawn it is .drawn.{name}, in a load "
                                  f"s.sensor('{path}'), in a result r['{self.name}'].{name}")  # fmt: skip

@@ -65,7 +65,7 @@ class Law:
     at_nodes: ClassVar[bool] = False  #: whether it acts at its bodies' nodes along inertial axes: no other axes matter
     loads: ClassVar[bool] = False  #: whether it is a load, which an equilibrium applies step by step
     dissipative: ClassVar[bool] = False  #: whether the power of `wrench` counts as dissipated rather than as work
-    #: whether bodies may stick by it, as by friction: equations are stiff there. None: they may where the law has states
+    #: whether bodies may stick by it, as by friction: equations are stiff there. None: they may if the law has internal states
     sticks: ClassVar[bool | None] = None
     follows: ClassVar[str] = ""  #: name of the state that counts the whole turns of the joint's coordinate, if any
     keeps_states: ClassVar[bool] = False  #: whether its states are unknowns although nothing that it states depends on them

@@ -90,7 +90,7 @@ class Sheet:
         rows = []
         for b in self.scene.bodies:
             line = self.prepared.model.line(b)
-            what = f"beam, {len(line.mesh.elements)} elements" if line else "point mass" if b.is_point else "rigid"
+            what = f"beam, {counted(len(line.mesh.elements), 'element')}" if line else "point mass" if b.is_point else "rigid"
             node = self.prepared.model.node(b)
             kind = node.kind.value if node is not None else ("nodes of the beam" if line else "")
             centre = ", ".join(f"{round(x, 12) + 0.0:.4g}" for x in b.drawn.position)

@@ -96,7 +96,7 @@ def _condition_of(scene: Any, given: Any) -> Expr:
     if not is_condition(e):
         raise BadValueError(f"it is no condition; {EXAMPLE}")
     if e in (se.true, se.false):
-        raise BadValueError("it does not depend on the motion or on time")
+        raise BadValueError(f"it does not depend on the motion or on time; {EXAMPLE}")
     return e
 
 
@@ -161,5 +161,5 @@ class _Atoms:
         self.equations.append(equation)
         self.meeting.append(equation or meeting)
         if not self.functions[-1].free_symbols:
-            raise BadValueError("it does not depend on the motion or on time")
+            raise BadValueError(f"it does not depend on the motion or on time; {EXAMPLE}")
         return len(self.functions) - 1

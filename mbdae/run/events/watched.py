@@ -53,8 +53,8 @@ class Watched:
         found, _ = _events(self.until, prepared, solution, touch, until=True)
         first = min(found, key=lambda event: event.time, default=None)
         if first is not None and first.time <= solution.t[0]:
-            raise OptionError(f"until = '{first.name}': it holds from the start t = {solution.t[0]:g} s on; give a condition "
-                              f"that does not, or start from another state")  # fmt: skip
+            raise OptionError(f"until = '{first.name}': it holds already at the start t = {solution.t[0]:g} s; give a condition "
+                              f"that becomes true later, or start from another state")  # fmt: skip
         return first
 
     def with_turns(self, prepared: Prepared, prepare_again: Callable[[Any], Prepared]) -> Prepared:
@@ -70,7 +70,7 @@ class Watched:
 
     def result(self, job: Job, solver: Solver, made: Callable[[Job], tuple[Controlled, Job]], outputs: Any,
                verify: bool) -> Result:  # fmt: skip
-        """The result of a run up to its event, with all recorded events. made: runs a job."""
+        """The result of a run up to its event, or to its end without one, with all recorded events. made: runs a job."""
         self._check_tables(job.prepared.start.t, job.asked.t_end)
         run, job, event = self._to_event(job, solver, made) if self.until else (*made(job), None)
         if event is not None:
