@@ -17,8 +17,9 @@ bearings, 22.5 and 24.6 rad/s without play, so that the whirl grows for seconds 
 
 Options: `friction` "coulomb" (mu = 0.3 tanh(v / 0.01 m/s)), "lugre", None or a law; `clearance` c, None for an ideal
 joint; `stiffness` k and `damping` lambda of the contact; `bearing` and `bearing_damping`, the springs along y and z and the
-dampers; `eccentricity` e; `speed` Omega; `elements` of the shaft, their `order` and `section`. The paper takes shaft and disk
-from elsewhere and gives neither k nor the friction; those above are ours.
+dampers; `eccentricity` e; `speed` Omega; `elements` of the shaft, their `order` and `section`. The problem is from
+"Modified models for revolute joints coupling flexibility of links in multibody systems" ("the paper"), which takes shaft and
+disk from elsewhere and gives neither k nor the friction; those above are ours.
 
 Sliding at 1.9 m/s cannot tell Coulomb's law from LuGre's: bristles that slide so fast are bent by mu_k / sigma0 = 3 micrometres
 and stay so, and both laws give mu = 0.3. Their orbits differ by less than the tolerance of the run, which is printed. What

@@ -13,7 +13,7 @@ cranks start at full speed with the links undeformed, which leaves an elastic vi
 Options: `flexible` links instead of rigid ones; `case` "I" (all hinges kinematic), "II" (2 and 4 recursive), "III" (4 with
 clearance), "recursive" (all of elastic links, of rigid ones those that close no loop) or "classical"; `damping` of the contact;
 `elements` divides every beam finer; `frame` makes 16-1-14-15-12-13 of beams, clamped in 16, instead of ground; `bracket` makes
-5-12 a beam too (then all hinges lie on nodes, and the model in space has the paper's 42 multipliers); `stiffness` scales the
+5-12 a beam too (then all hinges lie on nodes, and the model in space has 42 multipliers); `stiffness` scales the
 section; `sense` -1 turns back.
 
 The closed form of the rigid wing, `tip`, takes one circle after the other: point 4 is at its distances from 2 and 12, then 7 from

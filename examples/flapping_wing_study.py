@@ -1,4 +1,6 @@
-r"""The flapping wing with elastic links and with clearance: the studies of the paper.
+r"""The flapping wing with elastic links and with clearance, as studied in a paper.
+
+The paper is "Modified models for revolute joints coupling flexibility of links in multibody systems".
 
 Radau IIA and HHT, the paper's two integrators, bend the elastic wing by the same angle: 0.0118 rad in hinge 9 (`bending`), the
 one with stresses as unknowns over steps of 1 ms, the other with the same steps.

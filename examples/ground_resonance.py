@@ -15,7 +15,8 @@ Options: `axes` 1 or 2 of the support; `free` leaves the speed of a hub with ine
 `model` is the model of all joints, such as mb.Recursive(): the slides of the support carry the block, the block the hub and
 the hub its blades, so that 6 (driven) or 7 coordinates of joints are all there is to solve for, without a constraint.
 
-With `flexible=True` every blade is a beam of three cubic elements, as in the paper. The paper calls its bending stiffness
+With `flexible=True` every blade is a beam of three cubic elements, as in
+"Modified models for revolute joints coupling flexibility of links in multibody systems". This paper calls its bending stiffness
 soft and gives no number; here it is 1e4 N m^2, a third more than the centrifugal force itself would give
 (m Omega^2 L^2/12 = 7.7e3 N m^2). Bending hardly changes the instability: it grows as exp(2.095 t) and exp(2.633 t). The
 blades start unstretched; they stretch by a few mm, whereby all of them lag by some 0.004 rad, an oscillation that does not

@@ -11,7 +11,8 @@ soon as the mass moves faster than the Stribeck velocity of 1 mm/s: it jumps ahe
 pulls with 1.5 N again. Before each jump it has moved by no more than micrometres; the jumps come every 6 s.
 
 Options: `friction` "lugre", "coulomb", None or a law. LuGre's damping falls with the speed here (`damping_decay`), so that it
-cannot feed energy; the claim lugre_stick_slip has the constant one of the paper.
+cannot feed energy; the claim lugre_stick_slip of validation/ has constant damping, as in
+"Modified models for revolute joints coupling flexibility of links in multibody systems".
 
 Run it:  mbdae run examples/stick_slip.py --out out
 """

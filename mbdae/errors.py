@@ -14,7 +14,7 @@
     ├── StoppedError        a run kept in a folder was ended by SIGTERM; the same call goes on with it
     ├── EquilibriumError    no state at rest was found; with the last one under a part of the loads, and its load factor
     ├── SteadyError         the linearised equations depend on time; with their coefficients at that instant
-    └── LibraryError        the compiled part of the package cannot be opened, or not be compiled after a change of its C
+    └── LibraryError        the compiled part of the package cannot be opened, or its changed C files cannot be compiled
     AccuracyWarning         a result does not, or may not, meet the accuracy asked for
 
 Ctrl-C raises KeyboardInterrupt out of every function. Its text says what was stopped, and its attribute `solution` is what
@@ -34,7 +34,7 @@ T = TypeVar("T")
 
 
 class MbdaeError(Exception):
-    """Base of every error raised on purpose by mbdae. A pickled one, from another process, has no computed states."""
+    """Base of every error that mbdae raises itself. Pickling, as between processes, leaves out computed states."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _raised_elsewhere, (type(self), self.args, {k: v for k, v in vars(self).items() if k not in COMPUTED})
@@ -73,7 +73,7 @@ class OptionError(MbdaeError, ValueError):
 
 
 class NotReadError(OptionError):
-    """A number of a law is not read where the equations are evaluated: it has no effect, or is compiled in."""
+    """A parameter of a law cannot be varied: it has no effect on the equations, or was compiled into them as a constant."""
 
 
 class ExpressionError(OptionError, TypeError):
@@ -105,7 +105,7 @@ class WallClockError(SolverError):
 
 
 class ChatteringError(SolverError):
-    """The motion switches back and forth without end: a force jumps where it is driven back from either side."""
+    """The motion switches back and forth without end: a force jumps at a state to which it drives the motion from both sides."""
 
 
 #: failures of a run that no other solver or tolerance mends
@@ -137,7 +137,7 @@ def keeping(solution: Any, text: str) -> Iterator[None]:
 
 
 def with_text_when_interrupted(function: Callable[P, T]) -> Callable[P, T]:
-    """The function; a KeyboardInterrupt without a text gets the text that nothing was computed yet."""
+    """Decorator: a KeyboardInterrupt without a text gets the text that nothing was computed yet."""
 
     @wraps(function)
     def told(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -183,7 +183,7 @@ class AccuracyWarning(UserWarning):
 
 
 def meant(name: str, known: Iterable[str]) -> str:
-    """The question "did you mean ...? " with the known name that is closest to `name`, whatever the case; empty where none is."""
+    """The question "did you mean ...? " with the known name closest to `name`, ignoring case; "" where no name is close."""
     by_letters = {one.lower(): one for one in known}
     close = get_close_matches(name.lower(), by_letters, 1)
     return f"did you mean '{by_letters[close[0]]}'? " if close else ""
@@ -194,7 +194,7 @@ class ListsAttributes:
 
     @property
     def _called(self) -> str:
-        """What messages call the object."""
+        """Name of the object in messages, such as "a Result"."""
         return f"a {type(self).__name__}"
 
     if not TYPE_CHECKING:  # a type checker would take every attribute to exist

@@ -61,6 +61,7 @@ def axis_label(name: str, quantity: str) -> str:
 
 
 def counted(count: int, noun: str) -> str:
-    """A number of things in words: "1 row", "2 rows", "1 degree of freedom"."""
+    """A number of things in words: "1 row", "2 rows", "1 degree of freedom", "3 bodies"."""
     first, *rest = noun.split(" of ")
-    return " of ".join([f"{count} {first}{'' if count == 1 else 's'}", *rest])
+    many = f"{first[:-1]}ies" if first.endswith("y") else f"{first}es" if first.endswith("s") else f"{first}s"
+    return " of ".join([f"{count} {first if count == 1 else many}", *rest])

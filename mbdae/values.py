@@ -63,7 +63,7 @@ def whole(value: Any, *, least: int | None = None, most: int | None = None) -> i
     if not found.is_integer():
         raise BadValueError(f"{shown(value)} is not a whole number")
     if abs(found) > MOST_COUNTED:
-        raise BadValueError(f"{shown(value)} is beyond what can be counted")
+        raise BadValueError(f"{shown(value)} is too large: whole numbers are exact up to {MOST_COUNTED} in magnitude")
     low, high = -math.inf if least is None else least, math.inf if most is None else most
     if not low <= found <= high:
         raise BadValueError(f"{shown(value)} is not {_range(low, -math.inf, high)}")

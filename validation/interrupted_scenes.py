@@ -6,7 +6,9 @@ import contextlib
 import hashlib
 import os
 import signal
+import sys
 import time
+import traceback
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -161,6 +163,9 @@ def _killed_after(changes: int, seconds: float, name: str, folder: Path, how: in
             os._exit(0)
         except mb.StoppedError:
             os._exit(3)
+        except BaseException:
+            traceback.print_exc()
+            sys.stderr.flush()
         finally:
             os._exit(1)
     seen, status = _signature(folder), 0

@@ -17,6 +17,7 @@ from mbdae.analysis.steady import Rest, acceleration_scale, reason_not_steady
 from mbdae.analysis.stiffness import DenseStiffness, Tangent
 from mbdae.errors import EquilibriumError, OptionError, StartError
 from mbdae.integrators.solution import Solution, Stats
+from mbdae.notation import counted
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.result import Result, RunInfo
 from mbdae.results.states import Instant
@@ -284,8 +285,8 @@ class _Path:
             if size <= CONVERGED:
                 return point
         soft = self._unheld(point)
-        raise EquilibriumError(f"no state at rest was found in {point.iterations} corrections: {soft}; {REMEDY}, or start "
-                               f"nearer to rest")  # fmt: skip
+        raise EquilibriumError(f"no state at rest was found in {counted(point.iterations, 'correction')}: {soft}; {REMEDY}, "
+                               f"or start nearer to rest")  # fmt: skip
 
     def _downhill(self, T: Tangent, point: Point, radius: float) -> Array:
         """A correction no larger than `radius` (scene's length, rad); it lowers the potential energy, where there is one."""

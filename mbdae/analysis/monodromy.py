@@ -65,7 +65,7 @@ def departures(prepared: Prepared, system: SceneSystem, returned: Return, period
     Q = free_basis(C, units) / units[:, None]
     expected = nx - 2 * nb.m
     if Q.shape[1] != expected:
-        raise OptionError(f"the constraints allow {Q.shape[1]} departures at the start, {expected} are expected: the position is "
+        raise OptionError(f"the constraints allow {Q.shape[1]} motions at the start, {expected} are expected: the position is "
                           f"singular; start at another instant of the motion (at=(result, t))")  # fmt: skip
     return Departures(T, back * returned.sign, units, Q, nu)
 

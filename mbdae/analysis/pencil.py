@@ -145,7 +145,9 @@ def _times_quaternion(P: Array) -> Array:
 
 @dataclass(frozen=True)
 class Pencil:
-    """E x' + A x = 0 with the places of each kind in x and in the rows: p, w, s, z, c (multipliers and constraints)."""
+    """E x' + A x = 0 with the places of each kind in x and in the rows.
+
+    Kinds: p displacements, w velocities, s internal states, z algebraic unknowns, c multipliers (rows: constraints)."""
 
     E: Any
     A: Any

@@ -222,7 +222,8 @@ class Statics:
 
     @cached_property
     def held(self) -> bool:
-        """Whether the frame turns freely: its angle about its axis is then held, which must take no torque."""
+        """Whether no constraint determines the angle of a turning frame about its axis: an extra row then holds that angle, and
+        `check_steady` refuses a state in which this takes a torque."""
         if self.rest.frame.node is None or not self.rest.frame.turns:
             return False
         G = self.mechanics.constraint_jacobian(self.rest.t, self.rest.start.q[None])[0]

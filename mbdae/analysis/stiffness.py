@@ -27,7 +27,11 @@ PROBES = 6  #: number of motions that are searched for at once
 
 @dataclass(frozen=True)
 class Tangent:
-    """The linearised equations at a point: K x = right, x = (p, s, z, c, hold); `hold`: rows (k, nu) beside the constraints."""
+    """The linearised equations at a point, K x = right: of forces, internal states, algebraic unknowns and constraints.
+
+    x = (p, s, z, c, torque): displacements p (nu,), internal states s, algebraic unknowns z and multipliers c as in `Pencil`, and
+    the torque (N m) that holds the angle of a freely turning frame, where there is one. p: the linearisation with its places of
+    those kinds; hold (1 or 0, nu): the row of that angle, a constraint too; units (nu,): sizes of the displacements."""
 
     p: Pencil
     K: Any

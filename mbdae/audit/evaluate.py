@@ -162,7 +162,7 @@ def _power(node: Node, at: Source) -> Value:
     exponent = _number(exponent)
     if np.ndim(base):
         if exponent not in (-1, 2):
-            raise SizeError(f"{size(base)} to the power {exponent}")
+            raise SizeError(f"{size(base)} to the power {exponent}: of a matrix, only the powers -1 and 2 are known")
         return np.linalg.inv(_square(base)) if exponent == -1 else _times(base, base)
     if isinstance(base, se.Basic):
         return base**exponent
@@ -207,7 +207,7 @@ def _call(node: Node, at: Source) -> Value:
 def _partial(e: Node, by: Node, at: Source) -> Value:
     """Partial derivative: by a number, or by a column (n, 1), which gives a matrix with one column for each entry."""
     if by.kind != "symbol":
-        raise SizeError("a derivative is taken by a symbol")
+        raise SizeError("a derivative must be by a symbol, not by a formula")
 
     def along(entry: int) -> Value:
         return derivative(lambda h: evaluate(e, at.shifted(by.value, h, entry)), at.stepped)

@@ -183,7 +183,8 @@ class Env:
     fill: int = 1  #: number of rows of a literal 0 where no neighbouring block gives it
     scale: Mapping[str, float] | None = None  #: sizes of the basic units, for the check of units
     zero: str | None = None  #: a symbol that is set to zero
-    shift: tuple[str, int, Value] | None = None  #: wording and entry of a symbol, and the increment added to it
+    #: for derivatives: the meaning of a symbol in words, the index of one of its entries, and the increment added to that
+    shift: tuple[str, int, Value] | None = None
     complete: bool = False  #: whether a force on a body that the text does not list raises an error
     #: wordings declared outside of this scope, which the formula of an earlier `let` may need
     stated: frozenset[str] = frozenset()
@@ -275,10 +276,10 @@ class Env:
         if name in self.names:
             return replace(self, names={**self.names, name: self.names[name] + amount})
         if self.shift is not None:
-            raise SizeError("a derivative by a symbol inside of another one")
+            raise SizeError("a derivative by a symbol stands inside of another one: write the inner one out")
         meaning = self._meaning(name)
         if isinstance(meaning, Definition):
-            raise SizeError(f"a derivative by '{name}', which is defined by others")
+            raise SizeError(f"a derivative by '{name}', which is defined by other symbols: differentiate by one of these")
         factors = 1.0 if self.scale is None else scaled(meaning.units, self.plain.value(name), self.scale)
         size = float(np.real(np.ravel(factors)[0]))
         return replace(self, shift=(meaning.text, entry, amount / size), store=self._inner(name, entry, amount))
@@ -342,5 +343,5 @@ def scaled(units: tuple[Unit, ...], value: Value, scale: Mapping[str, float]) ->
     if len(factors) == 1 or np.ndim(value) == 0:
         return factors[0]
     if value.shape[0] % len(factors):
-        raise SizeError(f"{len(factors)} units for {value.shape[0]} rows")
+        raise SizeError(f"{len(factors)} units are stated for {value.shape[0]} rows: state one, or one for every row")
     return np.repeat(factors, value.shape[0] // len(factors))[:, None]

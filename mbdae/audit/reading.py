@@ -265,7 +265,8 @@ def stated_by_caller(text: str, units: tuple[Unit, ...], e: Any, letter: str = "
             found = compute(*values)
             return np.asarray(found) + 0j if np.ndim(found) else complex(found)
         except (TypeError, ValueError, NameError, AttributeError) as error:
-            raise SizeError(f"the expression {e} given for '{text}' is not one of complex numbers and columns") from error
+            raise SizeError(f"the expression {e} given for '{text}' has no value where its symbols are complex numbers and "
+                            f"columns ({error}): give a smooth function of them, with sizes that fit") from error
 
     return Meaning(text, units, replace(OWN, rule=rule), (), letter)
 

@@ -22,6 +22,7 @@ from mbdae.compare.table import table
 from mbdae.display import picture, plain, titled
 from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver
+from mbdae.notation import counted
 from mbdae.run.environment import environment
 from mbdae.show.plots import checked
 from mbdae.sweep.resume import resume_path
@@ -49,7 +50,7 @@ class Comparison(ComparisonData):
         return work_precision(self, checked(path, what="compare") if path is not None else None)
 
     def __repr__(self) -> str:
-        return f"<Comparison of '{self.scene}': {len(self.runs)} runs; print it for the table>"
+        return f"<Comparison of '{self.scene}': {counted(len(self.runs), 'run')}; print it for the table>"
 
     def _repr_html_(self) -> str:
         return titled(f"comparison of '{self.scene}'", picture(self.plot()._repr_png_()), plain(self.table()))

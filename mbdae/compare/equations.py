@@ -37,7 +37,8 @@ class Equations:
             return system_for(self.prepared, form)
         assert self.given is not None
         if form is not None:
-            raise OptionError(f"form {form.label}: a System comes in its own form; leave the form of its runs out")
+            raise OptionError(f"form {form.label}: a System is in its form already; compare it by runs without a form, such as "
+                              f"mb.Run(mb.IDA())")
         return self.given
 
     def for_solver(self, form: Form | None, solver: Solver) -> System:

@@ -9,6 +9,7 @@ from mbdae.compare.data import ComparisonData
 from mbdae.compare.html import bullets, document, headings, made_with, row, section, table
 from mbdae.compare.picture import inline_svg
 from mbdae.compare.table import COLUMNS, cells, failure_lines, pairwise_cells
+from mbdae.notation import counted
 
 #: sorts a table by the column whose heading is clicked, numbers by value and unknown ones last
 SCRIPT = """
@@ -42,11 +43,12 @@ def page(w: ComparisonData) -> str:
 
 def _summary(w: ComparisonData) -> str:
     labels = {run.label for run in w.runs}
-    return f"<p>{len(labels)} methods, {len(w.runs)} runs to t = {w.t_end:g} s. Error: {escape(w.what)}.</p>\n"
+    number = f"{counted(len(labels), 'method')}, {counted(len(w.runs), 'run')}"
+    return f"<p>{number} to t = {w.t_end:g} s. Error: {escape(w.what)}.</p>\n"
 
 
 def _picture(w: ComparisonData) -> str:
-    title = escape(f"Work and precision of {len(w.runs)} runs: error over CPU time and over residual evaluations, "
+    title = escape(f"Work and precision of {counted(len(w.runs), 'run')}: error over CPU time and over residual evaluations, "
                    f"both logarithmic; the numbers are in the table of runs")  # fmt: skip
     return (f'<figure>\n<div class="wide">{inline_svg(w, False, title, "wide")}</div>\n'
             f'<div class="narrow">{inline_svg(w, True, title, "narrow")}</div>\n</figure>\n')  # fmt: skip

@@ -127,7 +127,8 @@ class Problem:
 
     def _with_models(self, run: Run) -> Equations:
         if self.scene is None:
-            raise OptionError(f"model {run.model_label}: a System has no joints; leave the model of its runs out")
+            raise OptionError(f"model {run.model_label}: a System has no joints; compare it by runs without a model, such as "
+                              f"mb.Run(mb.IDA())")
         if not any(c.has_models for c in self.scene.joints):
             raise OptionError(f"model {run.model_label}: scene '{self.name}' has no joint with coordinates to describe")
         return Equations(prepare(with_models(self.scene, run), t_end=self.t_end))

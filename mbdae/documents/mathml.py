@@ -197,7 +197,8 @@ class _Reader:
         if name in SIGNS:
             form = f' form="{"prefix" if name[0] == "l" else "postfix"}"' if name[0] in "lr" else ""
             return _sign(SIGNS[name], _FIXED + form) if name in FENCES else self._operator(SIGNS[name], "\\" + name, first)
-        raise FormulaError(f"formula '{self.latex}': unknown command '\\{name}'")
+        raise FormulaError(f"formula '{self.latex}': unknown command '\\{name}'; write it by other "
+                           f"commands, a word as \\mathrm{{...}}")
 
     def raw(self) -> str:
         """The text of a group, unchanged."""

@@ -9,6 +9,7 @@ from typing import Any
 
 from mbdae.errors import ListsAttributes
 from mbdae.extremes.cell import SILENT, VERDICTS, Cell
+from mbdae.notation import counted
 from mbdae.run.environment import environment
 from mbdae.sweep.writing import as_json
 from mbdae.values import number, option, text
@@ -67,7 +68,7 @@ class ExtremesData(ListsAttributes):
     def verdict(self) -> str:
         """One sentence with the number of runs for every verdict."""
         told = ", ".join(f"{n} {name}" for name, n in self.counts.items())
-        return f"{len(self.cells)} runs: {told}."
+        return f"{counted(len(self.cells), 'run')}: {told}."
 
     def to_dict(self) -> dict[str, Any]:
         """All data as plain values."""

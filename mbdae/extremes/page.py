@@ -8,6 +8,7 @@ from mbdae.compare.html import document, headings, made_with, row, section, tabl
 from mbdae.extremes.cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, Cell
 from mbdae.extremes.data import Block, ExtremesData
 from mbdae.extremes.table import MARKS, doubted, notes, text
+from mbdae.notation import counted
 from mbdae.run.environment import environment
 
 #: background and text colours that differ in lightness and hue (Okabe and Ito's palette, lightened behind dark text)
@@ -39,8 +40,8 @@ def page(m: ExtremesData) -> str:
 
 
 def _summary(m: ExtremesData) -> str:
-    held = "No run was silently wrong." if not m.silent else f"{len(m.silent)} runs were silently wrong."
-    return (f'<p class="holds">{held}</p>\n<p>{len(m.cells)} runs to t = {m.t_end:g} s, accuracy '
+    held = "No run was silently wrong." if not m.silent else f"Silently wrong: {counted(len(m.silent), 'run')}."
+    return (f'<p class="holds">{held}</p>\n<p>{counted(len(m.cells), "run")} to t = {m.t_end:g} s, accuracy '
             f"{m.accuracy:g} unless it is varied. Error: {escape(m.what)}.</p>\n")  # fmt: skip
 
 

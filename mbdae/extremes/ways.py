@@ -28,7 +28,7 @@ FREE = (
     Run(RadauIIA(2), ODE()), Run(RadauIIA(3), ODE()),
     Run(GeneralizedAlpha(), ODE()), Run(HHT(), ODE()),
 )  # fmt: skip
-#: methods of low order, which are not run with other joint models than those stated
+#: methods of low order: run only with the joint models that the scene states, not with others
 LOW_ORDER = (GeneralizedAlpha, HHT)
 #: runs with a constant step (s)
 STEPPED: tuple[Callable[[float], Run], ...] = (

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from mbdae.formulations.base import WAVES, Form
 from mbdae.formulations.index3 import index3_outputs
+from mbdae.notation import counted
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.model.model import Model
 from mbdae.system.model.numbering import Row
@@ -36,5 +37,5 @@ class ODE(Form):
     def refusal(self, model: Model, rows: list[Row]) -> str | None:
         if not rows:
             return None
-        found = f"this one has {len(rows)} rows, the first is {rows[0].name}"
+        found = f"this one has {counted(len(rows), 'row')}, {'' if len(rows) == 1 else 'the first is '}{rows[0].name}"
         return f"form ODE needs a scene without constraints; {found}; use mb.GGL(), or s.recursive() if its joints form a tree"

@@ -1,6 +1,7 @@
-"""Breaks: instants at which an expression of time or a derivative of it jumps, where a condition or a floor changes.
+"""Breaks, the discontinuities of inputs: instants at which an expression of time or a derivative of it jumps, because a
+condition or a floor in it changes.
 
-They are isolated, not sampled: an interval is left out only where interval arithmetic proves that nothing changes in it.
+They are not searched by sampling: an interval is left out only where interval arithmetic proves that nothing changes in it.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ from mbdae.values import BadValueError
 
 Array = NDArray[np.float64]
 
-MOST = 200_000  #: instants of a run, and intervals searched at a time
-TOLERANCE = 1e-7  #: of a run whose tolerance is not known, as far as tables go: part of the range of a table
-#: instants closer together than SAME, relative to their time, count as one: no step is that short. Those of one input that are
-#: farther apart than TWINS are no round-off of one instant. Near t = 0 times count as EARLY of the run's
+MOST = 200_000  #: most breaks in a run, and most intervals that are searched at a time
+TOLERANCE = 1e-7  #: default tolerance with which steps follow a table, relative to the range of its values
+#: instants closer together than SAME, relative to their time, count as one, because no step is that short. Differences above
+#: TWINS between instants of one input are not round-off. Times near 0 count as EARLY times the largest time of the run here
 SAME, TWINS, EARLY = 1e3 * float(np.finfo(float).eps), 64 * float(np.finfo(float).eps), 1e-6
-LEVELS = 60
+LEVELS = 60  #: most halvings of an interval
 
 
 class TooManyError(MbdaeError):
@@ -38,8 +39,8 @@ class TooManyError(MbdaeError):
 
 
 def breaks(expressions: Iterable[Expr], t0: float, t1: float, same: float = SAME, tolerance: float = TOLERANCE) -> Array:
-    """Times inside (t0, t1), rising, at which conditions of the expressions change or tables jump by more than a run of
-    this tolerance leaves out (`tables_within`); raises TooManyError."""
+    """Times inside (t0, t1), rising, at which conditions of the expressions change or tables jump by more than the
+    tolerance (`tables_within`); raises TooManyError."""
     edges = np.array([t0, t1])
     for e in expressions:
         if not getattr(e, "free_symbols", None):
@@ -53,7 +54,7 @@ def breaks(expressions: Iterable[Expr], t0: float, t1: float, same: float = SAME
 
 @lru_cache(maxsize=64)
 def tables_within(e: Expr, t0: float, t1: float, tolerance: float) -> tuple[Pieces, ...]:
-    """Jumps and kinks of every table of an expression, and edges between which steps follow it, within a run; raises
+    """Jumps and kinks between t0 and t1 of every table of an expression, and the edges that limit the steps there; raises
     TooManyError."""
     found = []
     for lookup, a, b, _ in split((sided(e),)).readings:
@@ -67,8 +68,8 @@ def tables_within(e: Expr, t0: float, t1: float, tolerance: float) -> tuple[Piec
 
 
 def tables_read(e: Expr, t0: float, t1: float) -> list[tuple[Table, float, float]]:
-    """Tables that an expression reads within a run, with the least and the largest of their own times at which it does: cases of
-    a Piecewise that do not hold are not read. Raises TooManyError."""
+    """Tables that an expression reads within a run, each with the first and last of the table's own times at which it is read;
+    cases of a Piecewise that do not hold are not read. Raises TooManyError."""
     edges, e = np.r_[t0, breaks((e,), t0, t1), t1], sided(e)
     middle = (edges[1:] + edges[:-1]) / 2
     known = Enclosure(e)
@@ -108,8 +109,8 @@ def switches(e: Expr) -> list[tuple[str, Expr]]:
 
 
 def unresolved(e: Expr, t0: float, t1: float) -> tuple[float, float] | None:
-    """An instant at which conditions of an expression change twice within less than a step can resolve there, and how much
-    later they change again, s; None where there is none."""
+    """An instant (s) at which conditions of an expression change twice within less than the shortest possible step, and the
+    time (s) between both changes; None where there is none."""
     edges = np.concatenate([[t0], breaks((e,), t0, t1, TWINS), [t1]])
     gaps = np.diff(edges)
     close = np.flatnonzero(gaps <= SAME * _sizes(edges)[1:])
@@ -117,12 +118,12 @@ def unresolved(e: Expr, t0: float, t1: float) -> tuple[float, float] | None:
 
 
 def _sizes(edges: Array) -> Array:
-    """Times beside which differences of times count."""
+    """Magnitudes relative to which differences of times are measured."""
     return np.asarray(np.maximum(np.abs(edges), EARLY * max(abs(edges[0]), abs(edges[-1]))))
 
 
 def _merged(edges: Array, found: Array, same: float) -> Array:
-    """Edges and further ones, those that differ by round-off once; the ends stay."""
+    """The edges and the times `found` between them, sorted, without duplicates up to `same`; both ends stay."""
     inside = found[(found > edges[0]) & (found < edges[-1])]
     if len(edges) + len(inside) > MOST:
         raise TooManyError(f"switches more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
@@ -130,8 +131,8 @@ def _merged(edges: Array, found: Array, same: float) -> Array:
 
 
 def distinct(times: Array, same: float = SAME) -> Array:
-    """Times (k,) rising, those once that differ by round-off; the first and the last stay. A step between two that are one
-    instant would be too short to be taken."""
+    """Times (k,) sorted, without duplicates up to `same`, since no step between them would be long enough; the first and the
+    last stay."""
     both = np.sort(times)
     if len(both) < 2:
         return np.asarray(both)
@@ -151,7 +152,7 @@ def _zeros(u: Expr, edges: Array) -> Array:
 
 
 def _slope(u: Expr) -> Expr:
-    """The derivative of an argument of conditions or floors, itself without conditions where it matters."""
+    """Time derivative of an argument of conditions or floors, which may contain tables."""
     return rate(sided(u)) if split((sided(u),)).readings else se.diff(u, TIME)
 
 

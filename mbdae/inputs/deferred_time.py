@@ -1,8 +1,8 @@
-"""The time `mb.t` without SymPy: numbers, + - * / ** and NumPy's functions of it, until something else is asked.
+"""The time `mb.t` without importing SymPy, as long as expressions of it have only numbers, + - * / ** and NumPy's functions.
 
-SymPy takes longer to import than a small scene to run, and most drives need a product. Where SymPy has been imported already,
-`mb.t` is its symbol. Else it is an object of `Timed`, which keeps the operations that made it. symengine carries them out for the
-core; SymPy does as soon as a user asks for anything that is not stated here (an attribute, a comparison, an operation with an
+SymPy takes longer to import than a small scene to run, and most drives need no more than these. Where SymPy has been imported
+already, `mb.t` is its symbol. Else it is an object of `Timed`, which keeps the operations. symengine carries them out for the
+core; SymPy does as soon as a user asks for anything that is not defined here (an attribute, a comparison, an operation with an
 object of SymPy), and gives the very expression that it would have made from the beginning.
 """
 
@@ -21,7 +21,7 @@ from mbdae.inputs.numpy_functions import teach
 from mbdae.inputs.text import TIME
 from mbdae.symbolic.vectors import Expr
 
-MOST = 60  #: operations in one object; longer expressions are SymPy's at once, whose sums are no chains
+MOST = 60  #: most operations in one object; longer expressions become SymPy's, in which a sum is one node instead of a chain
 FUNCTIONS = ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log")
 _OPERATORS: dict[str, Callable[..., Any]] = {
     name: getattr(operator, name) for name in ("add", "sub", "mul", "truediv", "pow", "neg", "pos")}  # fmt: skip
@@ -59,7 +59,7 @@ def _symengine_function(name: str) -> Any:
 
 
 class Timed:
-    """An operation with its arguments; none: the time itself."""
+    """An operation with its arguments; operation "": the time itself."""
 
     __slots__ = ("_args", "_found", "_operation", "_size")
 
@@ -68,21 +68,21 @@ class Timed:
         self._size: int = 1 + sum(a._size for a in args if type(a) is Timed)
 
     def _sympy_(self) -> Any:
-        """What it is in SymPy; SymPy asks for it."""
+        """The expression of SymPy; sympy.sympify calls this method."""
         if self._found is None:
             args = [a._sympy_() if type(a) is Timed else a for a in self._args]
             self._found = _carried_out(self._operation, args, _sympy_function) if self._operation else sympy_time()
         return self._found
 
     def _symengine_(self) -> Expr:
-        """What it is in symengine; symengine asks for it."""
+        """The expression of symengine; symengine.sympify calls this method."""
         if not self._operation:
             return TIME
         args = [a._symengine_() if type(a) is Timed else se.sympify(a) for a in self._args]
         return _carried_out(self._operation, args, _symengine_function)
 
     def __getattr__(self, name: str) -> Any:
-        if name in FUNCTIONS:  # NumPy calls its functions so
+        if name in FUNCTIONS:  # np.sin(x) of an object x calls x.sin()
             return lambda: _made(name, self)
         if name.startswith("_") and not name.startswith("_repr_"):
             raise AttributeError(name)
@@ -113,7 +113,7 @@ def _reflected(name: str) -> Any:
 
 
 def _asked(function: Callable[..., Any]) -> Any:
-    """A method for which the expression of SymPy is needed."""
+    """A method that is carried out on the expression of SymPy."""
     return lambda self, *args: function(self._sympy_(), *args)
 
 
@@ -133,5 +133,5 @@ _TIME = Timed()
 
 
 def time_symbol() -> Any:
-    """What `mb.t` is: SymPy's symbol as soon as SymPy has been imported."""
+    """The object `mb.t`: SymPy's symbol as soon as SymPy has been imported, before that one of `Timed`."""
     return sympy_time() if "sympy" in sys.modules else _TIME

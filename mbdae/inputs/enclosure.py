@@ -34,7 +34,7 @@ _COMPARE: dict[str, Callable[..., Any]] = {
 
 
 class Node(NamedTuple):
-    """One subexpression: the name of its class, and the numbers of its arguments."""
+    """One subexpression: the name of its class, and the indices of its arguments in `Enclosure.nodes`."""
 
     expression: Expr
     name: str
@@ -42,7 +42,7 @@ class Node(NamedTuple):
 
 
 class Enclosure:
-    """Bounds of an expression of `TIME` (an interval) and `SIDE` (a number); `nodes` are its subexpressions in order."""
+    """Bounds of an expression of `TIME` (an interval) and `SIDE` (a number); `nodes`: its subexpressions, inner ones first."""
 
     def __init__(self, *expressions: Expr) -> None:
         at: dict[Expr, int] = {}
@@ -56,8 +56,8 @@ class Enclosure:
 
     def all(self, low: Any, high: Any, side: Any,
             tighter: Mapping[int, Callable[..., Bounds]] = MappingProxyType({})) -> list[Any]:  # fmt: skip
-        """Bounds of every node over the intervals [low, high] (k,) at sides (k,); truth (k,) of conditions. tighter: by number of
-        a node, a function of its bounds, low, high and side that gives better ones."""
+        """Bounds of every node over intervals [low, high] (k,), with conditions and floors evaluated at times side (k,); of a
+        condition, whether it holds (k,). tighter: by index of a node, a function (bounds, low, high, side) for closer bounds."""
         found: list[Any] = []
         with np.errstate(all="ignore"):
             for i, node in enumerate(self.nodes):
@@ -95,7 +95,7 @@ class Enclosure:
 
 
 def halves(low: Any, high: Any, side: Any) -> tuple[Any, Any, Any]:
-    """Ends and sides of both halves of intervals (k,)."""
+    """Ends and sides of the left and then of the right halves of intervals (k,)."""
     middle = (low + high) / 2
     return np.r_[low, middle], np.r_[middle, high], np.r_[side, side]
 
@@ -150,7 +150,7 @@ def _positive_power(low: Any, high: Any, n: float) -> Bounds:
 def _inverse(u: Bounds) -> Bounds:
     low, high = u
     across = (low <= 0) & (high >= 0)
-    one_sided_low = np.where(low == 0, np.where(high == 0, -np.inf, 1 / high), -np.inf)  # from 0 upwards: above 1/high
+    one_sided_low = np.where(low == 0, np.where(high == 0, -np.inf, 1 / high), -np.inf)  # (0, high]: not below 1/high
     one_sided_high = np.where(high == 0, np.where(low == 0, np.inf, 1 / low), np.inf)
     return np.where(across, one_sided_low, 1 / high), np.where(across, one_sided_high, 1 / low)
 
@@ -162,7 +162,7 @@ def _rising(node: Node, args: list[Bounds]) -> Bounds:
 
 
 def _cosine(low: Any, high: Any) -> Bounds:
-    """Bounds of the cosine: 1 where a multiple of 2 pi is inside, -1 where one of 2 pi apart from pi is."""
+    """Bounds of the cosine: 1 where a multiple of 2 pi is inside, -1 where an odd multiple of pi is."""
     ends = np.cos(low), np.cos(high)
 
     def inside(peak: float) -> Any:
@@ -205,7 +205,7 @@ def _table(node: Node, args: list[Bounds]) -> Bounds:
 
 
 def _compare(node: Node, args: list[Bounds]) -> Any:
-    return _COMPARE[node.name](args[0][0], args[1][0])  # both sides are numbers: they are read at `SIDE`
+    return _COMPARE[node.name](args[0][0], args[1][0])  # in conditions the time is `SIDE`, one instant: both bounds are equal
 
 
 _RULES: dict[str, Callable[[Node, list[Any]], Any]] = {

@@ -19,8 +19,19 @@ from mbdae.inputs.timed import after
 from mbdae.values import BadValueError, option, path, shown, text
 
 TIME_UNITS = ("s", "sec", "second", "seconds")
+#: factor from a unit that files state to the SI unit before it
+FACTORS: dict[str, dict[str, float]] = {
+    "s": {"ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
+    "m": {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048},
+    "m/s": {"mm/s": 1e-3, "km/h": 1 / 3.6}, "m/s^2": {"mm/s^2": 1e-3},
+    "rad": {"mrad": 1e-3, "deg": np.pi / 180, "°": np.pi / 180},
+    "rad/s": {"deg/s": np.pi / 180, "°/s": np.pi / 180, "rpm": np.pi / 30},
+    "N": {"mN": 1e-3, "kN": 1e3, "MN": 1e6}, "N m": {"N mm": 1e-3, "Nmm": 1e-3, "Nm": 1.0, "kN m": 1e3, "kNm": 1e3},
+    "Pa": {"kPa": 1e3, "bar": 1e5, "MPa": 1e6, "GPa": 1e9}, "kg": {"t": 1e3},
+}  # fmt: skip
+SI = {other: si for si, factors in FACTORS.items() for other in factors}
 _HEAD = re.compile(r"\s*(?P<name>.*?)\s*(?:[\[(](?P<unit>[^\])]*)[\])])?\s*")
-LONGEST_LIST = 12  #: columns that a message names
+LONGEST_LIST = 12  #: most columns that a message lists
 
 
 def table(t: Any, values: Any, kind: str = "linear", outside: str = "hold") -> Any:
@@ -42,19 +53,17 @@ def read_table(file: Any, t: str, value: str, kind: str = "linear", outside: str
     """A table from two columns of a file of numbers, with the names of the columns in its first line: see `mb.table`.
 
     Columns are divided by commas, semicolons, tabs or blanks; lines that begin with # are left out. t, value: names of columns,
-    which may state a unit behind them: "F [N]". Values are taken as they are, in SI units: the time column must be in s, where it
-    states a unit; unit: what the value column must state, such as "N", if given. OptionError where the file or a column is
-    missing, a unit differs, or an entry is no number."""
+    which may state a unit behind them: "F [N]". unit: the SI unit of the values, such as "N": a column in a known multiple of it
+    (mm, deg, kN, ...) is converted; a unit that the column states itself leaves its values as they are. Times in ms or min are
+    converted to s. OptionError where the file or a column is missing, an entry is no number, a unit cannot be converted, or the
+    column states one that is not SI and `unit` is not given."""
     place = option("file", file, path, "give the path of a file of numbers with names of columns in its first line")
     names = [option(name, x, text, "give the name of a column") for name, x in (("t", t), ("value", value))]
     head, rows = _rows(place)
-    units = [_HEAD.fullmatch(h) for h in head]
     columns = [_column(place, head, name) for name in names]
-    _check_unit(place, head[columns[0]], units[columns[0]], TIME_UNITS, "times are read in s: convert the column")
-    if unit is not None:
-        told = f"the input takes {unit}: convert the column, or name its unit by unit="
-        _check_unit(place, head[columns[1]], units[columns[1]], (unit,), told, required=True)
-    times, values = ([_number(place, line, head[c], row, c) for line, row in rows] for c in columns)
+    factors = [_factor(place, head[c], x, i == 0) for i, (c, x) in enumerate(zip(columns, ("s", unit), strict=True))]
+    times, values = ([factor * _number(place, line, head[c], row, c) for line, row in rows]
+                     for c, factor in zip(columns, factors, strict=True))  # fmt: skip
     try:
         found = tables.known(Table(times, values, kind, outside))
     except BadValueError as refused:
@@ -66,15 +75,15 @@ def read_table(file: Any, t: str, value: str, kind: str = "linear", outside: str
 
 
 def _rows(place: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """Names of the columns, and lines with their numbers in the file."""
+    """Names of the columns, and the entries of each row with the number of its line in the file."""
     try:
         lines = place.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         why = getattr(error, "strerror", None) or "it is no text"
-        raise OptionError(f"the table '{place}' cannot be read: {why}") from None
+        raise OptionError(f"the table '{place}' cannot be read: {why}; give a text file in UTF-8 that exists") from None
     kept = [(i, line) for i, line in enumerate(lines, start=1) if line.strip() and not line.lstrip().startswith("#")]
     if not kept:
-        raise OptionError(f"the table '{place}' is empty")
+        raise OptionError(f"the table '{place}' is empty: give a file with names of columns in its first line and numbers below")
     sign = next((s for s in (";", ",", "\t") if s in kept[0][1]), None)
     split = [row if sign else " ".join(row).split() for row in csv.reader((line for _, line in kept), delimiter=sign or " ")]
     if not sign:
@@ -83,7 +92,7 @@ def _rows(place: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
 
 
 def _with_units(words: list[str]) -> list[str]:
-    """Names divided by blanks, each with the unit in brackets behind it."""
+    """Names of columns from words, where a word in brackets is the unit of the name before it."""
     found: list[str] = []
     for word in words:
         if found and word.startswith(("[", "(")):
@@ -94,7 +103,7 @@ def _with_units(words: list[str]) -> list[str]:
 
 
 def _column(place: Path, head: Sequence[str], name: str) -> int:
-    """The number of the column with a name, with its unit or without."""
+    """Index of the column with a name, which may be given with its unit or without."""
     found = [i for i, h in enumerate(head) if name.strip() in (h, _HEAD.fullmatch(h)["name"])]  # type: ignore[index]
     if len(found) == 1:
         return found[0]
@@ -102,11 +111,20 @@ def _column(place: Path, head: Sequence[str], name: str) -> int:
     raise OptionError(f"'{place}' has {'several columns' if found else 'no column'} {name!r}; it has {listed}")
 
 
-def _check_unit(place: Path, head: str, found: Any, allowed: Sequence[str], told: str, required: bool = False) -> None:
-    unit = found["unit"]
-    if (unit is None and required) or (unit is not None and unit.strip() not in allowed):
-        states = "states no unit" if unit is None else f"is in {unit.strip()!r}"
-        raise OptionError(f"column {head!r} of '{place}' {states}; {told}")
+def _factor(place: Path, head: str, wanted: str | None, is_time: bool) -> float:
+    """Factor from the unit that a column states to the one that is wanted; 1 where neither says anything."""
+    stated = (_HEAD.fullmatch(head)["unit"] or "").strip()  # type: ignore[index]
+    if stated == (wanted or "") or (is_time and stated in ("", *TIME_UNITS)) or (wanted is None and stated not in SI):
+        return 1.0
+    if wanted is not None and stated in FACTORS.get(wanted, ()):
+        return FACTORS[wanted][stated]
+    states = f"is in {stated!r}" if stated else "states no unit"
+    if wanted is None:
+        told = f"give unit={SI[stated]!r} to have it converted, or unit={stated!r} to take its numbers as they stand"
+    else:
+        told = f"it cannot be converted to {wanted!r}: convert the column yourself" + (
+            "" if is_time or not stated else f", or give unit={stated!r} to take its numbers as they stand")  # fmt: skip
+    raise OptionError(f"column {head!r} of '{place}' {states}; {told}")
 
 
 def _number(place: Path, line: int, head: str, row: Sequence[str], column: int) -> float:
@@ -126,7 +144,7 @@ def _function(name: str, order: int) -> Any:
     from sympy.core.function import AppliedUndef, UndefinedFunction
 
     class AppliedTable(AppliedUndef):  # type: ignore[misc]
-        """A table at a time: it has derivatives and, at a number, a value."""
+        """A table as a function in SymPy: with derivatives and, where the argument is a number, a value."""
 
         def fdiff(self, argindex: int = 1) -> Any:
             return _function(name, order + 1)(*self.args)

@@ -56,7 +56,7 @@ def _refusal(asked: str, remedy: str) -> Callable[..., Any]:
 
 
 def _with_remedy(method: Callable[[Any], Any], remedy: str) -> Any:
-    """The method, its TypeError for expressions of mb.t with the remedy; it stays a TypeError."""
+    """The method, with the remedy added to the text of its TypeError for expressions of mb.t."""
 
     @wraps(method)
     def explained(self: Any) -> Any:

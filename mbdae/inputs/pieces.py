@@ -1,11 +1,12 @@
-"""Where a table has to be landed on, and how long steps may be between: tables have many points, most without significance.
+"""At which points of a table a step has to end, and how long steps may be in between: most points of a measured table matter less
+than the accuracy.
 
 Neighbouring segments are joined as long as one polynomial of degree DEGREE follows all of them within a tolerance, a share of the
-range of the table in the run. A step that stays within the joined segments sees the polynomial and a rest of at most the
-tolerance, which acts like a load of that size: an error in proportion to the accuracy at which the run aims, and the companion
-run, which aims at a lower one, shows it like every other. A point between two joined pieces is landed on where no such polynomial
-goes across it; elsewhere it only bounds the steps. Where the value in use jumps there, accelerations and reactions do too, and
-the run begins anew; at a kink a step ends and the next one goes on.
+range of the table in the run. Within joined segments the table is this polynomial and a remainder of at most the tolerance, which
+acts like a load of that size. Its error is in proportion to the accuracy asked for, and the comparison with the companion run,
+which has a lower accuracy, includes it like every other error. A step ends at a point between two joined pieces where no such
+polynomial fits across it; elsewhere the point only limits the steps. Where the value in use jumps, accelerations and reactions
+jump too, and the integration restarts; at a kink a step ends and the integration continues.
 """
 
 from __future__ import annotations
@@ -21,18 +22,18 @@ from mbdae.inputs.tables import Array, Table
 Index = NDArray[np.intp]
 
 DEGREE = 7
-PARTS = 4  #: stretches of a joined piece, at most one a segment: a step is to see a polynomial of DEGREE several times
-SAMPLES = np.array([0.0, 1 / 3, 2 / 3, 1.0])  #: inside a segment, which is a cubic
-SOME = 16  #: segments of a block that are looked at first
-LARGE = 256  #: segments of a block whose deviation is kept
-FINEST = 1e-11  #: smallest tolerance, of rounding
+PARTS = 4  #: a joined piece is divided into PARTS for the limit of steps, so that several steps follow its polynomial
+SAMPLES = np.array([0.0, 1 / 3, 2 / 3, 1.0])  #: where in a segment, which is a cubic, deviations are measured
+SOME = 16  #: segments of a block that are checked first
+LARGE = 256  #: a block of at least as many segments has its deviation cached
+FINEST = 1e-11  #: smallest tolerance, a limit of round-off
 _NODES = (1 - np.cos((2 * np.arange(DEGREE + 1) + 1) * np.pi / (2 * DEGREE + 2))) / 2
 _FROM_NODES = np.linalg.inv(np.vander(2 * _NODES - 1, increasing=True))
 
 
 class Pieces(NamedTuple):
-    """jumps (k,): times to be landed on at which values jump; kinks (l,): those at which they do not; edges (m,): of stretches
-    that bound the steps, without start and end."""
+    """Times of a table, s. jumps (k,): a step ends there, and the value jumps; kinks (l,): a step ends there, without a jump;
+    edges (m,): ends of the intervals that limit the steps, without start and end of the run."""
 
     jumps: Array
     kinks: Array
@@ -40,7 +41,7 @@ class Pieces(NamedTuple):
 
 
 class _Samples:
-    """A table over a run: its segments between `at` (n+1,), each at SAMPLES (n, 4)."""
+    """A table over a run: ends `at` (n+1,) of its segments, and its values (n, 4) at SAMPLES in each segment."""
 
     def __init__(self, table: Table, order: int, x0: float, x1: float) -> None:
         self.table, self.order = table, order
@@ -50,7 +51,7 @@ class _Samples:
         side = np.broadcast_to((a + b) / 2, self.x.shape)
         self.values = table.lookup(self.x.ravel(), side.ravel(), order).reshape(self.x.shape)
         self.range = float(np.max(self.values) - np.min(self.values))
-        self.whole: dict[tuple[int, int], float] = {}  #: deviations of large blocks by level and first segment
+        self.whole: dict[tuple[int, int], float] = {}  #: cached deviations of large blocks by level and first segment
 
     def deviation(self, low: Array, high: Array, segments: Index) -> Array:
         """(k,) largest distance, over the samples of segments (k, m) inside [low, high] (k,), from a polynomial of DEGREE."""
@@ -73,7 +74,7 @@ def _samples(table: Table, order: int, x0: float, x1: float) -> _Samples:
 
 
 def pieces(table: Table, order: int, x0: float, x1: float, tolerance: float) -> Pieces:
-    """Of a table, or of a derivative of it, between x0 and x1."""
+    """The `Pieces` of a table, or of its derivative of an order, between x0 and x1."""
     s = _samples(table, order, x0, x1)
     if not s.range > 0:
         return Pieces(*np.zeros((3, 0)))
@@ -94,8 +95,8 @@ def pieces(table: Table, order: int, x0: float, x1: float, tolerance: float) -> 
 
 
 def _across(s: _Samples, point: Index, width: Array, most: int) -> Array:
-    """(k,) deviation in windows about points (k,), numbers in `at`, of half widths (k,); on each side `most` segments are looked
-    at, that beside the point among them."""
+    """Deviations (k,) from one polynomial across points (k,), indices in `at`, in windows of half widths (k,); `most` segments
+    are checked on each side, among them the one beside the point."""
     low, high = s.at[point] - width, s.at[point] + width
     first = np.searchsorted(s.at, low, side="right") - 1
     last = np.searchsorted(s.at, high, side="left") - 1
@@ -106,12 +107,12 @@ def _across(s: _Samples, point: Index, width: Array, most: int) -> Array:
 
 
 def _joined(s: _Samples, allowed: float) -> Index:
-    """Numbers in `at` (m,) of the ends of joined segments: blocks of 2^k of them, divided until a polynomial follows each."""
+    """Indices in `at` (m,) of the ends of joined segments: blocks of 2^k segments, halved until a polynomial follows each."""
     n = len(s.at) - 1
     level, begin, done = (n - 1).bit_length(), np.zeros(1, dtype=np.intp), [np.array([0, n], dtype=np.intp)]
     while level and len(begin):
         end, good = np.minimum(begin + 2**level, n), np.ones(len(begin), dtype=bool)
-        for count in sorted({min(SOME, 2**level), 2**level}):  # a few samples refuse most of the large ones
+        for count in sorted({min(SOME, 2**level), 2**level}):  # a few segments exclude most large blocks
             good[good] = _of_blocks(s, level, begin[good], end[good], count) <= allowed
         done += [begin[good], end[good]]
         level, begin = level - 1, begin[~good]
@@ -121,7 +122,7 @@ def _joined(s: _Samples, allowed: float) -> Index:
 
 
 def _of_blocks(s: _Samples, level: int, begin: Index, end: Index, count: int) -> Array:
-    """(k,) deviations over blocks of segments, by `count` of these; of large blocks they are kept for other tolerances."""
+    """Deviations (k,) of blocks of segments, at `count` of their segments; those of large blocks are cached."""
     keys = [(level, int(i)) for i in begin] if count >= LARGE else []
     if keys and all(key in s.whole for key in keys):
         return np.array([s.whole[key] for key in keys])

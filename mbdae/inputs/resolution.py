@@ -1,7 +1,8 @@
-"""How fast expressions of time vary: the run divided into stretches in which no function changes by more than two widths.
+"""How fast inputs vary: divides the run into stretches in which the argument of no function (sin, exp, tanh, ...) changes by more
+than two characteristic widths of the function; these are in `symbolic.functions`.
 
 Nothing is sampled: a stretch is accepted where interval arithmetic bounds the change of every function in it, so a pulse of any
-width is found. A function counts only while the input that contains it changes with it. Widths: see `symbolic.functions`.
+width is found. A function counts only while the input that contains it changes with it.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ from mbdae.symbolic.vectors import Expr
 Array = NDArray[np.float64]
 
 NONE = np.zeros(0)
-WIDTHS = 2.0  #: largest change of a function over a stretch, in its own widths
-FLAT = 1e-13  #: change over the largest value of the run that counts as none
+WIDTHS = 2.0  #: largest change of a function's argument over a stretch, in widths of the function
+FLAT = 1e-13  #: changes below this share of the largest value in the run count as none
 SATURATED = 18.0  #: argument beyond which tanh is flat
 MOST = 4_000_000  #: stretches of one run
 LEVELS = 52  #: halvings after which an input counts as not finite
@@ -39,8 +40,8 @@ FAST_POWER = 4.0  #: powers up to this are smooth over the whole run; higher one
 
 @dataclass(frozen=True)
 class Stretches:
-    """Consecutive stretches of time between `edges` (n+1,), s; poles: times near which an input is not finite; kinks (k,): of
-    tables, at which a step ends."""
+    """Consecutive stretches of time between `edges` (n+1,), s; poles: times near which an input is not finite; kinks (k,) of
+    tables: times at which a step ends."""
 
     edges: Array
     poles: tuple[float, ...] = ()
@@ -55,8 +56,8 @@ class Stretches:
 
 
 class LongestStep(NamedTuple):
-    """Longest step (s) from a time: a share of the stretch between two edges (n+1,) in which it begins and, where it reaches into
-    the next one, the same share of that; it may end after the run. No step goes beyond a kink (k,)."""
+    """Longest step (s) from a time: a share of the stretch between two edges (n+1,) in which it begins and, where it reaches
+    into the next stretch, the same share of that. It may reach beyond the end of the run, not beyond a kink (k,)."""
 
     edges: Array
     share: float = 1.0
@@ -66,14 +67,14 @@ class LongestStep(NamedTuple):
         return min(self.of_stretches(t), self.kink_after(t) - t)
 
     def kink_after(self, t: float, near: float = 0.0) -> float:
-        """The next kink (s), farther than `near` (s) and round-off; infinite where there is none."""
+        """Time (s) of the next kink that is later than t by more than `near` (s) and round-off; infinite where there is none."""
         if not len(self.kinks):
             return inf
         k = int(np.searchsorted(self.kinks, t + max(near, SIDED * max(abs(t), abs(self.kinks[-1]))), side="right"))
         return float(self.kinks[k]) if k < len(self.kinks) else inf
 
     def of_stretches(self, t: float) -> float:
-        """The longest step (s) but for kinks."""
+        """The longest step (s) from t if there were no kinks."""
         edges, share = self.edges, self.share
         i = min(max(int(np.searchsorted(edges, t, side="right")) - 1, 0), len(edges) - 2)
         a, b = float(edges[i]), float(edges[i + 1])
@@ -114,8 +115,8 @@ def stretches(expressions: Sequence[Expr], edges: Array, tolerance: float = TOLE
 
 @lru_cache(maxsize=64)
 def resolved(expressions: tuple[Expr, ...], t0: float, t1: float, tolerance: float = TOLERANCE) -> tuple[Array, Stretches]:
-    """Edges (start, breaks, end) and stretches of expressions over a run from t0 to t1; raises TooManyError. tolerance: of
-    tables, part of their range."""
+    """Edges (start, breaks, end) and stretches of expressions over a run from t0 to t1; raises TooManyError. tolerance: for
+    tables, relative to the range of their values."""
     edges = np.r_[t0, breaks(expressions, t0, t1, tolerance=tolerance), t1]
     return edges, stretches(expressions, edges, tolerance)
 
@@ -167,7 +168,7 @@ class _Argument:
         self.place = 1 if _is_exponential(function) else 0
         u = function.args[self.place]
         slope = rate(u)
-        self.cancels = not slope.is_number and not _functions_inside(u)  # terms of it may cancel
+        self.cancels = not slope.is_number and not _functions_inside(u)  # the terms of u may cancel
         self._slope = Enclosure(slope, u) if self.cancels else None
         self._stretched = _stretch(function)
         exponent = function.args[1] if isinstance(function, se.Pow) else None
@@ -183,8 +184,8 @@ class _Argument:
         return np.fmax(natural[0], centre - reach), np.fmin(natural[1], centre + reach)
 
     def widths(self, u: Bounds, size: float) -> Array:
-        """(k,) change of the function in its own widths while its argument goes through u; size: largest argument of the run.
-        0 for a root near 0, where its slope is infinite but its value small."""
+        """(k,) change of the function in its own widths while its argument varies over u; size: largest argument of the run.
+        0 for u^n, 0 < n < 1, near u = 0, where the slope is infinite but the value small."""
         with np.errstate(all="ignore"):
             found = np.asarray(self._stretched(*u))
             if self._root:
@@ -194,7 +195,7 @@ class _Argument:
 
 
 def _varies(node: Node) -> bool:
-    """Whether a node is a function with a width of its own."""
+    """Whether a node is a function of time with a characteristic width."""
     e = node.expression
     if TIME not in e.free_symbols:
         return False
@@ -228,7 +229,7 @@ def _logarithmic(a: Any, b: Any) -> Any:
     return np.where((a <= 0) & (b >= 0) & (a < b), np.inf, np.log(large) - np.log(small))
 
 
-#: function -> change of its argument in widths of the function, from a lower to an upper end; exact where poles or ends are near
+#: name of a function -> change between two arguments in widths of the function; also right near poles and ends of its domain
 _STRETCHES: dict[str, Callable[[Any, Any], Any]] = {
     **{name: _difference(_SCALES[KINDS[name]]) for name in ("sin", "cos", "sinh", "cosh", "tanh", "atan", "asinh")},
     "log": _logarithmic, "tan": lambda a, b: np.where(b - a > 3, np.inf, _tangents(a, b)),
@@ -244,7 +245,7 @@ def _tangents(a: Any, b: Any) -> Any:
 
 
 def _stretch(function: Expr) -> Callable[[Any, Any], Any]:
-    """The widths of a function over an interval of its argument."""
+    """A function (a, b) for the change from argument a to argument b in widths of the given function."""
     name = type(function).__name__
     if name != "Pow":
         return _STRETCHES[name]

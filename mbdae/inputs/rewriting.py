@@ -1,4 +1,4 @@
-"""Inputs in the functions that the kernels compile: Piecewise for one-sided functions, floor for Mod, ceiling and frac."""
+"""Rewriting of inputs in functions that kernels can compile: Piecewise for one-sided functions, floor for Mod, ceiling, frac."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mbdae.values import BadValueError, shown
 
 #: functions that are rewritten with Piecewise and floor
 REWRITTEN = ("Abs", "sign", "Heaviside", "Max", "Min", "Mod", "ceiling", "frac")
-HUGE = 100.0  #: logarithm of a factor above which it stays in the exponent
+HUGE = 100.0  #: magnitude of the logarithm of a factor above which the factor is kept in the exponent
 
 
 def rewritten(value: Any) -> Expr:
@@ -50,7 +50,7 @@ def is_plain(e: Expr) -> bool:
 
 
 def _without_steps(e: Any) -> Any:
-    """A SymPy expression without the functions symengine does not know."""
+    """A SymPy expression with Heaviside, Mod, frac and ITE, which symengine does not have, rewritten."""
     import sympy as sp
 
     rules: dict[Any, Any] = {
@@ -65,7 +65,8 @@ def _without_steps(e: Any) -> Any:
 
 def _exponents(e: Any) -> tuple[Any, dict[str, Any]]:
     """The expression with a symbol for every exponential that SymPy has split into a number and a rest, exp(x - 5000) into
-    1e-2171 exp(x): neither fits into a double although their product does. Symbols with their exponents, (rest, number)."""
+    1e-2171 exp(x): neither fits into a double although their product does. Also returned: the exponents (rest, number) of these
+    symbols."""
     import sympy as sp
 
     found: dict[str, Any] = {}
@@ -85,7 +86,7 @@ def _exponents(e: Any) -> tuple[Any, dict[str, Any]]:
 
 
 def _with_exponents(value: Any, exponents: dict[str, Any]) -> Expr:
-    """In symengine, with the exponentials in their places and Piecewise for one-sided functions."""
+    """The expression in symengine, with the exponentials put back for their symbols and Piecewise for one-sided functions."""
 
     def rule(node: Expr, _: list[Expr]) -> Expr | None:
         if isinstance(node, se.Symbol) and str(node) in exponents:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import lru_cache
 from typing import Any
 
 import symengine as se
@@ -25,7 +26,11 @@ def symbol(path: str) -> Expr:
 
 def path_of(name: Any) -> str:
     """The path of the sensor a symbol stands for; "" where it stands for none."""
-    text = str(name)
+    return _path(str(name))
+
+
+@lru_cache(maxsize=4096)
+def _path(text: str) -> str:
     if not (text.startswith(f'{_HEAD}"') and text.endswith('")')):
         return ""
     try:
@@ -40,7 +45,7 @@ def paths(value: Any) -> list[str]:
 
 
 def refuse_symbols(value: Any, symbols: set[Expr], sensors: bool) -> None:
-    """BadValueError where an expression contains symbols that are none of sensors, or those where sensors may not appear."""
+    """Raise BadValueError where an expression contains a symbol of no sensor, or one of a sensor although `sensors` is false."""
     others = sorted(str(s) for s in symbols if not (sensors and path_of(s)))
     if not others:
         return

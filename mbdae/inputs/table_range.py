@@ -10,7 +10,7 @@ from mbdae.inputs.tables import Array, Table
 
 def table_range(table: Table, order: int, low: Array, high: Array, side: Array) -> tuple[Array, Array]:
     """Least and largest value (k,) of a table, or of a derivative of it, over intervals [low, high] (k,); side (k,): times inside
-    of them or, where they are points, on the side that counts."""
+    of the intervals or, where low = high is a point of the table, on the side of it to be used."""
     c = table.of_order(order)
     (s, i), (e, j) = table.segments(low, side), table.segments(high, side)
     if np.array_equal(i, j) and not table.period:

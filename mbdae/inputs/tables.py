@@ -1,7 +1,7 @@
-"""Tables of time: piecewise polynomials between points, one lookup however many points there are.
+"""Tables of time: piecewise polynomials between points, each evaluated by one lookup, whatever the number of points.
 
 In an expression a table is a function of its name, `table_<digest>(a*t + b)`; its derivatives have the name with `_d1`, `_d2`.
-Between two breaks the segment is that of the time; at a point between two segments, that on the side of the second argument
+The segment used is the one that contains the time; at a point between two segments, the one on the side of the second argument
 (`timed.sided`). `values` here and LOOKUP in `native/evaluation.c` follow the same rule.
 """
 
@@ -17,6 +17,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.notation import counted
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import BadValueError, array, shown, word
 
@@ -24,8 +25,8 @@ Array = NDArray[np.float64]
 
 KINDS, OUTSIDE = ("linear", "cubic", "step"), ("hold", "periodic", "error")
 MOST_POINTS = 5_000_000
-CLOSEST = 1e-11  #: distance of two points over the largest time below which no step tells them apart
-#: times this near to a point, relative to the largest of the table, count as that point: the side decides
+CLOSEST = 1e-11  #: smallest distance of two points, relative to the largest time: no step is shorter
+#: times this near to a point, relative to the largest time of the table, count as the point, where the side decides the segment
 SIDED = 1e3 * float(np.finfo(float).eps)
 _NAME = re.compile(r"(table_[0-9a-f]{20})(?:_d(\d+))?", re.ASCII)
 
@@ -47,12 +48,12 @@ class Table:
 
     @cached_property
     def base(self) -> Array:
-        """(n+1,) s, where the polynomials of the segments begin."""
+        """Times (n+1,), s, from which the polynomials of the segments are counted."""
         return np.concatenate([self.t[:1], self.t[:-1], self.t[-1 if self.outside == "hold" else -2 :][:1]])
 
     @cached_property
     def coefficients(self) -> Array:
-        """(4, n+1)."""
+        """Coefficients (4, n+1) of the polynomials of the segments, lowest power first."""
         inside, (n,) = _KINDS[self.kind](self.t, self.values, self.outside == "periodic"), self.t.shape
         found = np.zeros((4, n + 1))
         found[:, 1:n] = inside
@@ -63,8 +64,8 @@ class Table:
         return found
 
     def segments(self, x: Array, side: Array) -> tuple[Array, NDArray[np.intp]]:
-        """Times x (k,) inside their segments, from its base, and the numbers of these; side (k,): times on the side that counts
-        where x is a point."""
+        """For times x (k,): the time since the base of the segment, and the index of the segment; side (k,): times on the side to
+        be used where x is a point of the table."""
         near = np.maximum(self.near, SIDED * np.abs(x))
         seen, turns = x + np.clip(side - x, -near, near), np.zeros(1)
         if self.period:
@@ -98,7 +99,7 @@ class Table:
 
     @cached_property
     def packed(self) -> Array:
-        """What C reads: first and last segment, period, `near`, points, bases, coefficients of one segment after the other."""
+        """The array that C reads: first and last segment, period, `near`, points, bases, coefficients segment by segment."""
         head = [self.first, self.last, self.period, self.near]
         found = np.concatenate([head, self.t, self.base, self.coefficients.T.ravel()])
         found.flags.writeable = False
@@ -116,7 +117,7 @@ class Table:
             return self.t[(self.t > x0) & (self.t < x1)]
         turns = np.arange(np.floor((x0 - self.t[0]) / self.period), np.ceil((x1 - self.t[0]) / self.period))
         if len(turns) * len(self.t) > MOST_POINTS:
-            raise BadValueError(f"is repeated {len(turns)} times between {x0:g} and {x1:g} s")
+            raise BadValueError(f"has more than {MOST_POINTS} points with its repetitions between {x0:g} and {x1:g} s")
         all_points = (self.t[:-1] + self.period * turns[:, None]).ravel()
         return all_points[(all_points > x0) & (all_points < x1)]
 
@@ -124,9 +125,9 @@ class Table:
 def _checked(t: Any, values: Any, outside: str) -> tuple[Array, Array]:
     t, values = (_numbers(name, x) for name, x in (("t", t), ("values", values)))
     if len(t) != len(values):
-        raise BadValueError(f"{len(t)} times and {len(values)} values: give one value for every time")
+        raise BadValueError(f"{counted(len(t), 'time')} and {counted(len(values), 'value')}: give one value for every time")
     if len(t) < 2:
-        raise BadValueError(f"a table of {len(t)} point{'s' * (len(t) != 1)} says nothing between points: give two or more")
+        raise BadValueError(f"a table of {counted(len(t), 'point')} says nothing between points: give two or more")
     falling = np.flatnonzero(~(np.diff(t) > CLOSEST * max(abs(t[0]), abs(t[-1]))))
     if len(falling):
         i = int(falling[0])
@@ -183,7 +184,7 @@ def _cubic(t: Array, v: Array, periodic: bool) -> Array:
 
 
 def _slopes(h: Array, d: Array) -> Array:
-    """At inner points: the weighted harmonic mean of the slopes beside, 0 where these differ in sign."""
+    """Slopes at inner points: the weighted harmonic mean of the slopes d of both segments, 0 where these differ in sign."""
     a, b = 2 * h[1:] + h[:-1], h[1:] + 2 * h[:-1]
     with np.errstate(divide="ignore", invalid="ignore"):
         mean = (a + b) / (a / d[:-1] + b / d[1:])
@@ -191,7 +192,7 @@ def _slopes(h: Array, d: Array) -> Array:
 
 
 def _end(h0: float, h1: float, d0: float, d1: float) -> float:
-    """At an end: of the parabola through three points, limited so that the cubic stays monotone."""
+    """Slope at an end: that of the parabola through three points, limited so that the cubic stays monotone."""
     m = ((2 * h0 + h1) * d0 - h0 * d1) / (h0 + h1)
     if m * d0 <= 0:
         return 0.0
@@ -218,7 +219,7 @@ def known(table: Table) -> Table:
 
 
 def from_data(name: str, data: Any) -> None:
-    """Make a stored table known; BadValueError where its data is none, or not that of its name."""
+    """Make a stored table known; BadValueError where the data cannot be read or gives another name."""
     if name in _KNOWN and data == _KNOWN[name].as_data:
         return
     try:

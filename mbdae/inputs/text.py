@@ -25,8 +25,8 @@ FUNCTIONS = (
     "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp", "log", "Piecewise",
     "floor",
 )  # fmt: skip
-LONGEST, DEEPEST = 100_000, 120  #: characters, brackets inside each other
-MOST_BITS = 100_000  #: size of the integers that may arise while a text is read; fractions of doubles have up to 1100
+LONGEST, DEEPEST = 100_000, 120  #: most characters of a text, most brackets inside each other
+MOST_BITS = 100_000  #: most bits of an integer that arises while a text is read; doubles as fractions have up to 1100
 
 _TOKEN = re.compile(r"\s*(?:(?P<float>(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)|(?P<integer>\d+)"
                     r"|(?P<sensor>sensor\(\"(?:[^\"\\]|\\.)*\"\))|(?P<name>[A-Za-z]\w*)"
@@ -40,7 +40,7 @@ _PARTS = {*FUNCTIONS, *ONE_SIDED, *_NUMBERS, "Pi", "Exp1", "GoldenRatio", "Euler
 _RELATIONS: dict[str, Any] = {"<": se.Lt, "<=": se.Le, ">": se.Gt, ">=": se.Ge, "==": se.Eq, "!=": se.Ne}
 _SIGNS = {"StrictLessThan": "<", "LessThan": "<=", "Equality": "==", "Unequality": "!="}
 _JOINED = {"and": se.And, "&": se.And, "or": se.Or, "|": se.Or}
-#: precedence of a sign between two numbers or conditions; of one before a number, of "not"
+#: precedence of operators between two numbers or conditions; in the next line, of a sign before a number and of "not"
 _STRENGTH = {"or": 1, "|": 1, "and": 2, "&": 2, **dict.fromkeys(_RELATIONS, 4), "+": 5, "-": 5, "*": 6, "/": 6, "**": 8}
 _BEFORE_NUMBER, _NOT = 7, 3
 #: functions with their numbers of arguments (None: two or more)
@@ -57,7 +57,7 @@ _FUNCTIONS: dict[str, tuple[int | None, Callable[..., Any]]] = {
 
 
 def canonical(e: Expr) -> Expr:
-    """The expression with its terms in the order of its text: after it was stored its values are the same to the last bit."""
+    """The expression with terms in the order of its text, so that a stored expression has the same values to the last bit."""
     return read(written(e))
 
 
@@ -93,7 +93,7 @@ def _written(node: Expr, args: list[str]) -> str:
 
 
 class _Read(NamedTuple):
-    """A part that was read; bits: bound of the size of the integers in it."""
+    """A part that was read; bits: upper bound of the bits of the integers in it."""
 
     e: Any
     bits: int
@@ -132,14 +132,14 @@ class _Reader:
         while at < len(text.rstrip()):
             found = _TOKEN.match(text, at)
             if not found:
-                raise ValueError(f"{text[at : at + 20].strip()!r} does not belong to it")
+                raise ValueError(f"{text[at : at + 20].strip()!r} cannot be part of an expression of t")
             self.tokens.append((str(found.lastgroup), found[str(found.lastgroup)]))
             at = found.end()
         self.tokens.append(("end", "the end"))
         self.at = self.depth = 0
 
     def whole(self) -> Any:
-        """All of the text."""
+        """Read the whole text."""
         found = self._expression(0)
         self._expect("the end")
         return found.e
@@ -179,7 +179,7 @@ class _Reader:
             return _Read(se.RealDouble(_finite(float(text))), 1)
         if kind == "integer":
             if len(text) > MOST_BITS // 4:
-                raise ValueError("it holds a number of too many digits")
+                raise ValueError(f"it holds a number of more than {MOST_BITS // 4} digits: round it")
             return _Read(se.Integer(int(text) if len(text) < 4000 else _long(text)), 4 * len(text))
         if kind == "sensor":
             return _Read(se.Symbol(text), 1)
@@ -203,13 +203,13 @@ class _Reader:
         return _Read((se.Add if signs == "+-" else se.Mul)(*(term.e for term in terms)), bits)
 
     def _joined(self, left: _Read, sign: str) -> _Read:
-        """Two conditions, joined by a word or a sign."""
+        """Two conditions, joined by and, or, & or |."""
         self.at += 1
         right = _condition(self._expression(_STRENGTH[sign]))
         return _Read(_JOINED[sign](_condition(left).e, right.e), _bounded(left.bits + right.bits))
 
     def _pair(self, left: _Read, sign: str) -> _Read:
-        """A comparison (of several, a < b < c, all have to hold), or a power."""
+        """A power or a comparison; of a chain such as a < b < c all comparisons have to hold."""
         self.at += 1
         if sign != "**":
             right = _value(self._expression(_STRENGTH[sign]))
@@ -232,7 +232,7 @@ class _Reader:
         bits = _bounded(sum(a.bits for a in arguments))
         if name in LOGIC:
             if not all(is_condition(a.e) for a in arguments) or (name == "Not" and len(arguments) != 1):
-                raise ValueError(f"{name} joins conditions")
+                raise ValueError(f"{name} takes {'one condition' if name == 'Not' else 'conditions'}, such as t > 1, not numbers")
             return _Read(getattr(se, name)(*(a.e for a in arguments)), bits)
         if tables.named(name) is not None and len(arguments) == 1:
             return _Read(se.Function(name)(_value(arguments[0]).e), bits)
@@ -287,7 +287,7 @@ def _power(base: _Read, exponent: _Read) -> _Read:
     if exponent.e.is_number:
         size = abs(float(exponent.e))
         if not size <= MOST_BITS:
-            raise ValueError(f"an exponent is larger than {MOST_BITS}")
+            raise ValueError(f"an exponent is larger than {MOST_BITS} in magnitude: use a smaller one")
         times = math.ceil(size) or 1
     return _Read(base.e**exponent.e, _bounded(base.bits * times + exponent.bits))
 
@@ -300,7 +300,7 @@ def _finite(number: float) -> float:
 
 def _bounded(bits: int) -> int:
     if bits > MOST_BITS:
-        raise ValueError("it leads to numbers of too many digits")
+        raise ValueError(f"it leads to integers of more than {MOST_BITS} bits: use smaller numbers and exponents")
     return bits
 
 

@@ -32,8 +32,8 @@ SIDE = se.Symbol("t_of_conditions")
 
 
 def expression(value: Any, sensors: bool = False) -> Expr:
-    """A number or expression of time as symengine sees it, its numbers plain; raises BadValueError with the reason. sensors:
-    whether it may depend on sensors too."""
+    """A number or expression of time as a symengine expression whose numbers are doubles; raises BadValueError with the reason.
+    sensors: whether it may depend on sensors too."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if type(value) is Timed:
@@ -65,7 +65,7 @@ def expression(value: Any, sensors: bool = False) -> Expr:
 
 
 def _of_symengine(value: Timed) -> Any:
-    """In symengine, or in SymPy where that has something to rewrite or to refuse."""
+    """The expression in symengine, or in SymPy where SymPy has to rewrite it or to refuse it."""
     try:
         found = value._symengine_()
     except Exception:  # a division by zero, a number that symengine does not know: SymPy says what is wrong
@@ -91,7 +91,7 @@ def _without_constant_tables(e: Expr) -> Expr:
 
 
 def affine(x: Expr, symbol: Expr = TIME) -> tuple[float, float]:
-    """a and b of x = a t + b; NaN where x is nothing of the kind."""
+    """a and b of x = a t + b; NaN where x has another form."""
     a = se.diff(x, symbol) if all(isinstance(n, se.Add | se.Mul | se.Symbol) or n.is_number for n in nodes(x)) else symbol
     return (float(a), float(x.subs({symbol: 0}))) if a.is_number and x.free_symbols <= {symbol} else (math.nan, math.nan)
 
@@ -108,7 +108,7 @@ def _refuse_other_time(value: Any) -> None:
 def _has_symbols(value: Any) -> bool:
     try:
         return bool(getattr(value, "free_symbols", None))
-    except Exception:  # an object of the user's own
+    except Exception:  # an object of the user may raise anything
         return False
 
 
@@ -138,12 +138,12 @@ def _with_plain_numbers(e: Expr) -> Expr:
     return rebuilt(e, rule)
 
 
-# ---- sides of an instant -------------------------------------------------------------------------------------------------
+# ---- values before and after an instant --------------------------------------------------------------------------------
 
 
 @lru_cache(maxsize=512)
 def sided(e: Expr) -> Expr:
-    """The expression with `SIDE` for the time in its conditions and floors, and as second argument of its tables; once."""
+    """The expression with `SIDE` for the time in its conditions and floors, and as second argument of its tables."""
     if not any(isinstance(node, se.Piecewise | se.FunctionSymbol) or type(node).__name__ == "floor" for node in nodes(e)):
         return e
 
@@ -160,7 +160,7 @@ def sided(e: Expr) -> Expr:
 
 @lru_cache(maxsize=512)
 def derivatives(e: Expr) -> tuple[Expr, Expr, Expr]:
-    """The expression and its first two time derivatives, with sides."""
+    """The expression and its first two time derivatives, each `sided`."""
     d = rate(e := sided(e))
     return e, d, rate(d)
 
@@ -179,13 +179,13 @@ def rate(e: Expr) -> Expr:
 
 
 def used(e: Expr, moves: bool) -> tuple[Expr, ...]:
-    """What an input is followed by: itself; a table that prescribes a motion by its derivatives too, which jump more."""
+    """Expressions whose jumps steps have to follow: the input; moves: for a table that prescribes a motion, derivatives too."""
     e = se.sympify(e)
     return tuple(dict.fromkeys(derivatives(e))) if moves and any(map(tables.lookup_of, nodes(e))) else (e,)
 
 
 def values(e: Expr, times: NDArray[np.float64], sides: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-    """The expression at times (k,); sides (k,): times at which its conditions are read, by default the same."""
+    """The expression at times (k,); sides (k,): times at which its conditions are evaluated, by default `times`."""
     times = np.asarray(times, dtype=float)
     if not e.free_symbols:
         return np.full(len(times), float(e))
@@ -212,7 +212,7 @@ class Split(NamedTuple):
     readings: tuple[Reading, ...]
 
     def with_lookups(self, inputs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Times and sides (k, 2) with the values of the tables behind them."""
+        """Times and sides (k, 2) with the values of the tables as further columns."""
         read = [found.table.lookup(a * inputs[:, column] + b, a * inputs[:, 1] + b, found.order)
                 for found, a, b, column in self.readings]  # fmt: skip
         return np.column_stack([inputs, *read]) if read else inputs
@@ -220,7 +220,7 @@ class Split(NamedTuple):
 
 @lru_cache(maxsize=256)
 def split(expressions: tuple[Expr, ...]) -> Split:
-    """`sided` expressions, their tables taken out; a table in a condition is read at the time of conditions."""
+    """`sided` expressions with symbols for their tables; a table in a condition is read at the time of conditions."""
     found: dict[Expr, tuple[Expr, Reading]] = {}
 
     def rule(node: Expr, args: list[Expr]) -> Expr | None:

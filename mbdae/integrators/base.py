@@ -52,7 +52,7 @@ class Solver(ABC):
     highest_index: ClassVar[int] = 1
     #: short name of the method, as a command line takes it; "": that of the class in small letters
     word: ClassVar[str] = ""
-    #: whether a run stored on disk begins the method anew at its checkpoints; False where `integrate` calls `loop.goes_on`
+    #: whether a run stored on disk restarts the method at its checkpoints; False where `integrate` calls `loop.goes_on`
     #: before its first step and `loop.keep` between steps
     restarts: ClassVar[bool] = True
     #: advice in the message where an accuracy needs an rtol below `tightest`

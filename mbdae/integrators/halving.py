@@ -103,8 +103,7 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
         share = _share(h / coarse[1], order)
         estimate, coarser = gap * share, (coarse[0], times, share)
         estimate = inf if fine.stats.unresolved else estimate
-        # the steps differ too much for the final estimate: long steps may alias a vibration
-        if estimate <= accuracy and h < NEARBY * coarse[1]:
+        if estimate <= accuracy and h < NEARBY * coarse[1]:  # steps differ too much: long ones may alias a vibration
             with keeping(fine, COARSER.format(h)):
                 near = solver.with_step(2 * h).run(system, replace(asked, share=2 * SHARE * h / first))
             runs, spent = runs + 1, spent + near.stats.cpu_s
@@ -113,8 +112,7 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
         own, stalled = estimate, False
         if estimate <= accuracy and second is not None:
             estimate = second.distance(fine, estimate)
-            # the method converges to another solution than the second method
-            stalled, confirmed = estimate > FALLS * confirmed, estimate
+            stalled, confirmed = estimate > FALLS * confirmed, estimate  # stalled: the two methods have different limits
         best = Halved(fine, now, estimate, runs, spent, coarser, own)
         if estimate <= accuracy or stalled:
             return best

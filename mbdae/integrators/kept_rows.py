@@ -144,7 +144,7 @@ class Rows:
             return [row for block in (*self._blocks, self.tail) for row in block][:count]
         self._close(self.tail)
         found = self._joined() if self._chunks else self._blocks[0].given()
-        self._blocks, self.tail = [Block.of(found[:-1])], [found[-1]]  # not kept twice
+        self._blocks, self.tail = [Block.of(found[:-1])], [found[-1]]  # views of the result, so that rows are not stored twice
         return found[:count]
 
     def since(self, first: int) -> list[Any]:
@@ -185,7 +185,7 @@ class Rows:
             for part in parts:
                 part.tofile(file)
         found = np.load(whole, mmap_mode="c")
-        self._remove()  # what is mapped stays
+        self._remove()  # the mapped file remains readable
         self._chunks, self._folder = [], None
         return np.asarray(found)
 

@@ -210,7 +210,7 @@ class StepLoop:
         text = f"{self.solver.label} stopped at t = {t:.9g} of {self.run_end:.9g}: {message}{resists}"
         return kind(text, t, culprit, self.solution())
 
-    # -- runs that are kept on disk
+    # -- runs that are stored on disk
 
     @property
     def count(self) -> int:
@@ -229,7 +229,7 @@ class StepLoop:
 
     @property
     def room(self) -> int:
-        """Number of steps until the method is to begin anew; practically unlimited where it does not."""
+        """Number of steps until the method is restarted; practically unlimited where it is not."""
         return sys.maxsize if self.record is None or not self.record.restarts else max(self.record.room - self.count, 1)
 
     def goes_on(self, method: Any) -> None:
@@ -285,7 +285,8 @@ class StepLoop:
         pieces = self._pieces.since(first)[: last - first]
         have = np.array([piece is not None for piece in pieces], dtype=bool)
         if not all(isinstance(piece, np.ndarray) for piece in pieces if piece is not None):
-            raise OptionError(f"checkpoint: what {self.solver.label} keeps of a step is no array, so its runs cannot be kept")
+            raise OptionError(f"checkpoint: {self.solver.label} returns step data that are not arrays, which "
+                              f"cannot be stored: run it without checkpoint=")
         inner = np.array([piece for piece in pieces if piece is not None])
         return {"t": np.array(self._t[first + 1 : last + 1]), "y": y, "yp": yp, "have": have, "inner": inner,
                 "anew": anew, "after": after}  # fmt: skip

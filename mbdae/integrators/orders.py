@@ -86,7 +86,7 @@ def measure_order(solver: Any, what: Any, t_end: float, form: Any = None, steps:
         raise OptionError(f"steps = {shown(steps)}: give three or more rising numbers of steps")
     optional("exact", exact, function, "give a function of times (k,), or None", takes="t")
     if form is not None and isinstance(what, System):
-        raise OptionError(f"form = {shown(form)}: equations that are given have theirs already, only scenes take a form")
+        raise OptionError(f"form = {shown(form)}: only scenes take a form; omit it for other equations")
     system: System
     full: System
     if isinstance(what, SceneData):

@@ -1,6 +1,6 @@
 """A law on a line as one kernel over elements: interpolate, evaluate all points, scatter with the transpose.
 
-All elements share one table of shape functions; numbers of an element are kept per point.
+All elements share one table of shape functions; numbers of an element are stored for every point.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A law on a line as operations of a native program: nodes to sections, sections to points, the law at the points, and back.
+"""A law on a line as operations of a native program: nodes to sections, sections to points, the law, and forces back to nodes.
 
 Per element: section positions from node positions (corners turn them by constant matrices T), their rates by P' = H Omega P with
 the constant tensor H of `kinematic_tensor`, the law's variables by the table of shape functions, and the same maps transposed

@@ -1,6 +1,6 @@
 """Kernels of the joints of a tree, one by one: compiled once for every kind of joint with the body it carries.
 
-Their number does not grow with the tree; `system/assembled/ordered_tree.py` says in which order they run, on which numbers.
+Their number does not grow with the tree; `system/motion/ordered_tree.py` has their order and the slots that they read.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class ProgramKernel(Kernel):
 
     @cached_property
     def column(self) -> dict[Place, int]:
-        """Where the value of a target stands among the values."""
+        """The column of every target among the values."""
         return {target: i for i, target in enumerate(self.targets)}
 
 

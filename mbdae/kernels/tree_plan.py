@@ -23,7 +23,8 @@ from mbdae.symbolic.vectors import Expr
 
 CHUNK = 3000  #: operations of one kernel at most: LLVM compiles 3000 in 0.1 to 0.2 s, 10000 in seconds
 OPTIMISED = 1000  #: operations up to which LLVM optimises a kernel, which takes a few hundredths of a second
-MOST_SOLVED, LONGEST_SOLVED = 16, 2000  #: at most, in a kernel that solves for accelerations: their number, and its operations
+#: a kernel that solves for the accelerations has at most MOST_SOLVED of them and LONGEST_SOLVED operations
+MOST_SOLVED, LONGEST_SOLVED = 16, 2000
 
 
 class Piece(NamedTuple):
@@ -109,7 +110,7 @@ class ProgrammedTree:
         return self._chunks(entries)
 
     def _chunks(self, entries: list[tuple[Any, Expr]]) -> list[Piece]:
-        """One kernel, or several by columns where one would be slow to compile."""
+        """One kernel for all entries, or several by columns of the Jacobian where one would be slow to compile."""
         program = self.tree.program
         if len(program.needed([e for _, e in entries])) <= CHUNK:
             return [self._piece(entries)] if entries else []

@@ -1,5 +1,5 @@
-"""How the native core becomes a library: by one compilation, at installation (hatch_build.py) and again in a clone whose C has
-changed since (library.py).
+"""Compilation of the native core into a shared library: at installation (hatch_build.py), and again in a clone whose C files
+have changed since (library.py).
 
 It imports nothing but Python's own modules, so that it runs before anything is installed. By hand, with the warnings of the
 compiler::
@@ -26,15 +26,15 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-#: the library. A point in its stem keeps Python from taking it for an extension module; it belongs to no version of Python
+#: the shared library. The dot in its stem keeps Python from importing it as an extension module; it suits every Python version
 LIBRARY = HERE / f"mbdae.core{SUFFIX}"
-#: the requirement of an installation where no compiler of the system works
+#: the compiler that an installation requires from the package index where no compiler of the system works
 ZIGLANG = "ziglang==0.17.1"
-#: what zig builds for. glibc 2.17 of 2014, so that the library opens on every Linux that NumPy and SciPy have wheels for
+#: targets of zig; glibc 2.17 (manylinux2014), so that the library opens on every Linux that NumPy and SciPy have wheels for
 ZIG_TARGETS = {"linux-x86_64": "x86_64-linux-gnu.2.17", "linux-aarch64": "aarch64-linux-gnu.2.17",
                "win-amd64": "x86_64-windows-gnu", "win-arm64": "aarch64-windows-gnu",
                "macosx-x86_64": "x86_64-macos.11.0", "macosx-arm64": "aarch64-macos.11.0"}  # fmt: skip
-#: the same numbers from every compiler: no product and sum in one rounding, nothing of -ffast-math, processors of the baseline
+#: flags with which every compiler gives the same numbers: no fused multiply-add, no -ffast-math, baseline processors
 FLAGS = ["-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-Wall", "-Wextra", "-shared"]
 TRIAL = "#include <math.h>\n#include <string.h>\ndouble trial(double x) { return sin(x); }\n"
 REMEDY = ("Install a C compiler (Debian, Ubuntu: apt install gcc libc6-dev; Fedora: dnf install gcc;\n"
@@ -43,19 +43,19 @@ REMEDY = ("Install a C compiler (Debian, Ubuntu: apt install gcc libc6-dev; Fedo
 
 
 class BuildError(Exception):
-    """The library could not be compiled; the text says what was tried, what it said, and what to do."""
+    """The library could not be compiled; the text gives the commands tried, their output, and what to do."""
 
 
-# -- what the library is made of
+# -- the sources
 
 
 def sources() -> list[Path]:
-    """The C files; none in an installed wheel, which has the library alone."""
+    """The C files; none in an installed wheel, which has only the library."""
     return sorted(HERE.glob("*.c"))
 
 
 def digest() -> str:
-    """What the library depends on, in a word: C files, what they include, this file and MBDAE_CFLAGS."""
+    """Hash of all that the library depends on: C files, the files they include, this file and MBDAE_CFLAGS."""
     read = hashlib.sha256(os.environ.get("MBDAE_CFLAGS", "").encode())
     for path in [*sources(), *sorted(HERE.glob("*.h")), *sorted(HERE.glob("*.inc")), HERE / "build.py"]:
         read.update(path.name.encode() + b"\0" + path.read_bytes())
@@ -76,12 +76,12 @@ def platform_name() -> str:
 
 
 def has_musl() -> bool:
-    """Whether Python stands on musl (Alpine) instead of glibc."""
+    """Whether this Python uses the C library musl (Alpine Linux) instead of glibc."""
     return "musl" in str(sysconfig.get_config_var("SOABI"))
 
 
 def is_zig(command: list[str]) -> bool:
-    """Whether a command of a compiler is zig, which has to be told what to build for."""
+    """Whether a compiler command is zig, which has to be told its target."""
     return any(Path(part).stem in ("zig", "ziglang") for part in command)
 
 
@@ -95,7 +95,7 @@ def flags(command: list[str]) -> list[str]:
 
 
 def refusal(command: list[str]) -> str:
-    """Why a command does not compile, empty where it does; tried on three lines of C in a folder of this process alone."""
+    """Why a compiler command does not work, "" where it does; it is tried on three lines of C in a temporary folder."""
     if shutil.which(command[0]) is None:
         return "not found"
     with tempfile.TemporaryDirectory(prefix="mbdae-") as folder:  # readable by this user only
@@ -105,14 +105,14 @@ def refusal(command: list[str]) -> str:
 
 
 def run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    """A command with all it says. Libraries that are forced into this process (of a sanitizer) are not those of a compiler."""
+    """Run a command and keep its output. Libraries preloaded into this process (by a sanitizer) are kept out of the compiler."""
     env = {name: value for name, value in os.environ.items() if name not in ("LD_PRELOAD", "DYLD_INSERT_LIBRARIES")}
     return subprocess.run(command, cwd=folder, env=env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                           stderr=subprocess.STDOUT, encoding="utf-8", errors="replace")  # fmt: skip
 
 
 def system_compilers() -> list[list[str]]:
-    """Commands to try: the one of CC, which is never passed over, else those of the system. Windows has none of its own."""
+    """Compiler commands to try: only that of CC where it is set, else those of the system, of which Windows has none."""
     if stated := os.environ.get("CC", "").strip():
         return [shlex.split(stated, posix=sys.platform != "win32")]
     return [] if sys.platform == "win32" else [["cc"], ["gcc"], ["clang"]]
@@ -164,8 +164,8 @@ def compile_library(command: list[str]) -> str:
 
 
 def compiled(command: list[str], part: Path) -> subprocess.CompletedProcess[str]:
-    """The compiler's run that writes the library into a file, told by its path from here."""
-    defined = f'-DMBDAE_SOURCES="{digest()}"'  # read before the files are: a change in between is found at the next use
+    """Run the compiler. part: file for the library, relative to this folder."""
+    defined = f'-DMBDAE_SOURCES="{digest()}"'  # computed before compiling: a file changed meanwhile is noticed at the next use
     further = shlex.split(os.environ.get("MBDAE_CFLAGS", ""))
     names = [path.name for path in sources()]  # without folders: no path of this machine gets into the library
     whole = [*command, *flags(command), defined, *further, *names, "-o", str(part), "-lm"]
@@ -179,10 +179,10 @@ def compiled(command: list[str], part: Path) -> subprocess.CompletedProcess[str]
 
 
 def wheel_platform(command: list[str]) -> str:
-    """Platform in the name of a wheel: where else the library runs.
+    """Platform tag of a wheel: the systems on which the library runs.
 
     zig binds to glibc 2.17 at most whatever the machine has, which is what manylinux2014 promises. A compiler of the system binds
-    to the glibc of this machine: linux_x86_64 says no more than that, and the package index takes no such wheel.
+    to the glibc of this machine: such a wheel is tagged linux_x86_64, and the package index does not accept it.
     """
     name, machine = platform_name(), platform.machine()
     if sys.platform == "darwin":

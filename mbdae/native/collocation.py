@@ -1,4 +1,4 @@
-"""Runs of collocation methods, their steps and the control of these: the table of `Run` in radau.c."""
+"""Integration by collocation methods with step size control: the Python side of `Run` in radau.c."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from mbdae.native.equations import RAISED, SLICE, Equations, Number, Pointer, St
 from mbdae.native.radau import Stages, functions
 from mbdae.native.sparse import Array, address
 
-#: results of a call beside 0 and RAISED, as in radau.c
+#: return codes, as in radau.c; a further one is RAISED
 DONE, DIVERGED, ORDER, NO_WIDTH, VANISHED, NO_RATES, LOOK = 0, 3, 4, 5, 6, 7, 8
-FIRST, AGAIN = 1, 2  #: of `rejected`: a first step, or one after a rejection
+FIRST, AGAIN = 1, 2  #: values of `rejected`: the next step is the first, or repeats a rejected one
 ARRAYS = ("y", "yp", "last", "weights", "power")
 
 
@@ -35,8 +35,8 @@ class Table(ctypes.Structure):
 
 
 class Made(NamedTuple):
-    """Steps made: times (m,), values and slopes (m, n), increments at inner nodes (m, s - 1, n), errors (m,) of the controller,
-    and what ended them."""
+    """Accepted steps: their ends t (m,), y and y' there (m, n), increments of y at inner nodes (m, s - 1, n), local error
+    estimates (m,) in units of the tolerance; code: why the call ended."""
 
     t: Array
     y: Array
@@ -52,10 +52,11 @@ class Made(NamedTuple):
 
 
 class Run(Stepping):
-    """A run at the state y, yp (n,); table: the present step and its control.
+    """An integration at the state y, yp (n,); table: the present step and the step size control.
 
-    rates: y' = f(t, y) of a method whose last stage is not the end of the step; atol, order (n,): tolerance and index - 1 of the
-    unknowns; time: typical time of the motion, s; target: part of the tolerance that Newton's method leaves; limit: iterations.
+    rates: y' = f(t, y), for a method whose last stage is not the end of the step; atol, order (n,): absolute tolerance and
+    (differentiation index - 1) of each unknown; time: typical time of the motion, s; target: share of the tolerance at which
+    Newton's iteration stops; limit: most iterations.
     """
 
     def __init__(self, stages: Stages, rates: Equations | None, atol: Array, order: Array, rtol: float, time: float,
@@ -80,29 +81,29 @@ class Run(Stepping):
         self._at, self._c, self._shape = ctypes.addressof(self.table), functions(), (s - 1, n)
 
     def watch(self, contacts: Contacts | None) -> None:
-        """Look at contacts after every step, up to one that needs a closer look (LOOK); None: do not."""
+        """Check contacts after every step and return LOOK where one needs a closer check in Python; None: check none."""
         self._contacts = contacts
         self.table.contacts = None if contacts is None else ctypes.addressof(contacts.table)
 
     def predict(self, h: float) -> None:
-        """Starting increments of a step of h."""
+        """Starting values of Newton's iteration for a step of h (s)."""
         self._c.run_predict(self._at, h)
 
     def factored(self, h: float) -> None:
-        """The factors of the matrix are those of a step of h now."""
+        """Tell C that the iteration matrix is now factorised for a step of h (s)."""
         self._c.run_factored(self._at, h)
 
     def solve(self, t: float, h: float) -> int:
-        """Solve the stages of a step of h from t."""
+        """Solve the stages of a step of h (s) from t."""
         return self._checked(self.native(self._c.run_solve, self._at, t, h))
 
     def advance(self, t: float, h: float) -> int:
-        """Move to the end of the step of h from t that is solved; NO_RATES where there are none there."""
+        """Move to the end of the step of h (s) from t, whose stages are solved; NO_RATES where f(t, y) has no value there."""
         return self._checked(self.native(self._c.run_advance, self._at, t, h))
 
     def steps(self, t: float, end: float, solved: bool, most: float, rows: int) -> Made:
-        """Steps from t towards end, at most so many rows, until more than `most` residuals were evaluated, for a slice of time.
-        solved: the stages of the first one are."""
+        """Steps from t towards end: at most `rows`, until more than `most` residuals were evaluated or SLICE seconds have passed.
+        solved: whether the stages of the first step are solved already."""
         n = self._shape[1]
         times, y, yp, errors = np.empty(rows), np.empty((rows, n)), np.empty((rows, n)), np.empty(rows)
         inner, made = np.empty((rows, *self._shape)), Whole()
@@ -112,12 +113,12 @@ class Run(Stepping):
         return Made(times[:m], y[:m], yp[:m], inner[:m], errors[:m], code)
 
     def control(self) -> tuple[Any, ...]:
-        """What `back` needs to repeat the next step."""
+        """State of the step size control, from which `back` can repeat the next step."""
         table = self.table
         return self.last.copy(), table.last_h, table.accepted, table.accepted_error
 
     def back(self, y: Array, yp: Array, control: tuple[Any, ...]) -> None:
-        """Go back to a state and what `control` told there; the length of the next step stays."""
+        """Go back to a state and to what `control` returned there; the length of the next step is not changed."""
         self.y[:], self.yp[:] = y, yp
         table = self.table
         self.last[:], table.last_h, table.accepted, table.accepted_error = control
@@ -129,7 +130,7 @@ class Run(Stepping):
         return code
 
     def raise_error(self) -> None:
-        """Raise what a call back raised, if one did."""
+        """Raise the exception of a callback, if one was raised."""
         for equations in (self.equations, self._kept[1]):
             if equations is not None:
                 equations.raise_error()

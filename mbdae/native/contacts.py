@@ -1,4 +1,4 @@
-"""The contacts of a run between closer looks at them: the table of contacts.h."""
+"""Contacts that C checks after every step, until one needs a closer check in Python: the table of contacts.h."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.program import address_of
 from mbdae.native.sparse import Array, address
 
-#: speeds (m/s, rad/s) at which durations of impacts are known; between them the logarithms are interpolated
+#: impact speeds (m/s, rad/s) at which durations of impacts are tabulated; in between their logarithms are interpolated
 SPEEDS = 10.0 ** (np.arange(161) / 8 - 14)
 NUMBERS = ("impact", "approach", "rest", "margin", "slope", "change", "near", "round")
 
@@ -28,14 +28,14 @@ class Table(ctypes.Structure):
 
 
 class Contacts:
-    """Contacts whose gaps and rates a scene gives natively.
+    """Contacts whose gaps and gap rates are evaluated in C.
 
     here, before (count, 3): gap (m or rad), rate and duration (s) of an impact at the last step and the one before; lasting
-    (count,): times (s) after which a contact is no impact; stiff (count,): gaps of the Jacobian in use; inside (count,): steps
-    inside the present contact."""
+    (count,): times (s) after which a contact no longer counts as an impact; stiff (count,): gaps for which the Jacobian in use
+    was evaluated; inside (count,): number of steps inside the present contact."""
 
     def __init__(self, scene: Any, by_joints: Sequence[bool], numbers: Mapping[str, float]) -> None:
-        """scene: `Values` of gap and rate of every contact; by_joints: whether joints add to their masses."""
+        """scene: `Values` of gap and gap rate of every contact; by_joints: whether joints add to the effective mass of each."""
         count = len(by_joints)
         if count < 1 or scene.width != 2 * count or set(numbers) != set(NUMBERS):
             raise ValueError(f"{count} contacts, {scene.width} values, numbers {sorted(numbers)}")
@@ -49,8 +49,8 @@ class Contacts:
                            **numbers)  # fmt: skip
 
     def hold(self, durations: Sequence[Array], known: NDArray[Any], at: Array, reach: float) -> None:
-        """Durations (SPEEDS,) of every contact, known (count,) whether the masses in them are those at positions `at`, and how
-        far from there they hold."""
+        """Set the durations (s) at SPEEDS of impacts at every contact. known (count,): whether the effective mass was computed
+        at the positions `at`; reach: distance from these up to which it is used."""
         found, self._at = np.array(durations, dtype=float), np.array(at, dtype=float)
         if found.shape != self._logarithms.shape or len(known) != len(found) or len(self._at) > self._scene.n:
             raise ValueError(f"durations {found.shape}, known {len(known)}, {len(self._at)} positions")

@@ -1,7 +1,7 @@
-"""Equations as the native methods of integration call them: those of a scene by address, those of a user's DAE by call back.
+"""Equations as the integrators in C call them: compiled equations of a scene by address, a user's DAE in Python by callbacks.
 
-A call back that raises keeps its exception; what called it ends with a negative code, and `raise_error` raises it then. A method
-lets signals wait while it runs (`Signals`) and gives them to `Caught`: a call back is the next place where they are noticed.
+An exception in a callback is kept, C returns with a negative code, and `raise_error` then raises the exception. Signals such as
+that of Ctrl-C wait while C runs (`Signals`); the next callback, which finds them in `Caught`, calls their handlers.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ JACOBIAN = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Poi
 RATES = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer)
 RATE_JACOBIAN = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Pointer)
 SINGULAR, RAISED = 2, -1
-SLICE = 0.05  #: s of wall time after which a call returns, so that signals, progress and limits are looked at
-#: addresses of which a call back keeps arrays: a method works with few
+SLICE = 0.05  #: s of wall time after which a call returns, so that signals, progress and limits are checked
+#: most addresses for which a callback keeps NumPy arrays; an integrator uses only a few
 MOST_SEEN = 64
 #: (system, t, y, y') -> df/dy (n, n) of y' = f(t, y)
 RateJacobian = Callable[[Any, float, Any, Any], Any]
@@ -42,7 +42,7 @@ class Stretches(ctypes.Structure):
 
 
 class Caught:
-    """What call backs raise, and the signals they notice. error: what one raised, None otherwise."""
+    """The first exception of callbacks (error, None: none), and the signals whose handlers callbacks have to call."""
 
     def __init__(self) -> None:
         self.error: BaseException | None = None
@@ -50,21 +50,21 @@ class Caught:
 
 
 class Equations:
-    """The table of a system and what it refers to; caught: by its call backs; make: compiles the parts ("residual", "jacobian",
-    "rates") that are about to be called, None where all are ready."""
+    """The table of a system and the objects it refers to; caught: exceptions of its callbacks; make: compiles the parts
+    ("residual", "jacobian", "rates") that are about to be called, None where all are ready."""
 
     def __init__(self, table: Table, *kept: Any, caught: Caught | None = None, make: Callable[..., None] | None = None) -> None:
         self.table, self._kept, self.caught, self._make = table, kept, caught or Caught(), make
 
     def made(self, *parts: str) -> Self:
-        """These equations, of which some parts are about to be called."""
+        """These equations, after compiling the parts that are about to be called."""
         if self._make is not None:
             self._make(*parts)
         return self
 
     @property
     def called(self) -> bool:
-        """Whether they are calls of Python."""
+        """Whether the equations are Python callbacks."""
         return not self.table.self
 
     @property
@@ -73,21 +73,21 @@ class Equations:
         return ctypes.addressof(self.table)
 
     def raise_error(self) -> None:
-        """Raise what a call back raised, if one did."""
+        """Raise the exception of a callback, if one was raised."""
         error, self.caught.error = self.caught.error, None
         if error is not None:
             raise error
 
 
 class Listening:
-    """Context of a method that calls equations from C. Where these are calls of Python, signals wait while C runs."""
+    """Context of a method that calls equations from C. Where these are Python callbacks, signals wait while C runs."""
 
     def __init__(self, equations: Equations) -> None:
         self.equations = equations
         self._signals: Signals | None = None
 
     def __enter__(self) -> Self:
-        if self.equations.called:  # else no Python runs inside
+        if self.equations.called:  # compiled equations run no Python that a handler could interrupt
             self.equations.caught.signals = self._signals = Signals().__enter__()
         return self
 
@@ -97,7 +97,7 @@ class Listening:
             signals.__exit__(*error)
 
     def native(self, function: Any, *args: Any) -> int:
-        """Result of a function of C."""
+        """Call a function of C, while signals wait; its return code."""
         if self._signals is None:
             return int(function(*args))
         self._signals.inside = True
@@ -112,20 +112,20 @@ class Stepping(Listening):
     table: Any
 
     def bound(self, edges: Any, share: float, kinks: Any = ()) -> None:
-        """Bound steps to a share of the stretches between edges (k,), s, and end them at kinks (l,), s."""
+        """Limit steps to a share of the intervals between edges (k,), s, and end steps at the kinks (l,), s, of inputs."""
         self._edges, self._kinks = np.array(edges, dtype=float), np.array(kinks, dtype=float)
         self.table.stretches = Stretches(self._edges.ctypes.data, len(self._edges), share, self._kinks.ctypes.data,
                                          len(self._kinks))  # fmt: skip
 
 
 def equations_of(system: Any) -> Equations:
-    """F(t, y, y') = 0 of a System: its own native evaluation where it has one, else by call back."""
+    """F(t, y, y') = 0 of a System: its own compiled evaluation where it has one, else callbacks."""
     own: Equations | None = getattr(system, "native", None)
     return own.made("residual", "jacobian") if own is not None and own.table.residual else called(system)
 
 
 def rates_of(system: Any, rate_jacobian: RateJacobian | None = None) -> Equations:
-    """The same with y' = f(t, y). rate_jacobian: called where the equations have no Jacobian of the rates."""
+    """y' = f(t, y) of a System: its own compiled evaluation where it has one, else callbacks. rate_jacobian: used for df/dy."""
     own: Equations | None = getattr(system, "native", None)
     if own is None or not own.table.rates:
         return called(system, rate_jacobian)
@@ -164,7 +164,7 @@ class _Call:
         raise NotImplementedError
 
     def at(self, address: int, size: int | None = None) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """`seen`, kept: it takes longer than a small residual."""
+        """`seen`, cached: making the array takes longer than evaluating a small residual."""
         key = address, self.n if size is None else size
         found = self._seen.get(key)
         if found is None:
@@ -174,14 +174,14 @@ class _Call:
         return found
 
     def guarded(self, caught: Caught) -> Any:
-        """The function as a call back that keeps what it raises."""
+        """The function as a C callback, which keeps an exception and returns a code."""
 
         def call(_: Any, *args: Any) -> int:
             try:
                 if caught.signals is not None and caught.signals.waiting:
                     caught.signals.deliver()
                 self(*args)
-            except SolverError:  # nothing can be computed there: a method may shorten its step, and asks again where it ends
+            except SolverError:  # there is no value at this state: the integrator may try a shorter step
                 return SINGULAR
             except BaseException as error:  # C cannot pass it on; `raise_error` does
                 caught.error = caught.error or error
@@ -195,7 +195,7 @@ class _Residual(_Call):
     kind = RESIDUAL
 
     def __call__(self, t: float, y: int, yp: int, out: int) -> None:
-        self.at(out).fill(np.nan)  # what a function leaves out is not a number
+        self.at(out).fill(np.nan)  # so that entries that the user's function does not set are NaN
         self.system.residual(t, self.at(y).copy(), self.at(yp).copy(), self.at(out))
 
 
@@ -228,5 +228,5 @@ class _RateJacobian(_Call):
 
 
 def seen(address: int, size: int) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """The numbers (size,) at an address, not copied."""
+    """The doubles (size,) at an address as an array, without a copy."""
     return np.ctypeslib.as_array((Number * size).from_address(address))

@@ -1,4 +1,4 @@
-"""Steps of an explicit Runge-Kutta method with its estimates and its interpolant: the table of explicit.c."""
+"""An explicit Runge-Kutta method with local error estimates and dense output: the Python side of explicit.c."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class Table(ctypes.Structure):
 
 
 class Batch:
-    """Runs from starts (k, n), of which y at `times` and at the end, a code and counts are kept. numbers (k, m): what stands in
-    `slots` (m,) of W in each. Raises ValueError where sizes do not fit, a slot is outside of W, or times are not increasing
-    between `begin` and `end`."""
+    """Many runs from initial values starts (k, n); of each, y at `times` and at the end, a return code and counts are kept.
+    numbers (k, m): values of each run for `slots` (m,) of the work array W. Raises ValueError where sizes do not fit, a slot is
+    outside of W, or times are not increasing between `begin` and `end`."""
 
     def __init__(self, begin: float, end: float, starts: Array, times: Array, W: Array, slots: Whole64, numbers: Array) -> None:
         k, n = starts.shape
@@ -53,7 +53,7 @@ class Batch:
 
     @property
     def done(self) -> int:
-        """Points that have ended."""
+        """Number of runs that have ended."""
         return int(self.table.point)
 
 
@@ -61,9 +61,9 @@ Entries = Sequence[tuple[int, int, float]]
 
 
 class Method:
-    """Coefficients of a method as (row, column, value), row by row: of its stages, its two estimates and its interpolant.
+    """Coefficients of a method as (row, column, value), row by row: of its stages, two error estimates and dense output.
 
-    Raises ValueError where one has no place."""
+    Raises ValueError where an entry is outside of its array or not in the order of rows."""
 
     def __init__(self, stages: Entries, errors: Entries, dense: Entries) -> None:
         self._kept: list[Any] = []
@@ -84,7 +84,7 @@ class Method:
 
 
 class Steps(NamedTuple):
-    """Steps made: times (m,), values and slopes (m, n), increments at inner nodes (m, inner, n), and what ended them."""
+    """Accepted steps: ends t (m,), y and y' there (m, n), increments at inner nodes (m, inner, n); code: why the call ended."""
 
     t: Array
     y: Array
@@ -115,7 +115,7 @@ class Runs(ctypes.Structure):
 
 
 class Explicit(Stepping):
-    """A run of a method; nodes: parts of a step where the interpolant is kept."""
+    """An integration by a method; nodes: fractions of a step at which dense output is stored."""
 
     def __init__(self, equations: Equations, method: Method, nodes: Array, rtol: float, atol: Array) -> None:
         n = int(equations.table.n)
@@ -136,7 +136,7 @@ class Explicit(Stepping):
         self._y[:], self._K[0], self.table.h, self.table.after_rejection = y, rate, h, 0
 
     def start(self, t: float, y: Array, span: float, h: float | None = None) -> int:
-        """Start from y (n,) at t, with a first step found from two evaluations, of `span` s at most, or with one of h; a code."""
+        """Start from y (n,) at t; returns a code. First step: h (s), or one found from two evaluations, at most `span` (s)."""
         self._y[:] = y
         code = self.native(_functions().explicit_begin, self._at, t, span)
         if h is not None:
@@ -144,7 +144,7 @@ class Explicit(Stepping):
         return code
 
     def advance(self, t: float, end: float, most: float, rows: int, longest: float = np.inf) -> Steps:
-        """Steps from t towards end, at most so many rows, until more than `most` evaluations were made, for a slice of time."""
+        """Steps up to `longest` (s) from t towards end: at most `rows`, until `most` evaluations or SLICE seconds are used."""
         times, y, yp = np.empty(rows), np.empty((rows, self.n)), np.empty((rows, self.n))
         inner, made = np.empty((rows, self.inner, self.n)), Whole()
         self.table.longest = longest
@@ -155,7 +155,7 @@ class Explicit(Stepping):
         return Steps(times[:m], y[:m], yp[:m], inner[:m], code)
 
     def go_on(self, batch: Batch) -> None:
-        """Go on with a batch for a slice of time."""
+        """Continue a batch for SLICE seconds of wall time."""
         if batch.n != self.n:
             raise ValueError(f"starts of {batch.n} unknowns for {self.n} equations")
         self.table.longest = np.inf

@@ -1,6 +1,6 @@
 """The compiled library of the native core, opened once.
 
-An installed wheel has it. A clone has it from its installation; where its C files, or MBDAE_CFLAGS, have changed since, it is
+A wheel contains it. In a clone it was compiled at installation; where the C files or MBDAE_CFLAGS have changed since, it is
 compiled again in place before it is opened.
 """
 
@@ -16,12 +16,12 @@ from mbdae.errors import LibraryError
 from mbdae.native import build
 
 #: number of the interface between C and Python, `mbdae_interface` of version.c
-INTERFACE = 9
+INTERFACE = 10
 
 
 @cache
 def library() -> ctypes.CDLL:
-    """The library, whose functions others declare."""
+    """The library, compiled again if its C files have changed; `declared` states the types of its functions."""
     if build.sources() and not build.is_current():
         rebuild()
     try:

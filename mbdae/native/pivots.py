@@ -1,4 +1,4 @@
-"""The search for pivots: orders of elimination by the present values of a matrix."""
+"""Search for pivots: elimination orders chosen by the present values of a matrix."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def largest_pivots(entries: Entries, values: NDArray[Any]) -> Order | None:
 
 
 def pivoted(entries: Entries, ordered: csc_matrix, order: NDArray[Any], **options: Any) -> Order | None:
-    """The order with the pivots that SuperLU chooses in a matrix whose rows and columns stand in an order (n,); None where it
-    finds that singular."""
+    """The order with the pivots that SuperLU chooses in a matrix whose rows and columns were permuted by `order` (n,); None
+    where SuperLU finds it singular."""
     try:
         factors = splu(ordered, **options)
     except RuntimeError:
@@ -32,8 +32,8 @@ def pivoted(entries: Entries, ordered: csc_matrix, order: NDArray[Any], **option
 
 def by_counts(entries: Entries, values: NDArray[Any]) -> Order | None:
     """The order whose pivots have the fewest other entries in their rows and columns (Markowitz), of those that are the largest
-    in their column: for small matrices, at n^3 comparisons; None where the matrix is singular. With smaller pivots runs lose the
-    digits they need near singular positions."""
+    in their column: for small matrices, at n^3 comparisons; None where the matrix is singular. Smaller pivots would lose
+    digits that runs need near singular positions."""
     n, complex_ = entries.n, values.dtype.kind == "c"
     d, at = np.zeros((n, n), complex if complex_ else float), np.zeros((n, n), dtype=np.int8)
     d[entries.row_of, entries.column_of], at[entries.row_of, entries.column_of] = values, 1

@@ -1,7 +1,7 @@
-"""Evaluations as lists of operations on one array of numbers, run natively; see `evaluation.c` for what an operation does.
+"""Equations as lists of operations on one array of doubles, run in C; see `evaluation.c` for what an operation does.
 
-A program is built once: `slots` gives room in the array, the other methods append operations to a part of it. `table` checks
-every slot against the size of the array and makes what C reads; wrong ones raise ValueError and are never run.
+A list is built once: `slots` reserves entries of the array, the other methods append operations. `table` checks every slot
+against the size of the array and builds the table that C reads; wrong slots raise ValueError.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 CALL, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU, POSITIVE, PASS, LOOKUP = range(11)
-READ = 3  #: a table and its first two derivatives
+READ = 3  #: results of LOOKUP: the value of a table and its first two derivatives
 
 
 class Operation(ctypes.Structure):
@@ -41,8 +41,8 @@ class Part(ctypes.Structure):
 
 
 class Step(NamedTuple):
-    """One operation as it was stated. fields: those of `Operation`, with the kernel that a CALL evaluates; slots: the lowest it
-    touches, and the one behind the highest."""
+    """One operation. fields: those of `Operation`, and the kernel of a CALL; tables: its arrays of slots and weights; slots: the
+    lowest slot it uses, and the one after the highest."""
 
     fields: dict[str, Any]
     tables: dict[str, Array | Index]
@@ -51,15 +51,15 @@ class Step(NamedTuple):
 
 @dataclass
 class _Room:
-    """The slots of an array that lists of operations share, and numbers in it that never change."""
+    """Size of the array that several lists of operations share, and the constants in it, each with its first slot."""
 
     size: int
     constants: list[tuple[int, Array]] = field(default_factory=list)
 
 
 class Operations:
-    """Operations in the order in which they run, not yet bound to an array. size: slots they may use; base: a list on the same
-    array, whose slots these are."""
+    """Operations in the order in which they run, not yet bound to an array. size: number of slots; base: a list whose array this
+    one shares."""
 
     def __init__(self, size: int = 0, base: Operations | None = None) -> None:
         self._room: _Room = _Room(size) if base is None else base._room
@@ -67,22 +67,22 @@ class Operations:
 
     @property
     def size(self) -> int:
-        """Slots of the array."""
+        """Number of slots of the array."""
         return self._room.size
 
     def slots(self, count: int) -> int:
-        """Room for so many numbers; the first slot."""
+        """Reserve `count` slots; returns the first."""
         first, self._room.size = self.size, self.size + int(count)
         return first
 
     def zeros(self, count: int) -> int:
-        """The same, set to 0 whenever the operations run."""
+        """Reserve `count` slots that are set to 0 whenever the operations run; returns the first."""
         first = self.slots(count)
         self.load(first, np.zeros(count))
         return first
 
     def constant(self, values: ArrayLike) -> int:
-        """Slots of numbers that nothing changes, which `fill` writes once; the first slot."""
+        """Reserve slots for constants, which `fill` writes once; returns the first."""
         numbers = np.array(values, dtype=float).ravel()
         first = self.slots(len(numbers))
         self._room.constants.append((first, numbers))
@@ -103,8 +103,8 @@ class Operations:
     # -- operations
 
     def call(self, kernel: Any, gather: ArrayLike, first: int | None = None) -> Index:
-        """A kernel (`mbdae.kernels.Kernel`) at points with inputs at slots gather (points, inputs); the slots of its values
-        (points, width), which begin at `first` where they have a place. `table` compiles it."""
+        """Evaluate a kernel (`mbdae.kernels.Kernel`) at points, with inputs from slots gather (points, inputs); returns the slots
+        (points, width) of its values, the first of which is `first` if given. `table` compiles the kernel."""
         slots, width = np.asarray(gather, dtype=np.int64), kernel.width
         points, inputs = slots.shape
         first = self.slots(points * width) if first is None else first
@@ -113,8 +113,8 @@ class Operations:
         return block(first, points, width)
 
     def hand_on(self, kernel: Any, gather: ArrayLike, to: ArrayLike, first: int | None = None) -> Index:
-        """The same point by point, whose first values are added to slots to (points, count) before the next point is read: what
-        an instance hands on another one behind it may read."""
+        """Like `call`, but point by point: the first values of each point are added to slots to (points, count) before the
+        inputs of the next point are read, so that these may depend on them."""
         slots, sums = np.asarray(gather, dtype=np.int64), np.asarray(to, dtype=np.int64)
         (points, inputs), width, count = slots.shape, kernel.width, sums.shape[-1] if sums.ndim == 2 else -1
         if sums.shape != (points, count) or count > width:
@@ -125,12 +125,12 @@ class Operations:
         return block(first, points, width)
 
     def load(self, first: int, values: ArrayLike) -> None:
-        """Numbers into slots one after the other."""
+        """Write numbers into consecutive slots."""
         numbers = np.asarray(values, dtype=float).ravel()
         self._add(LOAD, {"weight": numbers}, (first, len(numbers)), times=1, count=len(numbers), first=first)
 
     def set(self, to: ArrayLike, from_: ArrayLike, times: int = 1, to_step: int = 0, from_step: int = 0) -> None:
-        """Copy slots; with `times`, once for every instance, whose slots are a step further."""
+        """Copy slots, `times` times: in each repetition the slots are to_step and from_step further on."""
         self._map(SET, times, {"to": to, "from_": from_}, None, to_step=to_step, from_step=from_step)
 
     def add(self, to: ArrayLike, from_: ArrayLike, weight: ArrayLike = 1.0, times: int = 1, to_step: int = 0,
@@ -150,24 +150,24 @@ class Operations:
         self._add(CHOLESKY, {}, (matrix, n * width), (right, n), times=1, count=n, inputs=width, first=matrix, outputs=right)
 
     def solve(self, n: int, width: int, matrix: int, right: int, times: int) -> None:
-        """Solve with the factors that `cholesky` left for further right-hand sides, one behind the other."""
+        """Solve for further right-hand sides, stored one after the other, with the factors that `cholesky` computed."""
         self._add(SOLVE, {}, (matrix, n * width), (right, n * times), times=times, count=n, inputs=width, first=matrix,
                   outputs=right)  # fmt: skip
 
     def lu(self, n: int, matrix: int, right: int, times: int = 1) -> None:
-        """Solve with a full matrix, row by row at slot `matrix`, for right-hand sides one behind the other at slot `right`, in
-        place."""
+        """Solve with a full matrix, stored by rows at slot `matrix`, for right-hand sides stored one after the other at slot
+        `right`, in place."""
         self._add(LU, {}, (matrix, n * n), (right, n * times), times=times, count=n, first=matrix, outputs=right)
 
     def positive(self, at: ArrayLike) -> None:
-        """End with SINGULAR unless all slots hold positive numbers; `bad`: where in `at` the first is that does not."""
+        """Return SINGULAR unless all slots hold positive numbers; `bad` is the index in `at` of the first that does not."""
         self._map(POSITIVE, 1, {"from_": at}, None)
 
     def lookup(self, packed: Array, at: int, side: int, a: float, b: float) -> int:
-        """A table (`inputs.tables.Table.packed`) read at a x + b, x in slot `at`, on the side of a x + b for x in slot `side`;
-        the first of three slots with its value and first two derivatives."""
+        """Read a table (`inputs.tables.Table.packed`) at a x + b with x in slot `at`; where that is a point of the table, on the
+        side of a x + b with x in slot `side`. Returns the first of three slots: value and first two derivatives."""
         first, points = self.slots(READ + 3), (len(packed) - 9) // 6
-        self._room.constants.append((first + READ, np.array([0.0, a, b])))  # the segment last found, and how x enters
+        self._room.constants.append((first + READ, np.array([0.0, a, b])))  # the segment last used, a, b
         if len(packed) != 9 + 6 * points or points < 2:
             raise ValueError(f"a table of {len(packed)} numbers")
         self._add(LOOKUP, {"weight": packed}, (first, READ + 3), (at, 1), (side, 1), times=1, count=points, first=first,
@@ -192,7 +192,7 @@ class Operations:
         self._add(kind, tables, times=times, count=count, **steps)
 
     def _add(self, kind: int, tables: dict[str, Any], *ranges: tuple[int, int], **fields: Any) -> None:
-        kept = {name: np.array(table, order="C") if table.flags.writeable else table for name, table in tables.items()}  # fixed
+        kept = {name: np.array(table, order="C") if table.flags.writeable else table for name, table in tables.items()}  # copied
         for name, table in kept.items():
             if name != "weight" and table.size:
                 last = max((fields["times"] - 1) * fields.get(f"{name.rstrip('_')}_step", 0), 0)
@@ -203,7 +203,7 @@ class Operations:
 
     @property
     def widest(self) -> int:
-        """Numbers that the inputs of a kernel take at most."""
+        """Largest number of inputs of a kernel."""
         return max((f["inputs"] for f, *_ in self.steps if f["kind"] in (CALL, PASS)), default=0)
 
     @property
@@ -213,9 +213,9 @@ class Operations:
         return frozenset(int(i) for table in tables for i in table.flat)
 
     def table(self, size: int) -> tuple[Part, list[Any]]:
-        """The operations as C reads them, and what has to be kept alive. Kernels are compiled here.
+        """The operations as C reads them, and the objects to be kept alive for it. Kernels are compiled here.
 
-        Raises ValueError where one leaves an array of `size` numbers."""
+        Raises ValueError where an operation uses a slot outside of an array of `size` numbers."""
         made = (Operation * max(len(self.steps), 1))()
         kept: list[Any] = [made]
         for operation, (fields, tables, (low, high)) in zip(made, self.steps, strict=False):
@@ -235,12 +235,12 @@ class Operations:
 
 
 def block(first: int, points: int, width: int) -> Index:
-    """Slots (points, width) one after the other."""
+    """Consecutive slots from `first` on, shape (points, width)."""
     return np.arange(first, first + points * width, dtype=np.int64).reshape(points, width)
 
 
 def _whole(ranges: Sequence[tuple[int, int]]) -> tuple[int, int]:
-    """The lowest slot and the one behind the highest of ranges (first, count)."""
+    """The lowest slot of ranges (first, count), and the one after the highest."""
     used = [(first, first + count) for first, count in ranges if count]
     return (min(first for first, _ in used), max(last for _, last in used)) if used else (0, 0)
 
@@ -268,5 +268,5 @@ core = declared(
 
 
 def address_of(name: str) -> int | None:
-    """Address of a function of the library."""
+    """Address of a function of the compiled library; None would be a null pointer, which no function has."""
     return ctypes.cast(getattr(core(), name), Pointer).value

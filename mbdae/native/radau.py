@@ -1,4 +1,4 @@
-"""Newton's iteration on the stages of a collocation step, its starting values and its error: the table of radau.c."""
+"""Newton's iteration for the stages of a collocation step, with starting values and local error: the Python side of radau.c."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mbdae.native.equations import Equations, Number, Pointer, Whole
 from mbdae.native.library import declared
 from mbdae.native.sparse import Array, Matrix, address
 
-STAGNATION = 0.03  #: of radau.c: corrections that stopped shrinking do no harm below this part of the tolerance
+STAGNATION = 0.03  #: as in radau.c: corrections that no longer shrink are accepted below this share of the tolerance
 NAMES = ("c", "A_inv", "T", "T_inv", "V_inv", "end", "e")
 
 
@@ -45,8 +45,8 @@ class Stages:
     """Solves F(t0 + c_i h, y0 + Z_i, sum_j A_inv[i, j] Z_j / h) = 0 for the increments Z (s, n).
 
     Z, Y, Yp, R, correction (s, n): increments, stages, slopes, residuals and last correction; Z holds the starting values on
-    entry to `solve`. error, scaled (n,): the last estimate of the error, and the same in units of the tolerance.
-    coefficients: a `CollocationTable`; matrix: with its eigenvalues first, and at least one real one where `error` is asked for.
+    entry to `solve`. error, scaled (n,): the last estimate of the local error, absolute and in units of the tolerance.
+    coefficients: a `CollocationTable`; matrix: begins with its eigenvalues; `estimate` needs a real one.
     """
 
     def __init__(self, equations: Equations, coefficients: Any, matrix: Matrix) -> None:
@@ -75,7 +75,7 @@ class Stages:
         self._at, self._c = ctypes.addressof(self.table), functions()
 
     def forget_rate(self) -> None:
-        """Ask for two iterations at least: with other factors the contraction is another one."""
+        """Require at least two iterations in the next solve: the known rate of convergence belongs to other factors."""
         self.table.rate = inf
 
     def predict(self, yp: Array, h: float, last_h: float, last: Array | None) -> None:
@@ -87,14 +87,14 @@ class Stages:
         self._c.radau_predict(self._at, self._inputs[1], h, last_h, address(self._last))
 
     def slopes(self, h: float) -> None:
-        """Yp of the present Z."""
+        """Compute the slopes Yp from the increments Z."""
         self._c.radau_slopes(self._at, h)
 
     def solve(self, t0: float, y0: Array, h: float, weights: Array, target: float, limit: int) -> bool:
         """Iterate with the present factors until the expected remaining correction is below target: whether it is.
 
-        weights (n,): one unit of the norm is one tolerance; limit: most iterations. The table then has the number of
-        `iterations`, `theta`, the last contraction, and `norm`, that of the last correction.
+        weights (n,): those of the norm, in which 1 is the tolerance; limit: most iterations. The table then has the number of
+        `iterations`, the last rate of convergence `theta` and the `norm` of the last correction.
         """
         self._y[:], self._weights[:] = y0, weights
         code = self._c.radau_solve(self._at, t0, self._inputs[0], h, self._inputs[2], target, limit)
@@ -103,12 +103,13 @@ class Stages:
         return bool(code > 0)
 
     def noise(self, weights: Array) -> float:
-        """Norm a correction can have from round-off alone."""
+        """Norm of the correction that round-off alone can cause."""
         self._weights[:] = weights
         return float(self._c.radau_noise(self._at, self._inputs[2]))
 
     def estimate(self, t: float, y: Array, yp: Array, h: float, weights: Array, careful: bool) -> float:
-        """Filtered embedded error of the step from (t, y, yp) in units of the tolerance; filtered once more where it matters."""
+        """Filtered embedded estimate of the local error of the step from (t, y, yp), in units of the tolerance. careful: filter
+        it once more where it is 1 or larger."""
         if not len(self.matrix.real):
             raise ValueError("an estimate of the error needs a real eigenvalue")
         self._y[:], self._yp[:], self._weights[:] = y, yp, weights

@@ -1,7 +1,7 @@
-"""Signals while C runs: their handlers wait until an exception of theirs can be passed on.
+"""Signals while C runs: their handlers are called later, where an exception that they raise can be passed on.
 
 Python runs the handler of a signal, Ctrl-C among them, before the first instruction of the next Python function. Where that is a
-call back of C, outside of every `try` in it, ctypes prints the exception, drops it, and C reads a result that was never written.
+callback from C, no `try` in it is active yet: ctypes prints the exception, drops it, and C reads a result never written.
 """
 
 from __future__ import annotations

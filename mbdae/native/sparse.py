@@ -1,6 +1,6 @@
-"""LU factors in a fixed pattern and the iteration matrices made of them: the tables of sparse.h.
+"""LU factorisation in a fixed sparsity pattern, and the iteration matrices of integrators: the Python side of sparse.h.
 
-Whatever the C code goes by is checked here, where a table is made; a wrong one raises ValueError.
+Sizes and indices are checked here, before C uses them; wrong ones raise ValueError.
 """
 
 from __future__ import annotations
@@ -20,10 +20,14 @@ from mbdae.native.library import declared
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-#: dense factors of LAPACK are faster where sparse ones take more than FEW multiplications, and more than this part of theirs
-#: (measured with full matrices: as fast with 25 unknowns, a third slower with 50, half as fast with 80)
+#: LAPACK's dense factorisation is faster than the sparse one where that takes more than FEW multiplications, and more than DENSE
+#: times those of the dense one (measured with full matrices, sparse against dense: as fast with 25 unknowns, a third slower with
+#: 50, half as fast with 80)
 FEW, DENSE = 5000, 0.5
-SMALL = 500  #: unknowns up to which LAPACK has the last word on a matrix whose pivots are bad in every order
+#: largest relative error of a solution with factors that are kept, by which Newton's method converges; TOLERABLE with more than
+#: SMALL unknowns, where other orders are dear (a chain of 2000 rods has 1.2e-4, another order takes 90 times as long)
+ACCURATE, TOLERABLE = 1e-4, 1e-2
+SMALL = 500  #: most unknowns for which LAPACK's dense LU is tried last, where the pivots are too small in every order
 
 
 class SingularMatrixError(Exception):
@@ -44,7 +48,8 @@ class FactorsTable(ctypes.Structure):
     """`Factors` of sparse.h."""
 
     _fields_ = (("n", Whole), ("nnz", Whole), ("complex", Whole), ("row_of", Pointer), ("column_of", Pointer),
-                ("order", Pointer), ("surely", Whole), ("least", Number), ("a", Pointer), ("lu", Pointer), ("w", Pointer),
+                ("order", Pointer), ("surely", Whole), ("least", Number), ("accurate", Number),
+                ("a", Pointer), ("lu", Pointer), ("w", Pointer),
                 ("tops", Pointer), ("swaps", Pointer), ("getrf", Pointer), ("getrs", Pointer))  # fmt: skip
 
 
@@ -79,17 +84,17 @@ def lapack(name: str) -> int:
 
 
 def address(array: NDArray[Any]) -> int:
-    """Where the numbers of an array begin."""
+    """Address of the first number of an array."""
     return int(array.ctypes.data)
 
 
 def whole(what: Any) -> Index:
-    """Whole numbers as C takes them."""
+    """Integers as C reads them: contiguous, 64 bits."""
     return np.ascontiguousarray(what, dtype=np.int64)
 
 
 class Entries:
-    """Where the entries (nnz,) of matrices (n, n) are, by columns: as `indptr` (n + 1,) and `indices` (nnz,) of SciPy."""
+    """Sparsity pattern of matrices (n, n) by columns: `indptr` (n + 1,) and row `indices` (nnz,) as in SciPy's csc_matrix."""
 
     def __init__(self, n: int, indptr: Any, indices: Any) -> None:
         self.n, self.indptr, self.row_of = int(n), whole(indptr), whole(indices)
@@ -105,7 +110,7 @@ class Entries:
 
     @classmethod
     def full(cls, n: int) -> Entries:
-        """All entries of a matrix (n, n), column by column."""
+        """The pattern of a full matrix (n, n), column by column."""
         return cls(n, np.arange(n + 1) * n, np.tile(np.arange(n), n))
 
     def matrix(self, values: NDArray[Any]) -> csc_matrix:
@@ -114,9 +119,9 @@ class Entries:
 
 
 class Order:
-    """Rows of L + U of matrices whose pivot i is in row rows[i] and column columns[i].
+    """An order of elimination, in which pivot i is in row rows[i] and column columns[i], and the pattern of L + U in it.
 
-    work: multiplications that a factorisation takes; size: entries of L + U.
+    work: number of multiplications of a factorisation; size: number of entries of L + U, fill-in included.
     """
 
     def __init__(self, entries: Entries, rows: Any, columns: Any) -> None:
@@ -142,8 +147,8 @@ class Order:
 
 
 def filled(n: int, i: Index, j: Index) -> tuple[Index, Index, Index]:
-    """Where the rows of L + U begin (n + 1,), the columns of their entries, rising, and the places of the diagonals (n,), of a
-    matrix with entries i, j."""
+    """The pattern of L + U, fill-in included, of a matrix with entries in rows i, columns j: where its rows begin (n + 1,), the
+    columns of its entries in ascending order, and where its diagonal entries are (n,)."""
     cells = np.unique(np.r_[i * n + j, np.arange(n) * (n + 1)])
     rows, columns = whole(np.searchsorted(cells, np.arange(n + 1) * n)), whole(cells % n)
     ptr, diag, work = np.zeros(n + 1, dtype=np.int64), np.zeros(n, dtype=np.int64), np.zeros(n + 2, dtype=np.int64)
@@ -155,13 +160,13 @@ def filled(n: int, i: Index, j: Index) -> tuple[Index, Index, Index]:
     return ptr, col[:count].copy(), diag
 
 
-#: searches for an order of elimination, to be tried in turn: of a matrix (n, n), real or complex, the order, or None where the
-#: search finds none. The last one chooses the largest pivots of the present values; no searches: dense factors are meant
+#: functions that search for an order of elimination, tried in turn: from the pattern and values of a matrix (n, n), real or
+#: complex, to an order, or None where none is found. The last one chooses the largest pivots. No functions: dense factors
 Searches = tuple[Callable[[Entries, NDArray[Any]], Order | None], ...]
 
 
 class Orders:
-    """The order of elimination that factors of matrices with the same entries share, found when it is needed first."""
+    """The order of elimination that matrices with the same pattern share, found when it is first needed."""
 
     def __init__(self, entries: Entries, searches: Searches) -> None:
         self.entries, self.searches = entries, searches
@@ -181,16 +186,17 @@ class Factors:
         self._lu = np.zeros(0, self.dtype)
         self.table = FactorsTable(
             entries.n, entries.nnz, self.dtype.kind == "c", address(entries.row_of), address(entries.column_of), None, 0, 0.0,
-            address(self.values), None, address(self._work), address(self._tops), address(self._swaps), None, None)  # fmt: skip
+            ACCURATE, address(self.values), None, address(self._work), address(self._tops), address(self._swaps), None,
+            None)  # fmt: skip
         self._at = ctypes.addressof(self.table)
 
     def factor(self) -> None:
-        """Factorise the present values, in a new order where that from before does not serve."""
+        """Factorise the present values, in a new order of elimination where the pivots in the present one are too small."""
         if functions().lu_factor(self._at) >= 0:
             self.renew()
 
     def renew(self) -> None:
-        """Find an order for the present values; SingularMatrixError where there is none."""
+        """Find an order of elimination for the present values; SingularMatrixError where there is none."""
         if not np.isfinite(self.values).all():
             raise SingularMatrixError
         orders, n = self.orders, self.orders.entries.n
@@ -198,7 +204,9 @@ class Factors:
             return
         for search in orders.searches:
             order = search(orders.entries, self.values)
-            if order is not None and self._begun(order, search is orders.searches[-1]) < 0:
+            surely = search is orders.searches[-1]
+            if order is not None and (
+                    self._begun(order, surely) < 0 or (n > SMALL and self._begun(order, surely, TOLERABLE) < 0)):
                 orders.present = order
                 return
         bad = self._begun(None, True) if n <= SMALL or not orders.searches else n
@@ -206,16 +214,17 @@ class Factors:
             self.table.lu = None
             raise SingularMatrixError(bad if bad < n else -1)
 
-    def _begun(self, order: Order | None, surely: bool) -> int:
-        """Result of `lu_factor` in an order."""
+    def _begun(self, order: Order | None, surely: bool, accurate: float = ACCURATE) -> int:
+        """Factorise in an order, without checking the factors if `surely`, else to a relative error of a solution, for later
+        values too; -1, or the column at fault (n: the factors)."""
         self._take(order)
-        self.table.surely = surely
+        self.table.surely, self.table.accurate = surely, accurate
         bad = int(functions().lu_factor(self._at))
-        self.table.surely = False  # other values are checked
+        self.table.surely = False  # the factors of later values are checked
         return bad
 
     def _take(self, order: Order | None) -> None:
-        """Use an order; LAPACK's dense factors where that is None, or costs more than they."""
+        """Use an order, or LAPACK's dense factors where it is None or sparse factors would cost more."""
         n = self.orders.entries.n
         self.order = order
         sparse = order is not None and order.work < max(FEW, DENSE * n**3 / 3)
@@ -229,7 +238,7 @@ class Factors:
         self.table.lu = address(self._lu)
 
     def left_out(self, order: Order, least: float) -> NDArray[np.bool_]:
-        """Factorise in an order without the unknowns (n,) whose pivots are at most `least`: they are said, and 0 in solutions."""
+        """Factorise without the unknowns whose pivots are at most `least`, which are then 0 in solutions; returns which (n,)."""
         self.order, self.table.order, self.table.surely, self.table.least = order, ctypes.addressof(order.table), True, least
         self._lu = np.zeros(order.size, self.dtype)
         self.table.lu = address(self._lu)
@@ -240,16 +249,17 @@ class Factors:
         return out
 
     def snapshot(self) -> dict[str, Any]:
-        """The factors, and the order in which others are sought next, as plain values."""
+        """A copy of the factors, their order and the shared order, as plain values."""
         arrays = (self.values, self._lu, self._swaps)
-        return {"begun": bool(self.table.lu), "own": _pivots(self.order),
-                "shared": _pivots(self.orders.present), "arrays": [array.copy() for array in arrays]}  # fmt: skip
+        return {"begun": bool(self.table.lu), "own": _pivots(self.order), "shared": _pivots(self.orders.present),
+                "accurate": self.table.accurate, "arrays": [array.copy() for array in arrays]}  # fmt: skip
 
     def go_back(self, kept: dict[str, Any]) -> None:
-        """Have the factors of a snapshot."""
+        """Restore the factors and orders of a snapshot."""
         orders = self.orders
         if _differ(_pivots(orders.present), kept["shared"]):
             orders.present = Order(orders.entries, *kept["shared"]) if kept["shared"] else None
+        self.table.accurate = kept["accurate"]
         if not kept["begun"]:
             return
         if kept["own"] is None or not _differ(_pivots(orders.present), kept["own"]):
@@ -260,8 +270,8 @@ class Factors:
             array[:] = values
 
     def solve(self, b: NDArray[Any]) -> NDArray[Any]:
-        """Solution (n,) for a right-hand side (n,), corrected once: an order is kept as long as Newton's method converges with
-        its factors, which may then have lost digits."""
+        """Solution (n,) for a right-hand side (n,), with one step of iterative refinement: an order is kept as long as Newton's
+        iteration converges with its factors, which may have lost digits."""
         if not self.table.lu:
             raise ValueError("nothing is factorised")
         right = np.array(b, dtype=self.dtype)
@@ -284,14 +294,14 @@ def _differ(some: list[Index] | None, others: list[Index] | None) -> bool:
 
 
 class Matrix:
-    """dF/dy + (lambda / h) dF/dy' for real and complex lambda: scaled, factorised, solved with.
+    """Iteration matrices dF/dy + (lambda / h) dF/dy' for real and complex lambda, scaled and factorised.
 
     fy, fyp (nnz,): entries of both parts, written by the caller; row, column (n,): the scaling of equations and unknowns.
     `factors` solve for a right-hand side multiplied by `row`, in unknowns to be multiplied by `column`.
     """
 
     def __init__(self, entries: Entries, scale: Any, power: Any, real: Any, pairs: Any, searches: Searches) -> None:
-        """scale, power (n,): unknowns are measured in scale * h^-power."""
+        """scale, power (n,): scale * h^-power is the unit in which an unknown is measured."""
         n, nnz = entries.n, entries.nnz
         self.entries = entries
         self.scale, self.power = np.array(scale, dtype=float), np.array(power, dtype=float)
@@ -327,7 +337,7 @@ class Matrix:
         return out
 
     def noise(self, y: Array, yp: Array) -> Array:
-        """|increment| (n,) that round-off of the residual alone produces at (y, y')."""
+        """Magnitudes (n,) of the corrections of the unknowns that round-off of the residual alone causes at (y, y')."""
         given, out = (self._vector(y), self._vector(yp)), np.empty(self.entries.n)
         functions().matrix_noise(self.address, *map(address, given), address(out))
         return out

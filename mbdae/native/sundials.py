@@ -22,10 +22,10 @@ from mbdae.native.signals import Signals
 from mbdae.native.sundials_library import UnavailableError, sundials
 from mbdae.native.sundials_steps import MOST_ROWS, Array, Block, Run, Settings, Steps
 
-#: a call of the loop returns after so long (s), so that Ctrl-C, limits and progress are looked at
+#: wall time (s) after which a call of the loop returns, so that Ctrl-C, limits and progress are checked
 SLICE = 0.05
 STUCK = 1000
-CSC = 0  #: of SUNSparseMatrix
+CSC = 0  #: SUNSparseMatrix: compressed columns
 ADAMS, BDF = 1, 2
 SAID = {
     "ERR_FAIL": "the error test failed too many times", "CONV_FAIL": "Newton's iteration failed too many times",
@@ -35,13 +35,13 @@ SAID = {
 
 
 class Method:
-    """A method of SUNDIALS with its memory, which `close` frees; also a context. What is public follows the last call.
+    """A solver of SUNDIALS with its memory, which `close` frees; also a context manager. Attributes are those of the last call.
 
-    y, yp, values  (n,) the last point that was evaluated, and what was computed there; t, cj are there too
+    y, yp, values (n,): the state last evaluated, and the residual or rates there; t, cj: its time, and the factor of dF/dy'.
     """
 
-    inner = 0  #: nodes inside a step of which `Steps.pieces` tells
-    prefix: str  #: of names in SUNDIALS
+    inner = 0  #: number of nodes inside a step, values at which are in `Steps.pieces`
+    prefix: str  #: prefix of the solver's functions in SUNDIALS
 
     def __init__(self, equations: Equations, settings: Settings, start: tuple[float, Array, Array]) -> None:
         self.equations, self.settings, self.signals = equations, settings, Signals()
@@ -83,11 +83,11 @@ class Method:
         self._free.close()
 
     def _create(self) -> int:
-        """The memory of the method."""
+        """Allocate the memory of the solver; returns its address."""
         raise NotImplementedError
 
     def _initialise(self, t: float) -> None:
-        """Give the memory its start and the functions it calls."""
+        """Set the initial values in the memory and the functions that SUNDIALS calls."""
         raise NotImplementedError
 
     # -- counts and the last point
@@ -108,7 +108,7 @@ class Method:
         return self.run.evaluations, self.run.rejected, self.run.jacobians
 
     def newest(self) -> tuple[float, Array] | None:
-        """Where the Jacobian was evaluated since this was asked last, None: nowhere."""
+        """Time and state of the Jacobian evaluated last, None if none was evaluated since the last call of this function."""
         fresh, self.run.fresh = self.run.fresh, 0
         return (self.run.jacobian_t, self._jacobian_y.copy()) if fresh else None
 
@@ -119,7 +119,7 @@ class Method:
     # -- steps
 
     def begin(self, t: float, y: Array, yp: Array) -> None:
-        """Start again."""
+        """Restart at time t (s) from y, yp (n,)."""
         self._view(self._y)[:], self._view(self._yp)[:] = y, yp
         self.run.from_y = None
         self.run.choosing = int(self.prefix == "CVode")
@@ -127,14 +127,14 @@ class Method:
 
     def advance(self, start: tuple[float, Array, Array], last_step: float, stop: float, toward: float, rows: int = MOST_ROWS,
                 left: float = np.inf) -> Steps:  # fmt: skip
-        """Steps from `start`, the last accepted point, no further than `stop`: at most so many rows, until more evaluations than
-        are left are made or a slice of time is over. toward: end of the run, s. What was raised waits for `raise_error`."""
+        """Steps from `start`, the last accepted point, no further than `stop`: at most `rows`, until more than `left`
+        evaluations were made or SLICE seconds have passed. toward: end of the run, s. `raise_error` raises exceptions later."""
         block, run = self._block, self.run
         if block is None or block.made == block.room:
-            self._before, self._block = block, Block(self.n, self.inner)  # the last step is in the block before
+            self._before, self._block = block, Block(self.n, self.inner)  # keep the old block: it holds the last step
             block = self._block
             run.inner, run.pieces = block.inner.ctypes.data, 0
-        if self.inner and (run.from_y is None or start[0] != run.from_t):  # else C has it from its last step
+        if self.inner and (run.from_y is None or start[0] != run.from_t):  # otherwise C still has the state after its last step
             y, yp = self._start = [np.ascontiguousarray(a, dtype=float) for a in start[1:]]
             run.from_y, run.from_yp = y.ctypes.data, yp.ctypes.data
         run.from_t, run.last_step, run.toward, first_piece = start[0], last_step, toward, run.pieces
@@ -155,22 +155,22 @@ class Method:
         return Steps(block.t[part], block.y[part], block.yp[part], pieces, code)
 
     def raise_error(self) -> None:
-        """Raise what a call back raised, then call the handlers of signals that came meanwhile."""
+        """Raise the exception of a callback, if one was raised; then call the handlers of signals that came meanwhile."""
         self.equations.raise_error()
         self.signals.deliver()
 
     def reason(self, code: int) -> str:
-        """What a code says."""
+        """Meaning of a return code, for messages."""
         if code == STUCK:
             return "the step fell below the round-off of the time"
         name = _flag_name(self.prefix, code)
         word = name.partition("_")[2].replace("FAILURE", "FAIL")
         return f"{SAID[word]} ({name})" if word in SAID else name
 
-    # -- what it is made of
+    # -- vectors, matrices and linear solvers
 
     def _call(self, name: str, *args: Any, checked: bool = True) -> Any:
-        """A function of the method on its memory, by default one that returns 0."""
+        """Call a function of the solver on its memory; checked: RuntimeError where it returns a negative code."""
         function = getattr(self.S, self.prefix + name)
         code = function(*args) if name == "Free" else function(self.memory, *args)
         if checked and code < 0:
@@ -178,7 +178,7 @@ class Method:
         return code
 
     def _owned(self, made: int | None, free: Callable[..., Any]) -> int:
-        """What SUNDIALS made, freed at the end."""
+        """An object that SUNDIALS allocated, to be freed by `close`."""
         if not made:
             raise MemoryError("SUNDIALS could not allocate its memory")
         self._free.callback(free, made)
@@ -204,7 +204,7 @@ class Method:
         return seen(self.S.N_VGetArrayPointer(vector), self.n)
 
     def _address(self, array: NDArray[Any]) -> int:
-        """Address of an array that is kept."""
+        """Address of an array, which is kept alive."""
         self._kept.append(array)
         return array.ctypes.data
 
@@ -232,7 +232,7 @@ class Method:
         return (self._y,)
 
     def _linear_solver(self) -> tuple[int, int]:
-        """A matrix and what solves with it: dense."""
+        """A dense matrix and its linear solver."""
         S, n = self.S, self.n
         matrix = self._owned(S.SUNDenseMatrix(n, n, self._context), S.SUNMatDestroy)
         return matrix, self._owned(S.SUNLinSol_Dense(self._y, matrix, self._context), S.SUNLinSolFree)
@@ -241,7 +241,7 @@ class Method:
 class Ida(Method):
     """IDA: variable-order BDF for F(t, y, y') = 0.
 
-    pattern: CSC pattern of the Jacobian's entries, None where it has all; sparse: whether equations are solved as sparse ones"""
+    pattern: sparsity pattern of the Jacobian (CSC), None: full; sparse: whether linear systems are solved by SuperLU_MT."""
 
     prefix = "IDA"
 
@@ -250,10 +250,10 @@ class Ida(Method):
         super().__init__(*args)
 
     def _linear_solver(self) -> tuple[int, int]:
-        """Dense, or SuperLU_MT with a matrix of the pattern."""
+        """A dense matrix and solver, or a sparse matrix of the pattern and SuperLU_MT."""
         S, n, run, pattern, nnz = self.S, self.n, self.run, self._pattern, int(self.equations.table.nnz)
         if not self._sparse:
-            if nnz != n * n:  # entries of a pattern, in a dense matrix
+            if nnz != n * n:  # places of the pattern's entries in the dense matrix
                 run.place = self._address(pattern.indices + n * np.repeat(np.arange(n, dtype=np.int64), np.diff(pattern.indptr)))
             return super()._linear_solver()
         matrix = self._owned(S.SUNSparseMatrix(n, n, nnz, CSC, self._context), S.SUNMatDestroy)
@@ -279,8 +279,8 @@ class Ida(Method):
 class Cvode(Method):
     """CVODE: variable-order Adams or BDF for y' = f(t, y).
 
-    nodes: parts of a step at which `pieces` tells of CVODE's own interpolant; a step no longer than `tame` times the one before
-    it needs none where tame > 0"""
+    nodes: fractions of a step at which dense output of CVODE is stored in `pieces`; where tame > 0, only for steps longer than
+    `tame` times the step before."""
 
     prefix, inner = "CVode", 4
 
@@ -299,7 +299,7 @@ class Cvode(Method):
 
 
 def why_not(sparse: bool = False) -> str:
-    """Why the libraries cannot be used here, for sparse equations; "": they can. MBDAE_SUNDIALS=python forbids it."""
+    """Why SUNDIALS, and if `sparse` SuperLU_MT, cannot be used here, "" if it can. MBDAE_SUNDIALS=python forbids its use."""
     if os.environ.get("MBDAE_SUNDIALS") == "python":
         return "MBDAE_SUNDIALS=python"
     try:

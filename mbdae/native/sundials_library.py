@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-MAJOR = 7  #: release whose functions are declared here
-#: folders of the libraries beside the package and in it: wheels of Linux and Windows, of macOS
+MAJOR = 7  #: major release of SUNDIALS whose functions are declared here
+#: folder of the libraries, beside the package in wheels for Linux and Windows, inside of it in those for macOS
 BESIDE, WITHIN = "scikit_sundae.libs", ".dylibs"
 
-_P, _I, _N, _D = c_void_p, c_int, c_int64, c_double  # an index is passed in a register, whose lower half is read where it is int
+_P, _I, _N, _D = c_void_p, c_int, c_int64, c_double  # c_int64 suits 32-bit indices too: they are the lower half of a register
 _OWN = {
     "SUNDIALSGetVersionNumber": (_I, _P, _P, _P, c_char_p, _I), "SUNContext_Create": (_I, _I, _P), "SUNContext_Free": (_I, _P),
     "SUNContext_ClearErrHandlers": (_I, _P), "SUNContext_GetLogger": (_I, _P, _P), "N_VGetArrayPointer": (_P, _P),
@@ -91,8 +91,8 @@ class Functions:
             raise UnavailableError(f"SUNDIALS {major.value}.{minor.value}.{patch.value} is not of release {MAJOR}")
 
     def _index(self) -> type[np.signedinteger[Any]]:
-        """Type of indices in this build: pointers of a sparse identity begin with 0, 1, 2, read as int32 with 0, 0, 1 where they
-        are int64."""
+        """Type of indices in this build, told by the column pointers 0, 1, 2 of a sparse identity matrix: read as int32 they are
+        0, 0, 1 where indices are int64."""
         context = c_void_p()
         self.SUNContext_Create(0, ctypes.byref(context))
         dense = self.SUNDenseMatrix(2, 2, context)
@@ -116,7 +116,7 @@ def sundials() -> Functions:
 
 
 def files() -> dict[str, Path]:
-    """Libraries by what they are of ("core", "ida", ...)."""
+    """Files of the libraries by name ("core", "ida", ...)."""
     spec = find_spec("sksundae")
     if spec is None or spec.origin is None:
         raise UnavailableError("scikit-sundae is not installed")

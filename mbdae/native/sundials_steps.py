@@ -1,4 +1,4 @@
-"""What goes to the loop over the steps of SUNDIALS, and what comes back."""
+"""Arguments and results of the loop over the steps of SUNDIALS, which is in sundials.c."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mbdae.native.equations import Number, Pointer, Whole
 
 Array = NDArray[np.float64]
 
-#: rows of a block of steps, at most, and what a block may take, bytes
+#: largest number of steps in a block, and largest size of a block in bytes
 MOST_ROWS, BLOCK_BYTES = 4096, 2**22
 
 
@@ -35,7 +35,7 @@ class Run(ctypes.Structure):
 
 @dataclass(frozen=True)
 class Settings:
-    """What both methods are told: tolerances (atol (n,)), highest order, first step (s; 0: chosen)."""
+    """Settings of IDA and CVODE: tolerances (atol (n,)), highest order, first step (s; 0: chosen by the solver)."""
 
     rtol: float
     atol: Array
@@ -45,9 +45,9 @@ class Settings:
 
 @dataclass(frozen=True)
 class Steps:
-    """Steps made in one call: ends t (m,), y and yp (m, n), and what an interpolant needs of each (None: nothing).
+    """Steps made in one call: ends t (m,), y and yp (m, n), and dense output inside each step (None: not stored).
 
-    code: negative or STUCK where the method could not go on after them"""
+    code: negative or STUCK where the method could not continue after the last of them."""
 
     t: Array
     y: Array
@@ -57,7 +57,7 @@ class Steps:
 
 
 class Block:
-    """Room for steps that are not made yet; arrays of finished steps are views of it."""
+    """Arrays for steps still to be made; the arrays of finished steps are views of them."""
 
     def __init__(self, n: int, inner: int) -> None:
         self.room = max(1, min(MOST_ROWS, BLOCK_BYTES // (8 * n * (2 + inner))))

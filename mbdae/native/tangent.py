@@ -1,7 +1,7 @@
 """The derivative of a list of operations along a direction, as operations on the same array.
 
-The change of slot k stands at slot k + distance, behind all others; constants do not change. A slot that a kernel reads must
-still hold what was read there when the list has run.
+The differential of slot k is in slot k + distance, after all other slots; that of a constant is 0. Slots that kernels read must
+not be overwritten later in the list, because the derivative reads them again after the list has run.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from mbdae.native.program import ADD, CALL, CHOLESKY, LOAD, MULTIPLY, PASS, POSI
 
 
 class Tangent:
-    """The changes of slots by those of others: room for them is made at once, the operations when they are asked for.
+    """Differentials of slots: their slots are reserved at once, their operations are made when `part` is first read.
 
-    distance: from a slot to its change."""
+    distance: from a slot to that of its differential."""
 
     def __init__(self, of: Operations) -> None:
         self.distance, self._of = of.size, of
@@ -24,7 +24,7 @@ class Tangent:
 
     @cached_property
     def part(self) -> Operations:
-        """To run after the list itself."""
+        """Operations that compute the differentials, to run after the list itself."""
         part = self._of.part()
         for step in self._of.steps:
             self._add(part, step)

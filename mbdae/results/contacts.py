@@ -14,7 +14,7 @@ from mbdae.system.prepare import Prepared
 from mbdae.system.start.contacts import ExpectedContact
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Contacts:
     """All contacts of a run in order of time, also those between the result's times: begin, end (s), peak penetration (m; rad at
     limits of an angle), (n,).
@@ -27,6 +27,11 @@ class Contacts:
 
     def __len__(self) -> int:
         return len(self.begin)
+
+    def __repr__(self) -> str:
+        if not len(self):
+            return "<0 contacts>"
+        return f"<{len(self)} contacts, the first at {self.first:g} s, deepest {self.deepest:.3g}; begin, end, peak>"
 
     @property
     def first(self) -> float:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError, SceneError
+from mbdae.notation import counted
 from mbdae.scene.components import Signal
 from mbdae.scene.sensor_names import measured, spelled
 from mbdae.system.base import Array
@@ -40,7 +41,8 @@ def value(result: Any, quantity: Quantity) -> Array:
     else:
         raise OptionError(f"{shown(quantity)} is no quantity: {REMEDY}")
     if found.shape[:1] != result.t.shape or found.dtype.kind not in "fi":
-        raise OptionError(f"{named(quantity)} is not a quantity over time (shape {found.shape}, {len(result.t)} times): {REMEDY}")
+        raise OptionError(f"{named(quantity)} is not a quantity over time (shape {found.shape}, "
+                          f"{counted(len(result.t), 'time')}): {REMEDY}")  # fmt: skip
     return np.asarray(found, dtype=float)
 
 
@@ -120,7 +122,7 @@ def _applied(result: Any, node: Any, function: Callable[..., Any], parts: Sequen
     given = [_evaluated(result, part, names) for part in parts]
     wanted = getattr(function, "nin", 1)
     if len(given) != wanted:
-        raise OptionError(f"'{_said(node, names)}' has {len(given)} arguments, takes {wanted}")
+        raise OptionError(f"'{_said(node, names)}' has {counted(len(given), 'argument')}, takes {wanted}")
     lengths = function is FUNCTIONS["norm"] and any(np.ndim(value) == 1 for value in given)
     if lengths or len({np.shape(value) for value in given if np.ndim(value)}) > 1:
         said = ", ".join(f"{_said(part, names)} has {_components(value)}" for part, value in zip(parts, given, strict=True))

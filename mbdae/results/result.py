@@ -14,6 +14,7 @@ from mbdae.errors import ListsAttributes, OptionError, SceneError
 from mbdae.inputs.sensed import symbol
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.laws.contact.base import Contact
+from mbdae.notation import counted
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.beams import BeamSensor
 from mbdae.results.clearance import ClearanceSensor, ContactSensor
@@ -294,8 +295,9 @@ class Result(RunStates, ListsAttributes):
 
     def _repr_html_(self) -> str:
         a, s, scene = self.accuracy, self.stats, self.prepared.model.scene
-        said = [("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} outputs"),
-                ("solver", f"{self.info.solver.label}, {self.info.form}: {s.steps} steps, {self.info.cpu_s:.2f} s CPU"),
+        said = [("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {counted(len(self.t), 'output')}"),
+                ("solver", f"{self.info.solver.label}, {self.info.form}: {counted(s.steps, 'step')}, "
+                           f"{self.info.cpu_s:.2f} s CPU"),
                 ("accuracy", f"asked {a.asked if a.asked is not None else 'none'}, estimated error "
                              f"{'unknown' if a.estimated is None else f'{a.estimated:.1e}'}; {a.brief}"),
                 ("sensors", ", ".join(item.name for item in scene._items))]  # fmt: skip
@@ -306,9 +308,10 @@ class Result(RunStates, ListsAttributes):
         known = f"{a.estimated:.1e}" if a.estimated is not None else "unknown"
         asked = f"{a.asked:g}" if a.asked is not None else "none"
         shorter = f" ({s.shortened} shortened for inputs of time)" if s.shortened else ""
+        warned = f", {counted(len(self.warnings), 'warning')}" if self.warnings else ""
         return (f"<Result '{self.prepared.model.scene.name}': t = {self.t[0]:g}..{self.t[-1]:g} s, {self.info.solver.label} "
-                f"{self.info.form}, {s.steps} steps{shorter}, {self.info.cpu_s:.2f} s CPU, accuracy asked {asked}, "
-                f"estimated error {known}, {a.brief}{f', {len(self.warnings)} warning(s)' if self.warnings else ''}>")
+                f"{self.info.form}, {counted(s.steps, 'step')}{shorter}, {self.info.cpu_s:.2f} s CPU, accuracy asked {asked}, "
+                f"estimated error {known}, {a.brief}{warned}>")
 
 
 def _sensor(run: RunStates, item: Body | Connection) -> Any:

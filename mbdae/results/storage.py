@@ -166,7 +166,7 @@ def _scene(header: dict[str, Any], known: Known) -> SceneData:
     _check_elements(header["scene"]["statements"], len(header["run"]["names"]))
     scene: SceneData = replay(header["scene"], SceneData, known)
     if scene.problems or not scene.bodies:
-        raise BadValueError(f"its scene is wrong: {scene.problems[0] if scene.problems else 'it has no bodies'}")
+        raise BadValueError(f"its scene cannot be built: {scene.problems[0] if scene.problems else 'it has no bodies'}")
     return scene
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,6 +11,7 @@ from mbdae.display import lines, titled
 from mbdae.errors import ListsAttributes
 from mbdae.kernels.tree_plan import tree_plan
 from mbdae.laws.forces.on_coordinate import OnCoordinate
+from mbdae.notation import counted
 from mbdae.run.choice import Choice, choose, with_recursive_joints
 from mbdae.run.reductions import Reduction, reductions
 from mbdae.scene.components import Classical, Connection, Recursive
@@ -20,6 +22,9 @@ from mbdae.system.model.inputs import expressions_of, timeline
 from mbdae.system.model.trees import Tree
 from mbdae.system.motion.ordered_tree import ordered_size
 from mbdae.system.prepare import FORESIGHT, Prepared, prepare
+
+#: what `Check.unknowns` counts, in the singular
+_ONE = {"positions": "position", "velocities": "velocity", "states": "state", "multipliers": "multiplier", "stresses": "stress"}
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,8 @@ class Check(ListsAttributes):
 
     @property
     def pruned(self) -> tuple[str, ...]:
-        """Rows that vanish identically for this scene, or need axes of a point mass, as "joint.row"."""
+        """Constraint equations left out because they hold in every position of this scene, or need axes of a point mass, as
+        "joint.row"."""
         return tuple(self.prepared.model.vanished)
 
     @property
@@ -104,7 +110,7 @@ class Check(ListsAttributes):
 
     @property
     def kept_kinematic(self) -> dict[str, str]:
-        """Joints stated as recursive that are modelled as kinematic ones, each with the reason."""
+        """Joints stated as recursive, and welds, that keep their constraint equations, each with the reason."""
         return dict(self.prepared.model.stay_kinematic)
 
     @property
@@ -115,6 +121,17 @@ class Check(ListsAttributes):
             if c.kept and not isinstance(c.model, Classical | Recursive):
                 found[c.name] = why_kept(c, [o for o in self.prepared.model.scene.connections if isinstance(o.joint, Coupling)])
         return found
+
+    @property
+    def not_joined(self) -> tuple[str, ...]:
+        """Names of bodies that no chain of joints connects with the ground: free bodies, or ones whose joint was forgotten."""
+        scene = self.prepared.model.scene
+        pairs = [{side.name for side in (c.k, c.l, *c.others.values())} for c in scene.joints]
+        joined, size = {scene.ground.name}, 0
+        while size < len(joined):
+            size = len(joined)
+            joined.update(*(pair for pair in pairs if pair & joined))
+        return tuple(b.name for b in scene.bodies if b.name not in joined and b is not scene.ground)
 
     def __repr__(self) -> str:
         scene = self.prepared.model.scene
@@ -127,16 +144,17 @@ class Check(ListsAttributes):
 
     def __str__(self) -> str:
         p, scene = self.prepared, self.prepared.model.scene
-        beams = f", {len(self.beams)} of them flexible beams" if self.beams else ""
-        loads = f", {len(scene.line_loads)} distributed loads" if scene.line_loads else ""
+        beams = f", {counted(len(self.beams), 'flexible beam')} among them" if self.beams else ""
+        loads = f", {counted(len(scene.line_loads), 'distributed load')}" if scene.line_loads else ""
         couplings = sum(isinstance(c.joint, Coupling) for c in scene.connections)
         forces = len(scene.connections) - len(scene.joints) - couplings
-        coupled = f"{couplings} coupling{'s' * (couplings > 1)}, " if couplings else ""
-        lines = [f"scene '{scene.name}': {len(scene.bodies)} bodies{beams}, {len(scene.joints)} joints, {coupled}"
-                 f"{forces} force elements{loads}",
+        coupled = f"{counted(couplings, 'coupling')}, " if couplings else ""
+        lines = [f"scene '{scene.name}': {counted(len(scene.bodies), 'body')}{beams}, "
+                 f"{counted(len(scene.joints), 'joint')}, {coupled}{counted(forces, 'force element')}{loads}",
                  f"  {'planar' if self.planar else 'spatial'}: {p.model.why}",
                  f"  degrees of freedom: {self.degrees_of_freedom}",
-                 "  unknowns: " + ", ".join(f"{n} {kind}" for kind, n in self.unknowns.items() if n)]  # fmt: skip
+                 "  unknowns: " + ", ".join(counted(n, _ONE[kind]) for kind, n in self.unknowns.items() if n)]  # fmt: skip
+        lines += [f"  not joined to the ground: {_listed(self.not_joined)}"] if self.not_joined else []
         lines += self._of_joints()
         lines += self._of_beams()
         lines += self._of_recursive_joints()
@@ -144,20 +162,21 @@ class Check(ListsAttributes):
         lines += self._of_friction()
         lines += [f"  joint '{name}': {text}" for name, text in self.remarks.items()]
         lines += self._of_inputs()
-        lines += _by_joint("  redundant, left out", self.redundant)
+        lines += _by_joint("  constraint equations left out because they follow from the others", self.redundant)
         lines += _by_joint("  reactions not unique", self.not_unique)
         undefined = tuple(p.model.undefined)
-        lines += _by_joint("  pruned, zero in every position", tuple(row for row in self.pruned if row not in undefined))
-        lines += _by_joint("  pruned, a point mass has no axes", undefined)
+        always = tuple(row for row in self.pruned if row not in undefined)
+        lines += _by_joint("  constraint equations left out because they hold in every position", always)
+        lines += _by_joint("  constraint equations left out because a point mass has no axes", undefined)
         for row in p.rank.singular_here:
-            lines.append(f"  dependent at the start only: {row.name}; the scene starts in a singular position")
+            lines.append(f"  dependent on others at the start only: {row.name}; the scene starts in a singular position")
         lines += [f"  {note}" for note in doubts(p)]
         if p.rows:
             lines.append(f"  smallest singular value of the constraints (rows of unit length): {p.rank.smallest:.2g}")
         lines += [f"  start: {change}" for change in p.start.changes]
         lines.append(f"  length {p.length:.4g} m, characteristic time {p.time:.4g} s")
         steps = ", ".join(f"{r.size.unknowns} ({r.reason.split(': ')[0]})" for r in self.reductions)
-        lines.append(f"  unknowns with all multipliers: {steps}")
+        lines.append(f"  unknowns, multipliers included, from the full equations to those that are solved: {steps}")
         lines.append(f"  to an accuracy of {self.accuracy:g}: {self.choice}")
         return "\n".join(lines)
 
@@ -178,7 +197,8 @@ class Check(ListsAttributes):
         lines = self.prepared.model.lines
         if not lines:
             return []
-        meshes = (f"{line.beam.name} ({len(line.mesh.elements)} elements of order {line.mesh.order}, {len(line.nodes)} nodes)"
+        meshes = (f"{line.beam.name} ({counted(len(line.mesh.elements), 'element')} of order {line.mesh.order}, "
+                  f"{len(line.nodes)} nodes)"
                   for line in lines)  # fmt: skip
         return [f"  beams: {'; '.join(meshes)}",
                 "  stresses: unknowns with Radau IIA; other solvers eliminate them by the compliance of the sections",
@@ -224,7 +244,7 @@ class Check(ListsAttributes):
         return f"{operations} operations by {kernels} kernels of single joints"
 
     def _of_recursive_joints(self) -> list[str]:
-        """Lines on the trees of recursive joints with their operation counts, and on joints kept kinematic."""
+        """Lines on the trees of recursive joints with operation counts, and on joints that keep their constraint equations."""
         lines = []
         for tree in self.prepared.all_bodies.moved.trees:
             root = tree.nodes[0].name if tree.nodes[0] is not None else "ground"
@@ -236,7 +256,7 @@ class Check(ListsAttributes):
         reasons: dict[str, list[str]] = {}
         for name, why in self.kept_kinematic.items():
             reasons.setdefault(why, []).append(name)
-        return lines + [f"  kept kinematic: {_listed(names)}: {why}" for why, names in reasons.items()]
+        return lines + [f"  constraint equations kept for {_listed(names)}: {why}" for why, names in reasons.items()]
 
 
 def why_kept(c: Connection, couplings: list[Connection]) -> str:
@@ -270,7 +290,7 @@ def doubts(p: Prepared) -> list[str]:
     return [f"constraint row {name} {text.format(size)}" for name, text, size in found]
 
 
-def _listed(names: list[str]) -> str:
+def _listed(names: Sequence[str]) -> str:
     """Names joined by commas, at most twelve of them."""
     return ", ".join(names[:12]) + (f", ... ({len(names)} in all)" if len(names) > 12 else "")
 

@@ -18,6 +18,7 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.runge_kutta.dop853 import DOP853
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.sundials.ida import IDA
+from mbdae.notation import counted
 from mbdae.results.result import Result
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import with_open_tree
@@ -57,8 +58,8 @@ class Choice:
         n, eliminated = unknowns(self.prepared, self.form, self.solver.highest_index), self.solver.highest_index == 0
         linear = "sparse" if n > SPARSE_FROM and not (eliminated and self.prepared.rows) else "dense"
         plane = "planar" if self.prepared.model.planar else "spatial"
-        joints = f", {len(self.recursive)} joint{'s' * (len(self.recursive) > 1)} made recursive" if self.recursive else ""
-        return f"{self.solver.label}, {self.form.label}, {plane}, {n} unknowns, {linear}{joints}: {self.why}"
+        joints = f", {counted(len(self.recursive), 'joint')} made recursive" if self.recursive else ""
+        return f"{self.solver.label}, {self.form.label}, {plane}, {counted(n, 'unknown')}, {linear}{joints}: {self.why}"
 
 
 def prepared_from(scene: SceneData, start: Result | None = None, t_end: float | None = None) -> Prepared:

@@ -95,6 +95,7 @@ def refuse_unresolved(prepared: Prepared, solver: Solver) -> None:
             means = max(rtol or 0.0, tightest) * typical_speed(prepared)
             raise OptionError(
                 f"friction of '{item}' ({name}) changes within {velocity:.2g} m/s, {solver.label} resolves {means:.2g} m/s at "
-                f"best with rtol = {max(rtol or 0.0, tightest):.1g}: sticking would be lost, or steps be tiny; raise it to "
-                f"{means / RESOLVED:.2g} m/s" + ("" if limit < tightest else f", or use rtol = {limit:.1g}")
+                f"best with rtol = {max(rtol or 0.0, tightest):.1g}: sticking would be lost, or steps be tiny; raise that "
+                f"velocity of the friction law to {means / RESOLVED:.2g} m/s"
+                + ("" if limit < tightest else f", or use rtol = {limit:.1g}")
             )

@@ -85,7 +85,7 @@ def reductions(scene: SceneData, prepared: Prepared, choice: Choice) -> list[Red
     if isinstance(system, WithoutMultipliers):
         size = replace(size, unknowns=system.n, equations=system.n, multipliers=0)
     made = " with recursive joints" if choice.recursive else ""
-    found.append(Reduction(f"by default{made}, {choice.form.label} for {choice.solver.label}", size))
+    found.append(Reduction(f"as solved by default{made}, {choice.form.label} for {choice.solver.label}", size))
     return found
 
 
@@ -110,8 +110,8 @@ def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, Assembl
     spatial = copy.copy(scene)
     spatial.space = "spatial"
     joints = [c.name for c in scene.joints if may_be_recursive(c) and refusal(type(c.joint), Classical()) is None]  # type: ignore[arg-type]
-    for reason, classical in (("in space, classical joints, every row, every node on its own", tuple(joints)),
-                              ("joints without unknowns of their own", ())):  # fmt: skip
+    for reason, classical in (("all equations in space, with classical joints", tuple(joints)),
+                              ("without unknowns for joint coordinates", ())):  # fmt: skip
         try:
             of = build(replaced(spatial, classical, Classical()) if classical else spatial, by_rows)
             yield reason, whole(of, constraint_rows(of))
@@ -122,7 +122,7 @@ def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, Assembl
     yield f"planar: {model.why}" if of.planar else "as stated", whole(of, rows)
     redundant = {row.name for row in prepared.rank.dropped}
     rows = [row for row in rows if row.name not in redundant]
-    yield "redundant rows left out", whole(of, rows)
+    yield "redundant constraint equations left out", whole(of, rows)
     rigid = build(scene, {c.name: "" for c in scene.joints if c.recursive} | model.stay_kinematic)
     rows = [row for row in constraint_rows(rigid) if row.name not in redundant]
     trees = find_trees(rigid)

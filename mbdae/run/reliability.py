@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mbdae.notation import counted
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.clearance import ClearanceSensor
 from mbdae.results.contacts import contacts_at
@@ -173,10 +174,11 @@ def doubts_of_steps(run: Controlled) -> list[str]:
     """Warnings about contacts and laws that the steps did not resolve."""
     stats, found = run.solution.stats, []
     if stats.missed_dips:
-        found.append(f"{stats.missed_dips} contacts may have been stepped over: use error control, or a smaller step")
+        found.append(f"{counted(stats.missed_dips, 'contact')} may have been stepped over: use error control, or a smaller step")
     for item, count in stats.unresolved.items():
-        found.append(f"{count} steps did not resolve the law of '{item}', which changes within a step: use error control or "
-                     f"steps of at most {stats.resolving_step:.1g} s")  # fmt: skip
+        found.append(f"{counted(count, 'step')} did not resolve the law of '{item}', which changes within a step: use error "
+                     f"control or steps of at most {stats.resolving_step:.1g} s")  # fmt: skip
     if 0 < stats.shortest_contact < FEW_STEPS:
-        found.append(f"the shortest contact took {stats.shortest_contact} step(s): impacts are not resolved; use a smaller rtol")
+        found.append(f"the shortest contact took {counted(stats.shortest_contact, 'step')}: impacts are not resolved; use a "
+                     f"smaller rtol")  # fmt: skip
     return found

@@ -10,6 +10,7 @@ from mbdae.errors import MbdaeError, OptionError
 from mbdae.laws.elements.line_mesh import LineMesh, arc, curved, polyline
 from mbdae.laws.elements.line_shape import ORDERS, node_positions
 from mbdae.laws.forces.line_load import LineLoad
+from mbdae.notation import counted
 from mbdae.scene import reading
 from mbdae.scene.components import Array, Beam, BeamLoad, Connection
 from mbdae.scene.items import SceneItems
@@ -104,10 +105,10 @@ class BeamStatements(SceneItems):
                 except OptionError as error:
                     self.problems.append(f"beam '{name}': {error}")
             else:
-                head.wrong(f"'arc' with {len(outline)} points", "give three points")
+                head.wrong(f"'arc' with {counted(len(outline), 'point')}", "give three points")
         elif curve is not None:
             if len(points):
-                head.wrong(f"{shown(curve)} with {len(outline)} points", "leave them out, the curve gives all points")
+                head.wrong(f"{shown(curve)} with {counted(len(outline), 'point')}", "leave them out, the curve gives all points")
             return self._sampled(head, curve)
         if len(outline) < 2 or not np.all(np.linalg.norm(np.diff(outline, axis=0), axis=1) > 0):
             self.problems.append(f"beam '{name}': needs at least two points, each different from the one before")

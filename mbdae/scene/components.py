@@ -66,7 +66,7 @@ class Body:
 
         def __getattr__(self, name: str) -> Any:
             if name not in MOVING:
-                raise AttributeError(f"a body has no '{name}'")
+                raise AttributeError(f"a body has no '{name}'; dir(body) lists what it has")
             path = f"{self.name}.{name}[{'0, 0' if name == 'rotation' else 0}]"
             raise AttributeError(f"'{self.name}' has no {name} before it moves: as drawn it is .drawn.{name}, in a load "
                                  f"s.sensor('{path}'), in a result r['{self.name}'].{name}")  # fmt: skip
@@ -207,8 +207,8 @@ class JointModel:
 class Constrained(JointModel):
     """Joint models with constraint rows c.
 
-    scaling, penalty: of the paper's Eq. 2, V = scaling lambda.c + penalty c.c over the rows of a revolute joint (penalty
-    in N m, rows in m count as rad): scaling > 0, penalty >= 0.
+    scaling > 0, penalty >= 0: of the potential V = scaling lambda.c + penalty c.c over the rows of a revolute joint (penalty
+    in N m, rows in m count as rad); validation/paper names the source.
     """
 
     scaling: float = 1.0

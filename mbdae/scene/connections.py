@@ -99,7 +99,7 @@ class ConnectionStatements(CouplingStatements):
             item.model, item.left_open = model or Kinematic(), model is None and item.has_models
             arg = Argument(self, f"{item.kind} '{law.name}'", "model")
             if isinstance(model, Clearance):
-                arg.wrong(shown(model), "state the joint by s.joint or s.revolute, which place its contact")
+                arg.wrong(f"{shown(model)} of an object", "state the joint by s.joint or s.revolute, which place its contact")
             elif model is not None:
                 modelled = law_of(arg, type(law), model)[1]
                 item.as_kinematic = [copy(law)] if item.recursive else []

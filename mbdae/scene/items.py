@@ -24,7 +24,7 @@ class SceneItems:
         self.name = reading.name(Argument(self, "scene", "name"), name)
         head = f"scene '{self.name}'"
         self.space = reading.one_of("auto", "planar", "spatial")(Argument(self, head, "space"), space)
-        self.statements: list[Statement] = []  #: calls of statements as plain data (see `record.py`)
+        self.statements: list[Statement] = []  #: the statements made on the scene, in order, as plain data (see `record.py`)
         self.own: Own = {}  #: classes and functions by the names they have in `statements`
         self.recording = True
         self.gravity = reading.vector("m/s^2")(Argument(self, head, "gravity"), gravity)

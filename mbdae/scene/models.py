@@ -61,7 +61,7 @@ def _read_clearance(arg: Argument, model: Clearance) -> None:
 
 
 def _augments(model: JointModel) -> bool:
-    """Whether the model has a scaling or penalty (paper Eq. 2)."""
+    """Whether the model has a scaling or penalty (`symbolic.law.AUGMENTED`)."""
     return isinstance(model, Constrained) and (model.scaling != 1 or model.penalty != 0)
 
 
@@ -85,7 +85,7 @@ def refusal(law: type[Joint], model: JointModel) -> tuple[str, str] | None:
 
 def law_of(arg: Argument, law: type[Joint], model: JointModel | None) -> tuple[type[Joint], dict[str, Any]]:
     """The law of a joint in the model stated, and what the model gives it: whether its coordinates are kept, scaling and penalty
-    (paper Eq. 2) where they differ from 1 and 0."""
+    where they differ from 1 and 0."""
     wrong = None if model is None else refusal(law, model)
     if wrong is not None or model is None:
         if wrong is not None:

@@ -127,11 +127,18 @@ def _circles(scene: Any) -> list[str]:
     needs = {one.name: [p for p in one.reads() if p != one.name or one.kind == "signal"]
              for one in scene.signals if one.kind == "signal"}  # fmt: skip
 
+    known = set[str]()  # signals that lead into no circle: many may need one, by many ways
+
     def walk(name: str, above: tuple[str, ...]) -> str:
         if name in above:
             way = " -> ".join((*above[above.index(name) :], name))
             return f"signal '{name}' depends on itself ({way}), an algebraic loop: put a state between, s.state(name, rate=...)"
-        return next((text for path in needs.get(name, ()) if (text := walk(path, (*above, name)))), "")
+        if name in known:
+            return ""
+        found = next((text for path in needs.get(name, ()) if (text := walk(path, (*above, name)))), "")
+        if not found:
+            known.add(name)
+        return found
 
     return [text for name in needs if (text := walk(name, ()))][:1]
 

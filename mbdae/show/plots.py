@@ -10,7 +10,7 @@ import numpy as np
 
 from mbdae.errors import OptionError, SceneError
 from mbdae.files import replacing
-from mbdae.notation import axis_label
+from mbdae.notation import axis_label, counted
 from mbdae.results.result import Result
 from mbdae.scene.components import Array, Body, Connection, Place
 from mbdae.scene.sensor_names import measured, placed, split
@@ -169,7 +169,8 @@ def compared(result: Any, against: Any, labels: Sequence[str] | None) -> list[tu
     remedy = f"give {len(results)} texts, one for each result, this one first"
     texts = option("labels", labels, sequence, remedy, each=text)
     if len(texts) != len(results):
-        raise OptionError(f"labels = {shown(labels)} has {len(texts)} entries for {len(results)} results: {remedy}")
+        raise OptionError(f"labels = {shown(labels)} has {counted(len(texts), 'entry')} for "
+                          f"{counted(len(results), 'result')}: {remedy}")  # fmt: skip
     return list(zip(texts, results, strict=True))
 
 
@@ -233,7 +234,8 @@ def plot_phase(result: Result, x: str, y: str, against: Any, labels: Sequence[st
     for label, result in results:
         across, up = components(result, x), components(result, y)
         if len(across) != len(up) and 1 not in (len(across), len(up)):
-            raise OptionError(f"phase: '{x}' has {len(across)} components and '{y}' has {len(up)}; give two of equal number")
+            raise OptionError(f"phase: '{x}' has {counted(len(across), 'component')} and '{y}' has {len(up)}; give "
+                              f"two of equal number")  # fmt: skip
         n = max(len(across), len(up))
         for (cx, a), (cy, b) in zip(across * (n // len(across)), up * (n // len(up)), strict=True):
             part = "" if n == 1 else cx if cx == cy else f"{cx}{cy}"

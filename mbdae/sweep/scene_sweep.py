@@ -96,7 +96,7 @@ def _axis(values: Any) -> Array:
         raise BadValueError(f"{shown(values)} is {'no list of numbers' if listed is None else 'empty'}")
     found = array(listed)
     if found.ndim != 1:
-        raise BadValueError(f"{shown(values)} has shape {found.shape}, needs ({len(found)},)")
+        raise BadValueError(f"{shown(values)} has shape {found.shape}, not one number for every value")
     return found
 
 

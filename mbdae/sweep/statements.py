@@ -186,8 +186,10 @@ def _descend(holder: Any, keys: list[str], value: float, name: str) -> None:
     elif isinstance(old, dict) and "by" in old:
         raise OptionError(f"vary: '{name}' has values by coordinate; say {' or '.join(repr(f'{name}.{c}') for c in old['by'])}")
     elif isinstance(old, bool | str | dict):
-        raise OptionError(f"vary: '{name}' is not a number; a motion is varied by its 'speed', a pulse by its "
-                          f"'begin', 'width' or 'strength', an object by 'item.argument.field'")
+        item = name.partition(".")[0]
+        raise OptionError(f"vary: '{name}' stands for an expression, an object or a text, not for a number: vary the speed of a "
+                          f"motion ('{item}.speed'), the begin, width or strength of a pulse, or a number of an object "
+                          f"('{name}.' and its field)")
     else:
         holder[key] = int(value) if isinstance(old, int) and value == int(value) else value
     return None

@@ -18,6 +18,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.errors import LawError, MbdaeError
+from mbdae.notation import counted
 from mbdae.symbolic.rebuild import is_condition
 from mbdae.values import SMALLEST, BadValueError, number, shown
 
@@ -51,7 +52,7 @@ def _expression(e: Any) -> Any:
 
 def _vector(v: Any) -> Any:
     if not callable(getattr(v, "cross", None)):
-        raise _WrongError(f"{shown(v)}, which is no vector; vectors are made of those of the frames, or by Vec(x, y, z)")
+        raise _WrongError(f"{shown(v)}, which is no vector: combine those of the frames, as in l.r - k.r, or use Vec(x, y, z)")
     return v
 
 
@@ -79,7 +80,7 @@ def _several(entry: Check, count: int | None = None) -> Check:
         if isinstance(found, str | bytes | Mapping) or not isinstance(found, Sequence):
             raise _WrongError(f"{shown(found)}, which is no list")
         if count is not None and len(found) != count:
-            raise _WrongError(f"{len(found)} parts, where {count} are needed: {shown(found)}")
+            raise _WrongError(f"{counted(len(found), 'part')}, where {count} are needed: {shown(found)}")
         return [_part(entry, e, f"part {i + 1}") for i, e in enumerate(found)]
 
     return read

@@ -141,7 +141,7 @@ class Derived:
 
     @property
     def row_forces(self) -> list[Expr]:
-        """Factors of the rows' gradients: lambda, or scaling lambda + 2 penalty c (paper Eq. 2)."""
+        """Factors of the rows' gradients: lambda, or scaling lambda + 2 penalty c (`law.AUGMENTED`)."""
         forces = [self.scaled(s) for s in self.multipliers]
         penalty = getattr(self.law, "penalty", None)
         return forces if penalty is None else [f + 2 * penalty * c for f, c in zip(forces, self.g, strict=True)]

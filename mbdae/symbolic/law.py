@@ -39,7 +39,7 @@ from mbdae.values import shown
 
 __all__ = ["AUGMENTED", "Element", "Force", "Law", "Parameter", "Structure", "TwoBodyLaw", "params"]
 
-#: paper Eq. 2: V = scaling lambda.c + penalty c.c of the rows c; the force of a row is scaling lambda + 2 penalty c
+#: V = scaling lambda.c + penalty c.c of constraint rows c (Eq. 2 of validation/paper); force: scaling lambda + 2 penalty c
 AUGMENTED = params(scaling=("1", "factor of the rows and their multipliers"), penalty=("N m", "factor of the squared rows"))
 
 
@@ -65,7 +65,7 @@ class Law:
     at_nodes: ClassVar[bool] = False  #: whether it acts at its bodies' nodes along inertial axes: no other axes matter
     loads: ClassVar[bool] = False  #: whether it is a load, which an equilibrium applies step by step
     dissipative: ClassVar[bool] = False  #: whether the power of `wrench` counts as dissipated rather than as work
-    #: whether bodies may stick by it, as by friction: equations are stiff there. None: they may where the law has states
+    #: whether bodies may stick by it, as by friction: equations are stiff there. None: they may if the law has internal states
     sticks: ClassVar[bool | None] = None
     follows: ClassVar[str] = ""  #: name of the state that counts the whole turns of the joint's coordinate, if any
     keeps_states: ClassVar[bool] = False  #: whether its states are unknowns although nothing that it states depends on them

@@ -4,7 +4,7 @@ A body is carried where its position follows from another body and the coordinat
 states (`symbolic/motion.py`): elementary motions one after the other, none for a weld. The program goes from the root outwards
 (positions, velocities, accelerations), evaluates the laws between the bodies, and projects their forces from the leaves to the
 root: the residual of the joint coordinates and of a free root. Its Jacobian is the derivative of the program, which contains the
-geometric stiffness (paper Eqs. 24-33).
+geometric stiffness (Eqs. 24-33 of validation/paper).
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ SWITCH_KINDS = ("kink", "decaying", "saturating", "growing", "arc", "periodic", 
 
 
 class Places(NamedTuple):
-    """Where the entries of a matrix (n, n) are, by columns: `indptr` (n + 1,) and `indices` (nnz,) as SciPy has them."""
+    """Sparsity pattern of a matrix (n, n), by columns: `indptr` (n + 1,) and `indices` (nnz,) as SciPy has them."""
 
     indptr: NDArray[np.intp]
     indices: NDArray[np.intp]
@@ -114,7 +114,7 @@ class System:
     yp0: Array
     sparsity: Any
     label: str = ""
-    #: typical time of the motion, s: errors of unknowns of higher index are weighed by the step over it
+    #: characteristic time of the motion, s: errors of unknowns of higher index are weighed by the step over this time
     time: float = 1.0
     #: CSC pattern (n, n) of the Jacobian where it is known although `sparsity` may be None; see `jacobian_values`
     pattern: Any = None
@@ -150,7 +150,7 @@ class System:
     vibration: Callable[[], tuple[str, float]] | None = None
 
     #: begin and end of a run (s) -> where its inputs of time break, and how long steps may be (`system.model.inputs.Timeline`;
-    #: None: they are smooth and slow); None: inputs of time are not looked at
+    #: None: they are smooth and slow); None: inputs of time are not checked
     timeline: Callable[..., Any] | None = None
     #: begin of a run (s) -> its sampled controllers (`system.sampling.Sampling`); None: there are none
     sampled: Any = None
@@ -174,8 +174,8 @@ class System:
         return other
 
     def renewed(self, t: float, y: Array) -> System | None:
-        """A system of the same unknowns to go on with from y (n,), because some of these equations are about to depend on each
-        other; None: go on with this one. Asked after every accepted step."""
+        """A system of the same unknowns to continue with from y (n,), because some of these equations are about to depend on
+        each other; None: continue with this one. Called after every accepted step."""
         return None
 
     def memory(self) -> dict[str, Any]:
@@ -215,7 +215,7 @@ class System:
             self.residual(t[i], y[i], yp[i], out[i])
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        """dF/dy and dF/dy' apart, each shaped like the `out` of `jacobian`."""
+        """dF/dy and dF/dy' as two arrays, each shaped like the `out` of `jacobian`."""
         shape = (self.n, self.n) if self.sparsity is None else (self.sparsity.nnz,)
         fy, both = np.zeros(shape), np.zeros(shape)
         self.jacobian(t, y, yp, 0.0, fy)
@@ -223,11 +223,11 @@ class System:
         return fy, both - fy
 
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        """dF/dy and dF/dy' apart as (nnz,) data of `pattern`, of systems that have one."""
+        """dF/dy and dF/dy' as two arrays (nnz,) of data of `pattern`, for systems that have one."""
         raise NotImplementedError
 
     def numbers(self, names: Sequence[str]) -> Numbers:
-        """Where numbers of laws ("elbow.mass") stand that a batch of runs varies; OptionError where one cannot be varied."""
+        """Slots of numbers of laws ("elbow.mass") that a batch of runs varies; OptionError where one cannot be varied."""
         raise OptionError(f"numbers = {shown(list(names))}: the equations of this system are functions, whose numbers are not "
                           f"known; give starts alone, or solve the systems one by one")  # fmt: skip
 

@@ -58,4 +58,4 @@ def _check_start(system: System, parts: Sequence[Callable[..., Any]], nu: int, m
         raise OptionError(f"partition: M u' + G^T lambda - f = {left} at the start; it states other equations than the residual, "
                           f"or multipliers of another sign")  # fmt: skip
     if np.max(np.abs(g(t, q)), initial=0.0) > TOLERANCE * (1 + np.max(np.abs(q))):
-        raise OptionError(f"partition: g = {g(t, q)} at the start, where it has to vanish")
+        raise OptionError(f"partition: g = {g(t, q)} at the start, where it has to vanish; correct g or y0")

@@ -55,7 +55,7 @@ class Prepared:
     contacts: list[ExpectedContact] = field(default_factory=list)  #: the contacts of the scene, as expected before the run
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Of a copy or pickle: the model and its kernels are made again from the scene."""
+        """For copies and pickles: the model and its kernels are made again from the scene."""
         of_model = self.model.scene, self.model.stay_kinematic, self.model.conditions.end
         return _made_again, (*of_model, self.rank, self.start, self.time, self.contacts)
 
@@ -187,7 +187,7 @@ def mechanics_of(model: Model, rows: list[Row], all_bodies: AllBodies, redundant
     """The mechanics of all nodes with these rows, of which `redundant` follow from the others."""
     if all_bodies.moved.alone:
         return OrderedMechanics(model, rows, all_bodies)
-    # with beams the constrained equations are sparse and cost less than these full ones
+    # with beams the constrained equations are sparse and cost less than full ones in joint coordinates
     reduced = all_bodies.moved.trees and not model.lines
     return TreeMechanics(model, rows, all_bodies, redundant) if reduced else Mechanics(model, rows, redundant)
 
@@ -201,7 +201,7 @@ def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tupl
         return model, MovedBodies(model, moved.trees, ordered=True)
     kept = too_large(moved) | acted_on_while_prescribed(moved)
     if not kept and not AllBodies(model, moved).numbering.free:  # every coordinate of the trees is prescribed
-        kept = {c.name: "nothing else moves" for c in scene.joints if c.rigid}
+        kept = {c.name: "without them the scene would have no unknowns" for c in scene.joints if c.rigid}
     if kept:
         model = build(scene, {**(by_rows or {}), **kept})
         moved = MovedBodies(model, find_trees(model))
@@ -226,7 +226,7 @@ def _contradictions(all_rows: Mechanics, rank: RankReport, start: Start) -> list
 
 
 def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankReport, start: Start, end: float) -> list[str]:
-    """The same at later times, followed in short steps: positions where the rows in force can be satisfied, but not all rows."""
+    """Contradictions at later times, followed in short steps: the rows in force can be satisfied there, but not all rows."""
     timed = any(i.timed for group in all_rows.model.groups if group.derived.rows for i in group.instances)
     dropped, q, t = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}, start.q, start.t
     if not (timed and dropped):
@@ -294,4 +294,4 @@ def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[st
     worst = mechanics.rows[int(np.argmax(np.abs(rate)))].name
     lost = float(-(change @ (M @ (start.u + change / 2))))
     return start.u + change, [f"joints that the run before did not have stop motions suddenly (most: {worst}): an impact without "
-                              f"rebound that takes {lost:.4g} J"]  # fmt: skip
+                              f"rebound that dissipates {lost:.4g} J"]  # fmt: skip

@@ -1,7 +1,7 @@
 """Sampled controllers in a run: called at sampling instants with values of sensors; their outputs are held in between.
 
-The outputs are internal states without a rate, so that they are part of every solution. A run ends a step at every instant and
-goes on from the state with the new outputs.
+The outputs are internal states without a rate, so that they are part of every solution. A run ends a step at every sampling
+instant and continues from the state with the new outputs.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from mbdae.errors import ControllerError
 from mbdae.inputs.breaks import SAME as ROUND_OFF
 from mbdae.inputs.sensed import symbol
+from mbdae.notation import counted
 from mbdae.scene.components import Controller
 from mbdae.system.assembled.observed import Observer
 from mbdae.system.base import Array
@@ -102,7 +103,8 @@ class _Called:
         except (TypeError, ValueError):
             raise self._error(t, values, f"returned {shown(found)}, which is not {self._wanted()}") from None
         if len(outputs) != len(names):
-            raise self._error(t, values, f"returned {len(outputs)} outputs, {shown(found)}, but it sets {self._wanted()}")
+            raise self._error(t, values, f"returned {counted(len(outputs), 'output')}, {shown(found)}, but it sets "
+                              f"{self._wanted()}")  # fmt: skip
         wrong = [f"{name} = {value}" for name, value in zip(names, outputs, strict=True) if not math.isfinite(value)]
         if wrong:
             raise self._error(t, values, f"returned {', '.join(wrong)}, which is not finite")

@@ -122,7 +122,7 @@ class SceneSystem(System):
             self.read_at(None)
 
     def restarted(self, t: float, y: Array) -> tuple[Array, Array]:
-        """y and y' (n,) to go on with from y: accelerations, rates and multipliers anew; multipliers read from y' stay."""
+        """y and y' (n,) at a break: y with new accelerations, rates and multipliers; integrals of multipliers are unchanged."""
         if self.rhs is not None and np.all(self.index < 2):  # no multipliers among the unknowns
             rates = np.empty(self.n)
             self.rhs(t, y, rates)

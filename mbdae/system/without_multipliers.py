@@ -33,7 +33,7 @@ from mbdae.system.rank.rows import Rows
 from mbdae.system.scene_system import SceneSystem
 
 NEAR = 1e-7  #: independent part of a constraint row, squared, below which reactions and accelerations are inaccurate
-#: relative difference from minus the extrapolated value, below which the last step passed a singular position
+#: relative difference of a row's independent part from minus its extrapolation, below which a step passed a singular position
 PASSED = 0.3
 SOUND = 0.3  #: smallest singular value of all rows, over that at the start, above which a position is not singular
 UNSEEN = ((-inf, 1.0),) * 3
@@ -47,7 +47,7 @@ class Accelerations(Rates):
         self._start = start
 
     def __getstate__(self) -> dict[str, Any]:
-        """Of a copy: it makes its own tables, which contain addresses of its arrays."""
+        """For copies: a copy makes its own tables, because they contain addresses of arrays."""
         return {name: value for name, value in self.__dict__.items() if name != "kernel"}
 
     @cached_property
@@ -129,7 +129,7 @@ class WithoutMultipliers(SceneSystem):
         self._seen = *self._seen[1:], (t, here)
         if self._warned or (here**2 > NEAR and abs(here + expected) > PASSED * abs(expected)):
             return
-        shares = self._rates.shares(t, y)  # by geometry alone, without the masses
+        shares = self._rates.shares(t, y)  # these depend on the geometry alone, not on the masses
         weakest = int(np.argmin(shares))
         if (expected < 0 or shares[weakest] < NEAR) and not self._determined(t, y):
             if self.strict:

@@ -177,6 +177,21 @@ def test_feedback_is_stored_with_its_states(tmp_path):
     assert parts["J"].angle[-1] == pytest.approx(whole["J"].angle[-1], abs=1e-5)
 
 
+def test_signals_that_lead_to_one_by_many_ways_are_followed_once():
+    """2^40 ways, and at their end a circle or none."""
+    for last in (0.0, 1.0):
+        s = mb.Scene("ladder", gravity=(0, -9.81, 0))
+        s.revolute("J", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0))
+        a = b = s.signal("first", s.sensor("J.angle") + last * s.sensor("a39"))
+        for i in range(40):
+            a, b = s.signal(f"a{i}", a + b), s.signal(f"b{i}", a - b)
+        if last:
+            with pytest.raises(mb.SceneError, match=r"'first' depends on itself .* algebraic loop"):
+                s.check()
+        else:
+            assert s.check().degrees_of_freedom == 1
+
+
 @pytest.mark.parametrize(("path", "said"), [
     ("J.angl", "did you mean 'J.angle'?"),
     ("rod.positon[0]", "did you mean 'rod.position[0]'?"),

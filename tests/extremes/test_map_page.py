@@ -15,6 +15,7 @@ from mbdae.extremes.data import Block
 from mbdae.extremes.extremes import Extremes
 from mbdae.extremes.page import COLOURS
 from mbdae.extremes.table import notes
+from mbdae.notation import counted
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +59,7 @@ def test_page_tells_every_cell_every_count_and_every_remark(m: Extremes):
         assert f" {value:g} " in text
     for note in notes(block):
         assert note in text
-    assert f"{len(m.silent)} runs were silently wrong." in text
+    assert f"Silently wrong: {counted(len(m.silent), 'run')}." in text
     assert "No run was silently wrong." in shown(replace(m, blocks=()).to_html())
 
 

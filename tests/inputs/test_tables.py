@@ -335,11 +335,20 @@ def test_a_file_with_names_and_units(sign: str, tmp_path: Path) -> None:
     assert timed.values(timed.expression(mb.read_table(file, "t", "F", kind="step")), np.array([2.5]))[0] == 4.0
 
 
+def test_units_that_are_known_are_converted(tmp_path: Path) -> None:
+    """Times to s, values to the unit that is asked for; a unit that is asked for as it is stated changes nothing."""
+    file = written(tmp_path / "road.csv", "t [ms],z [mm],phi [deg],F [kN]\n0,0,0,1\n500,40,180,3\n")
+    for name, unit, wanted in (("z", "m", 0.02), ("phi", "rad", np.pi / 2), ("F", "N", 2000.0), ("z", "mm", 20.0)):
+        e = timed.expression(mb.read_table(file, "t", name, unit=unit))
+        assert timed.values(e, np.array([0.25]))[0] == pytest.approx(wanted, rel=1e-12)
+
+
 BAD_FILES = [
     ("t,F\n0,1\n1,2\n", ("t", "G"), {}, "has no column 'G'; it has 't', 'F'"),
     ("t,F,F [N]\n0,1,2\n1,2,3\n", ("t", "F"), {}, "has several columns 'F'"),
-    ("t [ms],F\n0,1\n1,2\n", ("t", "F"), {}, "column 't \\[ms\\]'.* is in 'ms'; times are read in s"),
-    ("t,F [kN]\n0,1\n1,2\n", ("t", "F"), {"unit": "N"}, "column 'F \\[kN\\]'.* is in 'kN'; the input takes N"),
+    ("t [days],F\n0,1\n1,2\n", ("t", "F"), {}, "column 't \\[days\\]'.* is in 'days'; it cannot be converted to 's'"),
+    ("t,F [mm]\n0,1\n1,2\n", ("t", "F"), {"unit": "N"}, "column 'F \\[mm\\]'.* is in 'mm'; it cannot be converted to 'N'"),
+    ("t,F [kN]\n0,1\n1,2\n", ("t", "F"), {}, "is in 'kN'; give unit='N' to have it converted, or unit='kN' to take"),
     ("t,F\n0,1\n1,2\n", ("t", "F"), {"unit": "N"}, "column 'F'.* states no unit"),
     ("t,F\n0,1\n1,x\n", ("t", "F"), {}, "line 3, column 'F': 'x' is no number"),
     ("t,F\n0,1\n1\n", ("t", "F"), {}, "line 3, column 'F': the entry is missing"),

@@ -64,7 +64,7 @@ def test_check_names_the_mesh_and_its_unknowns() -> None:
     assert c.beams == {"a": 3, "b": 4}
     assert c.unknowns["stresses"] == 3 * 3 * 3 + 4 * 2 * 3  # points times stresses in the plane
     said = str(c)
-    assert "2 bodies, 2 of them flexible beams, 2 joints, 1 force elements, 1 distributed loads" in said
+    assert "2 bodies, 2 flexible beams among them, 2 joints, 1 force element, 1 distributed load" in said
     assert "51 stresses" in said
     assert "beams: a (3 elements of order 3, 10 nodes); b (4 elements of order 2, 9 nodes)" in said
     assert "stresses: unknowns with Radau IIA; other solvers eliminate them by the compliance of the sections" in said

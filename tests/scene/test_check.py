@@ -27,7 +27,7 @@ def test_four_revolutes_in_space_are_redundant_at_the_last_joint() -> None:
     assert not c.planar
     assert c.degrees_of_freedom == 1
     assert sorted(c.redundant) == ["D.tilt_x", "D.tilt_y", "D.z"]
-    assert "redundant, left out: D (z, tilt_y, tilt_x)" in str(c)
+    assert "left out because they follow from the others: D (z, tilt_y, tilt_x)" in str(c)
     assert "reactions not unique: A (z, tilt_y, tilt_x); B (z, tilt_y, tilt_x); C (z, tilt_y, tilt_x); D (z" in str(c)
     assert c.unknowns["multipliers"] == 17
 
@@ -94,5 +94,17 @@ def test_the_naive_formulation_has_every_joint_classical_that_can_be() -> None:
     s.spherical("A", s.ground, a, at=(0, 0, 0))
     s.revolute("B", a, b, at=(1, 0, 0), axis=(0, 1, 1))
     naive, stated = s.check().reductions[:2]
-    assert naive.reason.startswith("in space, classical joints")
+    assert naive.reason.startswith("all equations in space, with classical joints")
     assert naive.size.multipliers == stated.size.multipliers + 2  # a row more at the hinge, of positions and of velocities
+
+
+def test_bodies_that_no_joint_holds_are_named():
+    s = mb.Scene("forgotten")
+    a, b, c, d = (s.link(name, (i, 0), (i + 1, 0), mass=1.0) for i, name in enumerate("abcd"))
+    s.revolute("A", s.ground, a, at=(0, 0))
+    s.revolute("B", a, b, at=(1, 0))
+    s.revolute("D", c, d, at=(3, 0))
+    assert s.check().not_joined == ("c", "d")
+    assert "not joined to the ground: c, d" in str(s.check())
+    s.revolute("C", b, c, at=(2, 0))
+    assert s.check().not_joined == ()

@@ -59,7 +59,8 @@ def reordered(story: Story, base: Result) -> Other | None:
         return None  # loops that start elsewhere than drawn may close in two ways, and the order of joints decides: README
     backwards = tuple(a for rank in range(4) for a in story.statements[::-1] if _rank(a) == rank)
     found = _stated(story.but(statements=backwards))
-    if story.family == "loop" and any("rate0" in a.args for a in story.statements) and isinstance(found[0], Result):
+    moving = any(key in a.args for a in story.statements for key in ("rate0", "angle", "position"))
+    if story.family == "loop" and moving and isinstance(found[0], Result):
         gaps = [base(0.0)[a.name].velocity - found[0](0.0)[a.name].velocity for a in story.of(*BODIES)]
         return None if np.max(np.abs(gaps)) > 1e-9 else found  # of what no statement holds, the order decides too
     return found

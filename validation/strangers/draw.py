@@ -178,15 +178,13 @@ def ways(story: Story, count: int) -> list[Story]:
 
 
 def models(statements: Any) -> list[str]:
-    """Models for all joints: none for those with clearance; recursive where that leaves something to solve for, and where no
-    slender rod gets into space by it (recursive joints of fixed orientation have a displacement out of the plane)."""
+    """Models for all joints: none for those with clearance, and recursive where that leaves something to solve for."""
     if not any(a.verb in ("revolute", "prismatic", "cylindrical", "screw") for a in statements) or any(
             "model" in a.args for a in statements):  # fmt: skip
         return [""]
     joints = [a for a in statements if a.verb not in (*BODIES, *LOADS, "weld")]
     moves = any("angle" not in a.args and "position" not in a.args for a in joints)
-    loose = any(a.verb == "fixed_orientation" for a in joints) and any(a.verb == "link" for a in statements)
-    return [m for m in MODELS if m != "recursive" or (moves and not loose)]
+    return [m for m in MODELS if m != "recursive" or moves]
 
 
 def told(draw: Draw, family: str, statements: list[Said], planar: bool, T: float, finest: float = 1e-7) -> Story:

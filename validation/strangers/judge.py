@@ -155,7 +155,8 @@ def _compared(story: Story, result: Result) -> Verdict:
     if error > FACTOR * story.accuracy:
         return settled(story, result, error, error_of(result, truth.times, again.shown(states), contact, story.t_end))
     finer = error_of_reactions(again, truth.times, states, result) * FACTOR / FACTOR_OF_REACTIONS
-    return settled(story, result, pushed, finer, "reactions, ")
+    found = settled(story, result, pushed, finer, "reactions, ")
+    return found if found.verdict == "silent" else Verdict("right", error / story.accuracy)
 
 
 def settled(story: Story, result: Result, error: float, finer: float, what: str = "") -> Verdict:

@@ -14,10 +14,10 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from typing import Any, Protocol
 
-from mbdae.errors import AccuracyWarning, OptionError, SolverError, WallClockError
+from mbdae.errors import AccuracyWarning, SolverError, WallClockError
 from mbdae.integrators.checkpoints.keeper import Keeper, Stopping
 from mbdae.integrators.checkpoints.snapshot import go_back, snapshot
-from mbdae.integrators.checkpoints.trees import Tree
+from mbdae.integrators.checkpoints.trees import DamagedError, Tree
 from mbdae.integrators.matrices.iteration import keep_order, kept_order
 from mbdae.integrators.solution import Stats
 from mbdae.system.base import System
@@ -68,15 +68,15 @@ class StepLoop(Protocol):
 
 
 class Record:
-    """One run in the folder of a keeper. restarts: whether its method begins anew at checkpoints; what: text for the run."""
+    """One run in the folder of a keeper. restarts: whether checkpoints restart its method; what: description of the run."""
 
     def __init__(self, keeper: Keeper, restarts: bool, what: str) -> None:
         self.keeper, self.restarts, self.what = keeper, restarts, what
         self._files = keeper.next_run()
         self._stored = stored = self._files.read()
         if stored is not None and stored["what"] != what:
-            raise OptionError(f"checkpoint: the folder holds the run {stored['what']} where {what} begins: it was written by "
-                              f"another version, or damaged; delete it, or name another one")  # fmt: skip
+            raise DamagedError(f"the folder holds the run {stored['what']} where {what} begins: it was written by another "
+                               f"version, or damaged; delete it, or name another one")  # fmt: skip
         self._pending = list(stored["ends"]) if stored is not None else []
         self._ends: list[tuple[int, str]] = []
         self._chunks: int = 0 if stored is None else stored["chunks"]
@@ -156,12 +156,12 @@ class Record:
 
     @property
     def room(self) -> int:
-        """Number of accepted steps at which the method begins anew."""
+        """Number of accepted steps after which the method is restarted."""
         begin = self._ends[-1][0] if self._ends else 0
         return begin + self.keeper.every
 
     def planned(self, loop: StepLoop) -> bool:
-        """Whether the method is to begin anew after the step just accepted."""
+        """Whether the method is to be restarted after the step just accepted."""
         if not self.restarts:
             return False
         if self.keeper.stop:

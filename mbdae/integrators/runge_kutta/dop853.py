@@ -129,7 +129,7 @@ class _Run:
         return made
 
     def _advanced(self, t: float, rows: int, longest: float) -> Steps:
-        """One call of the method."""
+        """Make up to `rows` steps, not longer than `longest` (s), in one call of the native method."""
         table, stats = self.method.table, self.loop.stats
         before = table.evaluations, table.rejected
         made = self.method.advance(t, self.loop.t_end, self.loop.evaluations_left, rows, longest)

@@ -4,7 +4,7 @@ Numbers: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, 2nd
 left out. `tests/integrators/test_dop853.py` compares them with those of SciPy and measures the orders.
 """
 
-#: (i, j, a_ij): stage i at y + h sum a_ij k_j; stage 12 is the end of the step, 13 to 15 serve the interpolant
+#: (i, j, a_ij): stage i at y + h sum a_ij k_j; stage 12 is the end of the step, 13 to 15 are for the interpolant
 STAGES = (
     (1, 0, 0.05260015195876773), (2, 0, 0.0197250569845379), (2, 1, 0.0591751709536137), (3, 0, 0.02958758547680685),
     (3, 2, 0.08876275643042054), (4, 0, 0.2413651341592667), (4, 2, -0.8845494793282861), (4, 3, 0.924834003261792),

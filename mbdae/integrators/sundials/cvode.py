@@ -24,9 +24,9 @@ from mbdae.values import set_option, whole, word
 
 #: highest order of each method
 HIGHEST = {"Adams": 12, "BDF": 5}
-#: CVODE's own interpolant is sampled at the nodes of Radau IIA with this many stages. Hermite polynomials through
-#: neighbouring steps lose all digits where the step grows a thousandfold (at the start), cubics a factor of 30 at
-#: rtol 1e-11; 4 stages lose 30 % at 1e-12, 5 nothing
+#: CVODE's own interpolant is sampled at the nodes of Radau IIA with this many stages. Measured errors against that interpolant:
+#: with 5 stages equal, with 4 larger by 30 % at rtol 1e-12, with cubics over one step 30 times as large at rtol 1e-11. Hermite
+#: polynomials through neighbouring steps have no correct digit where the step grows a thousandfold (at the start)
 NODES = 5
 #: ratio of a step to the one before it, up to which it is interpolated by the polynomial of degree 5 with y and y' at both its
 #: ends and at the start of the step before; there that is as accurate as CVODE's interpolant, and needs no calls of it

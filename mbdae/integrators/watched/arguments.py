@@ -30,7 +30,7 @@ SECTIONS, ROUNDS, PLACES = 9, 20, 9
 EXACT = 1e-3
 SMALL = 1e-3  #: part of the step over which the rate of PHI is a difference quotient
 ROUND_OFF = 1e-10  #: difference of an argument, over its magnitude, that may be round-off
-TINIEST = 1e-300  #: keeps logarithms finite
+TINIEST = 1e-300  #: added to a magnitude before its logarithm is taken, so that it is finite
 
 
 _between_logarithms = limited(*LOGARITHMS)
@@ -210,8 +210,8 @@ class StepArguments:
             u = self.at(s)[:, i]
             best = int(np.argmax(sign * u))
             part, value = float(s[best]), float(u[best])
-            if (best == 0 and a > 0) or (best == SECTIONS - 1 and b < 1):  # the extremum is outside the interval, which was found
-                a, b = max(part - (b - a), 0.0), min(part + (b - a), 1.0)  # with the polynomial
+            if (best == 0 and a > 0) or (best == SECTIONS - 1 and b < 1):  # the extremum is outside of the interval,
+                a, b = max(part - (b - a), 0.0), min(part + (b - a), 1.0)  # which was found by the polynomial
                 continue
             low, high = max(best - 1, 0), min(best + 1, SECTIONS - 1)
             a, b = float(s[low]), float(s[high])

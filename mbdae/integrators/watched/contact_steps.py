@@ -155,7 +155,7 @@ class ContactSteps:
         return native
 
     def take(self, t: Array, y: Array, dropped: int) -> None:
-        """Learn from `native`, which kept steps; the last two states (2, n) are those at t (2,); some later ones were dropped."""
+        """Take the contacts from `native` after steps; y (2, n): last two states, at t (2,); dropped: number of later steps."""
         native = self.native
         assert native is not None
         self._t, self._retries = float(t[1]), 0

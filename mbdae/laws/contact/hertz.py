@@ -21,10 +21,11 @@ DURATION = 2.9432751796
 
 
 class Hertz(Normal):
-    """f_n = stiffness p^(3/2) (1 + damping p'), V = 2/5 stiffness p^(5/2); paper Eqs. 45-48; clamped at 0: it never pulls.
+    """f_n = stiffness p^(3/2) (1 + damping p'), V = 2/5 stiffness p^(5/2); Eqs. 45-48 of the paper; at least 0: it never pulls.
 
-    `damping` is lambda_h, s/m (mu in the paper's Eqs. 46 and 48). Hertz holds for points; a pin that nearly fills its
-    race is stiffer and more linear.
+    `damping` is lambda_h, s/m (mu in Eqs. 46 and 48). The paper is "Modified models for revolute
+    joints coupling flexibility of links in multibody systems". Hertz's law holds for contact at a point; the contact of a pin
+    that nearly fills its race is stiffer and more linear.
     """
 
     params = params(

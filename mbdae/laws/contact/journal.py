@@ -27,7 +27,8 @@ def _tilts(k: Frame, l: Frame) -> bool:
 
 
 class JournalContact(Contact):
-    """A pin on l (radius `inner`) inside a race on k (radius `outer`); paper Eqs. 33-44 with k the outer race.
+    """A pin on l (radius `inner`) inside a race on k (radius `outer`); Eqs. 33-44 of "Modified models
+    for revolute joints coupling flexibility of links in multibody systems", with k the outer race.
 
     u = l.r - k.r, d its length normal to k.z, n = u / d, penetration d - (outer - inner). Normal force f_n along -n on l,
     friction force -coefficient(v) f_n along t = k.z x n; both act at one point, outer n from the centre of the race, so that

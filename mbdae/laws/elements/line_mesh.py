@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from mbdae.errors import OptionError
 from mbdae.laws.elements.line_frames import headings, quaternions, relative, section_axes
 from mbdae.laws.elements.line_shape import Array, Table, mass_points, node_positions
+from mbdae.notation import counted
 from mbdae.ties import largest
 
 NEAR = 1e-9  #: distance, relative to a segment, up to which two places count as one
@@ -163,7 +164,9 @@ def _counts(lengths: Array, elements: int | Sequence[int]) -> list[int]:
     counts, n = np.asarray(elements), len(lengths)
     least = 1 if counts.ndim else n
     if counts.shape not in ((), (n,)) or not np.issubdtype(counts.dtype, np.integer) or counts.min() < least:
-        raise OptionError(f"elements = {elements}: give an integer of at least {n} (the segments), or {n} positive ones")
+        several = "" if n == 1 else f", or a list of {n}, one positive integer for every segment"
+        raise OptionError(f"elements = {elements}: the line has {counted(n, 'segment')}; give an integer of at least {n}"
+                          f"{several}")  # fmt: skip
     if counts.ndim:
         return [int(count) for count in counts]
     found = [1] * n

@@ -18,7 +18,9 @@ from mbdae.values import flag, number
 
 
 class LuGre(Friction):
-    """coefficient = sigma0 z + sigma1(v) z' + sigma2 v, z' = v - |v| z / g(v), paper Eqs. 49-54 with signed v.
+    """coefficient = sigma0 z + sigma1(v) z' + sigma2 v, z' = v - |v| z / g(v), v with its sign.
+
+    These are Eqs. 49-54 of "Modified models for revolute joints coupling flexibility of links in multibody systems".
 
     g(v) = (mu_k + (mu_s - mu_k) exp(-|v/v_s|^gamma)) / sigma0. With `damping_decay` sigma1(v) = sigma1 exp(-(v/v_s)^2):
     a constant sigma1 feeds energy above v = 4 mu_k (sigma1 + sigma2) / sigma1^2 and changes impacts. The bristle

@@ -41,7 +41,8 @@ REGROUPED = (
 ABOUT_FORCES = (
     "$\\mathbf{f}$ and $\\mathbf{m}$ are the factors of the virtual displacements of the joint's points and of the"
     " virtual rotations. About the centre of a body the force is the same and the moment is"
-    " $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$."
+    " $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$. They stand on the left-hand side of the equations of motion: the joint acts"
+    " on body l with $-\\mathbf{f}_l$ and $-\\mathbf{m}_l$, the reactions in its sensors `force` and `torque`."
 )
 
 

@@ -90,7 +90,7 @@ class Sheet:
         rows = []
         for b in self.scene.bodies:
             line = self.prepared.model.line(b)
-            what = f"beam, {len(line.mesh.elements)} elements" if line else "point mass" if b.is_point else "rigid"
+            what = f"beam, {counted(len(line.mesh.elements), 'element')}" if line else "point mass" if b.is_point else "rigid"
             node = self.prepared.model.node(b)
             kind = node.kind.value if node is not None else ("nodes of the beam" if line else "")
             centre = ", ".join(f"{round(x, 12) + 0.0:.4g}" for x in b.drawn.position)
@@ -106,7 +106,8 @@ class Sheet:
         for c in self.scene.joints:
             names = ", ".join(r for r in stated.get(c.name, ()) if f"{c.name}.{r}" in kept) or "none"
             model = type(c.model).__name__.lower() if c.model is not None else "kinematic"
-            model += f" (kept kinematic: {self.check.kept_kinematic[c.name]})" if c.name in self.check.kept_kinematic else ""
+            why = self.check.kept_kinematic.get(c.name)
+            model += f" (keeps its constraint equations: {why})" if why else ""
             drive = escaped(", ".join(f"{name} = {e}" for name, e in c.prescribed.items()))
             rows.append([escaped(c.name), c.kind, escaped(model), escaped(c.k.name), escaped(c.l.name), names, drive])
         head = ["joint", "kind", "model", "k", "l", "rows that are equations", "prescribed"]
@@ -148,9 +149,9 @@ class Sheet:
         lacking = absent(self.scene)
         caption = ("From the naive formulation to what is integrated. Kernels and operations: of residuals and derivatives of all"
                    " laws but beams, after common subexpressions")  # fmt: skip
-        gone = f"Rows that vanish identically for this scene: {listed(list(self.check.pruned))}."
+        gone = f"Constraint equations left out because they hold in every position: {listed(list(self.check.pruned))}."
         told = [f"Without any term for: {', '.join(lacking)}." if lacking else "No kind of term is absent.",
-                gone if self.check.pruned else "No row vanishes identically."]  # fmt: skip
+                gone if self.check.pruned else "No constraint equation holds in every position."]  # fmt: skip
         return Section("Pruned", [Table(["after", *keys], rows, caption), *map(Paragraph, told)])
 
     def redundant(self) -> Section:

@@ -28,8 +28,8 @@ Truth = NDArray[np.bool_]
 @dataclass(frozen=True)
 class Condition:
     """A condition by its text: functions g (k,) that change their sign, whether each is an equation g = 0 (else it holds where
-    g > 0) and whether it also holds where g = 0, and the tree that joins them: a number of a function, or "and", "or", "not" with
-    parts."""
+    g > 0) and whether it also holds where g = 0, and the tree that joins them: an index of a function, or
+    "and", "or", "not" with a list of such parts."""
 
     name: str
     functions: tuple[Expr, ...]
@@ -39,11 +39,11 @@ class Condition:
 
     @property
     def is_equation(self) -> bool:
-        """Whether it is a single equation."""
+        """Whether the condition is a single equation."""
         return len(self.functions) == 1 and self.equations[0]
 
     def holds(self, atoms: Truth) -> bool:
-        """Whether it holds where its parts (k,) do or do not."""
+        """Whether the condition holds; atoms (k,): whether each of its comparisons does."""
         return _joined(self.tree, atoms)
 
 
@@ -56,7 +56,7 @@ def _joined(tree: Any, atoms: Truth) -> bool:
 
 
 def conditions(scene: Any, option: str, given: Any) -> list[Condition]:
-    """Those given for an option: one, or a list; OptionError where one is no condition or reads a sensor that does not exist."""
+    """The conditions given for an option, one or a list; OptionError where one is no condition or reads an unknown sensor."""
     if given is None:
         return []
     if not isinstance(given, list | tuple):
@@ -66,7 +66,7 @@ def conditions(scene: Any, option: str, given: Any) -> list[Condition]:
 
 
 def _read(scene: Any, stated: str, given: Any) -> Condition:
-    """A condition; stated: option and value, for a message."""
+    """Read a condition; stated: the option and its value, as messages begin."""
     try:
         e = _condition_of(scene, given)
         name = given if isinstance(given, str) else str(given)
@@ -96,23 +96,23 @@ def _condition_of(scene: Any, given: Any) -> Expr:
     if not is_condition(e):
         raise BadValueError(f"it is no condition; {EXAMPLE}")
     if e in (se.true, se.false):
-        raise BadValueError("it does not depend on the motion or on time")
+        raise BadValueError(f"it does not depend on the motion or on time; {EXAMPLE}")
     return e
 
 
 def _sides(scene: Any, given: Any) -> tuple[Any, Any] | None:
-    """Left and right side of an equation as they are stated: symengine orders them anew; None where it is no single equation."""
+    """Left and right side of an equation as stated, which symengine may exchange; None where it is no single equation."""
     if isinstance(given, str):
         try:
             left, right = (text.read(_with_symbols(scene, part)) for part in given.split("=="))
-        except ValueError:  # it is joined, or has other signs
+        except ValueError:  # several conditions, or a sign other than ==
             return None
         return left, right
     return (given.lhs, given.rhs) if type(given).__name__ == "Equality" and hasattr(given, "lhs") else None
 
 
 def _with_symbols(scene: Any, given: str) -> str:
-    """The text with symbols in place of paths."""
+    """The text with symbols of sensors in place of their paths."""
     known = {one.name for one in scene.signals}
     given, names = spelled(scene, given)
     given = _NORM.sub(_length, given)
@@ -128,12 +128,12 @@ def _with_symbols(scene: Any, given: str) -> str:
 
 
 def _length(match: re.Match[str]) -> str:
-    """The magnitude of a vector by its components."""
+    """The text of the magnitude of a vector, by its components."""
     return f"sqrt({' + '.join(f'{match[1]}[{i}]**2' for i in range(3))})"
 
 
 class _Atoms:
-    """The comparisons of one condition, each once."""
+    """The comparisons in one condition: functions, equations and meeting as in `Condition`."""
 
     def __init__(self) -> None:
         self.functions: list[Expr] = []
@@ -141,7 +141,7 @@ class _Atoms:
         self.meeting: list[bool] = []
 
     def tree(self, e: Expr) -> Any:
-        """Numbers of comparisons, joined."""
+        """The tree of a condition as in `Condition`."""
         kind = type(e).__name__
         if kind in ("And", "Or", "Not"):
             return kind.lower(), [self.tree(part) for part in e.args]
@@ -153,7 +153,7 @@ class _Atoms:
         return self._atom(more - less, kind == "Equality", kind == "LessThan")  # a > b is kept as b < a
 
     def equation(self, left: Any, right: Any) -> int:
-        """The number of an equation by its sides: its function rises where the left one does."""
+        """Index of an equation; its function is left - right, so that it rises where the left side rises."""
         return self._atom(left - right, True)
 
     def _atom(self, g: Expr, equation: bool, meeting: bool = True) -> int:
@@ -161,5 +161,5 @@ class _Atoms:
         self.equations.append(equation)
         self.meeting.append(equation or meeting)
         if not self.functions[-1].free_symbols:
-            raise BadValueError("it does not depend on the motion or on time")
+            raise BadValueError(f"it does not depend on the motion or on time; {EXAMPLE}")
         return len(self.functions) - 1

@@ -1,5 +1,5 @@
-"""An expression of sensors over a run. Its floors and the conditions inside it switch at instants that are found first, inner
-ones before those that depend on them; between two of them they hold a value, so that the expression is smooth there."""
+"""An expression of sensors over a run. The instants at which its floors and inner conditions switch are found first, those of
+inner ones first; between two instants these are constant, so that the expression is smooth there."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ class Course:
         self.expression = rebuilt(signals.plain(e), self._held_part)
 
     def __call__(self, t: Array) -> Array:
-        """(k,) values at times (k,)."""
+        """Values (k,) at times (k,)."""
         return self._evaluated((self.expression,), t)[:, 0]
 
     def zeros(self, touch: float = 0.0, merge: bool = True) -> Zeros:
-        """Its zeros; options as in `roots`."""
+        """The zeros of the expression; options as in `roots.roots`."""
         return self._zeros(self.expression, touch, merge)
 
     @cached_property
@@ -55,7 +55,7 @@ class Course:
         return np.asarray((self.edges[1:] + self.edges[:-1]) / 2)
 
     def _held_part(self, node: Expr, args: list[Expr]) -> Expr | None:
-        """A symbol for a floor, a comparison with one for a comparison."""
+        """A symbol in place of a floor, and (symbol > 1/2) in place of a comparison; None for other nodes."""
         kind = type(node).__name__
         if kind == "floor" and args[0].free_symbols:
             return self._hold(kind, args[0], se.sin(se.pi * args[0]), 1.0)
@@ -64,7 +64,7 @@ class Course:
         return None
 
     def _hold(self, kind: str, u: Expr, switch: Expr, least: float) -> Expr:
-        """The symbol of a part that changes where `switch` changes its sign or vanishes."""
+        """The symbol for a floor or comparison, which may change where `switch` changes its sign or vanishes."""
         found = self._zeros(switch, least=least)
         self._switched = np.union1d(self._switched, [root.time for root in found.roots])
         self.edges = np.union1d(self.edges, self._switched)
@@ -79,7 +79,7 @@ class Course:
         return zeros(lambda t: self._evaluated((e, *steep.arguments), t), self.edges, touch, merge, steep, self._switched, least)
 
     def _evaluated(self, expressions: tuple[Expr, ...], t: Array) -> Array:
-        """(k, count) values of expressions of the sensors and of what is held."""
+        """Values (k, count) of expressions of the sensors and of the symbols for floors and comparisons."""
         columns = [self._signals(t), *(held(t)[:, None] for held in self._held)]
         key = expressions, len(self._held)
         if key not in self._functions:
@@ -90,7 +90,7 @@ class Course:
 
 
 def _holds(kind: str, more: Array, noise: float) -> Array:
-    """(m,) 1 where a comparison holds, of which the right side exceeds the left one by `more` (m,); 0 elsewhere."""
+    """1 where a comparison holds, else 0, shape (m,); more (m,): by how much its right side exceeds the left one."""
     equal = np.abs(more) <= noise
     true = {"StrictLessThan": (more > 0) & ~equal, "LessThan": (more > 0) | equal, "Equality": equal, "Unequality": ~equal}[kind]
     return true.astype(float)

@@ -1,7 +1,7 @@
 """Functions of time as polynomials: Chebyshev series on intervals, halved until they reproduce the function to round-off.
 
-Arguments of functions that act within a width of their own (exp(-(x/w)^2), tanh(x/w)) are followed too: no interval is longer
-than a few widths, so that nothing hides between the points of a polynomial.
+Arguments of functions with a characteristic width, such as w in exp(-(x/w)^2) and tanh(x/w), are followed too: none changes by
+more than a few widths over an interval, so that no narrow peak is missed between the nodes of a polynomial.
 """
 
 from __future__ import annotations
@@ -21,18 +21,19 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 
 DEGREE = 16
-RESOLVED = 1e-13  #: last coefficients of a polynomial over the largest value of the function from which on it is accurate
-NOISE = 64 * float(np.finfo(float).eps)  #: round-off of a function over its largest terms
+RESOLVED = 1e-13  #: a polynomial is accurate where its last coefficients, over the largest value of the function, are below this
+NOISE = 64 * float(np.finfo(float).eps)  #: round-off of a function, relative to its largest terms
 LEVELS = 42  #: halvings of a step at most: a kink or jump inside is then located to round-off
-#: last coefficients that halving does not lower and that are below this part of the largest value are round-off of the function
+#: last coefficients that halving does not reduce are round-off where they are below ROUGH times the largest value of the
+#: function; its round-off is then taken as AMPLIFIED times these coefficients
 ROUGH, AMPLIFIED = 1e-5, 8.0
-MOST = 200_000  #: intervals that are halved at a time; more are taken as they are
+MOST = 200_000  #: most intervals that are halved at a time; where there are more, none is halved
 WIDTHS = 2.5  #: largest change of an argument over an interval, in widths of its function
-POOR = 1e-3  #: of an argument's change over an interval: last coefficients below show it well enough
+POOR = 1e-3  #: the polynomial of an argument is good enough where its last coefficients are below this share of its change
 NODES = np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
 FIT = np.linalg.inv(chebyshev.chebvander(NODES, DEGREE))
 
-#: beyond these arguments nothing changes in double precision
+#: scales of the functions; beyond these arguments their values do not change in double precision
 _SCALES = {**scales(19.0, 745.0), "decaying": limited(-745.0, 745.0)}
 
 
@@ -48,14 +49,14 @@ class Pieces(NamedTuple):
 
 
 class Steep(NamedTuple):
-    """Functions inside an expression that have a width: their arguments, and how each counts its widths."""
+    """Functions with a characteristic width in an expression: their arguments, and scales on which a change of 1 is a width."""
 
     arguments: tuple[Expr, ...]
     scales: tuple[Callable[[Any], Any], ...]
 
     def changes(self, c: Array) -> Array:
-        """(m,) largest change, in widths, of arguments with coefficients (m, DEGREE + 1, na); infinite where these do not show
-        an argument well."""
+        """Largest change (m,), in widths, of arguments with coefficients (m, DEGREE + 1, na); infinite where the polynomial of
+        an argument is not good enough."""
         middle, reach = c[:, 0], np.abs(c[:, 1:]).sum(axis=1)
         poor = np.abs(c[:, -3:]).max(axis=1) > POOR * reach + NOISE * np.abs(middle)
         found = np.zeros(len(c))
@@ -66,7 +67,7 @@ class Steep(NamedTuple):
 
 
 def steep_functions(e: Expr) -> Steep:
-    """Those of an expression in which floors and conditions are symbols."""
+    """The functions with a characteristic width in an expression whose floors and conditions are symbols already."""
     found = list(dict.fromkeys(pair for node in nodes(e) for pair in _steep(node)))
     scales_of = (_logarithm(weight) if weight else _SCALES[kind] for _, (kind, weight) in found)
     return Steep(tuple(u for u, _ in found), tuple(scales_of))
@@ -90,14 +91,14 @@ def _of_power(base: Expr, exponent: Expr) -> Iterator[tuple[Expr, tuple[str, flo
 
 
 def _logarithm(weight: float) -> Callable[[Any], Any]:
-    """Widths of |u|^weight: an interval with 0 in it holds many."""
+    """The scale of |u|^weight in widths; an interval that contains 0 is many widths long."""
     bounded = limited(*LOGARITHMS)
     return lambda u: np.sign(u) * weight * (bounded(np.log(np.abs(u) + TINIEST)) - LOGARITHMS[0])
 
 
 def resolved(function: Callable[[Array], Array], edges: Array, steep: Steep | None = None, least: float = 0.0) -> Pieces:
     """Polynomials that reproduce a function between edges (n+1,), in the order of time. function: times (k,) -> (k,) its values,
-    or (k, 1 + na) with the arguments of `steep` behind them; least: a value that counts as reached."""
+    or (k, 1 + na) with the arguments of `steep` as further columns; least: least size of the function to assume."""
     low, high, done, size, noise = edges[:-1], edges[1:], list[tuple[Array, ...]](), least, 0.0
     before = np.full(len(low), np.inf)
     for level in range(LEVELS + 1):
@@ -127,7 +128,7 @@ def resolved(function: Callable[[Array], Array], edges: Array, steep: Steep | No
 
 
 def _stays(tail: Array, before: Array, size: float) -> Any:
-    """(2n,) whether halving n intervals has lowered the last coefficients of neither part: the function is not smoother."""
+    """(2n,) whether halving n intervals reduced the last coefficients of neither half, so that they may be round-off."""
     n = len(tail) // 2
     same = (tail > 0.25 * before) & (tail <= ROUGH * size)
     both = same[:n] & same[n:]

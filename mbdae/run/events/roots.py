@@ -1,4 +1,4 @@
-"""Zeros of functions of a solution, inside its steps too: those of polynomials that reproduce the function (`pieces`).
+"""Zeros of functions of a solution, also inside its steps: the zeros of polynomials that reproduce the function (`pieces`).
 
 Between neighbouring extremes of a polynomial it is monotonic, so that none of its zeros is missed, however close together.
 """
@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from mbdae.run.events.pieces import Pieces, Steep, resolved
 from mbdae.system.base import Array
 
-SAME = 1e-10  #: of the run: zeros nearer than this are one, a touched zero that round-off has split
-NEGLIGIBLE = 1e-17, 1e-15  #: coefficients of a polynomial and of its derivative that are left out, over the largest
+SAME = 1e-10  #: zeros closer together than this share of the run are one zero, which round-off has split
+NEGLIGIBLE = 1e-17, 1e-15  #: last coefficients of a polynomial and of its derivative are left out below this share of the largest
 
 
 class Root(NamedTuple):
     """A zero: its time (s), and the sign of the function before and after it (0: at the start, at the end, or where the function
-    vanishes over a stretch); equal signs: it is touched, or approached to within the tolerance for that."""
+    vanishes over a stretch); equal signs: the function touches 0, or comes nearer to 0 than a tolerance."""
 
     time: float
     before: int
@@ -36,7 +36,7 @@ class Zeros(NamedTuple):
 
 
 class _Bracket(NamedTuple):
-    """Places -1..1 in interval i between which its polynomial changes its sign, and the signs there."""
+    """Places a, b (-1 to 1) in interval i between which its polynomial changes its sign, and the signs at a and b."""
 
     i: int
     a: float
@@ -48,21 +48,21 @@ class _Bracket(NamedTuple):
 def roots(function: Callable[[Array], Array], edges: Array, touch: float = 0.0, merge: bool = True) -> list[Root]:
     """Zeros of a function, (k,) at times (k,), between edges (n+1,): breaks and ends of steps, where it may jump. touch: extremes
     nearer to 0 than this, over the largest value of the function, count as touching it; merge: whether zeros between which it
-    stays so near are one."""
+    stays as near to 0 as that are merged into one."""
     return zeros(function, edges, touch, merge).roots
 
 
 def zeros(function: Callable[[Array], Array], edges: Array, touch: float = 0.0, merge: bool = True, steep: Steep | None = None,
           switched: Array | None = None, least: float = 0.0) -> Zeros:  # fmt: skip
     """`roots` with the round-off of the function. steep, least: as `pieces.resolved` takes them; switched: edges at which the
-    function switches, so that it may vanish from there on: zeros there stay apart."""
+    function switches, so that it may vanish from there on: zeros there are not merged."""
     pieces = resolved(function, edges, steep, least)
     if pieces.size == 0:
         return Zeros([], 0.0)
     near = max(pieces.noise, touch * pieces.size)
     found = sorted(_inside(pieces, near) + _at_edges(pieces, near))
     begin, end = float(edges[0]), float(edges[-1])
-    found = [root for root in found if root.before or root.after or root.time in (begin, end)]  # else inside of such a stretch
+    found = [root for root in found if root.before or root.after or root.time in (begin, end)]  # not inside of stretches of 0
     alone = np.isin([root.time for root in found], np.zeros(0) if switched is None else switched)
     return Zeros(_merged(found, alone, function, SAME * (end - begin), near if merge else pieces.noise), pieces.noise)
 
@@ -125,7 +125,7 @@ def _extremes(d: Array) -> Array:
     if len(d) < 2:
         return np.zeros(0)
     z = chebyshev.chebroots(d)
-    near = np.sort(z.real[np.abs(z.imag) < 1e-4])  # a saddle may have become a complex pair: one place more does no harm
+    near = np.sort(z.real[np.abs(z.imag) < 1e-4])  # round-off may make a double zero complex; an extra place is harmless
     return np.asarray(near[(near > -1) & (near < 1)])
 
 
@@ -163,7 +163,7 @@ def _at_edges(pieces: Pieces, near: float) -> list[Root]:
 
 
 def _turns(pieces: Pieces, i: int) -> bool:
-    """Whether the size of the function has a minimum where interval i ends."""
+    """Whether the absolute value of the function has a minimum where interval i ends."""
     ends = (pieces.c[i], 1.0, pieces.high[i] - pieces.low[i]), (pieces.c[i + 1], -1.0, pieces.high[i + 1] - pieces.low[i + 1])
     falls, rises = (float(chebyshev.chebval(x, chebyshev.chebder(c)) * np.sign(chebyshev.chebval(x, c)) / h) for c, x, h in ends)
     return falls <= 0 <= rises
@@ -175,7 +175,7 @@ def _before(pieces: Pieces, i: int) -> int:
 
 
 def _after(pieces: Pieces, i: int) -> int:
-    """Sign of the function after the begin of interval i."""
+    """Sign of the function after the beginning of interval i."""
     return _near(pieces.c[i], -1.0, pieces.noise)
 
 
@@ -187,9 +187,9 @@ def _near(c: Array, end: float, small: float) -> int:
 
 def _merged(found: list[Root], alone: NDArray[np.bool_], function: Callable[[Array], Array], same: float,
             level: float) -> list[Root]:  # fmt: skip
-    """Zeros of which neighbours are one, in their middle, where the function stays within `level` between them: a zero of higher
-    order that round-off, or the error of the run, has split; and where they are nearer than `same` and it changes no sign.
-    alone: which of them stay apart in the first case."""
+    """The zeros after merging neighbours into one in their middle: those between which the function stays within `level`, a zero
+    of higher order that round-off or the error of the run has split, except where one is `alone`; and those nearer than `same`
+    (s) without a change of sign between them."""
     if len(found) < 2:
         return found
     times = np.array([root.time for root in found])

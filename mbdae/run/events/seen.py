@@ -17,7 +17,7 @@ from mbdae.system.base import Array
 
 
 class Seen:
-    """A condition with the courses of its functions over a solution. touch: see `roots`."""
+    """A condition and the courses of its functions over a solution. touch: see `roots.roots`."""
 
     def __init__(self, condition: Condition, courses: list[Course], solution: Solution, touch: float) -> None:
         self.condition, self._courses = condition, courses
@@ -27,27 +27,27 @@ class Seen:
         self._zeros, self._noise = [one.roots for one in found], np.array([one.noise for one in found])
 
     def events(self) -> list[Event]:
-        """Its events in the order of time."""
+        """The events of the condition in the order of time."""
         found = (self._event(n, float(t)) for n, t in enumerate(self._instants))
         return [event for event in found if event is not None]
 
     def beginnings(self) -> list[Event]:
-        """Those at which it begins to hold after the start, and the start where it holds there; of an equation all behind the
-        start."""
+        """Events at which the condition begins to hold: the start, if it holds there, and later ones; of an equation, all events
+        after the start."""
         if self.condition.is_equation:
             return [event for event in self.events() if event.time > self._begin]
         holds = [Event(self._begin, self.condition.name, 1)] if self._holds_at_start else []
         return holds + [event for event in self.events() if event.direction >= 0]
 
     def at_start(self) -> list[str]:
-        """A sentence where it begins to hold at the start itself, which ends no run."""
+        """A note where the condition begins to hold at the start itself, which does not end the run."""
         if self.condition.is_equation or self._holds_at_start or not self._truth[0]:
             return []
         return [f"until = '{self.condition.name}' is just not met at the start t = {self._begin:g} s and holds at once behind "
                 f"it, which does not end the run: it ends where the condition begins to hold again"]  # fmt: skip
 
     def near_misses(self) -> list[str]:
-        """Where an inequality is nearly met, or nearly ceases to be, within the accuracy."""
+        """A note where an inequality comes so near to its limit that the accuracy does not decide whether it is passed."""
         near = [root.time for of_one, equation in zip(self._zeros, self.condition.equations, strict=True) if not equation
                 for root in of_one if root.before == root.after != 0]  # fmt: skip
         return [f"'{self.condition.name}' comes so near to its limit at t = {near[0]:.9g} s that the accuracy does not decide "
@@ -55,7 +55,7 @@ class Seen:
 
     @cached_property
     def _instants(self) -> Array:
-        """Times (k,) at which some function vanishes."""
+        """Times (k,) at which a function of the condition vanishes."""
         found = np.unique([root.time for of_one in self._zeros for root in of_one])
         return np.asarray(found[np.diff(found, prepend=-np.inf) > self._same])
 
@@ -96,11 +96,11 @@ class Seen:
         return found
 
     def _values(self, t: Array) -> Array:
-        """(k, functions) at times (k,)."""
+        """Values (k, functions) at times (k,)."""
         return np.stack([course(t) for course in self._courses], axis=1)
 
     def _atoms(self, t: Array) -> NDArray[np.bool_]:
-        """(k, functions) whether every comparison holds at times (k,) at which none of them changes."""
+        """Whether each comparison holds (k, functions), at times (k,) at which none of them changes."""
         values = self._values(t)
         zero = np.abs(values) <= self._noise
         return np.asarray(np.where(zero, np.array(self.condition.meeting), (values > 0) & ~np.array(self.condition.equations)))

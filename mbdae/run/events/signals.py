@@ -1,4 +1,4 @@
-"""Values of sensors over a run, for conditions: those that loads may read by the same statement, others as results show them."""
+"""Values of sensors over a run, for conditions: sensors that loads may read as loads read them, all others from results."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.values import BadValueError
 
-MANY = 50_000  #: times that are evaluated at once
+MANY = 50_000  #: most times that are evaluated at once
 #: quantities of joints, forces and contacts that results show beside their coordinates
 SHOWN = ("force", "torque", "power", "gap", "gap_rate", "penetration", "normal_force", "friction_force", "slip", "length", "rate",
          "friction_power", "wear_rate", "orbit")  # fmt: skip
-#: those of bodies
+#: quantities of bodies that results show beside their coordinates
 MOTION = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration", "rotation", "strain",
           "stress_resultants", "fibre_stress", "von_mises")  # fmt: skip
 
@@ -61,7 +61,7 @@ def may_be_observed(scene: Any, path: str) -> bool:
 
 
 def in_sensors(scene: Any, e: Expr) -> Expr:
-    """An expression with the values of named signals in their places."""
+    """An expression with the expressions of named signals put in for their symbols."""
     named = {symbol(one.name): se.sympify(one.value) for one in scene.signals if one.kind == "signal"}
     while e.free_symbols & named.keys():
         e = substituted(e, named)
@@ -69,7 +69,7 @@ def in_sensors(scene: Any, e: Expr) -> Expr:
 
 
 class Signals:
-    """What some expressions read: the time, sensors and tables of time, as `symbols`; their values over a solution."""
+    """The time, sensors and tables of time that some expressions read, as `symbols`, and their values over a solution."""
 
     def __init__(self, prepared: Prepared, solution: Solution, expressions: Sequence[Expr]) -> None:
         self._prepared, self.solution = prepared, solution
@@ -79,7 +79,7 @@ class Signals:
         self.symbols = [TIME, *read, *(se.Symbol(f"table_{n}") for n in range(len(self._tables)))]
 
     def _readers(self, read: list[Expr]) -> tuple[Any, dict[int, str]]:
-        """An observer of some sensors, and the others: their numbers and paths."""
+        """An observer of the sensors that loads may read; index and path of each other sensor, which is read from results."""
         model, moved = self._prepared.model, self._prepared.all_bodies.moved
         observed, shown = [], dict[int, str]()
         for n, one in enumerate(read):
@@ -96,14 +96,14 @@ class Signals:
 
     @property
     def edges(self) -> Array:
-        """Times (m+1,) between which sensors are smooth: ends of steps, jumps and kinks of tables, and edges between which their
-        polynomials are."""
+        """Times (m+1,) between which sensors are smooth: ends of steps, jumps and kinks of tables, and the
+        ends of the intervals that limit steps along tables."""
         t = self.solution.t
         found = [part for e in self._tables for part in tables_within(e, float(t[0]), float(t[-1]), TOLERANCE)]
         return distinct(np.concatenate([t, *(times for part in found for times in part)]))
 
     def __call__(self, t: Array) -> Array:
-        """(k, symbols) at times (k,)."""
+        """Values (k, symbols) at times (k,)."""
         return np.concatenate([self._some(part) for part in np.array_split(t, max(1, -(-len(t) // MANY)))])
 
     def _some(self, t: Array) -> Array:

@@ -30,11 +30,11 @@ from mbdae.scene.variants import keeping
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
-BEYOND, NARROW = 0.02, 1e-6  #: how far a run reaches beyond its event, over the time until then; where it fails behind it
+BEYOND, NARROW = 0.02, 1e-6  #: how far a run continues after its event, over the time until it; NARROW if it fails there
 
 
 class Watched:
-    """Conditions of a run: `until` ends it, `record` are kept."""
+    """Conditions of a run: the first event of `until` ends it, the events of `record` are kept in its result."""
 
     def __init__(self, until: list[Condition], record: list[Condition]) -> None:
         self.until, self.record = until, record
@@ -48,16 +48,17 @@ class Watched:
         return sorted({path for c in (*self.until, *self.record) for g in c.functions for path in paths(g)})
 
     def end(self, prepared: Prepared, solution: Solution, touch: float = 0.0) -> Event | None:
-        """The first event that ends the run; OptionError where it holds from the start on. touch: see `roots`."""
+        """The first event that ends the run; OptionError where its condition holds from the start on. touch: see
+        `roots.roots`."""
         found, _ = _events(self.until, prepared, solution, touch, until=True)
         first = min(found, key=lambda event: event.time, default=None)
         if first is not None and first.time <= solution.t[0]:
-            raise OptionError(f"until = '{first.name}': it holds from the start t = {solution.t[0]:g} s on; give a condition "
-                              f"that does not, or start from another state")  # fmt: skip
+            raise OptionError(f"until = '{first.name}': it holds already at the start t = {solution.t[0]:g} s; give a condition "
+                              f"that becomes true later, or start from another state")  # fmt: skip
         return first
 
     def with_turns(self, prepared: Prepared, prepare_again: Callable[[Any], Prepared]) -> Prepared:
-        """The scene with the angles that conditions read as unknowns of their own, where bodies show them up to whole turns."""
+        """The scene with further unknowns for angles that conditions read and that rotations give only up to whole turns."""
         model = prepared.model
         read = {path for path in self._paths if may_be_observed(model.scene, path)}
         sensors = [sensed(model.scene, path) for path in sorted(read)]
@@ -69,7 +70,7 @@ class Watched:
 
     def result(self, job: Job, solver: Solver, made: Callable[[Job], tuple[Controlled, Job]], outputs: Any,
                verify: bool) -> Result:  # fmt: skip
-        """The result of a run up to its event, with what is recorded. made: runs a job."""
+        """The result of a run up to its event, or to its end without one, with all recorded events. made: runs a job."""
         self._check_tables(job.prepared.start.t, job.asked.t_end)
         run, job, event = self._to_event(job, solver, made) if self.until else (*made(job), None)
         if event is not None:
@@ -93,7 +94,7 @@ class Watched:
 
     def _to_event(self, job: Job, solver: Solver, made: Callable[[Job], tuple[Controlled, Job]]
                   ) -> tuple[Controlled, Job, Event | None]:  # fmt: skip
-        """A run that reaches a little beyond its event, and that event; to the end where there is none."""
+        """A run that continues a little after its event, its job and the event; a run to its end where there is none."""
         begin, end = job.prepared.start.t, job.asked.t_end
         near = job.until(solver, self.end)
         beyond = BEYOND
@@ -107,7 +108,7 @@ class Watched:
                 event = self.end(job.prepared, known, job.accuracy) if isinstance(known, Solution) else None
                 if event is None or beyond <= NARROW:
                     raise
-                near, beyond = event.time, NARROW  # behind the event the motion ends
+                near, beyond = event.time, NARROW  # the motion cannot be continued far after the event
                 continue
             event = self.end(done.prepared, run.solution, job.accuracy)
             if event is not None or stop == end:
@@ -116,11 +117,11 @@ class Watched:
 
     def events(self, prepared: Prepared, solution: Solution, end: Event | None,
                accuracy: float) -> tuple[tuple[Event, ...], list[str]]:  # fmt: skip
-        """What is recorded, in the order of time, with the event that ended the run, and what accuracy leaves undecided."""
+        """Recorded events in the order of time, with the one that ended the run; notes on conditions left undecided."""
         found, notes = _events(self.record, prepared, solution, accuracy)
         notes += _events(self.until, prepared, solution, accuracy, until=True)[1]
         same = 0.0 if end is None else SAME * (solution.t[-1] - solution.t[0])
-        if end is not None:  # recorded conditions that are met at the end are met there too
+        if end is not None:  # a recorded event at the end gets exactly the time of the end
             found = [event._replace(time=end.time) if abs(event.time - end.time) <= same else event for event in found]
             found.append(end)
         return tuple(sorted(dict.fromkeys(found), key=lambda event: event.time)), notes
@@ -135,7 +136,7 @@ def _times(job: Job, outputs: Any, end: float) -> Array:
 
 def _events(conditions: list[Condition], prepared: Prepared, solution: Solution, touch: float,
             until: bool = False) -> tuple[list[Event], list[str]]:  # fmt: skip
-    """Events of conditions on a solution, and sentences on conditions that are missed by less than the accuracy `touch`; until:
+    """Events of conditions on a solution, and notes on conditions that are missed by less than the accuracy `touch`; until:
     only those at which they begin to hold, the start among them where they hold there."""
     found, notes = list[Event](), list[str]()
     for condition in conditions:

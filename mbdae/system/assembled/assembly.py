@@ -266,7 +266,7 @@ class Assembly:
         return made
 
     def __getstate__(self) -> dict[str, Any]:
-        """A copy makes its own tables: addresses are those of this object's arrays."""
+        """For copies: a copy makes its own tables, because they contain addresses of arrays."""
         return {name: value for name, value in self.__dict__.items() if name != "evaluation"}
 
     def motion(self) -> Loaded:

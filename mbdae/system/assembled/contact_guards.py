@@ -29,8 +29,8 @@ States = Callable[[Array, Array], tuple[Array, Array, Array]]  #: times (nt,) an
 
 @dataclass(frozen=True)
 class ContactPlace:
-    """One place of contact: numbers of its law's group and instance, its name, its law with numbers, its effective mass at the
-    start (kg or kg m^2)."""
+    """A place of contact: numbers of its law's group and instance, its name, its law with numbers, and its effective mass at
+    the start (kg or kg m^2)."""
 
     place: Place
     name: str

@@ -1,4 +1,4 @@
-"""What a form asks of the assembly of a scene's equations."""
+"""The options of a form for the assembly of a scene's equations."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mbdae.kernels.plan import Outputs
 
 @dataclass(frozen=True)
 class FormSpec:
-    """What a form asks of the assembly.
+    """The options of a form for the assembly.
 
     outputs: selects the outputs of every law; rows: to which block of rows each kind of output belongs; blocks: blocks of
     multipliers in y; derivatives: the multipliers are the derivatives of these unknowns; index: index of each kind of unknown;

@@ -45,7 +45,7 @@ def _slots(equations: Assembly, name: str) -> list[int]:
 
 
 def _numbers(equations: Assembly) -> Iterator[tuple[str, str, int]]:
-    """Of every number of every law: its name, the reason why it cannot be varied alone ("" where it can), and its slot."""
+    """For every number of every law: its name, the reason why it cannot be varied alone ("" where it can), and its slot."""
     model = equations.model
     for g, i, instance in model.instances():
         law, derived = instance.law, model.groups[g].derived

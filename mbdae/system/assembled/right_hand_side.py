@@ -127,7 +127,17 @@ class Rates:
         return sp.csc_matrix((data, pattern.indices, pattern.indptr), shape=pattern.shape)
 
     def solve(self, t: float, y: Array, out: Array) -> None:
-        """out[:] = y'; the multipliers are kept as the start of the next solution."""
+        """out[:] = y'; where the equations are not linear, the multipliers are kept as the start of the next solution. After a
+        trial that went too far they are large, and beginning from them would lose the digits of all that follows."""
+        if self.linear:
+            self.multipliers[:] = 0.0
+        try:
+            self._settle(t, y, out)
+        except SolverError:
+            self.multipliers[:] = 0.0
+            raise
+
+    def _settle(self, t: float, y: Array, out: Array) -> None:
         out[:] = 0.0
         for _ in range(1 if self.linear else ITERATIONS):
             matrix, _ = self.matrices(t, y, out)

@@ -50,7 +50,7 @@ class Scenery:
 
 @dataclass
 class Fed:
-    """What is fed into one law: names with their expressions; readings of sensors, with the kinds, nodes and numbers of their
+    """The feeds of one law: names with their expressions; readings of sensors, with the kinds, nodes and numbers of their
     frames; numbers; values in time; names of the states of other laws."""
 
     names: list[tuple[str, Expr]] = field(default_factory=list)

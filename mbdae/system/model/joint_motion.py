@@ -9,6 +9,7 @@ import symengine as se
 
 from mbdae.inputs import timed
 from mbdae.scene.components import Connection
+from mbdae.scene.scene import SceneData
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.motion import Step, real_value, symbolic_motion
 from mbdae.system.base import Array
@@ -70,7 +71,7 @@ class JointMotion:
         if np.max(np.abs(P[1:])) <= 1e-9 and np.max(np.abs(r)) <= 1e-9 * length:
             return ""
         return (f"its motion moves l by {np.linalg.norm(r):.3g} m and turns it by {2 * np.linalg.norm(P[1:]):.3g} rad where its "
-                f"coordinates are 0, where l must be as drawn; state it without this, or draw l there")  # fmt: skip
+                f"coordinates are 0, but l must be as drawn there; state the motion without this, or draw l there")  # fmt: skip
 
     def planar_turn(self, values: dict[str, float]) -> float:
         """Rotation of l about z, whole turns included, rad."""
@@ -90,3 +91,15 @@ class JointMotion:
             else:
                 way, v = way + amount * axis, v + rate * axis + np.cross(w, amount * axis)
         return way, v, w
+
+
+def out_of_plane_motions(scene: SceneData) -> dict[str, str]:
+    """Recursive joints that stay kinematic in a planar scene, and why: a coordinate leaves the plane, or is a free rotation."""
+    found = {}
+    for c in (c for c in scene.joints if c.recursive):
+        across = [name for name in c.coordinates if JointMotion(c).leaves_plane({name: 1.0}, {name: 1.0})]
+        if "rotation" in map(c.unit, c.coordinates):
+            found[c.name] = "in the plane its rotation is an angle: state a revolute joint to make it recursive"
+        elif across:
+            found[c.name] = f"in the plane its {across[0]} stays 0: as a recursive joint it would move out of the plane"
+    return found

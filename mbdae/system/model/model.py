@@ -24,7 +24,7 @@ from mbdae.symbolic.law import Element, Structure
 from mbdae.system.model.beams import Line, meshed
 from mbdae.system.model.condition_time import ConditionTime
 from mbdae.system.model.feedback import Scenery, fed_into
-from mbdae.system.model.joint_motion import JointMotion
+from mbdae.system.model.joint_motion import JointMotion, out_of_plane_motions
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import rotation_matrices
 from mbdae.system.model.sides import sides_of
@@ -156,7 +156,7 @@ class Model:
 
 
 def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
-    """The model of a scene; space="auto" tries the plane first and keeps the reason where that fails.
+    """The model of a scene; space="auto" tries the plane first and stores the reason where that is not possible.
 
     kept: recursive joints that stay kinematic, and why."""
     kept = _changing(scene) | dict(kept or {})
@@ -165,7 +165,7 @@ def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
         if reason is None:
             try:
                 flat = "every point, axis, velocity and load lies in the plane z = 0 and no law leaves it"
-                return _assemble(scene, True, kept | _rotations(scene), flat)
+                return _assemble(scene, True, kept | out_of_plane_motions(scene), flat)
             except LawError as error:
                 reason = str(error)
         if scene.space == "planar":
@@ -182,12 +182,6 @@ def _changing(scene: SceneData) -> dict[str, str]:
             if getattr(se.sympify(getattr(c.joint, name) or 0), "free_symbols", None):
                 found[c.name] = f"its parameter {name} depends on time"
     return found
-
-
-def _rotations(scene: SceneData) -> dict[str, str]:
-    """Recursive joints with a free rotation and why they stay kinematic in the plane, where their rotation is one angle."""
-    why = "in the plane its rotation is an angle: state a revolute joint to make it recursive"
-    return {c.name: why for c in scene.joints if c.recursive and "rotation" in map(c.unit, c.coordinates)}
 
 
 def scene_length(scene: SceneData) -> float:

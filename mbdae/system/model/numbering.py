@@ -295,7 +295,7 @@ class Numbering:
         return np.stack(columns, axis=1) if columns else np.empty((len(group.instances), 0))
 
     def scaling(self) -> Array:
-        """(m,) scaling factor of every constraint row (paper Eq. 2), 1 where its joint has none."""
+        """(m,) scaling factor of every constraint row (`symbolic.law.AUGMENTED`), 1 where its joint has none."""
         return self._scaling
 
     @cached_property

@@ -138,7 +138,7 @@ class TreeMechanics(Mechanics):
         E = self.unique(G[:, closing], rows, 1 / units)
 
         def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
-            # of the joints that close loops; joints whose friction follows from their reaction are never recursive
+            # columns of the joints that close loops; joints whose friction follows from their reaction are never recursive
             inner = None if slope is None else slope[:, :, closing]
             reduced = mass, np.einsum("tij,tj->ti", Tt, f - bias @ M), rows, right, units
             ud, lam = solve_constrained(*reduced, None if inner is None else Tt @ inner, E)

@@ -37,7 +37,7 @@ class Own(NamedTuple):
 
 
 def ordered_size(moved: MovedBodies, numbering: Numbering, tree: Tree) -> tuple[int, int]:
-    """Number of kernels that serve the joints of a tree, and of the operations that all joints together take."""
+    """Number of different kernels for the joints of a tree, and number of operations of all its joints together."""
     every = [own.kernels for own in OrderedTree(moved, numbering, tree).bodies.values()]
     kernels = {id(kernel): kernel for own in every for kernel in (own.outward, *own.passes[:2])}
     sizes = {key: kernel.operations for key, kernel in kernels.items()}

@@ -96,7 +96,7 @@ class Values(Workspace):
         self._call = core().scene_values
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Of a copy: it makes its own tables, which contain addresses of its arrays."""
+        """For copies: a copy makes its own tables, because they contain addresses of arrays."""
         return Values, self._made_of
 
     def at_states(self, t: Array, y: Array) -> Array:

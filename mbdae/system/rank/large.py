@@ -25,8 +25,9 @@ from mbdae.system.rank.rows import DEPENDENT
 Whole = NDArray[np.intp]
 PASSES, ROUND_OFF = 3, 1e-9  #: number of projections, and change of a unit vector by the last one up to which they have converged
 AT_ONCE = 64  #: number of vectors that are projected together
-LIMITS = (1e-3, 1e-4, 1e-5)  #: independent part of a unit row below which elimination leaves it aside; the next limit is taken
-FEW = 500  #: where more than this many of the rows left aside are independent
+#: independent part of a unit row below which elimination leaves the row aside; tried in this order
+LIMITS = (1e-3, 1e-4, 1e-5)
+FEW = 500  #: number of independent rows among those left aside above which the next of `LIMITS` is tried
 DENSE = 3000  #: number of rows up to which dense matrices decide where sparse ones cannot
 TAKES_PART = 1e-6  #: coefficient of a row in a dependency above which the row takes part in it
 

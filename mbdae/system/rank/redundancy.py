@@ -29,7 +29,8 @@ from mbdae.system.start.start import Starter
 #: independent part of a unit row: between the two a row is nearly redundant, and reported whether kept or left out
 CERTAIN, DOUBTFUL = 1e-8, 1e-3
 STEPS = (0.3, 0.1, 0.03)  #: steps (rad, or parts of the scene's length) by which other positions are tried
-#: violation of the released rows, over the scene's length, above which a position belongs to another branch of the motion
+#: largest violation of all rows, over the scene's length, at a position found without the rows that depend on others at the
+#: start: above it, the position belongs to another branch of the motion
 NEARBY = 1e-3
 
 
@@ -47,7 +48,7 @@ class RankReport:
     #: rows whose reactions are not unique, because redundant rows can take part of them
     not_unique: list[Row] = field(default_factory=list)
     degrees_of_freedom: int = 0
-    smallest: float = 1.0  #: smallest singular value, without those that count as 0, of all rows in unit length
+    smallest: float = 1.0  #: smallest singular value, without those that count as 0, of all rows scaled to unit length
 
 
 def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[Row] = ()) -> RankReport:
@@ -141,9 +142,9 @@ def _rows_at(mechanics: Mechanics, t: Array, q: Array) -> Array:
 
 
 def _rank_lost_here(mechanics: Mechanics, t: Array, q: Array, rank: int) -> tuple[int, Array]:
-    """How many rows depend on the others in this position alone, and the unit rows (m, nu) beside it.
+    """How many rows depend on the others in this position alone, and the unit rows (m, nu) near it.
 
-    Along a motion v that the rows allow, G changes by G'(v). Rows W that depend on each other here (W^T G = 0) go on doing so if
+    Along a motion v that the rows allow, G changes by G'(v). Rows W that depend on each other here (W^T G = 0) stay dependent if
     W^T G'(v) N = 0, where N are the motions that all rows allow; else the rank rises by the rank of this matrix. That holds at
     a position that cannot be left too: a stretched chain between two fixed points moves to first order only."""
     units, G = mechanics.velocity_units, mechanics.constraint_jacobian(t, q[None])[0]

@@ -34,7 +34,7 @@ def sparse_rows(mechanics: Mechanics, t: Array, q: Array, always: Container[Row]
 
 
 def rank_lost_here(mechanics: Mechanics, t: Array, q: Array, here: SparseRows) -> tuple[int, Any]:
-    """As `redundancy._rank_lost_here`: how many rows depend on the others in this position alone, and the unit rows near it."""
+    """`redundancy._rank_lost_here` for sparse rows: number of rows that depend on the others only here, and unit rows nearby."""
     units, lengths = mechanics.velocity_units, row_lengths(in_units(mechanics, mechanics.constraint_matrix(t, q)))
 
     def rows_at(step: Array) -> Any:

@@ -63,7 +63,8 @@ class RigidMotions:
         return np.eye(last - first, self.size, k=first)
 
     def basis(self, q: Array) -> Array:
-        """B (nu, size): velocities of all nodes by the coordinates; those of a beam: v of its first node and w, inertial axes."""
+        """B (nu, size): the velocities of all nodes are B times the reduced ones. These are, of a single node, its own; of a
+        beam, which moves as a rigid body here, the velocity of its first node and its angular velocity, both in inertial axes."""
         B, column = np.zeros((self.model.nu, self.size)), 0
         for node in self.single:
             nu = node.kind.sizes[1]

@@ -1,4 +1,4 @@
-"""The start: consistent positions, velocities, accelerations and multipliers, and what had to be changed for them.
+"""The start: consistent positions, velocities, accelerations and multipliers, and changes to the drawn scene.
 
 The scene is drawn with every joint at 0. Prescribed and held values are kept; every other joint of the tree starts
 at relative rest; loops close by the smallest mass-weighted change of what is not held.
@@ -178,7 +178,7 @@ class Starter(ConsistentPositions):
                           f"release one of the prescribed or held rates"])  # fmt: skip
 
     def _rows_of(self, parts: list[Any]) -> Any:
-        """Rows one below the other, as a sparse matrix where the mechanics is large, else as an array."""
+        """Rows one below the other: a sparse matrix where the mechanics is large and without beams, else an array."""
         if self.mechanics.large and not self.model.lines:
             return sp.vstack([sp.csr_array((0, self.rigid.size)), *parts], format="csr")
         return np.vstack([np.zeros((0, self.rigid.size)), *map(as_full, parts)])

@@ -29,7 +29,7 @@ def characteristic_time(mechanics: Mechanics, start: Start) -> float:
 
 
 def state_scale(mechanics: Mechanics) -> Array:
-    """(ns,) typical magnitude of the internal states, as their laws say; 1 where they do not."""
+    """(ns,) typical magnitude of the internal states as stated by their laws, else 1."""
     groups = mechanics.model.groups
     named = [(groups[g].instances[i].law, groups[g].derived.states[j]) for g, i, j in mechanics.numbering.states]
     return np.array([law.state_scales().get(name, 1.0) for law, name in named])
