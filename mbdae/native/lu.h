@@ -135,7 +135,7 @@ static I NAME(begin)(Factors *f) {
     double growth = 0;
     const I bad = NAME(factor)(f->order, f->a, f->lu, f->w, f->tops, f->least, &growth);
     if (bad >= 0) return f->order->columns[bad];
-    return f->surely || growth < TAME || NAME(defect)(f) < ACCURATE ? -1 : f->n;
+    return f->surely || growth < TAME || NAME(defect)(f) < f->accurate ? -1 : f->n;
   }
   int n = (int)f->n, info = 0;
   T *lu = f->lu;

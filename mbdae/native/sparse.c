@@ -4,7 +4,6 @@
 
 enum { TAME = 1000 };                /* growth up to it loses few digits: such factors are not checked */
 static const double MOST = 1e12;     /* multipliers above it: an order is given up unchecked */
-static const double ACCURATE = 1e-4; /* factors that solve worse than this are those of a bad order */
 
 static inline double real_of(double x) { return x; }
 static inline double real_size(double x) { return fabs(x); }

@@ -19,6 +19,7 @@ typedef struct {
   const Order *order;
   I surely;                           /* no check of the factors: their order was found for these entries, with row exchanges */
   double least;                       /* pivots up to it count as 0: their unknowns are left out, and their inverse pivot is 0 */
+  double accurate;                    /* factors that solve worse than this are those of a bad order */
   void *a, *lu, *w;                   /* (nnz) entries, the factors, (2, n) to work with */
   double *tops;                       /* (n) largest numbers of the rows of U */
   int *swaps; Getrf *getrf; Getrs *getrs;

@@ -24,6 +24,9 @@ Index = NDArray[np.int64]
 #: times those of the dense one (measured with full matrices, sparse against dense: as fast with 25 unknowns, a third slower with
 #: 50, half as fast with 80)
 FEW, DENSE = 5000, 0.5
+#: largest relative error of a solution with factors that are kept, by which Newton's method converges; TOLERABLE with more than
+#: SMALL unknowns, where other orders are dear (a chain of 2000 rods has 1.2e-4, another order takes 90 times as long)
+ACCURATE, TOLERABLE = 1e-4, 1e-2
 SMALL = 500  #: most unknowns for which LAPACK's dense LU is tried last, where the pivots are too small in every order
 
 
@@ -45,7 +48,8 @@ class FactorsTable(ctypes.Structure):
     """`Factors` of sparse.h."""
 
     _fields_ = (("n", Whole), ("nnz", Whole), ("complex", Whole), ("row_of", Pointer), ("column_of", Pointer),
-                ("order", Pointer), ("surely", Whole), ("least", Number), ("a", Pointer), ("lu", Pointer), ("w", Pointer),
+                ("order", Pointer), ("surely", Whole), ("least", Number), ("accurate", Number),
+                ("a", Pointer), ("lu", Pointer), ("w", Pointer),
                 ("tops", Pointer), ("swaps", Pointer), ("getrf", Pointer), ("getrs", Pointer))  # fmt: skip
 
 
@@ -182,7 +186,8 @@ class Factors:
         self._lu = np.zeros(0, self.dtype)
         self.table = FactorsTable(
             entries.n, entries.nnz, self.dtype.kind == "c", address(entries.row_of), address(entries.column_of), None, 0, 0.0,
-            address(self.values), None, address(self._work), address(self._tops), address(self._swaps), None, None)  # fmt: skip
+            ACCURATE, address(self.values), None, address(self._work), address(self._tops), address(self._swaps), None,
+            None)  # fmt: skip
         self._at = ctypes.addressof(self.table)
 
     def factor(self) -> None:
@@ -199,7 +204,9 @@ class Factors:
             return
         for search in orders.searches:
             order = search(orders.entries, self.values)
-            if order is not None and self._begun(order, search is orders.searches[-1]) < 0:
+            surely = search is orders.searches[-1]
+            if order is not None and (
+                    self._begun(order, surely) < 0 or (n > SMALL and self._begun(order, surely, TOLERABLE) < 0)):
                 orders.present = order
                 return
         bad = self._begun(None, True) if n <= SMALL or not orders.searches else n
@@ -207,10 +214,11 @@ class Factors:
             self.table.lu = None
             raise SingularMatrixError(bad if bad < n else -1)
 
-    def _begun(self, order: Order | None, surely: bool) -> int:
-        """Factorise in an order, without checking the factors if `surely`; -1, or the column at fault (n: the factors)."""
+    def _begun(self, order: Order | None, surely: bool, accurate: float = ACCURATE) -> int:
+        """Factorise in an order, without checking the factors if `surely`, else to a relative error of a solution, for later
+        values too; -1, or the column at fault (n: the factors)."""
         self._take(order)
-        self.table.surely = surely
+        self.table.surely, self.table.accurate = surely, accurate
         bad = int(functions().lu_factor(self._at))
         self.table.surely = False  # the factors of later values are checked
         return bad
@@ -243,14 +251,15 @@ class Factors:
     def snapshot(self) -> dict[str, Any]:
         """A copy of the factors, their order and the shared order, as plain values."""
         arrays = (self.values, self._lu, self._swaps)
-        return {"begun": bool(self.table.lu), "own": _pivots(self.order),
-                "shared": _pivots(self.orders.present), "arrays": [array.copy() for array in arrays]}  # fmt: skip
+        return {"begun": bool(self.table.lu), "own": _pivots(self.order), "shared": _pivots(self.orders.present),
+                "accurate": self.table.accurate, "arrays": [array.copy() for array in arrays]}  # fmt: skip
 
     def go_back(self, kept: dict[str, Any]) -> None:
         """Restore the factors and orders of a snapshot."""
         orders = self.orders
         if _differ(_pivots(orders.present), kept["shared"]):
             orders.present = Order(orders.entries, *kept["shared"]) if kept["shared"] else None
+        self.table.accurate = kept["accurate"]
         if not kept["begun"]:
             return
         if kept["own"] is None or not _differ(_pivots(orders.present), kept["own"]):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -121,6 +122,17 @@ class Check(ListsAttributes):
                 found[c.name] = why_kept(c, [o for o in self.prepared.model.scene.connections if isinstance(o.joint, Coupling)])
         return found
 
+    @property
+    def not_joined(self) -> tuple[str, ...]:
+        """Names of bodies that no chain of joints connects with the ground: free bodies, or ones whose joint was forgotten."""
+        scene = self.prepared.model.scene
+        pairs = [{side.name for side in (c.k, c.l, *c.others.values())} for c in scene.joints]
+        joined, size = {scene.ground.name}, 0
+        while size < len(joined):
+            size = len(joined)
+            joined.update(*(pair for pair in pairs if pair & joined))
+        return tuple(b.name for b in scene.bodies if b.name not in joined and b is not scene.ground)
+
     def __repr__(self) -> str:
         scene = self.prepared.model.scene
         return (f"<Check of '{scene.name}': bodies {len(scene.bodies)}, joints {len(scene.joints)}, "
@@ -142,6 +154,7 @@ class Check(ListsAttributes):
                  f"  {'planar' if self.planar else 'spatial'}: {p.model.why}",
                  f"  degrees of freedom: {self.degrees_of_freedom}",
                  "  unknowns: " + ", ".join(counted(n, _ONE[kind]) for kind, n in self.unknowns.items() if n)]  # fmt: skip
+        lines += [f"  not joined to the ground: {_listed(self.not_joined)}"] if self.not_joined else []
         lines += self._of_joints()
         lines += self._of_beams()
         lines += self._of_recursive_joints()
@@ -277,7 +290,7 @@ def doubts(p: Prepared) -> list[str]:
     return [f"constraint row {name} {text.format(size)}" for name, text, size in found]
 
 
-def _listed(names: list[str]) -> str:
+def _listed(names: Sequence[str]) -> str:
     """Names joined by commas, at most twelve of them."""
     return ", ".join(names[:12]) + (f", ... ({len(names)} in all)" if len(names) > 12 else "")
 

@@ -153,8 +153,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         made, count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are large and no longer needed
         told.append((tight.tolerance, estimated(system, solver, made, measure, outputs)))
         estimates = [estimate for _, estimate in told]
-        share = share_of(system, solver, tight.tolerance / loose)
-        others = other_run(system, prepared, coarse, check_times(coarse, outputs), share)
+        others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(
+            system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before)))  # fmt: skip
         best = Controlled(fine, tight, estimates[-1], runs, cpu, best.notes, others)
         ceiling = max(resolving(prepared, solver, fine, ceiling), limit)
         too_coarse = tight.tolerance > COARSE * ceiling

@@ -10,6 +10,8 @@ import pytest
 from scipy.optimize import brentq, minimize_scalar
 
 import mbdae as mb
+from mbdae.analysis.statics import applied_loads
+from mbdae.system.prepare import prepare
 
 G = 9.81
 
@@ -272,7 +274,6 @@ def test_rest_on_a_turntable() -> None:
 
     from mbdae.analysis.statics import Statics
     from mbdae.analysis.steady import Rest
-    from mbdae.system.prepare import prepare
 
     s = turntable()
     statics = Statics(Rest(prepare(s), s["table"]))
@@ -298,7 +299,6 @@ def test_a_mode_evolves_as_its_eigenvalue_says() -> None:
     from mbdae.analysis.pencil import complete_system
     from mbdae.formulations import GGL, Index3
     from mbdae.formulations.build import system_for
-    from mbdae.system.prepare import prepare
     from mbdae.system.start.start import Start, Starter
 
     s = turntable()
@@ -318,3 +318,17 @@ def test_a_mode_evolves_as_its_eigenvalue_says() -> None:
     node = m.model.joint_coordinates[0]
     difference = (runs[0] - runs[1])[:, node.q] / (2 * size)
     assert difference == pytest.approx((mode.vector[node.u] * np.exp(mode.eigenvalue * t)).real, abs=1e-6)
+
+
+def test_what_the_load_factor_multiplies() -> None:
+    """Gravity, applied forces and torques and motors, not springs or dampers."""
+    s = mb.Scene("loads", gravity=(0, 0, -9.81))
+    a = s.rigid_body("a", 1.0, (1, 1, 1), at=(0, 0, 0))
+    s.revolute("A", s.ground, a, at=(0, 0, 0), axis=(0, 1, 0), torque=2.0, spring=5.0, damper=0.1)
+    s.force("F", a, (1.0, 0, 0))
+    s.torque("T", a, (0, 1.0, 0))
+    s.spring("k", s.ground, a, at_k=(0, 0, 1), at_l=(0.5, 0, 0), stiffness=3.0)
+    found = {g.derived.law.__class__.__name__: bool(applied_loads(g.derived)) for g in prepare(s).model.groups}
+    loaded = {name for name, is_load in found.items() if is_load}
+    assert loaded == {"Gravity", "AppliedForce", "AppliedTorque", "JointLoad"}
+    assert len(found) > len(loaded) + 2

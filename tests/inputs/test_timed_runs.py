@@ -176,6 +176,16 @@ def test_constant_steps_say_where_they_are_shorter() -> None:
     assert "shortened" in repr(r)
 
 
+@pytest.mark.parametrize("beside", [-5e-4, 5e-4])
+def test_constant_steps_end_at_a_kink_beside_their_own_ends(beside: float) -> None:
+    """A table bends a two-thousandth of a step before or after the end of one: no sliver of a step is left between them."""
+    h = 0.1
+    kink = 0.2 + beside * h
+    r = slider(mb.table([0, kink, 0.5, 1.0], [0, 1, -1, 0])).simulate(1.0, solver=mb.RadauIIA(3, step=h))
+    assert np.min(np.abs(r.solution.t - kink)) < 1e-12
+    assert np.min(np.diff(r.solution.t)) > 10 * abs(beside) * h
+
+
 @pytest.mark.parametrize("model", [None, mb.Kinematic(), mb.Classical(), mb.Recursive()])
 @pytest.mark.parametrize("motion", [sp.Piecewise((0, t <= 0), (t, True)), sp.Max(0, t), t * sp.Heaviside(t), sp.Abs(t)])
 def test_a_run_begins_with_what_comes_after_its_start(model: object, motion: object) -> None:

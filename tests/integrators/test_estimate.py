@@ -9,6 +9,8 @@ import pytest
 
 import mbdae as mb
 from mbdae.integrators.halving import _order as shown_order
+from mbdae.run.control import FALL, SLOW
+from mbdae.run.control import _fall as fall
 from mbdae.run.estimate import companions, estimated
 
 SMOOTH, TOUCHING = SimpleNamespace(guards=None), SimpleNamespace(guards=object())
@@ -49,3 +51,12 @@ def test_errors_that_happen_to_be_alike_are_not_trusted_with_impacts():
 def test_the_order_that_runs_with_halved_steps_show(gaps, expected):
     """Their distances fall by 2 to the order: of no less than 2, which is believed, and no more than 5, which is stated."""
     assert shown_order(2.0, 5.0, (gaps[0], 0.2), (gaps[1], 0.1)) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("told", "power"), [
+    ([], FALL), ([(1e-4, 1e-2)], FALL), ([(1e-4, 1e-2), (1e-6, 1e-2 * 100 ** -(0.9 * FALL))], 0.9 * FALL),
+    ([(1e-4, 1e-2), (1e-6, 1e-9)], FALL), ([(1e-4, 1e-2), (1e-6, 0.99e-2)], SLOW), ([(1e-4, 1e-2), (1e-6, 2e-2)], SLOW),
+    ([(1e-4, 1e-2), (1e-6, 0.0)], SLOW)])  # fmt: skip
+def test_the_power_with_which_errors_fall_is_that_of_the_last_two_runs(told, power):
+    """No more than is usual and no less than SLOW, which is taken too where they say nothing."""
+    assert fall([(1e-2, 1.0), *told] if len(told) > 1 else told) == pytest.approx(power)

@@ -96,3 +96,15 @@ def test_the_naive_formulation_has_every_joint_classical_that_can_be() -> None:
     naive, stated = s.check().reductions[:2]
     assert naive.reason.startswith("all equations in space, with classical joints")
     assert naive.size.multipliers == stated.size.multipliers + 2  # a row more at the hinge, of positions and of velocities
+
+
+def test_bodies_that_no_joint_holds_are_named():
+    s = mb.Scene("forgotten")
+    a, b, c, d = (s.link(name, (i, 0), (i + 1, 0), mass=1.0) for i, name in enumerate("abcd"))
+    s.revolute("A", s.ground, a, at=(0, 0))
+    s.revolute("B", a, b, at=(1, 0))
+    s.revolute("D", c, d, at=(3, 0))
+    assert s.check().not_joined == ("c", "d")
+    assert "not joined to the ground: c, d" in str(s.check())
+    s.revolute("C", b, c, at=(2, 0))
+    assert s.check().not_joined == ()

@@ -170,8 +170,11 @@ def test_sensors_it_has_not_are_named() -> None:
 def test_a_boom_that_turns_and_reaches_starts_as_fast_as_both_say(model: Any) -> None:
     """The load, drawn at d from the foot, has R(angle) (d + reach e) + rise angle up: its derivative by hand."""
     angle, reach, turning, reaching = 0.4, 0.3, 2.0, 0.5
-    rates = {"angle": turning, "reach": reaching}
-    r = crane(model=model, start={"angle": angle, "reach": reach}, start_rate=rates).simulate(1e-6)
+    s = crane(model=model, start={"angle": angle, "reach": reach}, start_rate={"angle": turning, "reach": reaching})
+    s.rigid_body("hook", 1.0, (0.01, 0.02, 0.03), at=(0.6, 0.3, -0.2))
+    s.revolute("P", "load", "hook", at=(0.5, 0.1, 0.0), axis=(1, 1, 0), model=model)
+    r = s.simulate(1e-6)
+    assert r["P"].rate[0] == pytest.approx(0.0, abs=1e-9)  # what is not said starts at rest beside the load
     along = np.array([np.cos(angle), np.sin(angle), 0.0])
     across, up = np.cross([0, 0, 1.0], along), np.array([0, 0, 1.0])
     d = np.array([0.3 + reach, 0.1, 0.2])

@@ -82,5 +82,8 @@ def test_derivatives_are_those_of_differences(scene):
             system.rhs(t, y + by * step, row)
         D[:, k] = (8 * (found[0] - found[1]) - (found[2] - found[3])) / (12 * h)
     assert np.max(np.abs(J - D)) < 1e-8 * np.max(np.abs(J))
+    own = np.empty_like(J)
+    system.jacobian(t, y, np.zeros_like(y), 3.0, own)  # of y' - f
+    assert np.max(np.abs(own - (3.0 * np.eye(system.n) - J))) < 1e-12 * np.max(np.abs(J))
     v = np.random.default_rng(0).normal(size=(2, system.n))
     assert np.max(np.abs(system.rate_products(t, y, v) - v @ J.T)) < 1e-12 * np.max(np.abs(v @ J.T))

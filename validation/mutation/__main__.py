@@ -24,7 +24,7 @@ from mutation.areas import AREAS, Area, area  # noqa: E402
 from mutation.covers import Covers, measure  # noqa: E402
 from mutation.judge import Copy, Verdict, drawn  # noqa: E402
 from mutation.mutators import Mutant  # noqa: E402
-from mutation.page import write  # noqa: E402
+from mutation.page import reason, write  # noqa: E402
 
 STATED = json.loads((Path(__file__).parent / "stated.json").read_text(encoding="utf-8"))
 
@@ -40,7 +40,7 @@ def main() -> int:
     p.add_argument("--processes", type=int, default=2, help="mutants side by side")
     p.add_argument("--at-most", type=float, default=inf, metavar="S",
                    help="CPU s of tests after which a mutant counts as a survivor until it is judged --again")
-    p.add_argument("--again", action="store_true", help="judge the survivors among those kept once more")
+    p.add_argument("--again", action="store_true", help="judge the survivors once more for which no reason is stated")
     suites = sorted({one["suite"] for one in STATED})
     p.add_argument("--stated", nargs="*", choices=suites, help="judge the mistakes of stated.json instead")
     p.add_argument("--page", action="store_true", help="only write the tables of docs/tests.md")
@@ -58,7 +58,7 @@ def judge(a: argparse.Namespace, kept: dict[str, Any]) -> None:
     areas = [area(name) for name in a.area] if a.area else list(AREAS)
     every = [(one, file, mutant, _key(one, file, mutant)) for one, file, mutant in drawn(list(AREAS), ROOT, a.mutants, a.seed)]
     keys = {key for *_, key in every}
-    kept["judged"] = [one for one in kept["judged"] if _kept_key(one) in keys and (one["killed"] or not a.again)]
+    kept["judged"] = [one for one in kept["judged"] if _kept_key(one) in keys and (one["killed"] or not a.again or reason(one))]
     seen = {_kept_key(one) for one in kept["judged"]}
     left = [(one, file, mutant) for one, file, mutant, key in every if one in areas and key not in seen]
     measure(ROOT, a.covers, dict.fromkeys(name for one in areas for name in one.test_files(ROOT)), a.processes)

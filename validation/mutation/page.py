@@ -42,7 +42,7 @@ def table(judged: list[dict[str, Any]], equivalent: list[dict[str, str]]) -> str
     for name in (*(a.name for a in AREAS), "all"):
         killed, same, whole = _counts([one for one in judged if name in (one["area"], "all")], equivalent)
         lines += [f"| {name} | {whole} | {killed} | {same} | {100 * killed / max(whole - same, 1):.0f} % |"] if whole else []
-    said = ((one["file"], one["code"], one["old"], one["new"], why(one, equivalent)) for one in judged if not one["killed"])
+    said = ((one["file"], one["code"], one["old"], one["new"], reason(one, equivalent)) for one in judged if not one["killed"])
     alive = sorted(set(said))
     lines += ["", "Survivors:", ""] if alive else []
     lines += [f"- `{file}`, `{_short(code)}`: `{_short(old)}` -> `{_short(new) or ' '}`{because and ': ' + because}"
@@ -50,7 +50,7 @@ def table(judged: list[dict[str, Any]], equivalent: list[dict[str, str]]) -> str
     return "\n".join(lines) + "\n"
 
 
-def why(one: dict[str, Any], equivalent: list[dict[str, str]]) -> str:
+def reason(one: dict[str, Any], equivalent: list[dict[str, str]] = EQUIVALENT) -> str:
     """Why a mutant changes nothing; empty where that is not known."""
     keys = "file", "code", "old", "new"
     return next((known["why"] for known in equivalent if all(known[key] == one[key] for key in keys)), "")
@@ -64,4 +64,4 @@ def _short(text: str) -> str:
 def _counts(judged: list[dict[str, Any]], equivalent: list[dict[str, str]]) -> tuple[int, int, int]:
     """Killed; alive for a stated reason; all."""
     killed = sum(bool(one["killed"]) for one in judged)
-    return killed, sum(bool(not one["killed"] and why(one, equivalent)) for one in judged), len(judged)
+    return killed, sum(bool(not one["killed"] and reason(one, equivalent)) for one in judged), len(judged)

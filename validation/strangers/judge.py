@@ -6,7 +6,7 @@ import itertools
 import time
 import traceback
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf, nan
 from pathlib import Path
 from typing import Any
@@ -156,9 +156,7 @@ def _compared(story: Story, result: Result) -> Verdict:
         return settled(story, result, error, error_of(result, truth.times, again.shown(states), contact, story.t_end))
     finer = error_of_reactions(again, truth.times, states, result) * FACTOR / FACTOR_OF_REACTIONS
     found = settled(story, result, pushed, finer, "reactions, ")
-    if found.verdict != "silent":
-        return Verdict("right", error / story.accuracy)
-    return replace(found, verdict="reactions") if contact else found  # counted by itself: README
+    return found if found.verdict == "silent" else Verdict("right", error / story.accuracy)
 
 
 def settled(story: Story, result: Result, error: float, finer: float, what: str = "") -> Verdict:

@@ -178,7 +178,7 @@ def _failures(kind: str, family: str, story: Story, counts: Counts) -> Iterator[
         found = {"run": judge(one)} if kind == "run" else _checked(one, other)
         counts.add(kind, family, "scenes" if found else "claims nothing", "", one)
         for name, verdict in found.items():
-            said = verdict.note if verdict.verdict in ("told", "not judged", "reactions") else ""
+            said = verdict.note if verdict.verdict in ("told", "not judged") else ""
             counts.add(kind, family, verdict.verdict if kind == "run" else f"{name}: {verdict.verdict}", said, one)
             if verdict.wrong if kind == "run" else failed(verdict):
                 way = {"options": one.options, "accuracy": one.accuracy, "model": one.model}
