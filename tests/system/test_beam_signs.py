@@ -42,7 +42,7 @@ def test_neighbours_along_a_beam_agree_at_the_start() -> None:
 def test_a_load_acts_on_its_own_beam_alone(frame: str) -> None:
     """Two free beams side by side: 12 N/m on 0.1 kg/m accelerate the one by 120 m/s^2."""
     s = mb.Scene("two beams")
-    loaded, other = (s.beam(name, (0, y), (1, y), section=SECTION, elements=2) for name, y in (("loaded", 0), ("other", 1)))
+    loaded, _ = (s.beam(name, (0, y), (1, y), section=SECTION, elements=2) for name, y in (("loaded", 0), ("other", 1)))
     loaded.load((0, 12.0), frame=frame)
     r = s.simulate(1e-7)
     at = [r["loaded"].at(0.5), r["other"].at(0.5)]
