@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -141,30 +143,46 @@ class Rates:
         out[:] = 0.0
         for _ in range(1 if self.linear else ITERATIONS):
             matrix, _ = self.matrices(t, y, out)
-            self.full.residual(t, self._Y, self._Yp, self._R)
-            step = solved(matrix, self._R, self.full, t)
-            out -= step[: self.n]
-            self.multipliers -= step[self.n :]
-            if self.linear or np.max(np.abs(step)) <= SETTLED * max(np.max(np.abs(out)), np.max(np.abs(self.multipliers))):
+            solve = factorised(matrix, self.full, t)
+            step = self._corrected(t, out, solve)
+            if self.linear:  # a second correction by the same factors recovers the digits that the first solution lost
+                self.point(y, out)
+                self._corrected(t, out, solve)
+                return
+            if np.max(np.abs(step)) <= SETTLED * max(np.max(np.abs(out)), np.max(np.abs(self.multipliers))):
                 return
         raise SolverError(f"friction and reactions find no balance at t = {t:.9g} s: self-locking; take a smaller friction "
                           f"coefficient", t)  # fmt: skip
 
+    def _corrected(self, t: float, out: Array, solve: Callable[[Array], Array]) -> Array:
+        """Correct y' and the multipliers by the residual at the point that is set; returns the correction with opposite sign."""
+        self.full.residual(t, self._Y, self._Yp, self._R)
+        step = solve(self._R)
+        out -= step[: self.n]
+        self.multipliers -= step[self.n :]
+        return step
+
     def jacobian(self, t: float, y: Array, yp: Array) -> Array:
         """dy'/dy (n, n) at y' and the multipliers of the same point, by the implicit function theorem."""
         by_rates, by_state = self.matrices(t, y, yp)
-        return -solved(by_rates, by_state.toarray(), self.full, t)[: self.n]
+        return -factorised(by_rates, self.full, t)(by_state.toarray())[: self.n]
 
 
-def solved(matrix: sp.csc_matrix, right: Array, full: Assembly, t: float) -> Array:
-    """Solution x of matrix x = right; raises a SolverError that names the unknown where the matrix is singular."""
+def factorised(matrix: sp.csc_matrix, full: Assembly, t: float) -> Callable[[Array], Array]:
+    """The function right -> solution x of matrix x = right; it raises a SolverError where the matrix is singular."""
     try:
-        x = np.linalg.solve(matrix.toarray(), right) if full.sparsity is None else splu(matrix).solve(right)
-        if np.isfinite(x).all():
-            return np.asarray(x)
-    except (np.linalg.LinAlgError, RuntimeError):
-        pass
-    raise singular(t, "")
+        solve = partial(np.linalg.solve, matrix.toarray()) if full.sparsity is None else splu(matrix).solve
+    except RuntimeError:
+        raise singular(t, "") from None
+
+    def solution(right: Array) -> Array:
+        with suppress(np.linalg.LinAlgError):
+            x = np.asarray(solve(right))
+            if np.isfinite(x).all():
+                return x
+        raise singular(t, "")
+
+    return solution
 
 
 def singular(t: float, row: str) -> SolverError:

@@ -94,12 +94,13 @@ class JointMotion:
 
 
 def out_of_plane_motions(scene: SceneData) -> dict[str, str]:
-    """Recursive joints that stay kinematic in a planar scene, and why: a coordinate leaves the plane, or is a free rotation."""
+    """Recursive joints that stay kinematic in a planar scene, and why: some of their coordinates leave the plane, or one is a free
+    rotation. With a joint all of whose coordinates leave it the scene is not planar."""
     found = {}
     for c in (c for c in scene.joints if c.recursive):
         across = [name for name in c.coordinates if JointMotion(c).leaves_plane({name: 1.0}, {name: 1.0})]
         if "rotation" in map(c.unit, c.coordinates):
             found[c.name] = "in the plane its rotation is an angle: state a revolute joint to make it recursive"
-        elif across:
+        elif 0 < len(across) < len(c.coordinates):
             found[c.name] = f"in the plane its {across[0]} stays 0: as a recursive joint it would move out of the plane"
     return found
