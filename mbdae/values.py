@@ -50,8 +50,8 @@ def number(value: Any, *, least: float = -math.inf, above: float = -math.inf, mo
     if math.isnan(found) or math.isinf(found):
         raise BadValueError(f"{shown(value)} is not finite")
     if abs(found) > LARGEST or 0 < abs(found) < SMALLEST:
-        raise BadValueError(f"{shown(value)} is beyond what can be calculated with: 0, or {SMALLEST:g} "
-                            f"to {LARGEST:g} in magnitude")  # fmt: skip
+        raise BadValueError(f"{shown(value)} is too large or too small to calculate with: numbers are 0, or "
+                            f"{SMALLEST:g} to {LARGEST:g} in magnitude")  # fmt: skip
     if found < least or found <= above or found > most:
         raise BadValueError(f"{shown(value)} is not {_range(least, above, most)}")
     return found
@@ -172,7 +172,8 @@ def instance(value: Any, base: type[T], known: Mapping[str, T]) -> T:
             return value()
         except TypeError as error:
             raise BadValueError(f"{shown(value)} is a class that cannot be used without arguments ({error})") from error
-    raise BadValueError(f"{shown(value)} is not one of {', '.join(repr(name) for name in known)}, nor such an object")
+    raise BadValueError(f"{shown(value)} is not one of {', '.join(repr(name) for name in known)}, nor an object of class "
+                        f"{base.__name__}")  # fmt: skip
 
 
 def array(value: Any, *shapes: tuple[int, ...]) -> Array:

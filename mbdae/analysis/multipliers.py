@@ -24,6 +24,7 @@ from mbdae.analysis.orbit import check_return, followed
 from mbdae.analysis.shapes import Mode, Modes, motion, participants, scaled, shares
 from mbdae.errors import AccuracyWarning, MbdaeError, SolverError
 from mbdae.formulations import system_for
+from mbdae.notation import counted
 from mbdae.scene.scene import SceneData
 from mbdae.scene.sensed import refuse_sampled
 from mbdae.scene.variants import with_open_tree
@@ -104,7 +105,7 @@ class Floquet(Modes[FloquetMode]):
             numbers = f"{i + 1:>4}  {mode.growth:>11.5g}  {mode.error:>8.1e}  {mode.angular_frequency:>11.5g}"
             lines.append(f"{numbers}  {mu:>24}  {participants(mode)}")
         if self.unresolved:
-            lines.append(f"{self.unresolved} more multipliers belong to vibrations that {self.steps} steps do not follow")
+            lines.append(f"{counted(self.unresolved, 'multiplier')} more: of vibrations that {self.steps} steps do not follow")
         return "\n".join(lines)
 
     def __repr__(self) -> str:

@@ -46,7 +46,7 @@ class Carried:
     def __init__(self, word: str, own: Any = ()) -> None:
         cls = joint_class(word, own)
         if cls is None:
-            raise SizeError(f"there is no joint '{word}' with coordinates")
+            raise SizeError(f"there is no joint '{word}' with coordinates; give your own class with audit(..., laws=...)")
         if any(spec.unit == "rotation" for spec in cls.coordinates.values()):
             raise SizeError(f"the joint '{word}' turns freely: an audit knows joints with angles and displacements")
         self.coordinates = tuple(cls.coordinates)

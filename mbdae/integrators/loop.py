@@ -207,7 +207,7 @@ class StepLoop:
         t = self.t
         self._clock()
         resists = f" (resisting most: {culprit})" if culprit else ""
-        text = f"{self.solver.label} stopped at t = {t:.9g} of {self.run_end:.9g}: {message}{resists}"
+        text = f"{self.solver.label} stopped at t = {t:.9g} s of {self.run_end:.9g} s: {message}{resists}"
         return kind(text, t, culprit, self.solution())
 
     # -- runs that are stored on disk

@@ -121,7 +121,7 @@ class Solution(ListsAttributes):
         if outside.any():
             value = times[outside].flat[0]
             told = f"{shown(t)} is" if times.ndim == 0 else f"{shown(t)} has the time {value}, which is"
-            raise OptionError(f"t = {told} outside the solution [{first}, {last}]: ask for times inside it")
+            raise OptionError(f"t = {told} outside the solution [{first}, {last}] s: ask for times inside it")
         return times
 
     def _evaluate(self, t: float | Sequence[float] | Array, function: Callable[[Array], Array]) -> Array:

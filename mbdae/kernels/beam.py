@@ -40,7 +40,8 @@ def strain_kernel(mesh: LineMesh, numbers: Mapping[str, float], kind: NodeKind, 
     """
     rigid = [name for name, value in numbers.items() if name.startswith("compliance_") and value == 0]
     if rigid and not mixed:
-        raise OptionError(f"{rigid[0]} = 0: a rigid strain exists in the mixed form only, where its stress is an unknown")
+        raise OptionError(f"{rigid[0]} = 0: a rigid strain exists in the mixed form only, where its stress is an unknown: "
+                          f"give the section a finite stiffness")  # fmt: skip
     d, at = derived_beam(numbers, kind, mixed), strain_points(mesh.order)
     constants = {**numbers, **_measures(mesh, at), **_reference_strains(mesh, kind)}
     return LineKernel(d, at, constants, turns(mesh, kind))

@@ -31,11 +31,14 @@ def matrix(value: Array) -> Array:
 def problems(name: str, J: Array, planar: bool) -> list[str]:
     """Why an inertia matrix is impossible, one sentence each."""
     if not np.allclose(J, J.T, atol=1e-12 * (1 + np.abs(J).max())):
-        return [f"body '{name}': inertia matrix is not symmetric (differs by {np.abs(J - J.T).max():.3g} kg m^2)"]
+        return [f"body '{name}': inertia matrix is not symmetric (differs by {np.abs(J - J.T).max():.3g} kg m^2); "
+                f"give equal products of inertia above and below the diagonal"]  # fmt: skip
     moments = np.linalg.eigvalsh(J)
     if moments[0] < -1e-12 * max(moments[-1], 1e-300):
-        return [f"body '{name}': inertia has the negative principal moment {moments[0]:.6g} kg m^2"]
+        return [f"body '{name}': inertia has the negative principal moment {moments[0]:.6g} kg m^2; give that of a "
+                f"body, whose principal moments are 0 or positive"]  # fmt: skip
     if not planar and moments[0] + moments[1] < moments[2] * (1 - 1e-9):
         return [f"body '{name}': principal moments {moments[0]:.6g}, {moments[1]:.6g}, {moments[2]:.6g} kg m^2 violate the "
-                f"triangle inequality (the sum of the two smaller must be at least the largest)"]  # fmt: skip
+                f"triangle inequality (the sum of the two smaller must be at least the largest), as "
+                f"those of no body do; correct them"]  # fmt: skip
     return []

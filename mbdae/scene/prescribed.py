@@ -81,7 +81,7 @@ def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
     for part, name in zip(parts, ("value", "rate", "second derivative"), strict=False):
         start = float(timed.values(part, np.array([t0]))[0])
         if not np.isfinite(start):
-            return [f"{one.what}: its {name} is {start} at the start t = {t0:g} s"]
+            return [f"{one.what}: its {name} is {start} at the start t = {t0:g} s; give one that is finite there"]
     try:
         edges, found = resolved(timed.used(one.expression, one.moves), t0, t_end)
     except TooManyError as error:

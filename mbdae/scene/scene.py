@@ -117,7 +117,8 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
         for what, entries, names in (("stiffness", stiffness, ("k", "r")), ("damping", damping, ("c", "s"))):
             numbers = np.asarray(entries, dtype=float)
             if what == "damping" and np.any(numbers < 0):
-                self.problems.append(f"bushing '{name}': damping = {numbers.tolist()} has a negative value: it would feed energy")
+                self.problems.append(f"bushing '{name}': damping = {numbers.tolist()} has a negative value: it would feed "
+                                     f"energy; give 0 or more")  # fmt: skip
             for letter, part in zip(names, (numbers[:3], numbers[3:]), strict=True):
                 if np.any(part):
                     values |= {letter + axis: float(v) for axis, v in zip("xyz", part, strict=True)}

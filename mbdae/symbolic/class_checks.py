@@ -39,14 +39,14 @@ class _WrongError(Exception):
 
 def _expression(e: Any) -> Any:
     if e is None or callable(getattr(e, "cross", None)) or isinstance(e, _NO_EXPRESSIONS):
-        raise _WrongError(f"{shown(e)}, which is no expression (a number)")
+        raise _WrongError(f"{shown(e)}, which is no expression or number")
     try:
         if isinstance(e, int | float | np.number) or type(e).__module__.partition(".")[0] == "sympy" or hasattr(e, "_symengine_"):
             e = se.sympify(number(e) if not getattr(e, "free_symbols", None) else e)
     except Exception as error:  # NaN, infinite, or what symengine does not know
         raise _WrongError(f"{shown(e)}, which is no finite number or expression") from error
     if is_condition(e):
-        raise _WrongError(f"{shown(e)}, which is no expression (a number)")
+        raise _WrongError(f"{shown(e)}, which is no expression or number")
     return e
 
 

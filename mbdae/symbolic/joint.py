@@ -286,7 +286,7 @@ class Joint(TwoBodyLaw):
             return None
         k, *others = frames
         if not (k.kind.oriented and (all(f.kind.oriented for f in others) or self.coordinates[self.rubbed].unit == "m")):
-            raise LawError("friction in a joint needs axes on both sides; a point mass has none")
+            raise LawError("friction in a joint needs axes on both sides; a point mass has none: use s.rigid_body")
         coefficient = let(self.friction.coefficient(self.sliding(*frames)))
         normal = self.normal_force(frames[0], frames[1], force, coefficient)
         return self.read(*frames)[self.rubbed], let(-coefficient * normal) * self.lever()

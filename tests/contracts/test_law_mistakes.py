@@ -73,13 +73,13 @@ def test_a_parameter_left_out_is_named() -> None:
 @pytest.mark.parametrize(
     ("methods", "words"),
     [
-        ({"energy": lambda self, k, l: None}, "Pull.energy returns None, which is no expression (a number); it must return an expression, J"),
-        ({"energy": lambda self, k, l: se.Eq(l.r[0], 1)}, ", which is no expression (a number); it must return an expression, J"),
-        ({"energy": lambda self, k, l: sp.Symbol("x") >= 1}, ", which is no expression (a number); it must return an expression, J"),
+        ({"energy": lambda self, k, l: None}, "Pull.energy returns None, which is no expression or number; it must return an expression, J"),
+        ({"energy": lambda self, k, l: se.Eq(l.r[0], 1)}, ", which is no expression or number; it must return an expression, J"),
+        ({"energy": lambda self, k, l: sp.Symbol("x") >= 1}, ", which is no expression or number; it must return an expression, J"),
         ({"energy": lambda self, k, l: l.r}, "Pull.energy returns Vec("),
         ({"wrench": lambda self, k, l: l.r - k.r}, "Pull.wrench returns Vec("),
         ({"wrench": lambda self, k, l: (l.r, 0)}, "Pull.wrench returns as part 2 0, which is no vector"),
-        ({"wrench": lambda self, k, l: (l.r,)}, "Pull.wrench returns 1 parts, where 2 are needed"),
+        ({"wrench": lambda self, k, l: (l.r,)}, "Pull.wrench returns 1 part, where 2 are needed"),
         ({"wrench": lambda self, k, l: (l.r, l.r, l.r)}, "3 parts, where 2 are needed"),
         ({"wrench": lambda self, k, l: ((1, 0, 0), (0, 0, 0))}, "as part 1 (1, 0, 0), which is no vector"),
         ({"dissipation": lambda self, k, l: {}}, "Pull.dissipation returns {}"),

@@ -121,7 +121,7 @@ def test_what_a_step_cannot_be_is_told():
         Wrong(step=0.1).solve(decay(), 1.0)
     with pytest.raises(ValueError, match="read-only"):
         Changes(step=0.1).solve(decay(), 1.0)
-    told = r"Fails stopped at t = 0\.6 of 1: a step of 0\.1 s fails, try another step: no luck"
+    told = r"Fails stopped at t = 0\.6 s of 1 s: a step of 0\.1 s fails, try another step: no luck"
     with pytest.raises(SolverError, match=told) as caught:
         Fails(step=0.1).solve(decay(), 1.0)
     assert caught.value.solution.t[-1] == pytest.approx(0.6)

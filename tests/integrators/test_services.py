@@ -187,7 +187,7 @@ def test_arguments_of_solve(options, message):
         (lambda: IDA(rtol=float("nan")), "rtol = nan"),
         (lambda: IDA(max_order=6), "max_order = 6"),
         (lambda: IDA(atol=-1.0), "atol"),
-        (lambda: RadauIIA(4), r"stages = 4 has not been measured: Radau IIA is offered with 2 \(order 3\), 3"),
+        (lambda: RadauIIA(4), r"stages = 4: Radau IIA is offered with 2 \(order 3\), 3"),
         (lambda: RadauIIA(6), "stages = 6 is not between 2 and 5: Radau IIA is offered with 2"),
         (lambda: CVODE(rtol=2.0), r"rtol = 2\.0 is not between 1e-15 and 0\.1"),
         (lambda: CVODE(method="adams"), "method = 'adams' is not one of 'Adams', 'BDF': give 'Adams'"),

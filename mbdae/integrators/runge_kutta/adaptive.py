@@ -27,6 +27,7 @@ from mbdae.system.base import Array, System
 RESIST, SOON, FEW_UNKNOWNS = 3, 2, 100
 #: largest number of steps in one call, and in the first call where contacts or switches are watched
 ROWS, FEW = 256, 8
+REMEDY = "see whether a force jumps or grows without bound there, or the position is singular; else loosen rtol"
 
 
 class Adaptive:
@@ -160,7 +161,7 @@ class Adaptive:
                 return False
             return ended == DIVERGED
         if ended == NO_WIDTH:
-            text = f"the step fell below the round-off of the time (h = {h:.2e} s){self._where()}"
+            text = f"the step fell below the round-off of the time (h = {h:.2e} s){self._where()}; {REMEDY}"
             raise self.loop.failure(text, step.fastest())
         if ended == VANISHED:
             text = f"the error test fails ({self.control.error:.1e} times the tolerance)"
@@ -177,7 +178,7 @@ class Adaptive:
         self.control.h, self.control.rejected, self.failures = 0.5 * h, AGAIN, self.failures + 1
 
     def _too_small(self, h: float, why: str, culprit: str) -> SolverError:
-        return self.loop.failure(f"the step became too small (h = {h:.2e} s): {why}{self._where()}", culprit)
+        return self.loop.failure(f"the step became too small (h = {h:.2e} s): {why}{self._where()}; {REMEDY}", culprit)
 
     def _warn(self) -> None:
         """Warn once where the error estimate is round-off, because the tolerance is then not met."""

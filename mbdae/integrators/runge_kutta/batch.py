@@ -63,8 +63,8 @@ def is_watched(s: System, t_end: float) -> bool:
 def refuse_watched(system: System, t_end: float) -> None:
     """Raise OptionError where numbers of laws may not vary in a batch of runs to t_end, s."""
     if is_watched(system, t_end):
-        raise OptionError("numbers: contacts, switching laws, sampled controllers and breaks of inputs are watched with "
-                          "numbers of their own; build a scene for every value, and solve them one by one")  # fmt: skip
+        raise OptionError("numbers: a run that watches contacts, switching laws, sampled controllers or breaks of inputs does "
+                          "so with the numbers of its scene; build a scene for every value, and solve them one by one")
 
 
 def solve_batch(system: System, t_end: float, solver: Any = None, *, starts: Any = None,

@@ -52,7 +52,7 @@ class RadauIIA(CollocationMethod):
         offered = "Radau IIA is offered with 2 (order 3), 3 (order 5) or 5 (order 9) stages"
         set_option(self, "stages", whole, offered, least=STAGES[0], most=STAGES[-1])
         if self.stages not in STAGES:
-            raise OptionError(f"stages = {self.stages} has not been measured: {offered}")
+            raise OptionError(f"stages = {self.stages}: {offered}")
         set_tolerances(self)
         set_option(self, "step", number, "give a positive number of seconds, or None for error control", above=0)
         newton = "give a value from 1e-15 to 1e-2 with a constant step, or rtol for an adaptive one"

@@ -43,8 +43,8 @@ class Seen:
         """A note where the condition begins to hold at the start itself, which does not end the run."""
         if self.condition.is_equation or self._holds_at_start or not self._truth[0]:
             return []
-        return [f"until = '{self.condition.name}' is just not met at the start t = {self._begin:g} s and holds at once behind "
-                f"it, which does not end the run: it ends where the condition begins to hold again"]  # fmt: skip
+        return [f"until = '{self.condition.name}' is not met at the start t = {self._begin:g} s but immediately after it, "
+                f"which does not end the run: it ends where the condition begins to hold again"]  # fmt: skip
 
     def near_misses(self) -> list[str]:
         """A note where an inequality comes so near to its limit that the accuracy does not decide whether it is passed."""
