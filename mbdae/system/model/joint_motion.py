@@ -94,8 +94,8 @@ class JointMotion:
 
 
 def out_of_plane_motions(scene: SceneData) -> dict[str, str]:
-    """Recursive joints that stay kinematic in a planar scene, and why: some of their coordinates leave the plane, or one is a free
-    rotation. With a joint all of whose coordinates leave it the scene is not planar."""
+    """Recursive joints that stay kinematic in a planar scene, and why: some of their coordinates leave the plane, or one is a
+    free rotation. With a joint all of whose coordinates leave it the scene is not planar."""
     found = {}
     for c in (c for c in scene.joints if c.recursive):
         across = [name for name in c.coordinates if JointMotion(c).leaves_plane({name: 1.0}, {name: 1.0})]
