@@ -42,7 +42,7 @@ def test_results_over_each_other(bar: Any) -> None:
     np.testing.assert_array_equal(lines[1].get_ydata(), other["C"].angle)
     named = bar.plot("C.angle", against=other).axes[0].lines
     assert len({line.get_label() for line in named}) == 2
-    with pytest.raises(mb.OptionError, match=r"labels = \['one'\] has 1 entries for 2 results"):
+    with pytest.raises(mb.OptionError, match=r"labels = \['one'\] has 1 entry for 2 results"):
         bar.plot("C.angle", against=other, labels=["one"])
 
 
