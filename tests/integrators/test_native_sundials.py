@@ -142,8 +142,10 @@ def test_what_cannot_be_opened_falls_back(monkeypatch):
 
 
 @posix
-@pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "called back"])
-@pytest.mark.parametrize("solver", [mb.IDA(rtol=1e-10), mb.CVODE(rtol=1e-10)], ids=["IDA", "CVODE"])
+@pytest.mark.parametrize(("solver", "compiled"), [
+    pytest.param(solver(rtol=1e-10), compiled, id=f"{solver.__name__}-{'compiled' if compiled else 'called back'}",
+                 marks=[pytest.mark.slow] * (compiled != (solver is mb.IDA)))
+    for solver in (mb.IDA, mb.CVODE) for compiled in (True, False)])  # fmt: skip
 def test_ctrl_c_inside_c(solver, compiled, tmp_path, capfd):
     system = Harmonic().compiled(tmp_path) if compiled else Harmonic()
     before = signal.signal(signal.SIGALRM, signal.default_int_handler)

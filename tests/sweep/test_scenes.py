@@ -179,7 +179,7 @@ def lethal(folder, job, values):
     return solved(job, values)
 
 
-@pytest.mark.parametrize("always", [False, True])
+@pytest.mark.parametrize("always", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_killed_worker_costs_its_points_only(always, tmp_path, monkeypatch):
     """They are computed again; with what kills always, the part is divided until the guilty point is alone."""
     if always:
