@@ -120,7 +120,7 @@ def whole(text: Any) -> Expr:
         if name == "RealDouble":
             _finite(float(part))
         if not (name in _PARTS or is_condition(part) or tables.lookup_of(part)):
-            raise ValueError(f"{name} is no real number or function of t")
+            raise ValueError(f"'{part}' in it is neither a real number nor a function of t that can be used here")
     return e
 
 

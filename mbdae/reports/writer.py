@@ -93,7 +93,7 @@ class Writer:
         if name not in self.letters:
             self.renew()
         if name not in self.letters:
-            raise LawError(f"the report has no letter for the symbol '{name}'")
+            raise LawError(f"the report has no letter for the symbol '{name}' of the law: please report this error")
         return self.letters[name], _ATOM
 
     def _number(self, e: Expr) -> tuple[str, int]:

@@ -164,9 +164,9 @@ class ConnectionSensor(ListsAttributes):
             found = self._result.coordinate(item, rates.get(name, name))
             if found is None:
                 point = next((b.name for b in (item.k, item.l) if b.is_point), None)
-                why = "its bodies' positions do not determine it: use model=mb.Classical(), where it is an unknown of its own"
+                why = "the positions of its bodies do not determine it; use model=mb.Classical(), where it is an unknown"
                 why = why if point is None else f"the point mass '{point}' has no orientation; use s.rigid_body"
-                raise OptionError(f"{item.kind} '{item.name}': its {rates.get(name, name)} is not known: {why}")
+                raise OptionError(f"{item.kind} '{item.name}': the coordinate '{rates.get(name, name)}' is not known: {why}")
             return found[name in rates]
         if name in drives_of(item):
             return self._drive(name, drives_of(item)[name])

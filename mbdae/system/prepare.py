@@ -34,7 +34,8 @@ from mbdae.system.start.typical_sizes import characteristic_time
 from mbdae.threads import single_threaded
 
 SOUND = 1e-3  #: smallest singular value of unit rows above which they determine a position
-#: prescribed motions are followed in this many steps, each of at most this many rad or scene's lengths
+#: contradictions of prescribed motions are looked for in at most FOLLOWED steps over at most half of the run; in one step joints
+#: open by at most NEAR (rad, or over the scene's length)
 FOLLOWED, NEAR = 24, 0.2
 PLACED = 1e-11  #: rounding of positions along a tree, rad or over the scene's length
 FORESIGHT = 10.0  #: time (s) over which `check` follows prescribed values

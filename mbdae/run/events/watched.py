@@ -90,7 +90,7 @@ class Watched:
             parts = (part for g in condition.functions for part in of_time(g))
             said = next((text for part in parts if (text := beyond(part, begin, end))), "")
             if said:
-                raise OptionError(f"until, record: '{condition.name}': {said}")
+                raise OptionError(f"'{condition.name}' in until= or record= reads a table where it has no values: {said}")
 
     def _to_event(self, job: Job, solver: Solver, made: Callable[[Job], tuple[Controlled, Job]]
                   ) -> tuple[Controlled, Job, Event | None]:  # fmt: skip
