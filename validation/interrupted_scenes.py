@@ -158,6 +158,7 @@ def _killed_after(changes: int, seconds: float, name: str, folder: Path, how: in
     """Whether a process that goes on with the run was ended before its own end, after so many files and a time."""
     child = os.fork()
     if child == 0:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)  # as in a script: `mbdae validate` has a handler of its own
         try:
             run(name, folder)
             os._exit(0)
