@@ -66,7 +66,8 @@ def _smooth(value: Any, middle: float) -> Any:
 def _solved(story: Story, first: Any, ends: list[float], times: Array, rtol: float) -> Array:
     """Positions of all nodes over the times (nt, nq), in the scene's order."""
     y, found, count = None, [], 0
-    for a, b in itertools.pairwise(ends):
+    piece = np.clip(np.searchsorted(ends, times, "right") - 1, 0, len(ends) - 2)  # the first and last may lie a bit outside
+    for i, (a, b) in enumerate(itertools.pairwise(ends)):
         scene = build(smooth(story, (a + b) / 2))
         form = mb.Index1(multipliers="eliminated", baumgarte=0.0) if scene.joints else mb.ODE()
         system = scene.system(form, start=first)
@@ -84,10 +85,10 @@ def _solved(story: Story, first: Any, ends: list[float], times: Array, rtol: flo
                 return np.full(len(y), np.nan)
             return out.copy()
 
-        narrow = [h for i in story.inputs for low, high, h in i.narrow if low < (a + b) / 2 < high]
+        narrow = [h for one in story.inputs for low, high, h in one.narrow if low < (a + b) / 2 < high]
         s = solve_ivp(rhs, (a, b), y, "DOP853", rtol=rtol, atol=rtol * 1e-2, dense_output=True, max_step=min([np.inf, *narrow]))
         if not s.success:
             raise ArithmeticError(f"the reference failed: {s.message}")
-        found += [s.sol(t) for t in times[(times >= a) & (times < b)]]
+        found += [s.sol(t) for t in times[piece == i]]
         y = s.y[:, -1]
-    return np.asarray(system._prepared.states(times, np.array([*found, y]))[0])
+    return np.asarray(system._prepared.states(times, np.array(found))[0])
