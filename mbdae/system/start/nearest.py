@@ -30,6 +30,7 @@ from mbdae.system.start.joint_motions import JointMotions
 from mbdae.system.start.least_change import DEPENDENT
 from mbdae.system.start.positions import REACHED, ConsistentPositions, Held
 from mbdae.system.start.sparse_change import cheapest
+from mbdae.ties import ALIKE
 
 STEP = 0.1  #: largest growth of a held value at once: rad, or over the extent of the joints
 REACH = 0.3  #: largest displacement of one iteration: rad, or over the scene's length
@@ -38,7 +39,6 @@ EXACT = 1e-7  #: displacement of an iteration below which what it lessens change
 DIFFERENCE = 1e-6  #: displacement, over a unit, by which second derivatives are found
 WEAK = 0.03  #: singular value of unit rows below which a loop is near a place where it can go on in two ways
 ASIDE = 0.1  #: displacement by which the ways from there are tried: rad, or over the scene's length
-ALIKE = 1e-6  #: relative difference of two distances that counts as none, and of positions that are the same
 
 
 def start_positions(own: ConsistentPositions) -> Array:
@@ -83,10 +83,12 @@ class Look:
 
 @dataclass
 class Place:
-    """Where a way passed: share and positions q, unit displacements, singular values and vectors of the conditions there."""
+    """Where a way passed: share, positions q and joint coordinates; unit displacements, singular values and vectors of the
+    conditions there."""
 
     share: float
     q: Array
+    angles: dict[tuple[str, str], float]
     units: Array
     sizes: Array
     V: Array
@@ -130,35 +132,38 @@ class NearestPositions(ConsistentPositions):
         self._follow(drawn)
         ways = [self._way(drawn, 0.0)]
         if not self.mechanics.large:
-            self.passed, passed = [], self.passed
-            ways += [self._way(self.moved(at, sign * aside), share)
-                     for share, at, aside in self._crossings(passed, ways[0]) for sign in (1.0, -1.0)]  # fmt: skip
-        ways = sorted((way for way in ways if way.far < inf), key=lambda way: way.far)
+            for place, aside in self._crossings(ways[0]):
+                for sign in (1.0, -1.0):
+                    self.angles = dict(place.angles)
+                    ways.append(self._way(self.moved(place.q, sign * aside), place.share))
+        ways = [way for way in ways if way.far < inf]
         if not ways:
             return self._otherwise()
-        nearest = ways[0]
-        for other in ways[1:]:
-            if other.far - nearest.far <= ALIKE * other.far and self._apart(nearest.q, other.q)[0] > ALIKE:
+        least = min(way.far for way in ways)
+        nearest = next(way for way in ways if way.far <= (1 + ALIKE) * least)
+        others = [way for way in ways if self._apart(nearest.q, way.q)[0] > ALIKE]
+        for other in others:
+            if other.far <= (1 + ALIKE) * least:
                 raise StartError([self._two_ways(nearest.q, other.q)])
         self.share, self.angles = 1.0, nearest.angles
-        self._report(drawn, nearest.q, any(self._apart(nearest.q, other.q)[0] > ALIKE for other in ways[1:]))
+        self._report(drawn, nearest.q, bool(others))
         return nearest.q
 
-    def _crossings(self, passed: list[Place], way: Way) -> list[tuple[float, Array, Array]]:
-        """Shares and positions from which loops can go on in another way, with the displacement there: where the way passed a
-        singular position closely; where it ended before it was closed, the drawing."""
-        first = passed[0]
+    def _crossings(self, way: Way) -> list[tuple[Place, Array]]:
+        """Places from which loops can go on in another way, with a displacement to it: where the way passed a singular position
+        closely; where it ended before it was closed, the drawing."""
+        passed, first = list(self.passed), self.passed[0]
         if way.far == inf:
             rank = int(np.sum(first.sizes > DEPENDENT))
             aside = [ASIDE * first.units * v for v in first.V[rank:]]
             nearby = (self._loose(self.moved(first.q, x))[1] for x in aside)
             singular = any(np.sum(sizes > DEPENDENT) > rank for sizes in nearby)
-            return [(first.share, first.q, x) for x in aside] if singular else []
+            return [(first, x) for x in aside] if singular else []
         rank = max(int(np.sum(place.sizes > DEPENDENT)) for place in passed)
         weakest = min(passed, key=lambda place: place.sizes[rank - 1]) if rank else first
         if not rank or weakest.sizes[rank - 1] > WEAK:
             return []
-        return [(weakest.share, weakest.q, ASIDE * weakest.units * weakest.V[rank - 1])]
+        return [(weakest, ASIDE * weakest.units * weakest.V[rank - 1])]
 
     def _apart(self, q: Array, other: Array) -> tuple[float, str]:
         """Largest distance of a body between two positions, over the scene's length, or rad, and its name."""
@@ -177,7 +182,7 @@ class NearestPositions(ConsistentPositions):
         steps = max(1, ceil((1 - first) * max(held, default=0.0) / STEP))
         for step in range(1, steps + 1):
             before, self.share = self.share, first + (1 - first) * step / steps
-            self.passed.append(Place(before if step > 1 else first, q, *self._loose(q)))
+            self.passed.append(Place(before if step > 1 else first, q, dict(self.angles), *self._loose(q)))
             q = self._settled(q, *(AT_THE_END if step == steps else ON_THE_WAY))
             self._follow(q)
         far = self.joints.at(q)[0]

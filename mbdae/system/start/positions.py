@@ -192,7 +192,8 @@ class ConsistentPositions:
         held = self._held(self.held_values)
         value, _, _ = self._coordinates(q, np.zeros(self.mechanics.nu), held)
         off: Array = value - np.array([wanted for _, _, wanted in held], dtype=float)
-        turns = np.array([2 * np.pi if joint.unit(c) == "rad" and not joint.kept else 0.0 for joint, c, _ in held])
+        turns = np.array([2 * np.pi if joint.unit(c) == "rad" and self.model.coordinate_node(joint.name, c) is None else 0.0
+                          for joint, c, _ in held])  # fmt: skip
         off -= turns * np.round(off / (2 * np.pi))
         return np.concatenate([self.mechanics.position_residual(self.t, q[None])[0], off])
 
