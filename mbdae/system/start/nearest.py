@@ -10,6 +10,7 @@ model takes it over.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from math import asin, ceil, inf, pi
 from typing import Any
@@ -19,6 +20,7 @@ import numpy as np
 from mbdae.deferred import as_full, sp
 from mbdae.errors import StartError
 from mbdae.scene.components import Connection
+from mbdae.scene.topology import spanning_tree
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
 from mbdae.system.model.model import build
@@ -37,6 +39,7 @@ REACH = 0.3  #: largest displacement of one iteration: rad, or over the scene's 
 ON_THE_WAY, AT_THE_END = (1e-2, 6), (1e-12, 40)  #: last displacement of an iteration that has converged; most iterations
 EXACT = 1e-7  #: displacement of an iteration below which what it lessens changes by rounding only
 DIFFERENCE = 1e-6  #: displacement, over a unit, by which second derivatives are found
+FEW = 20  #: freedoms of loops up to which the second derivatives are found
 WEAK = 0.03  #: singular value of unit rows below which a loop is near a place where it can go on in two ways
 ASIDE = 0.1  #: displacement by which the ways from there are tried: rad, or over the scene's length
 
@@ -108,6 +111,7 @@ class NearestPositions(ConsistentPositions):
 
     def __init__(self, mechanics: Mechanics, t0: float, changes: list[str] | None = None) -> None:
         super().__init__(mechanics, t0, changes=changes)
+        self.tree = spanning_tree(self.scene, sorted(self.scene.joints, key=lambda c: c.name))  # whatever is stated first
         self.joints = JointMotions(self.model)
         self.share = 0.0  #: of the stated values, and of what is closed of that which is open as drawn
         self.open = np.zeros(mechanics.m)
@@ -185,6 +189,10 @@ class NearestPositions(ConsistentPositions):
             self.passed.append(Place(before if step > 1 else first, q, dict(self.angles), *self._loose(q)))
             q = self._settled(q, *(AT_THE_END if step == steps else ON_THE_WAY))
             self._follow(q)
+        if self.closing_error(q) > REACHED:  # nothing is near: to positions that are closed, and on from there
+            with suppress(StartError):
+                q = self._settled(self.closed(q), *AT_THE_END)
+                self._follow(q)
         far = self.joints.at(q)[0]
         return Way(float(far @ far) if self.closing_error(q) <= REACHED else inf, q, dict(self.angles))
 
@@ -224,7 +232,7 @@ class NearestPositions(ConsistentPositions):
         forces = -(U[:, :rank] / sizes[:rank]) @ (V[:rank] @ (slope * here.units)) / lengths
         x, N = cheapest(W, here.units, A, -here.g, np.zeros(len(slope))), here.units[:, None] * V[rank:].T
         if N.size:
-            H = N.T @ (W @ N) + (self._curvature(here, N, forces) if curved else 0.0)
+            H = N.T @ (W @ N) + (self._curvature(here, N, forces) if curved and N.shape[1] <= FEW else 0.0)
             values, axes = np.linalg.eigh((H + H.T) / 2)
             x = x - N @ (axes @ ((axes.T @ (N.T @ slope)) / np.maximum(np.abs(values), 1e-6)))
         return x, 2 * np.abs(forces) + 1 / lengths
@@ -264,8 +272,13 @@ class NearestPositions(ConsistentPositions):
     def _otherwise(self) -> Array:
         """Positions found from the tree of joints, where no way leads from the drawing to the stated values, or beams bend."""
         self.share = 1.0
+        bent = len(self.changes)
         q = self.close_or_bend(self.placed())
         self._follow(q)
+        if not any("start bent" in change for change in self.changes[bent:]):
+            self.changes.append("the loops cannot follow the stated values from the drawing: of the ways to close them one is "
+                                "found joint by joint, in the order of their names; draw the bodies nearer to the one that is "
+                                "meant, or state where another joint starts")  # fmt: skip
         return q
 
     def taken_over(self, own: ConsistentPositions, q: Array) -> Array:

@@ -112,9 +112,15 @@ class ConsistentPositions:
         return joint.hold_rate | {c: timed.rate_at(value, self.t[0]) for c, value in joint.prescribed.items()}
 
     def close(self, q: Array) -> Array:
-        """Close loops by rigid motions of the beams: mass-weighted Gauss-Newton with backtracking on the constraints and the held
-        coordinates."""
-        before, g = q, self._closure(q)
+        """Close loops by rigid motions of the beams, and say which body moves most."""
+        found = self.closed(q)
+        self._report_positions(q, found)
+        return found
+
+    def closed(self, q: Array) -> Array:
+        """Positions with loops closed: mass-weighted Gauss-Newton with backtracking on the constraints and the held coordinates;
+        StartError where that ends before they are closed."""
+        g = self._closure(q)
         for _ in range(50):
             A = self._closure_jacobian(q)
             B = in_units(self.mechanics, A)
@@ -133,7 +139,6 @@ class ConsistentPositions:
             q, g = candidate, g_new
         if size > REACHED:
             raise StartError([self._cannot_close(int(np.argmax(violations(g, B))), g, A)])
-        self._report_positions(before, q)
         return q
 
     def closing_error(self, q: Array) -> float:
