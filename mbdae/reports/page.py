@@ -224,7 +224,8 @@ def document(title: str, head: list[Block], pages: list[tuple[Any, list[Block]]]
     units = list(dict.fromkeys(c for page, _ in pages for c in page.units()))
     head = [*head, *(Paragraph(f"**The units do not fit: {c.what}.**") for c in units if not c.holds)]
     checks += units
-    symbols = Section("Symbols", [Table(SYMBOLS, [*map(list, rows), *results(dict(sides))]), *([Paragraph(convention)] if convention else [])])
+    table = Table(SYMBOLS, [*map(list, rows), *results(dict(sides))])
+    symbols = Section("Symbols", [table, *([Paragraph(convention)] if convention else [])])
     return Document(title, [*head, symbols, *(b for part in blocks for b in part), checks_section(checks), *tail])
 
 
