@@ -15,7 +15,7 @@ from mbdae.analysis.modes import DEFAULT, Complex, lowest, softest_beam
 from mbdae.analysis.pencil import Pencil, Reduced, complete_system, free_basis, pencil, reduced
 from mbdae.analysis.shapes import Mode, Modes, motion, participants, scaled, shares
 from mbdae.analysis.steady import STEADY, reason_not_steady, times_to_compare
-from mbdae.errors import OptionError, SteadyError
+from mbdae.errors import OptionError, SteadyError, naming_arguments
 from mbdae.formulations.index3 import Index3
 from mbdae.results.result import Result
 from mbdae.scene.scene import SceneData
@@ -152,6 +152,7 @@ def _lowest(E: Array, A: Array, count: int) -> tuple[Complex, Complex, float]:
     return values, vectors, float(np.max(np.abs(values)))
 
 
+@naming_arguments
 @single_threaded
 def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | None = None) -> Linearization:
     """The equations linearised about a steady motion, in a frame: s.ground (default), or a body that turns steadily.

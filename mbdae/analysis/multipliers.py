@@ -22,7 +22,7 @@ from mbdae.analysis.linearization import start_at
 from mbdae.analysis.monodromy import Departures, departures, propagated
 from mbdae.analysis.orbit import check_return, followed
 from mbdae.analysis.shapes import Mode, Modes, motion, participants, scaled, shares
-from mbdae.errors import AccuracyWarning, MbdaeError, SolverError
+from mbdae.errors import AccuracyWarning, MbdaeError, SolverError, naming_arguments
 from mbdae.formulations import system_for
 from mbdae.notation import counted
 from mbdae.scene.scene import SceneData
@@ -132,6 +132,7 @@ class Found:
     unresolved: int = 0
 
 
+@naming_arguments
 @single_threaded
 def floquet(scene: SceneData, period: float, at: Any = None, count: int | None = None, accuracy: float = 1e-8) -> Floquet:
     """Multipliers of small departures from a motion that repeats after `period` (s), whole turns counting as a return.

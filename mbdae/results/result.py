@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbdae.display import rows, titled
-from mbdae.errors import ListsAttributes, OptionError, SceneError
+from mbdae.errors import ListsAttributes, OptionError, SceneError, unknown_name
 from mbdae.inputs.sensed import symbol
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.laws.contact.base import Contact
@@ -202,10 +202,10 @@ class Result(RunStates, ListsAttributes):
         except SceneError as error:
             raise SceneError([f"there is no sensor {shown(path)}: {'; '.join(error.problems)}"]) from error
         if sensor is None or quantity.startswith("_") or quantity not in dir(sensor):
-            known = ", ".join(sorted(a for a in dir(sensor) if not a.startswith("_"))) if sensor is not None else ""
+            known = sorted(a for a in dir(sensor) if not a.startswith("_")) if sensor is not None else []
             items = self.prepared.model.scene._names()
-            told = f"'{name}' has {known}" if known else f"give item.quantity of an item, such as {items}"
-            raise SceneError([f"there is no sensor '{path}'; {told}"])
+            told = f"'{name}' has {', '.join(known)}" if known else f"give item.quantity of an item, such as {items}"
+            raise SceneError([f"there is no sensor {unknown_name(path, [f'{name}.{one}' for one in known])} {told}"])
         values = np.asarray(getattr(sensor, quantity))
         if not entry:
             return values
