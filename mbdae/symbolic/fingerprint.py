@@ -17,10 +17,10 @@ from mbdae.symbolic.vectors import Expr
 
 def fingerprint(d: Derived, rates: bool = False) -> str:
     """sha256 of the terms of a law: rows, their forces, states; rates: those of its rows, its coordinates and branches too."""
-    further = _further(d) if rates else []
+    further, reached = _further(d) if rates else [], _reached(d)
     memo: dict[Expr, str] = {}
     parts = [f"{type(d.law).__name__} {' '.join(f.kind.value for f in d.frames)} {' '.join(d.rows)}"]
-    parts += [f"{name}={canonical(value, memo)}" for name, value in d.variation.values.items() if name in _reached(d)]
+    parts += [f"{name}={canonical(value, memo)}" for name, value in d.variation.values.items() if name in reached]
     outputs = [*position(d), *dynamics(d), *state_rows(d), *further]
     parts += [f"{target}: {canonical(e, memo)}" for target, e in outputs]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
