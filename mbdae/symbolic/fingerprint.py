@@ -11,7 +11,7 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.outputs import Target, acceleration, dynamics, position, state_rows, velocity
 from mbdae.symbolic.program import Program
-from mbdae.symbolic.rebuild import substituted
+from mbdae.symbolic.rebuild import substituted, symbols_of
 from mbdae.symbolic.vectors import Expr
 
 
@@ -50,7 +50,7 @@ def canonical(e: Expr, memo: dict[Expr, str] | None = None) -> str:
 def _reached(d: Derived) -> set[Expr]:
     """Names the outputs depend on."""
     outputs = [*position(d), *dynamics(d), *state_rows(d)]
-    open_, found = set().union(*(se.sympify(e).free_symbols for _, e in outputs)) if outputs else set(), set()
+    open_, found = symbols_of(e for _, e in outputs), set()
     while open_:
         name = open_.pop()
         if name in d.variation.values and name not in found:
