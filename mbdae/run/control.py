@@ -41,6 +41,9 @@ ATTEMPTS = 5  #: largest number of runs after the first companions
 #: of two runs, their steps must differ, else their difference is no measure of the error. The factor is below 1/2 because widths
 #: vary by factors of 2
 CLOSER = 0.4
+#: the same factor for the part of the duration of an impact that a step may cover. The run after the first companions covers the
+#: part that a single run does, the companions cover more
+CLOSER_IMPACTS = 0.5
 UNKNOWN = "the run attached (rtol = {:g}) is complete, its error is not known"
 UNTESTED = "the run attached is complete; whether its steps leave out fast vibrations was not tested"
 CRAWL = 10  #: a run is stopped above this many times the residual evaluations of its companion
@@ -139,7 +142,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         try:
             most_residuals = CRAWL * coarse.stats.residuals + 10000 + CUT * _cuts(system, tight, asked.t_end)
             with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
-                fine = tight.run(system, replace(asked, max_residuals=most_residuals, share=CLOSER**count))
+                fine = tight.run(system, closer(replace(asked, max_residuals=most_residuals), count, kept))
         except WallClockError as error:
             raise WallClockError(
                 f"max_wall = {asked.max_wall:g} s of wall time is used up while the error was measured: "
@@ -175,6 +178,12 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     return best
 
 
+def closer(asked: Asked, count: int, kept: int) -> Asked:
+    """What is asked of a run after `count` others, the first `kept` of which are companions of the first: its steps are bounded
+    more closely than theirs."""
+    return replace(asked, share=CLOSER**count, impacts=CLOSER_IMPACTS ** (count - kept))
+
+
 def _fall(told: list[tuple[float, float]]) -> float:
     """The power of the tolerance with which the error is taken to fall, from tolerances and estimates: FALL, or what the last two
     runs showed where that is less. It may be far less where runs leave out vibrations that tighter ones resolve."""
@@ -201,7 +210,7 @@ def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controll
     for rtol in dict.fromkeys(rtols):
         solver = _with_rtol(tight, rtol)
         try:
-            run = solver.run(system, replace(asked, share=CLOSER ** len(made)))
+            run = solver.run(system, closer(asked, len(made), len(rtols)))
         except SolverError as error:
             if rtol == rtols[-1] or isinstance(error, FINAL):
                 raise

@@ -14,7 +14,7 @@ import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame
-from mbdae.symbolic.rebuild import substituted
+from mbdae.symbolic.rebuild import jumps_with, substituted
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
 _LET, _RATE = se.Function("let"), se.Function("rate")
@@ -210,6 +210,19 @@ class Variation:
             table[name] = se.UnevaluatedExpr(e) if shared and not e.is_Number and not isinstance(e, se.Symbol) else e
         self._inserted[shared] = len(self.values)
         return table
+
+    def depending(self, symbols: set[Expr]) -> set[Expr]:
+        """Some unknowns or parameters, with all names and frame symbols that depend on them."""
+        return symbols | {name for name, e in self.insertion(shared=True).items() if e.free_symbols & symbols}
+
+    def jumping(self, symbols: set[Expr]) -> set[Expr]:
+        """Names that contain, themselves or by other names, a function that jumps with some symbols."""
+        found: set[Expr] = set()
+        for name, value in self.values.items():
+            e = self.resolve(value)
+            if e.free_symbols & found or jumps_with(e, symbols):
+                found.add(name)
+        return found
 
 
 def _diff(e: Expr, symbol: Expr) -> Expr:
