@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbdae.native.contacts import Contacts
+from mbdae.native.elimination import Array, address
 from mbdae.native.equations import RAISED, SLICE, Equations, Number, Pointer, Stepping, Stretches, Whole
 from mbdae.native.radau import Stages, functions
-from mbdae.native.sparse import Array, address
 
 #: return codes, as in radau.c; a further one is RAISED
 DONE, DIVERGED, ORDER, NO_WIDTH, VANISHED, NO_RATES, LOOK = 0, 3, 4, 5, 6, 7, 8

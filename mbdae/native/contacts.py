@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.native.elimination import Array, address
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.program import address_of
-from mbdae.native.sparse import Array, address
 
 #: impact speeds (m/s, rad/s) at which durations of impacts are tabulated; in between their logarithms are interpolated
 SPEEDS = 10.0 ** (np.arange(161) / 8 - 14)

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.native.elimination import Array, address
 from mbdae.native.equations import Equations, Number, Pointer, Whole
 from mbdae.native.library import declared
-from mbdae.native.sparse import Array, Matrix, address
+from mbdae.native.sparse import Matrix
 
 STAGNATION = 0.03  #: as in radau.c: corrections that no longer shrink are accepted below this share of the tolerance
 NAMES = ("c", "A_inv", "T", "T_inv", "V_inv", "end", "e")

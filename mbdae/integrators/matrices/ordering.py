@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import connected_components, csc_matrix, identity, splu
+from mbdae.native.elimination import Entries, Order
 from mbdae.native.pivots import by_counts, largest_pivots, pivoted
-from mbdae.native.sparse import Entries, Order, Searches
+from mbdae.native.sparse import Searches
 
 #: kinds of unknowns whose own block is easily inverted: stresses by their compliance, positions by q' = H u
 FIRST = ("z", "q")

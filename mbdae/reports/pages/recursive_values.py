@@ -11,7 +11,7 @@ from mbdae.documents.blocks import Block
 from mbdae.kernels.plan import plan
 from mbdae.kernels.tree_plan import Piece, tree_plan
 from mbdae.reports.law_page import LawPage
-from mbdae.reports.letters import INERTIA, Letter
+from mbdae.reports.letters import INERTIA, Letter, second_rate_of
 from mbdae.reports.page import Check
 from mbdae.reports.pages.tree_vectors import VectorTree, link_of, tree_of
 from mbdae.reports.statement import Statement
@@ -45,7 +45,7 @@ class RecursiveValues(LawPage):
         known = self.known
         for name, symbol in self.s.coordinates.items():
             letter = known[str(symbol)]
-            known[str(self.tree.second(name))] = Letter(f"\\ddot{{{letter.latex}}}", f"{letter.unit}/s^2", "its second rate")
+            known[str(self.tree.second(name))] = second_rate_of(letter)
         for name, side in self.s.turning.items():
             for i in "123":
                 known |= {

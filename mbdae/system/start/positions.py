@@ -29,6 +29,7 @@ from mbdae.system.start.sparse_change import sparse_least_change
 
 Held = tuple[Connection, str, float]  #: a joint, one of its coordinates, and the value at which it is held
 CLOSED = 1e-12  #: largest violation of a closed loop, over the scene's length, or rad
+REACHED = 1e-9  #: largest violation up to which a loop counts as closed
 
 
 def coordinate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
@@ -130,7 +131,7 @@ class ConsistentPositions:
             if factor <= 1e-4:
                 break
             q, g = candidate, g_new
-        if size > 1e-9:
+        if size > REACHED:
             raise StartError([self._cannot_close(int(np.argmax(violations(g, B))), g, A)])
         self._report_positions(before, q)
         return q
