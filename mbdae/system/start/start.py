@@ -151,7 +151,7 @@ class Starter(ConsistentPositions):
         slight = 1e-9 * fastest, 1e-9 * fastest / self.model.length
         wrong = [item for item in given if any(np.linalg.norm(rows @ change) > size
                                                for rows, size in zip(_stated(item), slight, strict=True))]  # fmt: skip
-        if wrong:
+        if wrong and self.joints is None:  # in loops they stay as near as they can, else they would count for nothing
             projected, change = self._projected(q, u, [item for item in given if item not in wrong])
         for body, moves, turns in wrong:
             v, w = (float(np.linalg.norm(rows @ change)) for rows in (moves, turns))
