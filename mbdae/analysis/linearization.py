@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -178,7 +178,7 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     z = _stresses(at, m, start)
     p = _pencil(system, m, axes, (start.t, start.q, start.u, start.s, z))
     found = Linearization(prepared, axes, start.t, p, count)
-    found._finer = finer(prepared.model.scene, at, lambda scene, at: linearize(scene, at, axes.name, count))
+    found._finer = finer(partial(linearize, frame=axes.name, count=count), prepared.model.scene, at)
     beams = (system, z) if m.model.lines else None
     reason = reason_not_steady(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
     if reason:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -65,15 +65,14 @@ class OnMesh:
         return f"mesh of {beams}: not covered{' (mesh_error measures it)' if self._finer is not None else ''}"
 
 
-def finer(scene: SceneData, at: Any, again: Callable[[SceneData, Any], Any]) -> Callable[[], Any] | None:
-    """The analysis `again(scene, at)` with finer beams; None where the state `at` is one of a run, on a mesh of its own."""
-    if at is None:
-        return lambda: again(with_finer_beams(scene), None)
-    if not isinstance(at, Equilibrium):
+def finer(again: Callable[..., Any], scene: SceneData, at: Any) -> Callable[[], Any] | None:
+    """The analysis again(scene, at=) with finer beams; None where the state `at` is one of a run, on a mesh of its own."""
+    if at is not None and not isinstance(at, Equilibrium):
         return None
+    return partial(_with_finer_beams, again, scene, None if at is None else at.frame)
 
-    def about_rest() -> Any:
-        fine = with_finer_beams(scene)
-        return again(fine, equilibrium(fine, at.frame))
 
-    return about_rest
+def _with_finer_beams(again: Callable[..., Any], scene: SceneData, frame: str | None) -> Any:
+    """The analysis on a finer mesh; frame: that in which its state is at rest, None: the start of the scene."""
+    fine = with_finer_beams(scene)
+    return again(fine, at=None if frame is None else equilibrium(fine, frame))

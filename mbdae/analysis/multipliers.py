@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -166,7 +166,7 @@ def floquet(scene: SceneData, period: float, at: Any = None, count: int | None =
     wanted = count if count is not None else ELASTIC if prepared.model.lines else directions.Q.shape[1]
     found = _converged(system, directions, period, max(FEWEST, returned.steps // 2), wanted, accuracy)
     made = Floquet(prepared, period, found, _of_all_nodes(prepared, system, directions), returned.off)
-    made._finer = finer(scene, at, lambda scene, at: floquet(scene, period, at, count, accuracy))
+    made._finer = finer(partial(floquet, period=period, count=count, accuracy=accuracy), scene, at)
     return made
 
 

@@ -75,7 +75,6 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
     h, coarse, spent, runs = _first_step(system, t_end), None, 0.0, 0
     first = h
     best: Halved | None = None
-    told: tuple[tuple[float, float], ...] = ()
     failures, confirmed = 0, inf
     most = 1 if system.guard_jumps else solver.order  # steps across a jump of the force are of order 1
     order, earlier = float(min(most, BELIEVED)), (inf, inf)
@@ -115,8 +114,7 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
         if estimate <= accuracy and second is not None:
             estimate = second.distance(fine, estimate)
             stalled, confirmed = estimate > FALLS * confirmed, estimate  # stalled: the two methods have different limits
-        told = (*told, (h, own))
-        best = Halved(fine, now, estimate, runs, spent, coarser, own, told)
+        best = Halved(fine, now, estimate, runs, spent, coarser, own, (*best.told, (h, own)) if best is not None else ())
         if estimate <= accuracy or stalled:
             return best
         coarse = fine, h

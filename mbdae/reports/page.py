@@ -171,12 +171,13 @@ class Page:
     wanted: dict[str, Wanted]
 
     def want(self, latex: str, values: Any, source: str, unit: str = "") -> None:
-        """Require values of a printed symbol; source: where they come from."""
+        """Keep the values that the printed formulas of a symbol must give when they are read back, (POINTS, ...) or one for
+        all points; source: what computed them."""
         values = np.asarray(values)
         self.wanted[latex] = Wanted(np.broadcast_to(values, (POINTS, *values.shape[1:])), source, unit)
 
     def line(self, latex: str, e: Any, values: Any = None, source: str = "", unit: str = "") -> str:
-        """An equation of a symbol and its formula (scalar or vector). values: required ones; source: where they come from."""
+        """An equation of a symbol and its formula (scalar or vector). values, source: as in `want`."""
         if values is not None:
             self.want(latex, values, source, unit)
         return f"{latex} = {self.writer.of(e)}"

@@ -124,7 +124,7 @@ def _circles(scene: Any) -> list[str]:
     needs = {one.name: [p for p in one.reads() if p != one.name or one.kind == "signal"]
              for one in scene.signals if one.kind == "signal"}  # fmt: skip
 
-    known = set[str]()  # signals that lead into no circle: many may need one, by many ways
+    known = set[str]()  # signals found to depend on no circle of signals, which are not followed again
 
     def walk(name: str, above: tuple[str, ...]) -> str:
         if name in above:

@@ -79,7 +79,8 @@ class Variation:
         e = se.sympify(statement)
         for f in self.frames:
             if e in f.undefined:
-                raise LawError(f"the {f.undefined[e]} of {f.side} is not defined for a {f.kind.value} node")
+                raise LawError(f"the {f.undefined[e]} of {f.side} is not defined for a {f.kind.value} node, "
+                               f"which has no rotation: use a rigid body, or the point of the frame alone")
         if not e.args or e.is_Number:
             return e
         if e not in self._named:

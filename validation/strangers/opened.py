@@ -1,9 +1,10 @@
-"""Rigid loops drawn open: a joint of a drawn loop starts elsewhere than drawn, and the start is compared in every statement of it."""
+"""Rigid loops drawn open: joints start elsewhere than drawn, and the start is compared in other statements of the same loop."""
 
 from __future__ import annotations
 
 import random
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -31,10 +32,8 @@ def opened(seed: int) -> Iterator[Story]:
         seen.append(story)
         return False
 
-    try:
+    with suppress(NoSuchExample):
         find(FAMILIES["loop"], keep, settings=QUIET, random=rng)
-    except NoSuchExample:
-        pass
     for story in seen:
         joints = [a for a in story.statements if a.verb not in (*BODIES, "force", "torque", "spring", "own")]
         can = [a.name for a in joints if a.verb in HELD]

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import connected_components, csc_matrix, identity, splu
+from mbdae.deferred import connected_components, csc_matrix
+from mbdae.integrators.matrices.dissection import by_degree, dissected
 from mbdae.native.elimination import Entries, Order
 from mbdae.native.pivots import by_counts, largest_pivots, pivoted
 from mbdae.native.sparse import Searches
@@ -23,6 +24,9 @@ SMALL = 200
 #: number of entries of the inverse of the positions' block, over that of a matrix of more than FEW unknowns, above which
 #: positions are not eliminated first: in space the positions of all bodies that joints connect are one block
 COUPLED = 2
+#: entries of the factors, over those of the matrix, above which an order by nested dissection is compared too: chains, trees and
+#: beams have 1 to 3, nets of bars more than 4
+LOOPS = 4
 #: smallest pivot on the diagonal, relative to the largest of its column: a third to a half of the fill-in of the largest pivots
 LARGE = 0.1
 #: smallest pivot on the diagonal, relative to the largest of its column, in the order by kinds: with larger values the factors of
@@ -31,9 +35,19 @@ THRESHOLD = 1e-8
 
 
 def searches(kinds: Sequence[str]) -> Searches:
-    """How orders of elimination are sought for a matrix with unknowns of these kinds: first the cheaper of two, stresses and
-    positions first or the largest pivots; where that loses too many digits, pivots on the diagonal above `LARGE`; then the
-    largest pivots."""
+    """How orders of elimination are sought for a matrix with unknowns of these kinds: first the cheapest of stresses and
+    positions first, the largest pivots and, with many loops, nested dissection; where that loses too many digits, the cheaper of
+    the first two; then pivots on the diagonal above `LARGE`; then the largest pivots."""
+
+    def cheapest(entries: Entries, values: NDArray[Any]) -> Order | None:
+        order = cheaper(entries, values)
+        if order is None or entries.n <= FEW or order.size <= LOOPS * entries.nnz:
+            return order
+        other = dissected(kinds, entries)
+        return order if other is None or other.work >= order.work else other
+
+    def cheaper_of_large(entries: Entries, values: NDArray[Any]) -> Order | None:
+        return cheaper(entries, values) if entries.n > FEW else None
 
     def cheaper(entries: Entries, values: NDArray[Any]) -> Order | None:
         small = by_counts(entries, values) if entries.n <= SMALL and "z" not in kinds else None
@@ -46,7 +60,7 @@ def searches(kinds: Sequence[str]) -> Searches:
         both = [order for order in (by_kinds, by_pivots) if order is not None]
         return min(both, key=lambda order: order.work, default=None)
 
-    return cheaper, _large_pivots, largest_pivots
+    return cheapest, cheaper_of_large, _large_pivots, largest_pivots
 
 
 def _stresses_first(kinds: Sequence[str], entries: Entries, values: NDArray[Any]) -> Order | None:
@@ -79,11 +93,7 @@ def elimination_order(matrix: csc_matrix, kinds: Sequence[str]) -> NDArray[np.in
         return None
     by_rest = closure @ block(q, rest)  # positions in terms of the rest
     left = block(rest, rest) + block(rest, q) @ by_rest + block(rest, z) @ (block(z, rest) + block(z, q) @ by_rest)
-    left.data[:] = 1.0
-    # pivots on the diagonal, because only the sparsity pattern counts here
-    dominant = left + identity(len(rest)) * (2.0 * len(rest))
-    order = np.argsort(splu(dominant.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).perm_c)
-    return np.concatenate([z, q, rest[order]])
+    return np.concatenate([z, q, rest[by_degree(left)]])
 
 
 def _closure(pattern: Any, most: int) -> Any:

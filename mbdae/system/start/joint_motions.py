@@ -1,8 +1,8 @@
 """How far joints are from where they are drawn: the relative motions by which the start measures what is near.
 
-Of every joint between two bodies count three rotations (2 sin(angle / 2) about the axis of the relative rotation, rad where it is
-small) and the displacement of the point of l from the point of k, both in axes fixed to k, over the extent of the joints. Models of
-joints, orders of statements and frames do not enter.
+Of every joint between two bodies count its rotation from the drawing, 2 sin(angle / 2) about its axis (the angle in rad, where it
+is small), and the displacement of the point of l from that of k over the extent of the scene, both in axes fixed to k. Models of
+joints, the order of statements and frames do not enter.
 """
 
 from __future__ import annotations
@@ -48,6 +48,7 @@ class JointMotions:
     def __init__(self, model: Model) -> None:
         self.model = model
         joints = [c for c in model.scene.joints if not (c.loose or c.others)]
+        self.names = [c.name for c in joints]
         self._ends = [(c.joint, *model.ends(c)) for c in joints]
         points = [law.point_on(side) for law, _, _ in self._ends for side in "kl"]
         points += [b.drawn.position for _, b in model.bodies]
@@ -58,27 +59,26 @@ class JointMotions:
     def at(self, q: Array, rates: bool = False) -> tuple[Array, Any]:
         """Distances (6 j,) of the j joints from their drawn place and their derivatives (6 j, nu) by displacements, sparse; with
         `rates` the maps of the velocities to relative angular velocities and to velocities over the extent."""
-        far, entries = [np.zeros(0)], []
-        for row, (law, k, l) in enumerate(self._ends):
+        far, values, rows, columns = ([np.zeros(0)] for _ in range(4))
+        for joint, (law, k, l) in enumerate(self._ends):
             a, b = (self._side(body, law.point_on(side), q) for body, side in ((k, "k"), (l, "l")))
             oriented = not (k.is_point or l.is_point)
-            w, x, y, z = quaternion(a.turned.T @ b.turned) if oriented else np.eye(4)[0]
+            w, *v = quaternion(a.turned.T @ b.turned) if oriented else np.eye(4)[0]
             way = a.turned.T @ (b.point - a.point) - (law.point_on("l") - law.point_on("k"))
-            far.append(np.r_[2 * x, 2 * y, 2 * z, way / self.extent])
-            turning = a.turned.T if rates else (w * np.eye(3) - _cross(np.array([x, y, z]))) @ a.turned.T
+            far.append(np.r_[2 * np.array(v), way / self.extent])
+            turning = a.turned.T if rates else (w * np.eye(3) - _cross(np.array(v))) @ a.turned.T
             for sign, side in ((-1.0, a), (1.0, b)):
-                blocks = [turning @ side.spins * oriented, a.turned.T @ side.carries(b.point) / self.extent]
-                block = sign * np.vstack(blocks)
-                rows, columns = np.indices(block.shape)
-                entries.append((block.ravel(), 6 * row + rows.ravel(), side.first + columns.ravel()))
-        values, rows, columns = (np.concatenate([np.zeros(0), *part]) for part in zip(*entries, strict=True)) if entries else (
-            np.zeros(0),) * 3  # fmt: skip
-        shape = 6 * len(self._ends), self.model.nu
-        return np.concatenate(far), sp.csr_matrix((values, (rows.astype(int), columns.astype(int))), shape=shape)
+                block = sign * np.vstack([turning @ side.spins * oriented, a.turned.T @ side.carries(b.point) / self.extent])
+                at = np.indices(block.shape)
+                values.append(block.ravel())
+                rows.append(6 * joint + at[0].ravel())
+                columns.append(side.first + at[1].ravel())
+        places = np.concatenate(rows).astype(int), np.concatenate(columns).astype(int)
+        return np.concatenate(far), sp.csr_matrix((np.concatenate(values), places), shape=(6 * len(self._ends), self.model.nu))
 
     def weight(self, D: Any, masses: Any, units: Array) -> Any:
-        """D^T D (n, n) of derivatives D (6 j, n), with a small share of the masses (n, n), which decide where no joint does; units
-        (n,): unit displacements."""
+        """D^T D (n, n) of derivatives D (6 j, n), with a small share of the masses (n, n), which decide where no joint does;
+        units (n,): unit displacements."""
         M = sp.csc_matrix(masses)
         return sp.csc_matrix(D.T @ D) + M * (INERTIA / np.max(M.diagonal() * (units / self.extent) ** 2))
 

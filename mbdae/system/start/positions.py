@@ -245,11 +245,10 @@ class ConsistentPositions:
         return self.rigid.moved(q, x, self.mechanics.integrate_positions(q, d))
 
     def _report_positions(self, before: Array, after: Array) -> None:
-        for node, body in self.model.bodies:
-            n = node.kind.translations
-            moved = float(np.linalg.norm(after[node.q : node.q + n] - before[node.q : node.q + n]))
-            if moved > 1e-9 * self.model.length:
-                self.changes.append(f"'{body.name}' moved by {moved:.4g} m to close the loops")
+        moved = {b.name: float(np.linalg.norm(n.position(after) - n.position(before))) for n, b in self.model.bodies}
+        most = max(moved, key=moved.__getitem__)
+        if moved[most] > 1e-9 * self.model.length:
+            self.changes.append(f"to close the loops body '{most}' moved by {moved[most]:.3g} m")
 
     def check_branches(self, q: Array) -> None:
         """Refuse other branches of the constraints: axes reversed, or a driven angle wrong by pi."""

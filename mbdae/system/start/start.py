@@ -69,11 +69,14 @@ class Starter(ConsistentPositions):
     def consistent_velocities(self, q: Array) -> Array:
         """Velocities (nu,) at the start: stated ones and held rates, and no relative motion at all other joints; in scenes with
         loops the least, as the sum of squares over all joints, whichever of them the tree leaves out."""
+        along = self.velocities_of_tree(q)
         if not any(not c.loose and not c.others for c in self.tree.closing):
-            return self.project_velocities(q, self.velocities_of_tree(q))
+            return self.project_velocities(q, along)
         self.joints = JointMotions(self.model)
         stated = {b: (b.drawn.velocity, b.drawn.angular_velocity) for b in (self.scene.ground, *self.scene.bodies)}
-        return self.project_velocities(q, self._velocities(q, stated, self._poses(q)))
+        found = self.project_velocities(q, self._velocities(q, stated, self._poses(q)))
+        rounding = ROUNDING * np.max(np.abs(found) * self.mechanics.velocity_units, initial=0.0)
+        return along if np.all(np.abs(along - found) * self.mechanics.velocity_units <= rounding) else found
 
     def velocities_of_tree(self, q: Array) -> Array:
         """Velocities (nu,) along the tree: stated ones, held rates, zero relative velocity at all other joints."""
