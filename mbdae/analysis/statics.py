@@ -67,7 +67,7 @@ class Statics:
         spec = Index3().spec()
         self.elastic = bool(m.model.lines)
         self.system = complete_system(m, spec)
-        self.loads = complete_system(m, replace(spec, outputs=applied_loads, loads_only=True), self.system.sparsity is not None)
+        self.loads = complete_system(m, replace(spec, outputs=applied_loads, loads_only=True), self.system.sparse)
         self.units = m.velocity_units
         self.kinds = np.array(self.system.kinds)
         y = np.zeros(self.system.n)

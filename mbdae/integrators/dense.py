@@ -8,6 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.deferred import distinct
 from mbdae.integrators.runge_kutta.tables import CollocationTable, radau_table
 from mbdae.system.base import Array
 
@@ -217,7 +218,7 @@ class Joined:
     def _each(self, times: Array, function: Callable[[Hermite, Array], Array]) -> Array:
         of = np.clip(np.searchsorted(self._starts, times, side="right") - 1, 0, len(self.parts) - 1)
         out = np.empty((len(times), self.parts[0].y.shape[1]))
-        for i in np.unique(of):
+        for i in distinct(of):
             out[of == i] = function(self.parts[i], times[of == i])
         return out
 

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import csc_matrix, cython_lapack
+from mbdae.deferred import csc_matrix, distinct
 from mbdae.native.equations import Number, Pointer, Whole
+from mbdae.native.lapack import lapack
 from mbdae.native.library import declared
 
 Array = NDArray[np.float64]
@@ -66,21 +66,13 @@ functions = declared(
     ("lu_fill", Whole, (Whole, Pointer, Pointer, Whole, Pointer, Pointer, Pointer, Pointer)),
     ("lu_factor", Whole, (Pointer,)),
     ("lu_solve", None, (Pointer, Pointer)),
+    ("lu_solve_each", None, (Pointer, Whole, Pointer)),
     ("lu_correct", None, (Pointer, Pointer, Pointer)),
     ("matrix_factor", Whole, (Pointer, Number, Whole)),
     ("matrix_mass", None, (Pointer, Pointer, Pointer)),
     ("matrix_correct", None, (Pointer, Pointer)),
     ("matrix_noise", None, (Pointer, Pointer, Pointer, Pointer)),
 )
-
-
-@cache
-def lapack(name: str) -> int:
-    """Address of a function of LAPACK in the library that SciPy brings."""
-    capsule, api = cython_lapack.__pyx_capi__[name], ctypes.pythonapi
-    api.PyCapsule_GetName.restype, api.PyCapsule_GetName.argtypes = ctypes.c_char_p, [ctypes.py_object]
-    api.PyCapsule_GetPointer.restype, api.PyCapsule_GetPointer.argtypes = Pointer, [ctypes.py_object, ctypes.c_char_p]
-    return int(api.PyCapsule_GetPointer(capsule, api.PyCapsule_GetName(capsule)))
 
 
 def address(array: NDArray[Any]) -> int:
@@ -105,7 +97,7 @@ class Entries:
         if n < 1 or self.row_of.ndim != 1 or not ((self.row_of >= 0) & (self.row_of < n)).all():
             raise ValueError(f"indices are not rows of a matrix ({n}, {n})")
         self.column_of = np.repeat(np.arange(n, dtype=np.int64), np.diff(self.indptr))
-        if len(np.unique(self.column_of * n + self.row_of)) != self.nnz:
+        if len(distinct(self.column_of * n + self.row_of)) != self.nnz:
             raise ValueError("an entry is named twice")
 
     @classmethod
@@ -149,7 +141,7 @@ class Order:
 def filled(n: int, i: Index, j: Index) -> tuple[Index, Index, Index]:
     """The pattern of L + U, fill-in included, of a matrix with entries in rows i, columns j: where its rows begin (n + 1,), the
     columns of its entries in ascending order, and where its diagonal entries are (n,)."""
-    cells = np.unique(np.r_[i * n + j, np.arange(n) * (n + 1)])
+    cells = distinct(np.r_[i * n + j, np.arange(n) * (n + 1)])
     rows, columns = whole(np.searchsorted(cells, np.arange(n + 1) * n)), whole(cells % n)
     ptr, diag, work = np.zeros(n + 1, dtype=np.int64), np.zeros(n, dtype=np.int64), np.zeros(n + 2, dtype=np.int64)
     most, count = 4 * (len(i) + n), -1
@@ -329,6 +321,14 @@ class Matrix:
         while bad >= 0:
             self.factors[bad].renew()
             bad = self._factor(self.address, h, bad + 1)
+
+    def solved(self, right: Array) -> Array:
+        """Solutions (k, n) for as many right-hand sides, with the factors of the first lambda, which is real."""
+        if right.shape[1:] != (self.entries.n,) or not (len(self.real) and self.table.ready):
+            raise ValueError(f"right-hand sides of shape {right.shape} for {self.entries.n} unknowns, or nothing is factorised")
+        x = np.ascontiguousarray(right * self.row)
+        functions().lu_solve_each(ctypes.addressof(self.factors[0].table), len(x), address(x))
+        return np.asarray(x * self.column)
 
     def mass(self, x: Array) -> Array:
         """dF/dy' x, shape (n,)."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import connected_components, csc_matrix, identity, splu
-from mbdae.native.pivots import by_counts, largest_pivots, pivoted
+from mbdae.native.pivots import by_counts, is_small, largest_pivots, pivoted
 from mbdae.native.sparse import Entries, Order, Searches
 
 #: kinds of unknowns whose own block is easily inverted: stresses by their compliance, positions by q' = H u
@@ -17,12 +17,11 @@ FIRST = ("z", "q")
 #: FEW: unknowns up to which two orders are compared with stresses (largest pivots fill in much); CHEAP: multiplications of
 #: a factorisation below which the search ends
 FEW, CHEAP = 600, 15_000
-#: number of unknowns up to which pivots are first chosen by counts of entries: 1 ms for 100 unknowns, without SciPy
-SMALL = 200
 #: number of entries of the inverse of the positions' block, over that of a matrix of more than FEW unknowns, above which
 #: positions are not eliminated first: in space the positions of all bodies that joints connect are one block
 COUPLED = 2
-#: smallest pivot on the diagonal, relative to the largest of its column: a third to a half of the fill-in of the largest pivots
+#: smallest pivot on the diagonal, or chosen by counts, relative to the largest of its column: a third to a half of the fill-in of
+#: the largest pivots
 LARGE = 0.1
 #: smallest pivot on the diagonal, relative to the largest of its column, in the order by kinds: with larger values the factors of
 #: a stiff beam fill in, whose compliances are small beside its strains (0.24 s instead of 0.007 s for 1000 elements)
@@ -30,14 +29,15 @@ THRESHOLD = 1e-8
 
 
 def searches(kinds: Sequence[str]) -> Searches:
-    """How orders of elimination are sought for a matrix with unknowns of these kinds: first the cheaper of two, stresses and
-    positions first or the largest pivots; where that loses too many digits, pivots on the diagonal above `LARGE`; then the
-    largest pivots."""
+    """How orders of elimination are sought for a matrix with unknowns of these kinds. Of a small one by counts of entries, with
+    the largest pivots where there are no stresses: smaller ones lose digits that runs need near singular positions. Of a large
+    one first the cheaper of two, stresses and positions first or the largest pivots. Where that loses too many digits, by
+    pivots on the diagonal, or by counts, above `LARGE`; then by the largest pivots."""
+    share = LARGE if "z" in kinds else 1.0
 
     def cheaper(entries: Entries, values: NDArray[Any]) -> Order | None:
-        small = by_counts(entries, values) if entries.n <= SMALL and "z" not in kinds else None
-        if small is not None and small.work <= CHEAP:  # SciPy is not imported
-            return small
+        if is_small(entries):
+            return by_counts(entries, values, share)
         by_pivots = None if "z" in kinds and entries.n > FEW else largest_pivots(entries, values)
         if by_pivots is not None and by_pivots.work <= CHEAP:
             return by_pivots
@@ -58,6 +58,8 @@ def _stresses_first(kinds: Sequence[str], entries: Entries, values: NDArray[Any]
 
 
 def _large_pivots(entries: Entries, values: NDArray[Any]) -> Order | None:
+    if is_small(entries):
+        return by_counts(entries, values, LARGE)
     return pivoted(entries, entries.matrix(values), np.arange(entries.n), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=LARGE)
 
 
