@@ -48,7 +48,7 @@ WIDE static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, 
 }
 
 /* The largest of `count` numbers of column j of d (n, n), in the rows of a list. */
-static double NAME(largest)(I n, const T *d, const int *rows, I count, I j) {
+static double NAME(largest)(I n, const T *d, const short *rows, I count, I j) {
   double found = 0;
   for (I m = 0; m < count; m++) {
     const double size = NAME(size)(d[rows[m] * n + j]);
@@ -62,14 +62,14 @@ static double NAME(largest)(I n, const T *d, const int *rows, I count, I j) {
    numbers, and where entries are; to work with: count, place (2, n) of rows and columns, list (2, n, n) of what is in them, top
    (n). n, or after how many pivots nothing is left to choose from. */
 static I NAME(choose)(I n, double share, T *restrict d, char *restrict at, I *restrict rows, I *restrict columns,
-                      I *restrict count, I *restrict place, int *restrict list, double *restrict top) {
+                      I *restrict count, I *restrict place, short *restrict list, double *restrict top) {
   I *const row_count = count, *const column_count = count + n, *const row_place = place, *const column_place = place + n;
-  int *const in_row = list, *const in_column = list + n * n;
+  short *const in_row = list, *const in_column = list + n * n;
   memset(count, 0, sizeof(I) * 2 * n);
   for (I i = 0; i < n; i++) {
     row_place[rows[i]] = column_place[columns[i]] = i;
     for (I j = 0; j < n; j++)
-      if (at[i * n + j]) in_row[i * n + row_count[i]++] = (int)j, in_column[j * n + column_count[j]++] = (int)i;
+      if (at[i * n + j]) in_row[i * n + row_count[i]++] = (short)j, in_column[j * n + column_count[j]++] = (short)i;
   }
   for (I j = 0; j < n; j++) top[j] = NAME(largest)(n, d, in_column + j * n, column_count[j], j);
   for (I k = 0; k < n; k++) {
@@ -97,7 +97,7 @@ static I NAME(choose)(I n, double share, T *restrict d, char *restrict at, I *re
         const I o = in_row[i * n + b];
         if (!at[m * n + o]) {
           at[m * n + o] = 1;
-          in_row[m * n + row_count[m]++] = (int)o, in_column[o * n + column_count[o]++] = (int)m;
+          in_row[m * n + row_count[m]++] = (short)o, in_column[o * n + column_count[o]++] = (short)m;
         }
         NAME(less)(&d[m * n + o], l, d[i * n + o]);
       }

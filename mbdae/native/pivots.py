@@ -46,9 +46,11 @@ def by_counts(entries: Entries, values: NDArray[Any], share: float = 1.0) -> Ord
     """The order whose pivots have the fewest other entries in their rows and columns (Markowitz), of those that are at least
     `share` of the largest in their column, with n^2 numbers of memory; None where the matrix is singular."""
     n, complex_ = entries.n, values.dtype.kind == "c"
+    if n > MANY:
+        raise ValueError(f"{n} unknowns: pivots are chosen by counts for up to {MANY}")
     d, at = np.zeros((n, n), complex if complex_ else float), np.zeros((n, n), dtype=np.int8)
     d[entries.row_of, entries.column_of], at[entries.row_of, entries.column_of] = values, 1
-    rows, columns, top, lists = whole(np.arange(n)), whole(np.arange(n)), np.zeros(n), np.empty((2, n, n), dtype=np.intc)
+    rows, columns, top, lists = whole(np.arange(n)), whole(np.arange(n)), np.zeros(n), np.empty((2, n, n), dtype=np.int16)
     count, place = np.zeros((2, 2 * n), dtype=np.int64)
     found = functions().lu_choose(n, complex_, share, address(d), address(at),
                                   *(address(array) for array in (rows, columns, count, place, lists, top)))  # fmt: skip

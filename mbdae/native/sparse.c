@@ -24,7 +24,7 @@ static inline Pair pair_inverse(Pair z) { /* without overflow of squares */
 }
 
 /* Take a number out of a list in which it is once. */
-static inline void take_out(int *list, I *count, I what) {
+static inline void take_out(short *list, I *count, I what) {
   I at = 0;
   while (list[at] != what) at++;
   list[at] = list[--*count];
@@ -69,7 +69,7 @@ API I lu_fill(I n, const I *rows, const I *columns, I most, I *ptr, I *col, I *d
 }
 
 /* See `choose` of lu.h; rows, columns (n): all numbers in any order, then those of the pivots in theirs. */
-API I lu_choose(I n, I complex, double share, void *d, char *at, I *rows, I *columns, I *count, I *place, int *list, double *top) {
+API I lu_choose(I n, I complex, double share, void *d, char *at, I *rows, I *columns, I *count, I *place, short *list, double *top) {
   return (complex ? pair_choose(n, share, d, at, rows, columns, count, place, list, top)
                   : real_choose(n, share, d, at, rows, columns, count, place, list, top));
 }
