@@ -154,7 +154,7 @@ class Statics:
         if not np.any(force):
             return point
         T = self.tangent(still, full=True)
-        W = T.p.C.T @ (T.p.C.T @ m.weight).T  # forces that no stress can balance accelerate the scene
+        W = T.p.C.T @ (T.p.C.T @ sp.csc_matrix(m.weight)).T  # forces that no stress can balance accelerate the scene
         inertia = sp.block_diag([FREE * softest_beam(m.model) ** 2 * W, sp.csr_matrix((T.K.shape[0] - nu,) * 2)])
         x = self.solve(T.K + inertia, -np.r_[T.p.C.T @ force, np.zeros(T.K.shape[0] - nu)])
         y, at = point.y.copy(), nu + len(T.p.places["s"])
