@@ -23,7 +23,7 @@ from mbdae.system.base import Array
 BLOCK = 1000  #: number of single rows that are collected before they become part of a block
 SPARE = 8  #: a block grows by 1 / SPARE of its rows in advance
 FEW = 8  #: largest number of rows that `extend` adds one by one instead of to a block
-IN_MEMORY = 2**26  #: bytes of memory that each array of a run (t, y, ...) may take before its rows are written to disk
+IN_MEMORY = 2**23  #: bytes of memory that each array of a run (y, y', ...) may take before its rows are written to disk
 
 
 class Block:

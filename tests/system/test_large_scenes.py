@@ -166,6 +166,22 @@ def test_steps_are_held_once(at_once):
     assert held > count * row  # it was counted
 
 
+def test_memory_of_a_run_does_not_grow_with_its_steps(monkeypatch):
+    """Only the times of the steps stay in memory, 8 bytes each, in the run and its companion; of values and polynomials 140 each
+    would stay."""
+    monkeypatch.setattr(kept_rows, "IN_MEMORY", 2**18)
+    s, found = chain(1, (1.0, 0.0)), []
+    s.simulate(1.0, accuracy=1e-4)  # what is made once
+    for t_end in (20.0, 80.0):
+        tracemalloc.start()
+        r = s.simulate(t_end, accuracy=1e-4, outputs=5)
+        found.append((len(r.solution.t), tracemalloc.get_traced_memory()[1]))
+        tracemalloc.stop()
+    (steps, before), (more, after) = found
+    assert more > steps + 10_000
+    assert after - before < 40 * (more - steps)
+
+
 def test_rows_given_out_stay_as_they_were():
     rows = kept_rows.Rows("y", np.zeros(2))
     rows.extend(np.ones((2000, 2)))
