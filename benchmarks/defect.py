@@ -207,7 +207,7 @@ def case(seed):
         off -= error(silent.simulate(end, **options), [silent.simulate(end, 1e-8, solver=mb.RadauIIA(3))]) / asked
     steps = r.solution.t
     here = float(np.diff(steps)[min(np.searchsorted(steps, c) - 1, len(steps) - 2)])
-    told = any(NAMED in note for note in r.warnings) if r.reliable else None
+    told = any(NAMED in note for note in r.warnings) if r.info.reliable else None
     return make.__name__, "law" if make is barrier else kind, solver.label if solver else "default", w / here, off, told
 
 

@@ -17,6 +17,8 @@ from mbdae.errors import (
     StartError,
     SteadyError,
     StoppedError,
+    meant,
+    methods_naming_arguments,
 )
 
 if TYPE_CHECKING:
@@ -108,10 +110,19 @@ def __getattr__(name: str) -> Any:
     if name in _HOME:
         from importlib import import_module
 
-        value = getattr(import_module(_HOME[name]), name)
+        value = _naming_arguments(getattr(import_module(_HOME[name]), name))
         globals()[name] = value
         return value
-    raise AttributeError(f"module 'mbdae' has no attribute {name!r}")
+    raise AttributeError(f"module 'mbdae' has no attribute {name!r}{'; ' * bool(close := meant(name, __all__))}{close.strip()}")
+
+
+def _naming_arguments(value: Any) -> Any:
+    """An exported function or class; calls of a class say which argument is wrong and which there are (`errors.call_refused`),
+    its generated constructor too. Functions say so by their decorator `naming_arguments`."""
+    for cls in value.__mro__ if isinstance(value, type) else ():
+        if cls.__module__.startswith(f"{__name__}.") and not issubclass(cls, Exception):
+            methods_naming_arguments(cls)
+    return value
 
 
 class _Package(ModuleType):

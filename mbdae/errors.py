@@ -23,10 +23,12 @@ was computed until then: a Result of `simulate`, a Sweep of `sweep`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import wraps
+from inspect import signature
+from types import FunctionType
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
@@ -189,7 +191,70 @@ def meant(name: str, known: Iterable[str]) -> str:
     return f"did you mean '{by_letters[close[0]]}'? " if close else ""
 
 
-class ListsAttributes:
+def unknown_name(name: str, known: Iterable[str]) -> str:
+    """An unknown name in a sentence, with the known one that was probably meant; what follows says which are known."""
+    return f"'{name}': {close}".rstrip() if (close := meant(name, known)) else f"'{name}';"
+
+
+def call_refused(function: Callable[..., Any], args: tuple[Any, ...], given: Mapping[str, Any], name: str = "") -> str:
+    """What is wrong with the arguments of a call: which are unknown, what was probably meant, which there are; "" where they fit.
+    args, given: as they are passed, with the object of a method first; name: of the function in the message."""
+    known = signature(function)
+    try:
+        known.bind(*args, **given)
+    except TypeError as error:
+        parameters = list(known.parameters.values())[1 if _bound(function) else 0 :]
+        names = [p.name for p in parameters]
+        unknown = [key for key in given if key not in names]
+        if any(p.kind is p.VAR_KEYWORD for p in parameters):
+            unknown = []
+        wrong = "".join(f" has no argument {unknown_name(key, names)}" for key in unknown) or f": {error};"
+        return f"{name or function.__name__}(){wrong} its arguments are {', '.join(names) or 'none'}"
+    return ""
+
+
+def _bound(function: Callable[..., Any]) -> bool:
+    """Whether a function is a method: its first argument is the object or the class."""
+    return next(iter(signature(function).parameters), "") in ("self", "cls")
+
+
+def naming_arguments(function: Callable[P, T]) -> Callable[P, T]:
+    """The function, which says of a call with wrong arguments what `call_refused` says. Its signature and its text stay."""
+
+    @wraps(function)
+    def told(*args: P.args, **kwargs: P.kwargs) -> T:
+        try:
+            return function(*args, **kwargs)
+        except TypeError:
+            owner = (args[0] if isinstance(args[0], type) else type(args[0])).__name__ if args and _bound(function) else ""
+            name = owner if function.__name__ == "__init__" else ".".join(filter(None, (owner, function.__name__)))
+            if text := call_refused(function, args, kwargs, name):
+                raise TypeError(text) from None
+            raise
+
+    told.names_arguments = True  # type: ignore[attr-defined]
+    return told
+
+
+def methods_naming_arguments(cls: type) -> None:
+    """Let the public methods that a class defines, and its constructor, name wrong arguments (see `naming_arguments`)."""
+    for name, member in list(vars(cls).items()):
+        function = member.__func__ if isinstance(member, staticmethod | classmethod) else member
+        named = not name.startswith("_") or name in ("__init__", "__call__")
+        if named and isinstance(function, FunctionType) and not hasattr(function, "names_arguments"):
+            told = naming_arguments(function)
+            setattr(cls, name, type(member)(told) if function is not member else told)
+
+
+class NamesArguments:
+    """Base of classes whose objects users get from others: their public methods name wrong arguments."""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        methods_naming_arguments(cls)
+
+
+class ListsAttributes(NamesArguments):
     """Base of results: the error for an attribute that does not exist lists those that do."""
 
     @property

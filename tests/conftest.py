@@ -4,6 +4,7 @@ Chromium over chromedriver's own protocol."""
 from __future__ import annotations
 
 import base64
+import gc
 import json
 import os
 import shutil
@@ -63,6 +64,13 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if HERE in item.path.parents and f"{item.path.relative_to(HERE).as_posix()}::{item.originalname}" in listed:
             item.add_marker(pytest.mark.quick)
+
+
+def pytest_collection_finish():
+    """What is imported and collected stays to the end: the collector of Python need not look at it over and over."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(10_000, 20, 20)
 
 
 class Reader(HTMLParser):

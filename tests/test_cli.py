@@ -254,6 +254,13 @@ def test_unknown_words_end_with_2(arguments, capsys):
     assert end.value.code == 2
 
 
+def test_an_unknown_option_is_named_by_the_command_that_was_given_it(capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["run", "a.py", "--acuracy", "1e-3"])
+    assert end.value.code == 2
+    assert "unknown option '--acuracy': did you mean '--accuracy'? mbdae run --help lists" in said(capsys)[1]
+
+
 def test_python_m_mbdae_is_the_same_command(file):
     done = subprocess.run([sys.executable, "-m", "mbdae", "check", file()], capture_output=True, text=True, check=False)
     assert done.returncode == 0

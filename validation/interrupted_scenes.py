@@ -128,8 +128,9 @@ def bits(r: mb.Result) -> str:
     return told.hexdigest()
 
 
-def run(name: str, folder: Path) -> str:
-    """The bits of a run that is kept in a folder; written to the disk at every checkpoint, and looked at after few steps."""
+def run(name: str, folder: Path | None) -> str:
+    """The bits of a run that is looked at after few steps, and kept in a folder, if one is given: written to the disk at every
+    checkpoint."""
     make, end, options = RUNS[name]
     before = keeper.PAUSE, adaptive.ROWS, dop853.ROWS
     keeper.PAUSE, adaptive.ROWS, dop853.ROWS = 0.0, CALL, CALL
@@ -137,7 +138,8 @@ def run(name: str, folder: Path) -> str:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             every = ANEW if "solver" in options and options["solver"].restarts else EVERY
-            return bits(make().simulate(end, checkpoint=folder, every=every, **options))
+            kept = {} if folder is None else {"checkpoint": folder, "every": every}
+            return bits(make().simulate(end, **kept, **options))
     finally:
         keeper.PAUSE, adaptive.ROWS, dop853.ROWS = before
 

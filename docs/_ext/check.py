@@ -1,7 +1,9 @@
-"""A built site needs no network and has no dead links: `python docs/_ext/check.py out/site`; exit code 1 where it is not so."""
+"""A built site needs no network, has no dead links, and is found by the words of its users: `python docs/_ext/check.py out/site`;
+exit code 1 where it is not so."""
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 from html.parser import HTMLParser
@@ -10,6 +12,9 @@ from urllib.parse import unquote, urlsplit
 
 #: what a page loads by itself, by element
 LOADED = {"script": "src", "img": "src", "source": "src", "video": "src", "iframe": "src", "link": "href"}
+#: words that engineers type into the search
+WORDS = ("latch backlash motor spring damper pid cable limit stop hinge bearing wear gear units csv video jacobian "
+         "eigenfrequency belt brake rope friction contact clearance controller frequency")  # fmt: skip
 ELSEWHERE = re.compile(r"(https?:)?//")
 
 
@@ -53,7 +58,16 @@ def wrong(site: Path) -> list[str]:
     return found + [f"{path.relative_to(site)} loads from elsewhere" for path in styles]
 
 
+def unfound(site: Path) -> list[str]:
+    """Words that no sentence of the site has: the index of its search holds their stems."""
+    from sphinx.search.en import SearchEnglish
+
+    text = (site / "searchindex.js").read_text(encoding="utf-8")
+    index, stem = json.loads(text[text.index("(") + 1 : text.rindex(")")]), SearchEnglish({}).stem
+    return [f"the search does not find '{word}'" for word in WORDS.split() if stem(word) not in index["terms"]]
+
+
 if __name__ == "__main__":
-    problems = wrong(Path(sys.argv[1]))
+    problems = wrong(Path(sys.argv[1])) + unfound(Path(sys.argv[1]))
     print("\n".join(problems) or f"{sum(1 for _ in Path(sys.argv[1]).rglob('*.html'))} pages, every link leads somewhere")
     sys.exit(bool(problems))

@@ -16,7 +16,6 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -91,26 +90,11 @@ def pictures() -> None:
     import mbdae as mb
 
     IMAGES.mkdir(exist_ok=True)
-    with TemporaryDirectory() as folder:
-        wing = flapping_wing.run()
-        joints = [joint.name for joint in wing.prepared.model.scene.joints]
-        wing.animate(Path(folder) / "wing.gif", fps=16, speed=0.25, hide=joints)
-        smaller(Path(folder) / "wing.gif", IMAGES / "flapping_wing.gif")
+    wing = flapping_wing.run()
+    joints = [joint.name for joint in wing.prepared.model.scene.joints]
+    wing.animate(IMAGES / "flapping_wing.gif", fps=16, speed=0.25, hide=joints)
     ground_resonance.picture(ground_resonance.run()).savefig(IMAGES / "ground_resonance.png", dpi=90)
     mb.compare(ground_resonance.scene(), ground_resonance.t_end, measure=ground_resonance.measure).plot(IMAGES / "compare.png")
-
-
-def smaller(film: Path, to: Path, wide: int = 600, colours: int = 64) -> None:
-    """A film of fewer points and colours."""
-    from PIL import Image, ImageSequence
-
-    with Image.open(film) as whole:
-        delay = whole.info["duration"]
-        size = (wide, round(wide * whole.height / whole.width))
-        frames = [frame.convert("RGB").resize(size, Image.Resampling.LANCZOS) for frame in ImageSequence.Iterator(whole)]
-    palette = frames[len(frames) // 3].quantize(colours)
-    first, *others = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    first.save(to, save_all=True, append_images=others, duration=delay, loop=0, optimize=True)
 
 
 def make(task: list[tuple[str, str]]) -> None:

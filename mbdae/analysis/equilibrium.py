@@ -15,7 +15,7 @@ from mbdae.analysis.frame import body_of, motion_in_words
 from mbdae.analysis.statics import CONVERGED, Point, Statics
 from mbdae.analysis.steady import Rest, acceleration_scale, reason_not_steady
 from mbdae.analysis.stiffness import DenseStiffness, Tangent
-from mbdae.errors import EquilibriumError, OptionError, StartError
+from mbdae.errors import EquilibriumError, OptionError, StartError, naming_arguments
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.notation import counted
 from mbdae.results.accuracy import Accuracy
@@ -100,6 +100,7 @@ class Equilibrium(Result):
                 f"{', mesh: not covered' if self.accuracy.has_mesh else ''}>")  # fmt: skip
 
 
+@naming_arguments
 @single_threaded
 def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None = None) -> Equilibrium:
     """A state at rest in a frame: s.ground (default), or a body that turns steadily about a fixed axis.

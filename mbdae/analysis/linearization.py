@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -11,12 +11,14 @@ import scipy.linalg
 from mbdae.analysis.elastic import dynamics, stresses_of
 from mbdae.analysis.equilibrium import Equilibrium
 from mbdae.analysis.frame import RotatingFrame, advanced, body_of, frame_at, motion_in_words
+from mbdae.analysis.mesh import OnMesh, finer
 from mbdae.analysis.modes import DEFAULT, Complex, lowest, softest_beam
 from mbdae.analysis.pencil import Pencil, Reduced, complete_system, free_basis, pencil, reduced
 from mbdae.analysis.shapes import Mode, Modes, motion, participants, scaled, shares
 from mbdae.analysis.steady import STEADY, reason_not_steady, times_to_compare
-from mbdae.errors import OptionError, SteadyError
+from mbdae.errors import OptionError, SteadyError, naming_arguments
 from mbdae.formulations.index3 import Index3
+from mbdae.notation import counted
 from mbdae.results.result import Result
 from mbdae.scene.scene import SceneData
 from mbdae.scene.sensed import refuse_sampled
@@ -35,12 +37,13 @@ AT = "give a Result, (Result, t), an equilibrium, or None for the start of the s
 RESOLVED = 1e-7  #: eigenvalues below this part of the largest are rounding errors of a double 0
 
 
-class Linearization(Modes[Mode]):
+class Linearization(OnMesh, Modes[Mode]):
     """Linear equations of small departures from a steady motion, and their modes by rising frequency.
 
     Arrays over the modes: `eigenvalues` (1/s), `frequencies` (Hz), `angular_frequencies` (rad/s), `damping` (ratios),
     `growth` (1/s). One mode per conjugate pair, one per real eigenvalue. `M`, `C`, `K` (freedoms, freedoms): the equations
     M x'' + C x' + K x = 0 of the displacements p = `basis` x that the constraints allow, p (nu,) along the frame's axes.
+    With beams `mesh` says on which mesh, and `mesh_error` (modes,) measures what it is off.
     """
 
     def __init__(self, prepared: Prepared, frame: RotatingFrame, t: float, pencil: Pencil, count: int | None) -> None:
@@ -84,6 +87,8 @@ class Linearization(Modes[Mode]):
         """Eigenvalues (modes,), complex, 1/s."""
         return np.array([mode.eigenvalue for mode in self.modes], dtype=complex)
 
+    roots = eigenvalues
+
     @property
     def damping(self) -> Array:
         """Damping ratios (modes,)."""
@@ -111,10 +116,11 @@ class Linearization(Modes[Mode]):
         for i, mode in enumerate(self.modes):
             lines.append(f"{i + 1:>4}  {mode.frequency:>11.5g}  {mode.angular_frequency:>11.5g}  {mode.damping:>10.3g}  "
                          f"{mode.growth:>11.4g}  {participants(mode)}")  # fmt: skip
-        return "\n".join(lines)
+        return "\n".join(lines + ([self._on_mesh] if self.mesh else []))
 
     def __repr__(self) -> str:
-        return f"<Linearization of '{self.prepared.model.scene.name}' in the frame of '{self.frame}': {len(self.modes)} modes>"
+        return (f"<Linearization of '{self.prepared.model.scene.name}' in the frame of '{self.frame}': "
+                f"{counted(len(self.modes), 'mode')}{', ' * bool(self.mesh)}{self._on_mesh}>")  # fmt: skip
 
 
 def eigenpairs(equations: Reduced, count: int | None) -> tuple[Complex, Complex]:
@@ -152,6 +158,7 @@ def _lowest(E: Array, A: Array, count: int) -> tuple[Complex, Complex, float]:
     return values, vectors, float(np.max(np.abs(values)))
 
 
+@naming_arguments
 @single_threaded
 def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | None = None) -> Linearization:
     """The equations linearised about a steady motion, in a frame: s.ground (default), or a body that turns steadily.
@@ -171,6 +178,7 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     z = _stresses(at, m, start)
     p = _pencil(system, m, axes, (start.t, start.q, start.u, start.s, z))
     found = Linearization(prepared, axes, start.t, p, count)
+    found._finer = finer(partial(linearize, frame=axes.name, count=count), prepared.model.scene, at)
     beams = (system, z) if m.model.lines else None
     reason = reason_not_steady(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
     if reason:

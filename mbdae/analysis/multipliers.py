@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -19,10 +19,11 @@ from scipy.optimize import linear_sum_assignment
 
 from mbdae.analysis.frame import attitude
 from mbdae.analysis.linearization import start_at
+from mbdae.analysis.mesh import OnMesh, finer
 from mbdae.analysis.monodromy import Departures, departures, propagated
 from mbdae.analysis.orbit import check_return, followed
 from mbdae.analysis.shapes import Mode, Modes, motion, participants, scaled, shares
-from mbdae.errors import AccuracyWarning, MbdaeError, SolverError
+from mbdae.errors import AccuracyWarning, MbdaeError, SolverError, naming_arguments
 from mbdae.formulations import system_for
 from mbdae.notation import counted
 from mbdae.scene.scene import SceneData
@@ -54,7 +55,7 @@ class FloquetMode(Mode):
     error: float
 
 
-class Floquet(Modes[FloquetMode]):
+class Floquet(OnMesh, Modes[FloquetMode]):
     """Multipliers of a periodic motion and their modes, by falling size.
 
     `multipliers` (k,), `exponents` (k,) 1/s and `errors` (k,) 1/s (estimated) are all of them: 2 x degrees of freedom and one
@@ -62,6 +63,7 @@ class Floquet(Modes[FloquetMode]):
     (Hz) and `angular_frequencies` (rad/s); these are known up to multiples of 1 / period and 2 pi / period, the principal
     ones are given. monodromy: (k, k); departure: relative distance of the motion from its start after the period;
     steps: of the period; unresolved: number of multipliers left out, vibrations of beams faster than the steps follow.
+    With beams `mesh` says on which mesh, and `mesh_error` (k,) measures what every multiplier is off by it.
     """
 
     axes = np.eye(3)
@@ -75,6 +77,11 @@ class Floquet(Modes[FloquetMode]):
         shapes = self._frames @ basis @ found.vectors
         self.modes = [FloquetMode(complex(self.exponents[i]), scaled(shapes[:, i]), self, complex(mu), float(self.errors[i]))
                       for i, mu in enumerate(found.values) if mu.imag >= 0]  # fmt: skip
+
+    @property
+    def roots(self) -> Any:
+        """The multipliers, which `mesh_error` compares."""
+        return self.multipliers
 
     @property
     def stable(self) -> bool:
@@ -106,10 +113,11 @@ class Floquet(Modes[FloquetMode]):
             lines.append(f"{numbers}  {mu:>24}  {participants(mode)}")
         if self.unresolved:
             lines.append(f"{counted(self.unresolved, 'multiplier')} more: of vibrations that {self.steps} steps do not follow")
-        return "\n".join(lines)
+        return "\n".join(lines + ([self._on_mesh] if self.mesh else []))
 
     def __repr__(self) -> str:
-        return f"<Floquet of '{self.prepared.model.scene.name}', period {self.period:.9g} s: {len(self.multipliers)} multipliers>"
+        return (f"<Floquet of '{self.prepared.model.scene.name}', period {self.period:.9g} s: "
+                f"{counted(len(self.multipliers), 'multiplier')}{', ' * bool(self.mesh)}{self._on_mesh}>")  # fmt: skip
 
 
 def exponents(multipliers: Complex, period: float) -> Array:
@@ -132,6 +140,7 @@ class Found:
     unresolved: int = 0
 
 
+@naming_arguments
 @single_threaded
 def floquet(scene: SceneData, period: float, at: Any = None, count: int | None = None, accuracy: float = 1e-8) -> Floquet:
     """Multipliers of small departures from a motion that repeats after `period` (s), whole turns counting as a return.
@@ -156,7 +165,9 @@ def floquet(scene: SceneData, period: float, at: Any = None, count: int | None =
     directions = departures(prepared, system, returned, period)
     wanted = count if count is not None else ELASTIC if prepared.model.lines else directions.Q.shape[1]
     found = _converged(system, directions, period, max(FEWEST, returned.steps // 2), wanted, accuracy)
-    return Floquet(prepared, period, found, _of_all_nodes(prepared, system, directions), returned.off)
+    made = Floquet(prepared, period, found, _of_all_nodes(prepared, system, directions), returned.off)
+    made._finer = finer(partial(floquet, period=period, count=count, accuracy=accuracy), scene, at)
+    return made
 
 
 def _prepared(scene: SceneData, at: Any, period: float) -> Prepared:

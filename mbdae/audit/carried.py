@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import symengine as se
 
-from mbdae.audit.evaluate import SizeError, Value, expression_value
+from mbdae.audit.evaluate import SizeError, Value, expression_function
 from mbdae.laws import joints
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
@@ -26,8 +27,8 @@ def joint_class(word: str, own: Any = ()) -> Any:
 
 
 @lru_cache(maxsize=16)
-def _program(cls: Any) -> tuple[dict[Any, tuple[Any, ...]], dict[Any, Any], list[Any]]:
-    """Place of every input of the recursion program (free body k, l on the joint), its steps and outputs: q, u, u' of l."""
+def _program(cls: Any) -> tuple[list[tuple[Any, ...]], Callable[..., list[Any]]]:
+    """Place of every input of the recursion program (free body k, l on the joint), and its function: q, u, u' of l."""
     law = cls("audited", None, None, **dict.fromkeys(cls.params, 1.0))
     of_side = [*("p1", "p2", "p3"), *(f"Q{a}{i}" for a in "xyz" for i in (1, 2, 3)), *(f"P{i}" for i in range(4))]
     structure, names = law.structure(), tuple(cls.coordinates)
@@ -37,7 +38,8 @@ def _program(cls: Any) -> tuple[dict[Any, tuple[Any, ...]], dict[Any, Any], list
     tree = tree_program(TreeStructure(NodeKind.SPATIAL, (link,), (), (1,)))
     found = {(name, i): se.sympify(e) for (name, _, i), e in tree.states((1,))}
     outputs = [found[name, i] for name, size in (("q", 7), ("u", 6), ("up", 6)) for i in range(size)]
-    return tree.inputs, {name: tree.program.steps[name] for name in tree.program.needed(outputs)}, outputs
+    steps = {name: tree.program.steps[name] for name in tree.program.needed(outputs)}
+    return list(tree.inputs.values()), expression_function(list(tree.inputs), steps, outputs)
 
 
 class Carried:
@@ -50,14 +52,11 @@ class Carried:
         if any(spec.unit == "rotation" for spec in cls.coordinates.values()):
             raise SizeError(f"the joint '{word}' turns freely: an audit knows joints with angles and displacements")
         self.coordinates = tuple(cls.coordinates)
-        self.inputs, self.steps, self.outputs = _program(cls)
+        self.inputs, self.function = _program(cls)
 
     def motion(self, k: dict[str, Value], state: Any) -> dict[str, Value]:
         """Attitude "Q", Euler parameters "P" and motion vectors of l, from those of k and the coordinates of the state."""
-        values = {x: complex(self._input(place, k, state)) for x, place in self.inputs.items()}
-        for name, step in self.steps.items():
-            values[name] = expression_value(step, values)
-        found = np.array([expression_value(e, values) for e in self.outputs], dtype=complex)
+        found = np.array(self.function([complex(self._input(place, k, state)) for place in self.inputs]), dtype=complex)
         q, u, up = found[:7, None], found[7:13, None], found[13:, None]
         Q = _rotation(q[3:])
         return {"Q": Q, "P": q[3:], "x": q[:3], "v": u[:3], "w": Q @ u[3:], "a": up[:3], "alpha": Q @ up[3:]}

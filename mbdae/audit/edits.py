@@ -169,7 +169,7 @@ def everywhere(node: Node, candidates: Candidates) -> Iterator[Edited]:
 
 
 def _exchanges(node: Node, candidates: Candidates) -> Iterator[Edited]:
-    names = sorted(node.symbols())
+    names = sorted(node.free)
     for i, a in enumerate(names):
         for b in names[i + 1 :]:
             if b in dict(candidates.of(a)):

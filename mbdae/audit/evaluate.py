@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import symengine as se
 
 from mbdae.audit.notation import Node
-from mbdae.errors import MbdaeError
+from mbdae.errors import LawError, MbdaeError
 from mbdae.symbolic.functions import complex_atan2
+from mbdae.symbolic.source import Language, called, defined, python_power, written
 
 STEP = 1e-30  #: size of the complex step
 FINITE = 0.02  #: spacing of the finite differences by which a derivative of a derivative is taken
@@ -59,6 +61,11 @@ def derivative(value_at: Callable[[complex], Value], stepped: bool = False) -> V
     return sum(c * (value_at(n * FINITE) - value_at(-n * FINITE)) for n, c in enumerate(_CENTRAL, 1)) / FINITE
 
 
+def _ndim(v: Value) -> int:
+    """np.ndim of a number or array, without making an array of a number."""
+    return getattr(v, "ndim", 0)
+
+
 def cross(v: Value) -> Value:
     """The matrix with cross(v) c = v x c."""
     if np.shape(v) != (3, 1):
@@ -69,7 +76,7 @@ def cross(v: Value) -> Value:
 
 def size(v: Value) -> str:
     """Size of a value in words."""
-    return "a number" if np.ndim(v) == 0 else f"{v.shape[0]} x {v.shape[1]}"
+    return "a number" if _ndim(v) == 0 else f"{v.shape[0]} x {v.shape[1]}"
 
 
 def magnitude(v: Value) -> Value:
@@ -78,13 +85,13 @@ def magnitude(v: Value) -> Value:
 
 
 def _number(v: Value) -> Value:
-    if np.ndim(v):
+    if _ndim(v):
         raise SizeError(f"a number is wanted, not {size(v)}")
     return v
 
 
 def _square(v: Value) -> Value:
-    if np.ndim(v) != 2 or v.shape[0] != v.shape[1]:
+    if _ndim(v) != 2 or v.shape[0] != v.shape[1]:
         raise SizeError(f"a square matrix is wanted, not {size(v)}")
     return v
 
@@ -106,7 +113,8 @@ _PLAIN: dict[str, Callable[..., Value]] = {
 def evaluate(node: Node, at: Source) -> Value:
     """The value of a formula in a state; SizeError where the sizes of its pieces do not fit."""
     try:
-        return _BY_KIND[node.kind](node, at)
+        rule = _BY_KIND[node.kind]
+        return at.kept(node, rule) if node.parts else rule(node, at)
     except (SizeError, ArithmeticError, np.linalg.LinAlgError) as error:
         if getattr(error, "placed", False):
             raise
@@ -149,7 +157,7 @@ def _product(node: Node, at: Source) -> Value:
 
 
 def _times(a: Value, b: Value) -> Value:
-    if np.ndim(a) == 0 or np.ndim(b) == 0:
+    if _ndim(a) == 0 or _ndim(b) == 0:
         return a * b
     if a.shape[1] != b.shape[0]:
         raise SizeError(f"sizes do not fit: {size(a)} times {size(b)}")
@@ -160,7 +168,7 @@ def _times(a: Value, b: Value) -> Value:
 def _power(node: Node, at: Source) -> Value:
     base, exponent = (evaluate(p, at) for p in node.parts)
     exponent = _number(exponent)
-    if np.ndim(base):
+    if _ndim(base):
         if exponent not in (-1, 2):
             raise SizeError(f"{size(base)} to the power {exponent}: of a matrix, only the powers -1 and 2 are known")
         return np.linalg.inv(_square(base)) if exponent == -1 else _times(base, base)
@@ -185,10 +193,9 @@ def _call(node: Node, at: Source) -> Value:
     name, parts = node.value, node.parts
     if name in _MOVES:
         how = _MOVES[name]
-        change = at.kept(node, lambda: derivative(lambda h: evaluate(parts[0], at.moved(how, h)), at.stepped))
-        return change / at.size_of(how)
+        return derivative(lambda h: evaluate(parts[0], at.moved(how, h)), at.stepped) / at.size_of(how)
     if name == "diff":
-        return at.kept(node, lambda: _partial(parts[0], parts[1], at))
+        return _partial(parts[0], parts[1], at)
     if name == "sum":
         ends = [float(np.real(_number(evaluate(p, at)))) for p in parts[2:]]
         if not all(map(float.is_integer, ends)):
@@ -196,7 +203,7 @@ def _call(node: Node, at: Source) -> Value:
         first, last = map(int, ends)
         return sum(evaluate(parts[0], at.bound(parts[1].value, complex(i))) for i in range(first, last + 1))
     if name == "integral":
-        return at.kept(node, lambda: _integral(node, at))
+        return _integral(node, at)
     values = [evaluate(p, at) for p in parts]
     if name in _PLAIN:
         return _PLAIN[name](*values)
@@ -234,16 +241,16 @@ def _integral(node: Node, at: Source) -> Value:
 
 def _transposed(node: Node, at: Source) -> Value:
     value = evaluate(node.parts[0], at)
-    return value if np.ndim(value) == 0 else value.T
+    return value if _ndim(value) == 0 else value.T
 
 
 def _block(node: Node, at: Source) -> Value:
     grid = [[evaluate(p, at) for p in row.parts] for row in node.parts]
     fills = [[p.kind == "number" and p.value == 0 for p in row.parts] for row in node.parts]
     fill = at.fill if len(grid[0]) == 1 else 1
-    heights = [_common([np.shape(v)[0] if np.ndim(v) else 1 for v, f in zip(r, fs, strict=True) if not f], fill)
+    heights = [_common([np.shape(v)[0] if _ndim(v) else 1 for v, f in zip(r, fs, strict=True) if not f], fill)
                for r, fs in zip(grid, fills, strict=True)]  # fmt: skip
-    widths = [_common([np.shape(r[j])[1] if np.ndim(r[j]) else 1 for r, fs in zip(grid, fills, strict=True) if not fs[j]])
+    widths = [_common([np.shape(r[j])[1] if _ndim(r[j]) else 1 for r, fs in zip(grid, fills, strict=True) if not fs[j]])
               for j in range(len(grid[0]))]  # fmt: skip
     rows = [[np.zeros((h, w), dtype=complex) if f else np.reshape(v, (h, w)) for v, f, w in zip(r, fs, widths, strict=True)]
             for r, fs, h in zip(grid, fills, heights, strict=True)]  # fmt: skip
@@ -267,44 +274,55 @@ _BY_KIND: dict[str, Callable[[Node, Source], Value]] = {
 
 # -- expressions of laws, evaluated here because symengine computes powers by logarithms, which makes complex steps inexact
 
-_RELATIONS = {"LessThan": np.less_equal, "StrictLessThan": np.less, "Equality": np.equal, "Unequality": np.not_equal}
+
+def _no_case() -> Value:
+    raise SizeError("a law says nothing for the case that a state is in")
+
+
+def _cases(*parts: str) -> str:
+    """The value before the first condition that holds, and no other; parts are value, condition, value, ..."""
+    return f"({parts[0]} if {parts[1]} else {_cases(*parts[2:])})" if parts else "_no_case()"
+
+
+def _compared(sign: str) -> Callable[..., str]:
+    return lambda a, b: f"({a}.real {sign} {b}.real)"
+
+
+_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    **{name: getattr(cmath, name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "log")},
+    **{name: getattr(cmath, name) for name in ("asin", "acos", "atan", "asinh", "acosh", "atanh")},
+    "atan2": complex_atan2, "floor": lambda a: complex(math.floor(a.real)),
+}  # fmt: skip
+_PYTHON = Language(
+    lambda e: f"({e})" if isinstance(e, se.Integer) else f"({complex(e)!r})", python_power,
+    {name: called(name) for name in _FUNCTIONS} | dict.fromkeys(("let", "UnevaluatedExpr"), lambda a: a)
+    | {"StrictLessThan": _compared("<"), "LessThan": _compared("<="), "Equality": _compared("=="), "Unequality": _compared("!=")}
+    | {"And": lambda *a: f"({' and '.join(a)})", "Or": lambda *a: f"({' or '.join(a)})", "Not": lambda a: f"(not {a})"}
+    | {"BooleanTrue": lambda: "True", "BooleanFalse": lambda: "False", "Piecewise": _cases})  # fmt: skip
+
+
+def expression_function(symbols: Sequence[Any], steps: Mapping[Any, Any], outputs: Sequence[Any]) -> Callable[..., list[Any]]:
+    """The function of complex values of the symbols (a sequence) that returns those of the outputs, by steps: name = expression
+    of symbols and earlier names."""
+    names = {s: f"x[{i}]" for i, s in enumerate(symbols)}
+    found = []
+    try:
+        for i, (name, e) in enumerate(steps.items()):
+            found.append((f"a{i}", written(e, names, _PYTHON)))
+            names[name] = f"a{i}"
+        values = [written(e, names, _PYTHON) for e in outputs]
+    except LawError as error:
+        raise SizeError(str(error)) from error
+    return defined(found, values, _FUNCTIONS | {"_sqrt": cmath.sqrt, "_exp": cmath.exp, "_no_case": _no_case})
+
+
+@lru_cache(maxsize=4096)
+def _alone(e: Any) -> tuple[list[Any], Callable[..., list[Any]]]:
+    symbols = list(e.free_symbols)
+    return symbols, expression_function(symbols, {}, [e])
 
 
 def expression_value(e: Any, known: Mapping[Any, complex]) -> Any:
     """Value of an expression for values of its symbols."""
-    if isinstance(e, se.Symbol):
-        return known[e]
-    if e.is_Number or e in (se.pi, se.E):
-        return complex(e)
-    if isinstance(e, se.Piecewise):
-        pairs = zip(e.args[::2], e.args[1::2], strict=True)
-        for result, condition in pairs:
-            if _holds(condition, known):
-                return expression_value(result, known)
-        raise SizeError("a law says nothing for the case that a state is in")
-    a = [expression_value(x, known) for x in e.args]
-    if isinstance(e, se.Add):
-        return sum(a)
-    if isinstance(e, se.Mul):
-        return math.prod(a, start=1 + 0j)
-    if isinstance(e, se.Pow):
-        n = e.args[1]
-        return a[0] ** int(n) if n.is_Integer and n.is_positive else 1 / a[0] ** int(-n) if n.is_Integer else a[0] ** a[1]
-    name = e.get_name() if isinstance(e, se.FunctionSymbol) else type(e).__name__
-    if name in ("let", "UnevaluatedExpr"):
-        return a[0]
-    if name == "floor":
-        return complex(math.floor(a[0].real))
-    if not hasattr(cmath, name) and name != "atan2":
-        raise SizeError(f"a law contains the function {name}, which an audit does not know")
-    return complex_atan2(a[0], a[1]) if name == "atan2" else getattr(cmath, name)(*a)
-
-
-def _holds(condition: Any, known: Mapping[Any, complex]) -> bool:
-    name = type(condition).__name__
-    if name in _RELATIONS:
-        a, b = (np.real(expression_value(x, known)) for x in condition.args)
-        return bool(_RELATIONS[name](a, b))
-    parts = (_holds(c, known) for c in condition.args)
-    return {"And": all, "Or": any}[name](parts) if name in ("And", "Or") else (
-        not next(parts) if name == "Not" else bool(condition))  # fmt: skip
+    symbols, function = _alone(e)
+    return complex(function([known[s] for s in symbols])[0])

@@ -95,7 +95,8 @@ class Fit:
             values = [attempt(piece, env) for env in self.envs]
             if all(v is not None and np.ndim(v) == 0 and np.isfinite(v) and abs(v) > 1e-9 for v in values):
                 v = np.real(np.array(values, dtype=complex))
-                if np.ptp(np.abs(v)) > 1e-9 and not any(np.allclose(np.abs(v), np.abs(o)) for _, o in found):
+                size = np.abs(v)
+                if np.ptp(size) > 1e-9 and not any(np.all(np.abs(size - np.abs(o)) <= 1e-8 + 1e-5 * np.abs(o)) for _, o in found):
                     found.append((piece, v))
         return found[:MOST]
 

@@ -21,6 +21,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from mbdae.errors import MbdaeError
@@ -60,14 +61,15 @@ class Node:
         for part in self.parts:
             yield from part.walk()
 
-    def symbols(self) -> set[str]:
+    @cached_property
+    def free(self) -> frozenset[str]:
         """Names that appear, without those bound by a sum or an integral."""
         if self.kind == "symbol":
-            return {self.value}
+            return frozenset((self.value,))
         if self.kind == "call" and self.value in BINDING:
             body, name, *ends = self.parts
-            return (body.symbols() - {name.value}).union(*(e.symbols() for e in ends))
-        return set().union(*(p.symbols() for p in self.parts))
+            return (body.free - {name.value}).union(*(e.free for e in ends))
+        return frozenset().union(*(p.free for p in self.parts))
 
     def with_parts(self, parts: tuple[Node, ...]) -> Node:
         """This node with other parts; a sum or product of a single part becomes that part."""
@@ -108,7 +110,7 @@ class Statement:
 
     def symbols(self) -> set[str]:
         """Names that appear."""
-        return set().union(*(side.symbols() for side in self.sides))
+        return set().union(*(side.free for side in self.sides))
 
     def __str__(self) -> str:
         return f" {self.relation} ".join(map(str, self.sides))

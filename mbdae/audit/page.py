@@ -15,7 +15,7 @@ from mbdae.audit.verdicts import RIGHT, VERDICTS, Row, audit_text, told
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.document import Document
 from mbdae.documents.formulas import escaped
-from mbdae.errors import OptionError
+from mbdae.errors import OptionError, naming_arguments
 from mbdae.sweep.writing import as_json
 from mbdae.values import BadValueError, of_class, option, shown, whole
 from mbdae.values import path as path_of
@@ -178,6 +178,7 @@ def _latex(equation: Printed) -> str:
     return r" \\ ".join(latex.statement(s, equation.scope.letters) for s in equation.statements)
 
 
+@naming_arguments
 def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Counts | None = None,
           quantities: Mapping[str, Any] | None = None) -> Audit:  # fmt: skip
     """Compare published formulas, given as a file or as its text, with their derivation; returns an `Audit` of verdicts.

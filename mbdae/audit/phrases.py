@@ -167,7 +167,7 @@ class Scope:
         for name in names:
             if name in self.symbols and name not in out:
                 meaning = self.symbols[name]
-                out |= {name} | (meaning.scope.reached(meaning.node.symbols()) if isinstance(meaning, Definition) else set())
+                out |= {name} | (meaning.scope.reached(meaning.node.free) if isinstance(meaning, Definition) else set())
         return out
 
 
@@ -189,7 +189,7 @@ class Env:
     #: wordings declared outside of this scope, which the formula of an earlier `let` may need
     stated: frozenset[str] = frozenset()
     names: Mapping[str, Value] = field(default_factory=dict)  #: values of names bound by a sum or an integral
-    #: cached values of symbols and derivatives in this state; caches of states reached from it
+    #: cached values of symbols and pieces of formulas in this state; caches of states reached from it
     store: dict[Any, Any] = field(default_factory=dict)
 
     def value(self, name: str) -> Value:
@@ -200,11 +200,13 @@ class Env:
             self.store[name] = self._value(name)
         return self.store[name]
 
-    def kept(self, node: Node, compute: Callable[[], Value]) -> Value:
-        """The value of a piece of a formula, cached unless names are bound."""
-        if not self.names and node not in self.store:
-            self.store[node] = compute()
-        return compute() if self.names else self.store[node]
+    def kept(self, node: Node, rule: Callable[[Node, Env], Value]) -> Value:
+        """The value of a piece of a formula by a rule, cached unless it contains names that are bound."""
+        if self.names and not node.free.isdisjoint(self.names):
+            return rule(node, self)
+        if node not in self.store:
+            self.store[node] = rule(node, self)
+        return self.store[node]
 
     def _inner(self, *key: Any) -> Any:
         """The cache of a state that is reached from this one."""

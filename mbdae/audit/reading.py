@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -209,7 +209,7 @@ class _File:
     def _defined(self, at: int, name: str, words: str, units: tuple[Unit, ...], letter: str) -> Meaning:
         node = Reader(words, at).expression()
         scope = self._scope()
-        self._known(node, f"line {at}", node.symbols(), scope)
+        self._known(node, f"line {at}", node.free, scope)
         return Definition(f"defined as {node}", units, OWN, (), letter, node, scope)
 
     def _claim(self, at: int, line: str) -> None:
@@ -223,7 +223,7 @@ class _File:
     def _scope(self) -> Scope:
         return Scope(dict(self.symbols), dict(self.printed), self.own, self.sides)
 
-    def _known(self, where: Node | Statement, line: str, names: set[str], scope: Scope) -> None:
+    def _known(self, where: Node | Statement, line: str, names: Set[str], scope: Scope) -> None:
         for name in sorted(names - set(scope.symbols) - _CONSTANTS):
             why = self.unread.get(name, f"declare it above as `{name} [unit]: meaning` or `let {name} [unit] = formula`")
             raise AuditError(f"{line}: the symbol '{name}' has no meaning: {why} (in '{where}')")

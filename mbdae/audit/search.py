@@ -222,7 +222,7 @@ def _smallest(node: Node, tried: Iterator[tuple[Edit, Node]], goal: _Goal) -> Ch
 
 def _fit(node: Node, goal: _Goal, candidates: Candidates) -> tuple[Fit, list[Node]]:
     """Fit of powers of the quantities of a formula and its text, and the vectors among them; without the other sides."""
-    used = [symbol(n) for n in sorted(candidates.scope.reached(node.symbols()))]
+    used = [symbol(n) for n in sorted(candidates.scope.reached(node.free))]
     others = [symbol(n) for n in reversed(candidates.known()) if symbol(n) not in used]  # the last declared first
     numbers = set(candidates.numbers())
     columns = [n for n in used if n.value not in numbers]

@@ -268,7 +268,7 @@ def _defined_by(statement: Statement, scope: Scope) -> list[str]:
     """Numbers of the text that stand alone on one side and appear on no other side."""
     out = []
     for i, side in enumerate(statement.sides):
-        others = scope.reached(set().union(*(s.symbols() for j, s in enumerate(statement.sides) if j != i)))
+        others = scope.reached(set().union(*(s.free for j, s in enumerate(statement.sides) if j != i)))
         if side.kind == "symbol" and _given_numbers([side.value], scope) - others:
             out.append(side.value)
     return out
@@ -278,7 +278,7 @@ def _free_numbers(equation: Printed) -> str:
     """A number of the text that only one side of an equation contains; empty where there is none."""
     scope = equation.scope
     for statement in equation.statements:
-        sides = [_given_numbers(scope.reached(s.symbols()), scope) for s in statement.sides]
+        sides = [_given_numbers(scope.reached(s.free), scope) for s in statement.sides]
         for i, numbers in enumerate(sides):
             lonely = numbers - set().union(*(o for j, o in enumerate(sides) if j != i))
             if lonely and len(sides) > 1 and not any(is_zero(s) for s in statement.sides):

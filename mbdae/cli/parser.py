@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any, NoReturn
 
 from mbdae.cli.usage import REPORTS, UsageError
+from mbdae.errors import unknown_name
 
 
 class _Parser(argparse.ArgumentParser):
@@ -17,13 +18,17 @@ class _Parser(argparse.ArgumentParser):
         super().__init__(allow_abbrev=False, **options)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As in argparse, but `--option=--` is refused, which argparse would read as an option without a value."""
+        """As in argparse, but `--option=--` is refused, which argparse would read as an option without a value; and an unknown
+        option is refused by the command that was given it."""
         for word in args or ():
             if word == "--":
                 break
             if word.startswith("--") and word.endswith("=--"):
                 self.error(f"argument {word[:-3]}: '--' is no value of it")
-        return super().parse_known_args(args, namespace)
+        found, left = super().parse_known_args(args, namespace)
+        for word in (word.partition("=")[0] for word in left if word.startswith("--")):
+            self.error(f"unknown option {unknown_name(word, self._option_string_actions)} {self.prog} --help lists the options")
+        return found, left
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(message, self.format_usage())

@@ -20,7 +20,7 @@ from mbdae.compare.run import Run, checked_runs, default_runs, progress_of_runs
 from mbdae.compare.split import Split
 from mbdae.compare.table import table
 from mbdae.display import picture, plain, titled
-from mbdae.errors import OptionError
+from mbdae.errors import OptionError, naming_arguments
 from mbdae.integrators.base import Solver
 from mbdae.notation import counted
 from mbdae.run.environment import environment
@@ -59,6 +59,7 @@ class Comparison(ComparisonData):
         return self.table()
 
 
+@naming_arguments
 def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver] | str] | None = None,
             accuracies: Sequence[float] = ACCURACIES, measure: str | None = None, reference: Any = None,
             max_wall: float | None = MAX_WALL,

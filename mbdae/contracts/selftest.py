@@ -23,7 +23,7 @@ from typing import Any
 from mbdae.contracts.case import Case
 from mbdae.contracts.checks import BOUNDS, CONTRACTS
 from mbdae.contracts.variants import variants
-from mbdae.errors import LawError, OptionError
+from mbdae.errors import LawError, OptionError, naming_arguments, unknown_name
 from mbdae.laws.contact import JournalContact, Normal
 from mbdae.laws.friction import Friction
 from mbdae.reports.statement import OPTIONS, check_kind
@@ -48,6 +48,7 @@ class SelfTest:
         return "\n".join(lines + [f"  refused {name}: {reason}" for name, reason in self.refused.items()])
 
 
+@naming_arguments
 def selftest(law: type[Law] | type[Part], **options: Any) -> SelfTest:
     """Check the contract of a law class in every variant; raises LawError with every violation.
 
@@ -68,8 +69,9 @@ def _read(law: type[Law] | type[Part], name: str, value: Any) -> Any:
     if name in law.params or any(name.startswith(f"{part}_") for part in law.options):
         unit = law.params[name].unit if name in law.params else "its unit"
         return option(name, value, number, f"give a number in {unit}, or leave it out")
-    known = ", ".join([*law.options, *law.params]) or "none"
-    raise OptionError(f"{name} = {shown(value)}: {law.__name__} has no option or parameter of that name; there are: {known}")
+    known = [*law.options, *law.params]
+    raise OptionError(f"{name} = {shown(value)}: {law.__name__} has no option or parameter {unknown_name(name, known)} it has "
+                      f"{', '.join(known) or 'none'}")  # fmt: skip
 
 
 def _of_law(law: type[Law], options: dict[str, Any]) -> SelfTest:

@@ -14,7 +14,7 @@ from mbdae.documents.blocks import Block, Picture, Section, every
 from mbdae.documents.html import html
 from mbdae.documents.latex import latex
 from mbdae.documents.markdown import markdown
-from mbdae.errors import OptionError
+from mbdae.errors import NamesArguments, OptionError
 from mbdae.files import write_file
 from mbdae.values import file_to_write, option, shown
 
@@ -22,7 +22,7 @@ COMPILERS = ("pdflatex", "lualatex")
 
 
 @dataclass(frozen=True)
-class Document:
+class Document(NamesArguments):
     """A title and blocks, which can be written as HTML, Markdown, LaTeX or PDF."""
 
     title: str

@@ -47,8 +47,11 @@ def plain(latex: str) -> str:
 def explained(latex: str, symbols: Mapping[tuple[str, ...], str]) -> str:
     """The meanings of the symbols in a formula, one a line; at every place the longest known symbol is taken."""
     line, found, i = key_of(latex), dict[str, None](), 0
+    beginning: dict[str, list[tuple[str, ...]]] = {}
+    for key in symbols:
+        beginning.setdefault("".join(key[:1]), []).append(key)
     while i < len(line):
-        here = [key for key in symbols if line[i : i + len(key)] == key]
+        here = [key for key in beginning.get(line[i], ()) if line[i : i + len(key)] == key]
         best = max(here, key=len, default=())
         found |= {symbols[best]: None} if best else {}
         i += max(1, len(best))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.display import rows, titled
-from mbdae.errors import OptionError
+from mbdae.errors import OptionError, naming_arguments
 from mbdae.export import c, text
 from mbdae.export.law import law_program
 from mbdae.export.program import Entry, Program
@@ -107,6 +107,7 @@ class Export:
         return space
 
 
+@naming_arguments
 def export(what: Any, format: str = "sympy", form: Any = None, frames: Any = None, **options: Any) -> Export:
     """The equations of a scene, or the terms of a law, as text and functions of another system.
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.native.program import CALL, CHOLESKY, LOAD, LOOKUP, LU, POSITIVE, READ, SET, Operations, Scene, Step, core
+from mbdae.symbolic.rebuild import symbols_of
 
 Index = NDArray[np.int64]
 Array = NDArray[np.float64]
@@ -144,7 +144,7 @@ def _of_call(step: Step, live: NDArray[np.bool_]) -> Step | None:
     live[values] = False
     if not used:
         return None
-    symbols = set().union(*(se.sympify(kernel.expressions[o]).free_symbols for o in used))
+    symbols = symbols_of(kernel.expressions[o] for o in used)
     columns = [j for j, s in enumerate(kernel.symbols) if s in symbols]
     live[step.tables["from_"].reshape(f["times"], f["inputs"])[:, columns]] = True
     return step._replace(fields=f | {"used": used})

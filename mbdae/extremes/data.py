@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from mbdae.errors import ListsAttributes
+from mbdae.errors import ListsAttributes, NamesArguments
 from mbdae.extremes.cell import SILENT, VERDICTS, Cell
 from mbdae.notation import counted
 from mbdae.run.environment import environment
@@ -16,7 +16,7 @@ from mbdae.values import number, option, text
 
 
 @dataclass(frozen=True)
-class Block:
+class Block(NamesArguments):
     """One varied parameter: its values, a reference for each, and the cells."""
 
     parameter: str

@@ -10,7 +10,7 @@ from typing import Any
 from mbdae.compare.problem import SECONDS, Problem, new_problem
 from mbdae.compare.run import Run, checked_runs, progress_of_runs
 from mbdae.display import plain, titled
-from mbdae.errors import MbdaeError, interrupted
+from mbdae.errors import MbdaeError, interrupted, naming_arguments
 from mbdae.extremes.cell import FAILED, Cell, cell
 from mbdae.extremes.checkpoint import Checkpoint, checkpoint
 from mbdae.extremes.data import Block, ExtremesData
@@ -52,6 +52,7 @@ class Extremes(ExtremesData):
         return self.table()
 
 
+@naming_arguments
 def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, runs: Sequence[Run] | None = None,
              accuracy: float = ACCURACY, measure: str | None = None, max_wall: float | None = MAX_WALL,
              progress: Callable[[int, int, str], None] | None = None, resume: Any = None) -> Extremes:  # fmt: skip

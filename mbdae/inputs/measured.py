@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import OptionError
+from mbdae.errors import OptionError, naming_arguments
 from mbdae.inputs import tables
 from mbdae.inputs.deferred_time import sympy_time
 from mbdae.inputs.tables import Table
@@ -34,6 +34,7 @@ _HEAD = re.compile(r"\s*(?P<name>.*?)\s*(?:[\[(](?P<unit>[^\])]*)[\])])?\s*")
 LONGEST_LIST = 12  #: most columns that a message lists
 
 
+@naming_arguments
 def table(t: Any, values: Any, kind: str = "linear", outside: str = "hold") -> Any:
     """A table as an expression of `mb.t`: in any drive, load or parameter, alone or inside of an expression.
 
@@ -49,6 +50,7 @@ def table(t: Any, values: Any, kind: str = "linear", outside: str = "hold") -> A
     return _function(found.name, 0)(sympy_time())
 
 
+@naming_arguments
 def read_table(file: Any, t: str, value: str, kind: str = "linear", outside: str = "hold", unit: str | None = None) -> Any:
     """A table from two columns of a file of numbers, with the names of the columns in its first line: see `mb.table`.
 

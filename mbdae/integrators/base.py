@@ -169,7 +169,7 @@ class Solver(ABC):
         keeper = active()
         record = None if keeper is None else Record(keeper, solver.restarts, f"{solver!r} of {system.label} to {asked.t_end!r} s")
         with StepLoop(system, solver, asked.t_end, asked.times, asked.max_wall, asked.progress, asked.max_residuals,
-                      asked.begin, asked.stop, record) as loop, (
+                      asked.begin, asked.stop, record, asked.impacts) as loop, (
                           nullcontext() if record is None else record.guarding(loop)):  # fmt: skip
             solver._between_breaks(loop, asked.h0, asked.share)
         return loop.solution()
@@ -230,7 +230,7 @@ class Solver(ABC):
 @dataclass(frozen=True)
 class Asked:
     """Arguments of `Solver.solve` after they have been read and checked. stop: function of the Solution so far that tells whether
-    the run may end, called now and then."""
+    the run may end, called now and then; impacts: factor of the part of the duration of an impact that one step may cover."""
 
     t_end: float
     times: Array | None = None
@@ -241,6 +241,7 @@ class Asked:
     begin: float | None = None
     share: float | None = None
     stop: Callable[[Solution], bool] | None = None
+    impacts: float = 1.0
 
     @classmethod
     def of(cls, system: System, t_end: Any, outputs: Any = None, *, max_wall: Any = None, progress: Any = None, h0: Any = None,

@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from math import inf, log
+from math import ceil, floor, inf, log, log10
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,7 @@ class Halved:
     cpu_s: float
     coarser: tuple[Solution, Array, float] | None = None
     own: float = inf  #: the estimate by runs of this method alone, without a second method
+    told: tuple[tuple[float, float], ...] = ()  #: step (s) and own estimate of every run that has one, in their order
 
 
 def halved(solver: Any, system: System, asked: Asked, accuracy: float, measure: Measure,
@@ -113,7 +114,7 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
         if estimate <= accuracy and second is not None:
             estimate = second.distance(fine, estimate)
             stalled, confirmed = estimate > FALLS * confirmed, estimate  # stalled: the two methods have different limits
-        best = Halved(fine, now, estimate, runs, spent, coarser, own)
+        best = Halved(fine, now, estimate, runs, spent, coarser, own, (*best.told, (h, own)) if best is not None else ())
         if estimate <= accuracy or stalled:
             return best
         coarse = fine, h
@@ -161,5 +162,12 @@ def _too_dear(best: Halved, h: float, span: float, accuracy: float) -> SolverErr
     cpu = solution.stats.cpu_s * steps / max(solution.stats.steps, 1)
     reached = best.estimate * (solution.stats.steps / MOST_STEPS) **best.solver.order
     text = (f"{best.solver.label}: accuracy {accuracy:g} needs steps of {h:.1e} s, {steps:.1e} steps and {cpu:.0f} s of CPU; "
-            f"the run attached has {best.estimate:.1e}. Ask for {reached:.0e} or more, or use mb.RadauIIA(3)")  # fmt: skip
+            f"the run attached has {best.estimate:.1e}. Ask for {_up(reached / SAFETY)} or more, or use "
+            f"mb.RadauIIA(3)")  # fmt: skip
     return SolverError(text, float(solution.t[-1]), "", solution)
+
+
+def _up(value: float) -> str:
+    """A positive number with one digit, rounded up."""
+    power = 10.0 ** floor(log10(value))
+    return f"{ceil(value / power * (1 - 1e-12)) * power:.0e}"

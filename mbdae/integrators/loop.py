@@ -42,7 +42,10 @@ class StepLoop:
         begin: float | None = None,
         stop: Callable[[Solution], bool] | None = None,
         record: Record | None = None,
+        impacts: float = 1.0,
     ) -> None:
+        #: factor of the part of the duration of an impact that one step may cover
+        self.impacts = impacts
         self.record = record
         self._planned, self._before = False, (0.0, 0.0)  # CPU and wall time (s) of this run in earlier processes
         self.system, self.solver, self.t_end, self.run_end = system, solver, t_end, t_end

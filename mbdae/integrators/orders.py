@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import AccuracyWarning, ListsAttributes, OptionError, SolverError
+from mbdae.errors import AccuracyWarning, ListsAttributes, OptionError, SolverError, naming_arguments
 from mbdae.formulations import default_form, system_for
 from mbdae.formulations.named import form_of
 from mbdae.integrators.base import Solver, end_after
@@ -66,6 +66,7 @@ def _slopes(steps: tuple[int, ...], errors: Array) -> Array:
         return np.concatenate([[np.nan], -np.diff(np.log(errors)) / np.diff(np.log(steps))])
 
 
+@naming_arguments
 def measure_order(solver: Any, what: Any, t_end: float, form: Any = None, steps: Any = STEPS,
                   exact: Callable[[Array], Array] | None = None) -> Orders:  # fmt: skip
     """Orders of a method with constant steps, from runs of a scene or of other equations (`mb.DAE`) to t_end (s).

@@ -62,7 +62,7 @@ class Kernel:
     def _compiled_now(self) -> Any:
         level = self.level
         if level is None:
-            level = 2 if len(self.expressions) < 60 and self.operations < _OPTIMISE_BELOW else 0
+            level = 2 if len(self.expressions) < 60 and self._counted < _OPTIMISE_BELOW else 0
         return se.Lambdify(self.symbols, self.expressions, backend="llvm", cse=True, opt_level=level)
 
     @cached_property
@@ -84,6 +84,14 @@ class Kernel:
     @cached_property
     def operations(self) -> int:
         """Number of distinct subexpressions: the length of the compiled kernel."""
+        key = part_key(self.key, "operations")
+        found = recall(key)
+        if found is None:
+            keep(key, found := self._counted)
+        return int(found)
+
+    @cached_property
+    def _counted(self) -> int:
         return len(se.cse(self.expressions)[0]) + len(self.expressions)
 
     def __call__(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:

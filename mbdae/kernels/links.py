@@ -22,6 +22,7 @@ from mbdae.symbolic.links.programs import LinkProgram, MemberProgram, NodeProgra
 from mbdae.symbolic.links.state import directions
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.quaternions import rate_from_body_spin
+from mbdae.symbolic.rebuild import symbols_of
 from mbdae.symbolic.tree_motion import Link, Member, TreeStructure
 from mbdae.symbolic.vectors import Expr, Vec
 
@@ -51,7 +52,7 @@ class ProgramKernel(Kernel):
 
     def _tables(self) -> tuple[list[str], int, list[Place], list[Place]]:
         made = self._made
-        used = set().union(*(e.free_symbols for e in self._closed))
+        used = symbols_of(self._closed)
         symbols = [s for s in made.known if s in used]
         level = 2 if len(made.program.needed(self._outputs)) < OPTIMISED else 0
         return [str(s) for s in symbols], level, [made.known[s] for s in symbols], [target for target, _ in made.entries]
@@ -67,15 +68,6 @@ class ProgramKernel(Kernel):
     @cached_property
     def _closed(self) -> list[Expr]:
         return self._made.program.closed(self._outputs)
-
-    @cached_property
-    def operations(self) -> int:
-        """Number of distinct subexpressions."""
-        key = part_key(self.key, "operations")
-        found = recall(key)
-        if found is None:
-            keep(key, found := super().operations)
-        return int(found)
 
     def straight(self) -> tuple[Program, list[Expr]]:
         return self._made.program, self._outputs

@@ -14,7 +14,7 @@ from mbdae.disk.entries import keep, key_of, part_key, recall
 from mbdae.kernels.compile import Kernel
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import Target, derivatives, input_symbols, insert
-from mbdae.symbolic.rebuild import jumps_with
+from mbdae.symbolic.rebuild import jumps_with, symbols_of
 from mbdae.symbolic.vectors import Expr
 
 Place = tuple[int, Target]  #: number of an output, and the unknown by which it is differentiated
@@ -73,7 +73,7 @@ class Plan:
     def inputs(self, expressions: Sequence[Expr], used: set[Expr] | None = None) -> Inputs:
         """The unknowns and parameters on which some expressions depend, in a fixed order; `used`: their symbols, if known."""
         if used is None:
-            used = set().union(*(e.free_symbols for e in expressions))
+            used = symbols_of(expressions)
         unknowns = [(s, t) for s, t in self._unknown.items() if s in used]
         parameters = sorted((s for s in used if s not in self._unknown), key=str)
         symbols = tuple(s for s, _ in unknowns) + tuple(parameters)
@@ -136,13 +136,14 @@ class LinearisedPlan(Plan):
         d, sort = self.derived, self._sort
         partials = [derivatives(d, e) for e in self.expressions]
         places = [(i, target) for i, row in enumerate(partials) for target in row]
-        values = insert(d, [value for row in partials for value in row.values()])
-        symbols = [value.free_symbols for value in values]
+        named = [value for row in partials for value in row.values()]
+        values = insert(d, named)
         clock = {symbol for pair in d.variation.clock.items() for symbol in pair}
-        varying = set(self._unknown) | clock
-        constant = [sort and not (found & varying) for found in symbols]
+        varying = d.variation.depending(set(self._unknown) | clock)
+        constant = [sort and not (value.free_symbols & varying) for value in named]
         curved = {i for (i, _), fixed in zip(places, constant, strict=True) if not fixed}
-        curved |= {i for i, e in enumerate(self.inserted) if not sort or e.free_symbols & clock
+        timed, jumps = d.variation.depending(clock), d.variation.jumping(varying)
+        curved |= {i for i, e in enumerate(self.expressions) if not sort or e.free_symbols & (timed | jumps)
                    or jumps_with(e, varying)}
         nonlinear = [i for i in range(len(self.inserted)) if i in curved]
         linear = [i for i in range(len(self.inserted)) if i not in curved]

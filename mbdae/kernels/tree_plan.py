@@ -17,6 +17,7 @@ from mbdae.kernels.compile import Kernel
 from mbdae.symbolic.derive import derive
 from mbdae.symbolic.motion import symbolic_steps
 from mbdae.symbolic.outputs import Target
+from mbdae.symbolic.rebuild import symbols_of
 from mbdae.symbolic.tree import OPERATIONS, tree_program
 from mbdae.symbolic.tree_motion import Link, TreeStructure
 from mbdae.symbolic.vectors import Expr
@@ -55,7 +56,7 @@ class ProgrammedTree:
     def _piece(self, entries: Sequence[tuple[Any, Expr]]) -> Piece:
         program = self.tree.program
         outputs = program.closed([e for _, e in entries])
-        used = set().union(*(e.free_symbols for e in outputs)) if outputs else set()
+        used = symbols_of(outputs)
         symbols = [s for s in self.places if s in used]
         level = 2 if len(program.needed([e for _, e in entries])) < OPTIMISED else 0
         return Piece(tuple(self.places[s] for s in symbols), tuple(t for t, _ in entries), Kernel(symbols, outputs, level))
@@ -92,7 +93,7 @@ class ProgrammedTree:
         needed, outputs = program.needed([*x, *pivots]), program.closed([*x, *pivots])
         if len(needed) > LONGEST_SOLVED:
             return []
-        used = set().union(*(e.free_symbols for e in outputs))
+        used = symbols_of(outputs)
         symbols = [s for s in self.places if s in used]
         return [Piece(tuple(self.places[s] for s in symbols), tuple(rows), Kernel([*symbols, *forces], outputs, 2))]
 

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbdae.native.contacts import Contacts
+from mbdae.native.elimination import Array, address
 from mbdae.native.equations import RAISED, SLICE, Equations, Number, Pointer, Stepping, Stretches, Whole
 from mbdae.native.radau import Stages, functions
-from mbdae.native.sparse import Array, address
 
 #: return codes, as in radau.c; a further one is RAISED
 DONE, DIVERGED, ORDER, NO_WIDTH, VANISHED, NO_RATES, LOOK = 0, 3, 4, 5, 6, 7, 8
@@ -66,11 +66,11 @@ class Run(Stepping):
         entries, given = stages.matrix.entries.nnz, int(stages.equations.table.nnz)
         self._kept = stages, rates, np.array(atol, dtype=float), np.array(order, dtype=float)
         if any(array.shape != (n,) for array in self._kept[2:]):
-            raise ValueError(f"atol {np.shape(atol)}, order {np.shape(order)} for {n} unknowns")
+            raise ValueError(f"atol {np.shape(atol)} and order {np.shape(order)} need one value for each of {n} unknowns")
         if given != entries or not stages.equations.table.jacobian:
-            raise ValueError(f"a Jacobian of {given} entries for a matrix of {entries}")
+            raise ValueError(f"the table has a Jacobian of {given} entries, the matrix needs one of {entries}")
         if rates is not None and (rates.table.n != n or not rates.table.rates):
-            raise ValueError(f"{rates.table.n} rates for {n} unknowns")
+            raise ValueError(f"the table has {rates.table.n} equations, and y' as a function is needed for {n} unknowns")
         self.y, self.yp, self._weights, self._power = np.zeros((4, n))
         self.last = np.zeros((s, n))
         arrays = (self.y, self.yp, self.last, self._weights, self._power)

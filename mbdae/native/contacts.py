@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.native.elimination import Array, address
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.program import address_of
-from mbdae.native.sparse import Array, address
 
 #: impact speeds (m/s, rad/s) at which durations of impacts are tabulated; in between their logarithms are interpolated
 SPEEDS = 10.0 ** (np.arange(161) / 8 - 14)
@@ -38,7 +38,8 @@ class Contacts:
         """scene: `Values` of gap and gap rate of every contact; by_joints: whether joints add to the effective mass of each."""
         count = len(by_joints)
         if count < 1 or scene.width != 2 * count or set(numbers) != set(NUMBERS):
-            raise ValueError(f"{count} contacts, {scene.width} values, numbers {sorted(numbers)}")
+            raise ValueError(f"{count} contacts need {2 * count} values and the numbers {sorted(NUMBERS)}: there are "
+                             f"{scene.width} values and the numbers {sorted(numbers)}")
         self._scene, self._by_joints, self._known = scene, np.array(by_joints, dtype=np.int64), np.zeros(count, dtype=np.int64)
         self._logarithms, self._pairs = np.zeros((count, len(SPEEDS))), np.zeros((count, 2))
         self.here, self.before, self._end = (np.zeros((count, 3)) for _ in range(3))
@@ -53,6 +54,7 @@ class Contacts:
         at the positions `at`; reach: distance from these up to which it is used."""
         found, self._at = np.array(durations, dtype=float), np.array(at, dtype=float)
         if found.shape != self._logarithms.shape or len(known) != len(found) or len(self._at) > self._scene.n:
-            raise ValueError(f"durations {found.shape}, known {len(known)}, {len(self._at)} positions")
+            raise ValueError(f"durations {found.shape} and known {len(known)} need the shape {self._logarithms.shape} and one "
+                             f"entry per contact; there are {len(self._at)} positions, of {self._scene.n} at most")
         self._logarithms[:], self._known[:] = np.log(np.clip(found, 1e-300, 1e300)), known
         self.table.at, self.table.positions, self.table.reach = address(self._at), len(self._at), reach

@@ -6,42 +6,44 @@
    lost. tops (n): the largest number of every row of U. */
 WIDE static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, T *restrict w, double *restrict tops, double least,
                            double *growth) {
-  const I *col = p->col, *diag = p->diag;
+  const int32_t *col = p->col;
+  const I *low = p->low, *up = p->up;
   double top = 0;
   for (I i = 0; i < p->n; i++) {
-    const I b = p->ptr[i], e = p->ptr[i + 1];
+    const I b = low[i], e = low[i + 1], d = up[i + 1], last = up[i];
     double own = 0, product = 0, row = 0;
-    for (I k = b; k < e; k++) {
-      const T x = w[col[k]] = p->from[k] < 0 ? NAME(of)(0) : a[p->from[k]];
+    for (I k = b; k < e; k++) w[col[k]] = NAME(of)(0);
+    for (I k = d; k < last; k++) w[col[k]] = NAME(of)(0);
+    for (I k = p->first[i]; k < p->first[i + 1]; k++) {
+      const T x = w[p->to[k]] = a[p->from[k]];
       const double size = NAME(size)(x);
-      if (size > own) own = size;
+      own = size > own ? size : own;
     }
-    for (I k = b; k < diag[i]; k++) {
-      const I j = col[k], r = p->run[j], end = p->ptr[j + 1];
-      const T l = w[j] = NAME(times)(w[j], lu[diag[j]]);
+    for (I k = b; k < e; k++) {
+      const I j = col[k], pivot = up[j + 1], r = p->run[j], end = up[j];
+      const T l = lu[k] = NAME(times)(w[j], lu[pivot]);
       const double size = NAME(size)(l);
       if (!(size < MOST)) return j;
-      if (size * tops[j] > product) product = size * tops[j];
-      if (size == 0 || diag[j] + 1 == end) continue;
-      for (I m = diag[j] + 1; m < r; m++) NAME(less)(&w[col[m]], l, lu[m]);
+      product = size * tops[j] > product ? size * tops[j] : product;
+      if (size == 0 || pivot + 1 == end) continue;
+      for (I m = pivot + 1; m < r; m++) NAME(less)(&w[col[m]], l, lu[m]);
       T *restrict x = w + col[r];
       const T *restrict u = lu + r;
       for (I m = 0; m < end - r; m++) NAME(less)(x + m, l, u[m]);
     }
-    for (I k = b; k < diag[i]; k++) lu[k] = w[col[k]];
-    for (I k = diag[i]; k < e; k++) {
+    for (I k = d; k < last; k++) {
       const double size = NAME(size)(lu[k] = w[col[k]]);
-      if (size > row) row = size;
+      row = size > row ? size : row;
     }
     tops[i] = row;
     if (product > top * own) top = product / own;
-    const double pivot = NAME(size)(lu[diag[i]]);
+    const double pivot = NAME(size)(lu[d]);
     if (pivot <= least && least > 0) {
-      lu[diag[i]] = NAME(of)(0);
+      lu[d] = NAME(of)(0);
       continue;
     }
     if (!(pivot > 0 && isfinite(pivot))) return i;
-    lu[diag[i]] = NAME(inverse)(lu[diag[i]]);
+    lu[d] = NAME(inverse)(lu[d]);
   }
   *growth = top;
   return -1;
@@ -113,15 +115,17 @@ static I NAME(choose)(I n, double share, T *restrict d, char *restrict at, I *re
 
 /* The solution in place of b. */
 WIDE static void NAME(solve)(const Order *p, const T *lu, T *b, T *w) {
+  const int32_t *col = p->col;
   for (I i = 0; i < p->n; i++) {
     T v = b[p->rows[i]];
-    for (I k = p->ptr[i]; k < p->diag[i]; k++) NAME(less)(&v, lu[k], w[p->col[k]]);
+    for (I k = p->low[i]; k < p->low[i + 1]; k++) NAME(less)(&v, lu[k], w[col[k]]);
     w[i] = v;
   }
   for (I i = p->n; i-- > 0;) {
+    const I d = p->up[i + 1];
     T v = w[i];
-    for (I k = p->diag[i] + 1; k < p->ptr[i + 1]; k++) NAME(less)(&v, lu[k], w[p->col[k]]);
-    b[p->columns[i]] = w[i] = NAME(times)(v, lu[p->diag[i]]);
+    for (I k = d + 1; k < p->up[i]; k++) NAME(less)(&v, lu[k], w[col[k]]);
+    b[p->columns[i]] = w[i] = NAME(times)(v, lu[d]);
   }
 }
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import csc_matrix, splu
+from mbdae.native.elimination import Entries, Order, address, whole
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.library import declared
-from mbdae.native.sparse import Entries, Order, address, whole
 
 functions = declared(("lu_choose", Whole, (Whole, Whole, Number, *[Pointer] * 8)))
 

@@ -118,7 +118,7 @@ class Operations:
         slots, sums = np.asarray(gather, dtype=np.int64), np.asarray(to, dtype=np.int64)
         (points, inputs), width, count = slots.shape, kernel.width, sums.shape[-1] if sums.ndim == 2 else -1
         if sums.shape != (points, count) or count > width:
-            raise ValueError(f"slots {sums.shape} for {points} points of {width} values")
+            raise ValueError(f"the slots to add to have the shape {sums.shape}: ({points}, up to {width}) is needed")
         first = self.slots(points * width) if first is None else first
         self._add(PASS, {"from_": slots, "to": sums}, (first, points * width), times=points, inputs=inputs, outputs=width,
                   count=count, first=first, kernel=kernel)  # fmt: skip
@@ -169,7 +169,7 @@ class Operations:
         first, points = self.slots(READ + 3), (len(packed) - 9) // 6
         self._room.constants.append((first + READ, np.array([0.0, a, b])))  # the segment last used, a, b
         if len(packed) != 9 + 6 * points or points < 2:
-            raise ValueError(f"a table of {len(packed)} numbers")
+            raise ValueError(f"a table has {len(packed)} numbers: 9, and 6 for each of two or more points, are needed")
         self._add(LOOKUP, {"weight": packed}, (first, READ + 3), (at, 1), (side, 1), times=1, count=points, first=first,
                   inputs=at, outputs=side)  # fmt: skip
         return first
@@ -187,7 +187,7 @@ class Operations:
             weights = np.asarray(weight, dtype=float)
             weights = np.full(count, weights) if weights.ndim == 0 else weights
             if weights.shape not in ((count,), (times, count)):
-                raise ValueError(f"weights {weights.shape} for {times} instances of {count} entries")
+                raise ValueError(f"weights have the shape {weights.shape}: one, ({count},) or ({times}, {count}) are needed")
             steps["weight_step"], tables["weight"] = (count if weights.ndim == 2 else 0), weights.ravel()
         self._add(kind, tables, times=times, count=count, **steps)
 

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.native.elimination import Array, address
 from mbdae.native.equations import Equations, Number, Pointer, Whole
 from mbdae.native.library import declared
-from mbdae.native.sparse import Array, Matrix, address
+from mbdae.native.sparse import Matrix
 
 STAGNATION = 0.03  #: as in radau.c: corrections that no longer shrink are accepted below this share of the tolerance
 NAMES = ("c", "A_inv", "T", "T_inv", "V_inv", "end", "e")
@@ -55,13 +56,15 @@ class Stages:
         kept = {name: np.array(getattr(coefficients, name), dtype=float, order="C") for name in NAMES}
         square = {"A_inv", "T", "T_inv", "V_inv"}
         if any(array.shape != ((s, s) if name in square else (s,)) for name, array in kept.items()) or s < 1:
-            raise ValueError(f"coefficients of {s} stages: {({name: array.shape for name, array in kept.items()})}")
+            raise ValueError(f"coefficients of {s} stages need {s} values, or ({s}, {s}): "
+                             f"{({name: array.shape for name, array in kept.items()})}")
         if reals + 2 * pairs != s or len(matrix.real) < reals or len(matrix.pairs) != pairs:
-            raise ValueError(f"{reals} real and {pairs} complex eigenvalues for {s} stages, with {len(matrix.factors)} factors")
+            raise ValueError(f"{s} stages need {s} eigenvalues, a complex pair counts twice, and a factor of each: there "
+                             f"are {reals} real ones, {pairs} pairs and {len(matrix.factors)} factors")
         if not (np.array_equal(matrix.real[:reals], coefficients.real) and np.array_equal(matrix.pairs, coefficients.pairs)):
             raise ValueError("the factors are not those of these eigenvalues")
         if equations.table.n != n or not equations.table.residual:
-            raise ValueError(f"{equations.table.n} equations for {n} unknowns, or no residual")
+            raise ValueError(f"the table has {equations.table.n} equations for {n} unknowns: as many are needed, with a residual")
         self.s, self.n, self.equations, self.matrix = s, n, equations, matrix
         self.Z, self.Y, self.Yp, self.R, self._D, self.correction = (np.zeros((s, n)) for _ in range(6))
         self._w, (self.error, self.scaled) = np.zeros((2, n)), np.zeros((2, n))

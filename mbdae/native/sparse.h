@@ -4,10 +4,12 @@
 #include "core.h"
 typedef struct { double re, im; } Pair; /* a complex number */
 
-/* Rows of L + U in the order of elimination, pivots on the diagonal: column `col` of every entry, rising in each row, and the
-   entry of the matrix it begins with (`from`; -1: it fills in). From `run` on the columns of a row follow each other without a
-   gap. Pivot i is in row rows[i] and column columns[i] of the matrix. */
-typedef struct { I n; const I *ptr, *col, *diag, *run, *from, *rows, *columns; } Order;
+/* L + U in the order of elimination, pivots on the diagonal: the rows of L from the first to the last, then those of U from the
+   last to the first, as solutions read them. Row i of L is low[i] ... low[i + 1], row i of U, its pivot first, up[i + 1] ... up[i].
+   Every entry has its column `col`, rising in each row; from `run` on those of a row of U follow each other without a gap. Row i
+   begins with the entries from[first[i] ... first[i + 1]] of the matrix, in the columns `to`. Pivot i is in row rows[i] and column
+   columns[i] of the matrix. */
+typedef struct { I n; const I *low, *up, *run, *first, *rows, *columns; const int32_t *col, *from, *to; } Order;
 
 typedef void Getrf(int *m, int *n, void *a, int *lda, int *swaps, int *info);
 typedef void Getrs(char *trans, int *n, int *columns, void *a, int *lda, int *swaps, void *b, int *ldb, int *info);

@@ -7,18 +7,16 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import csc_matrix, distinct
+from mbdae.deferred import cython_lapack
+from mbdae.native.elimination import Array, Entries, Index, Order, address
 from mbdae.native.equations import Number, Pointer, Whole
-from mbdae.native.lapack import lapack
 from mbdae.native.library import declared
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 #: LAPACK's dense factorisation is faster than the sparse one where that takes more than FEW multiplications, and more than DENSE
 #: times those of the dense one (measured with full matrices, sparse against dense: as fast with 25 unknowns, a third slower with
@@ -36,12 +34,6 @@ class SingularMatrixError(Exception):
     def __init__(self, unknown: int = -1) -> None:
         super().__init__("iteration matrix is singular or not finite")
         self.unknown = unknown
-
-
-class OrderTable(ctypes.Structure):
-    """`Order` of sparse.h."""
-
-    _fields_ = (("n", Whole), *((name, Pointer) for name in ("ptr", "col", "diag", "run", "origin", "rows", "columns")))
 
 
 class FactorsTable(ctypes.Structure):
@@ -63,7 +55,6 @@ class MatrixTable(ctypes.Structure):
 
 #: the library with the functions of sparse.h
 functions = declared(
-    ("lu_fill", Whole, (Whole, Pointer, Pointer, Whole, Pointer, Pointer, Pointer, Pointer)),
     ("lu_factor", Whole, (Pointer,)),
     ("lu_solve", None, (Pointer, Pointer)),
     ("lu_solve_each", None, (Pointer, Whole, Pointer)),
@@ -75,81 +66,13 @@ functions = declared(
 )
 
 
-def address(array: NDArray[Any]) -> int:
-    """Address of the first number of an array."""
-    return int(array.ctypes.data)
-
-
-def whole(what: Any) -> Index:
-    """Integers as C reads them: contiguous, 64 bits."""
-    return np.ascontiguousarray(what, dtype=np.int64)
-
-
-class Entries:
-    """Sparsity pattern of matrices (n, n) by columns: `indptr` (n + 1,) and row `indices` (nnz,) as in SciPy's csc_matrix."""
-
-    def __init__(self, n: int, indptr: Any, indices: Any) -> None:
-        self.n, self.indptr, self.row_of = int(n), whole(indptr), whole(indices)
-        self.nnz = len(self.row_of)
-        ends = 0, self.nnz
-        if self.indptr.shape != (n + 1,) or (self.indptr[0], self.indptr[-1]) != ends or (np.diff(self.indptr) < 0).any():
-            raise ValueError(f"indptr of {self.indptr.shape} does not divide {self.nnz} entries into {n} columns")
-        if n < 1 or self.row_of.ndim != 1 or not ((self.row_of >= 0) & (self.row_of < n)).all():
-            raise ValueError(f"indices are not rows of a matrix ({n}, {n})")
-        self.column_of = np.repeat(np.arange(n, dtype=np.int64), np.diff(self.indptr))
-        if len(distinct(self.column_of * n + self.row_of)) != self.nnz:
-            raise ValueError("an entry is named twice")
-
-    @classmethod
-    def full(cls, n: int) -> Entries:
-        """The pattern of a full matrix (n, n), column by column."""
-        return cls(n, np.arange(n + 1) * n, np.tile(np.arange(n), n))
-
-    def matrix(self, values: NDArray[Any]) -> csc_matrix:
-        """The matrix (n, n) with these entries (nnz,)."""
-        return csc_matrix((values, self.row_of, self.indptr), shape=(self.n, self.n))
-
-
-class Order:
-    """An order of elimination, in which pivot i is in row rows[i] and column columns[i], and the pattern of L + U in it.
-
-    work: number of multiplications of a factorisation; size: number of entries of L + U, fill-in included.
-    """
-
-    def __init__(self, entries: Entries, rows: Any, columns: Any) -> None:
-        n = entries.n
-        self.rows, self.columns = whole(rows), whole(columns)
-        for order in (self.rows, self.columns):
-            if order.shape != (n,) or not np.array_equal(np.sort(order), np.arange(n)):
-                raise ValueError(f"an order of elimination is no permutation of {n}")
-        row_of, column_of = np.empty((2, n), dtype=np.int64)
-        row_of[self.rows] = column_of[self.columns] = np.arange(n)
-        i, j = row_of[entries.row_of], column_of[entries.column_of]
-        self.ptr, self.col, self.diag = filled(n, i, j)
-        self.size = len(self.col)
-        row = np.repeat(np.arange(n), np.diff(self.ptr))
-        keys = row * n + self.col
-        self.origin = np.full(self.size, -1)
-        self.origin[np.searchsorted(keys, i * n + j)] = np.arange(entries.nnz)
-        breaks = np.where(np.diff(keys, prepend=-2) != 1, np.arange(self.size), 0)
-        self.run = np.maximum(np.maximum.reduceat(breaks, self.ptr[:-1]), self.diag + 1)
-        self.work = int((self.ptr[1:] - self.diag)[self.col[self.col < row]].sum())
-        kept = [self.ptr, self.col, self.diag, self.run, self.origin, self.rows, self.columns]
-        self.table = OrderTable(n, *map(address, kept))
-
-
-def filled(n: int, i: Index, j: Index) -> tuple[Index, Index, Index]:
-    """The pattern of L + U, fill-in included, of a matrix with entries in rows i, columns j: where its rows begin (n + 1,), the
-    columns of its entries in ascending order, and where its diagonal entries are (n,)."""
-    cells = distinct(np.r_[i * n + j, np.arange(n) * (n + 1)])
-    rows, columns = whole(np.searchsorted(cells, np.arange(n + 1) * n)), whole(cells % n)
-    ptr, diag, work = np.zeros(n + 1, dtype=np.int64), np.zeros(n, dtype=np.int64), np.zeros(n + 2, dtype=np.int64)
-    most, count = 4 * (len(i) + n), -1
-    while count < 0:
-        most *= 4
-        col = np.empty(most, dtype=np.int64)
-        count = functions().lu_fill(n, address(rows), address(columns), most, *map(address, (ptr, col, diag, work)))
-    return ptr, col[:count].copy(), diag
+@cache
+def lapack(name: str) -> int:
+    """Address of a function of LAPACK in the library that SciPy brings."""
+    capsule, api = cython_lapack.__pyx_capi__[name], ctypes.pythonapi
+    api.PyCapsule_GetName.restype, api.PyCapsule_GetName.argtypes = ctypes.c_char_p, [ctypes.py_object]
+    api.PyCapsule_GetPointer.restype, api.PyCapsule_GetPointer.argtypes = Pointer, [ctypes.py_object, ctypes.c_char_p]
+    return int(api.PyCapsule_GetPointer(capsule, api.PyCapsule_GetName(capsule)))
 
 
 #: functions that search for an order of elimination, tried in turn: from the pattern and values of a matrix (n, n), real or
@@ -237,7 +160,7 @@ class Factors:
         if functions().lu_factor(self._at) >= 0:
             raise SingularMatrixError
         out = np.empty(len(order.columns), dtype=bool)
-        out[order.columns] = self._lu[order.diag] == 0
+        out[order.columns] = self._lu[order.up[1:]] == 0
         return out
 
     def snapshot(self) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from mbdae.documents.blocks import Block, Equation, Paragraph
 from mbdae.errors import LawError
 from mbdae.kernels.plan import Outputs, plan
 from mbdae.reports.calculus import Pair, summed, times
-from mbdae.reports.letters import Letter, letters, multiplier, name_scalars, name_vectors, unit_text
+from mbdae.reports.letters import Letter, letters, multiplier, name_scalars, name_vectors, rate_of, unit_text
 from mbdae.reports.page import BOTH, Check, Page
 from mbdae.reports.statement import Statement, derived
 from mbdae.reports.states import POINTS, STEP, Numbers, State, random_state
@@ -80,8 +80,9 @@ class LawPage(Page):
         for name, symbol in s.coordinates.items():
             letter = self.known[name]
             self.known[str(symbol)] = letter
-            self.known[str(s.clock[symbol])] = Letter(f"\\dot{{{letter.latex}}}", f"{letter.unit}/s", "its rate")
-            self.known[str(s.virtual[symbol])] = Letter(f"\\delta {letter.latex}", letter.unit, "its virtual change")
+            self.known[str(s.clock[symbol])] = rate_of(letter)
+            self.known[str(s.virtual[symbol])] = Letter(f"\\delta {letter.latex}", letter.unit,
+                                                        f"virtual change of ${letter.latex}$")
         self.writer = Writer(s.record, {})
         self.writer.renew = self.refresh
         self.refresh()

@@ -169,9 +169,18 @@ def letters(law: type[Law], shape: Structure, instance: Any, rows: Collection[st
         further = ", given over time" if timed else ", internal state" if symbol != name else ""
         found[symbol] = Letter(latex, unit, spec.meaning + further)
         if timed:
-            found[name + "_dot"] = Letter(rf"\dot{{{latex}}}", f"{unit or 1}/s", "its rate")
-            found[name + "_ddot"] = Letter(rf"\ddot{{{latex}}}", f"{unit or 1}/s^2", "its second rate")
+            found[name + "_dot"], found[name + "_ddot"] = rate_of(found[symbol]), second_rate_of(found[symbol])
     return found
+
+
+def rate_of(letter: Letter) -> Letter:
+    """The letter of the rate of a quantity."""
+    return Letter(f"\\dot{{{letter.latex}}}", f"{letter.unit or 1}/s", f"rate of ${letter.latex}$")
+
+
+def second_rate_of(letter: Letter) -> Letter:
+    """The letter of the second rate of a quantity."""
+    return Letter(f"\\ddot{{{letter.latex}}}", f"{letter.unit or 1}/s^2", f"second rate of ${letter.latex}$")
 
 
 def specs_of_coordinates(law: Any) -> dict[str, Parameter]:

@@ -171,12 +171,13 @@ class Page:
     wanted: dict[str, Wanted]
 
     def want(self, latex: str, values: Any, source: str, unit: str = "") -> None:
-        """Require values of a printed symbol; source: where they come from."""
+        """Keep the values that the printed formulas of a symbol must give when they are read back, (POINTS, ...) or one for
+        all points; source: what computed them."""
         values = np.asarray(values)
         self.wanted[latex] = Wanted(np.broadcast_to(values, (POINTS, *values.shape[1:])), source, unit)
 
     def line(self, latex: str, e: Any, values: Any = None, source: str = "", unit: str = "") -> str:
-        """An equation of a symbol and its formula (scalar or vector). values: required ones; source: where they come from."""
+        """An equation of a symbol and its formula (scalar or vector). values, source: as in `want`."""
         if values is not None:
             self.want(latex, values, source, unit)
         return f"{latex} = {self.writer.of(e)}"
@@ -216,14 +217,16 @@ def document(title: str, head: list[Block], pages: list[tuple[Any, list[Block]]]
     rows = dict.fromkeys(tuple(row) for page, _ in pages for row in page.symbols())
     checks = [c for (page, _), part in zip(pages, blocks, strict=True) for c in page.printed(list(part))]
     stated = [{k: w.unit for k, w in page.wanted.items() if w.values is not None} for page, _ in pages if page.stated]
-    further = [row for units in stated for row in results(units)]
     letters = [row[0] for row in rows] + [name for page, _ in pages for name in page.own]
+    sides = list(dict.fromkeys(item for units in stated for item in units.items()))
+    letters += [name for name, _ in sides]
     twice = [name for name in dict.fromkeys(letters) if letters.count(name) > 1]
     checks += [Check(f"{symbol} has one meaning", float("inf")) for symbol in twice]
     units = list(dict.fromkeys(c for page, _ in pages for c in page.units()))
     head = [*head, *(Paragraph(f"**The units do not fit: {c.what}.**") for c in units if not c.holds)]
     checks += units
-    symbols = Section("Symbols", [Table(SYMBOLS, [*map(list, rows), *further]), *([Paragraph(convention)] if convention else [])])
+    table = Table(SYMBOLS, [*map(list, rows), *results(dict(sides))])
+    symbols = Section("Symbols", [table, *([Paragraph(convention)] if convention else [])])
     return Document(title, [*head, symbols, *(b for part in blocks for b in part), checks_section(checks), *tail])
 
 

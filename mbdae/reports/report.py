@@ -12,7 +12,7 @@ import mbdae.laws.friction
 import mbdae.laws.joints
 from mbdae.documents.blocks import Paragraph, Section
 from mbdae.documents.document import Document
-from mbdae.errors import LawError, OptionError, meant
+from mbdae.errors import LawError, OptionError, meant, naming_arguments
 from mbdae.laws.contact import Hertz, JournalContact
 from mbdae.laws.elements.beam import Beam
 from mbdae.laws.forces.line_load import LineLoad
@@ -61,6 +61,7 @@ def names() -> list[str]:
     return sorted({"kinematic", "classical", "recursive", "clearance", *exported()})
 
 
+@naming_arguments
 def report(what: Any, **options: Any) -> Document:
     """The report (a `Document`) of a law class, a law or part with values, a joint model, a joint of a scene, a scene, or a name.
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import symengine as se
 
-from mbdae.errors import LawError, OptionError
+from mbdae.errors import LawError, OptionError, unknown_name
 from mbdae.laws.contact import Hertz
 from mbdae.laws.contact.surfaces import SurfaceContact
 from mbdae.laws.friction import Coulomb, LuGre
@@ -62,7 +62,8 @@ def structure_of(law: type[Law], options: Mapping[str, Any]) -> Structure:
     options = {name: v for name, v in options.items() if name not in given}
     unknown = sorted(set(options) - set(law.options))
     if unknown:
-        raise LawError(f"{law.__name__} has no option '{unknown[0]}'; it has {sorted(law.options)}")
+        close = unknown_name(unknown[0], [*law.options, *law.params])
+        raise LawError(f"{law.__name__} has no option {close} it has {sorted(law.options)}")
     for name, value in options.items():
         check_kind(name, value, OPTIONS.get(name))
     chosen = {name: options.get(name, _default(law, name, options)) for name in law.options}

@@ -118,6 +118,7 @@ class State:
     def __init__(self, d: Derived, given: Values) -> None:
         self.d, self.given = d, given
         self._known: dict[Expr, Any] = {}
+        self._axes: dict[str, NDArray[Any]] = {}
         self._meaning = {s: e for f in d.frames for table in (f.structure, f.meaning) for s, e in table.items()}
 
     def get(self, symbol: Expr) -> Any:
@@ -151,6 +152,13 @@ class State:
     def points(self) -> int:
         """Number of states."""
         return len(next(iter(self.given.values())))
+
+    def axes_quaternion(self, side: str) -> NDArray[Any]:
+        """Quaternions (points, 4) of the axes of a law on a body."""
+        if side not in self._axes:
+            columns = [[self.given[f"{side}_Q{a}{i}"] for a in "xyz"] for i in (1, 2, 3)]
+            self._axes[side] = quaternion(np.moveaxis(np.array(columns), -1, 0))
+        return self._axes[side]
 
     def frame(self, side: str) -> Frame:
         """The frame of a side."""
@@ -197,7 +205,7 @@ def random_state(d: Derived, seed: int = 7, points: int = POINTS, spread: float 
         J = np.array([_matrix(turn) for turn in turns])
         Q = np.array([_matrix(rng.uniform(-1, 1, 3)) for _ in range(points)])
         if f.kind.by_quaternion:
-            P = np.array([quaternion(j @ q.T) for j, q in zip(J, Q, strict=True)]) * rng.uniform(0.5, 2, (points, 1))
+            P = quaternion(J @ np.swapaxes(Q, 1, 2)) * rng.uniform(0.5, 2, (points, 1))
             given |= {str(s): c for s, c in zip(f.q[f.kind.translations :], P.T, strict=True)}
         else:
             Q = J

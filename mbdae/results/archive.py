@@ -79,7 +79,7 @@ class Archive:
         """A member of the file as its first bytes describe it, checked."""
         plain = info.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) and not info.flag_bits & 1
         if not (info.filename == f"{name}.npy" and name.isidentifier() and plain):
-            raise BadValueError(f"its member {shown(info.filename)} is no array of mbdae")
+            raise BadValueError(f"its member {shown(info.filename)} is no array that mbdae wrote")
         with self._zip.open(info) as file:
             begin = file.read(12)
             wide = begin[6:8] == b"\2\0"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import OptionError
+from mbdae.errors import NamesArguments, OptionError
 from mbdae.scene.section import Section
 from mbdae.system.base import Array
 
@@ -17,7 +17,7 @@ OUTSIDE = 1e-6  #: distance beyond the boundary of a section, relative to its si
 
 
 @dataclass(frozen=True)
-class Fibre:
+class Fibre(NamesArguments):
     """A point of a section, x2 and x3 in m along its axes 2 and 3 from the centroid; called: the beam in messages."""
 
     section: Section

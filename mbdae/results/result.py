@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbdae.display import rows, titled
-from mbdae.errors import ListsAttributes, OptionError, SceneError
+from mbdae.errors import ListsAttributes, OptionError, SceneError, unknown_name
 from mbdae.inputs.sensed import symbol
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.laws.contact.base import Contact
@@ -68,7 +68,7 @@ class RunInfo:
     cpu_s: float = 0.0  #: CPU time of all runs together, s
     warnings: tuple[str, ...] = ()
     choice: str = ""  #: why this solver, where mbdae chose it
-    reliable: bool = True  #: see `Result.reliable`
+    reliable: bool = True  #: False where the energy balance or a damped contact speaks against it, see `Result.reliable`
     events: tuple[Event, ...] = ()
 
 
@@ -105,10 +105,13 @@ class Result(RunStates, ListsAttributes):
         return self.info.warnings
 
     @property
-    def reliable(self) -> bool:
-        """False where the energy balance is off by more than a tenth of what contact and friction dissipate (with constant steps:
-        of the energy exchanged), or where the steps damped a contact that friction makes unstable."""
-        return self.info.reliable
+    def reliable(self) -> bool | None:
+        """True where the run is complete, its error is estimated and within the accuracy asked (`accuracy.met`), and nothing
+        speaks against it; None where its error is not known, as after a run with a tolerance or a step of its own. False where
+        the accuracy is missed or the run was stopped; where the energy balance is off by more than a tenth of what contact and
+        friction dissipate (with constant steps: of the energy exchanged); or where the steps damped a contact that friction makes
+        unstable."""
+        return self.accuracy.met if self.info.reliable and self.complete else False
 
     @property
     def events(self) -> tuple[Event, ...]:
@@ -202,10 +205,10 @@ class Result(RunStates, ListsAttributes):
         except SceneError as error:
             raise SceneError([f"there is no sensor {shown(path)}: {'; '.join(error.problems)}"]) from error
         if sensor is None or quantity.startswith("_") or quantity not in dir(sensor):
-            known = ", ".join(sorted(a for a in dir(sensor) if not a.startswith("_"))) if sensor is not None else ""
+            known = sorted(a for a in dir(sensor) if not a.startswith("_")) if sensor is not None else []
             items = self.prepared.model.scene._names()
-            told = f"'{name}' has {known}" if known else f"give item.quantity of an item, such as {items}"
-            raise SceneError([f"there is no sensor '{path}'; {told}"])
+            told = f"'{name}' has {', '.join(known)}" if known else f"give item.quantity of an item, such as {items}"
+            raise SceneError([f"there is no sensor {unknown_name(path, [f'{name}.{one}' for one in known])} {told}"])
         values = np.asarray(getattr(sensor, quantity))
         if not entry:
             return values
@@ -308,7 +311,8 @@ class Result(RunStates, ListsAttributes):
         known = f"{a.estimated:.1e}" if a.estimated is not None else "unknown"
         asked = f"{a.asked:g}" if a.asked is not None else "none"
         shorter = f" ({s.shortened} shortened for inputs of time)" if s.shortened else ""
-        warned = f", {counted(len(self.warnings), 'warning')}" if self.warnings else ""
+        warned = (", not reliable" if self.reliable is False else "") + (
+            f", {counted(len(self.warnings), 'warning')}" if self.warnings else "")  # fmt: skip
         return (f"<Result '{self.prepared.model.scene.name}': t = {self.t[0]:g}..{self.t[-1]:g} s, {self.info.solver.label} "
                 f"{self.info.form}, {counted(s.steps, 'step')}{shorter}, {self.info.cpu_s:.2f} s CPU, accuracy asked {asked}, "
                 f"estimated error {known}, {a.brief}{warned}>")

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.errors import NamesArguments
 from mbdae.inputs import timed
 from mbdae.integrators.solution import Solution
 from mbdae.kernels.plan import Outputs
@@ -70,7 +71,7 @@ def states_of(prepared: Prepared, solution: Solution, t: Array) -> States:
     return States(t, *prepared.states(t, solution(t)), stresses(prepared, solution, t))
 
 
-class RunStates:
+class RunStates(NamesArguments):
     """A run of a prepared scene, read at times t (nt,)."""
 
     def __init__(self, prepared: Prepared, solution: Solution, t: Array) -> None:

@@ -63,4 +63,5 @@ def _check_own(scene: SceneData, data: dict[str, Any]) -> None:
         refuse_losses(scene, replay(json.loads(json.dumps(data)), SceneData, Known(scene.own)))
     except MbdaeError as error:
         why = "; ".join(error.problems) if isinstance(error, SceneError) else error
-        raise OptionError(f"this scene could not be built again from what is stored of it: {why}") from error
+        raise OptionError(f"this scene could not be built again from what is stored of it: {why}; keep "
+                          f"the script that states it, and its results by r.to_csv") from error

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import MbdaeError, OptionError, SceneError
+from mbdae.errors import MbdaeError, OptionError, SceneError, naming_arguments
 from mbdae.files import path_of
 from mbdae.formulations import GGL, ODE, Form, Index1, Index3
 from mbdae.integrators.base import Solver
@@ -78,6 +78,7 @@ def save(result: Result, path: Any) -> None:
 ATTACHED["save"] = save
 
 
+@naming_arguments
 def load(path: Any, laws: Iterable[Any] = ()) -> Result:
     """The result stored in a file by `Result.save`.
 

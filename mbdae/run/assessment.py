@@ -6,11 +6,10 @@ import math
 
 import numpy as np
 
-from mbdae.integrators.base import Solver
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.result import Result
 from mbdae.run.checks import doubts
-from mbdae.run.control import Controlled
+from mbdae.run.control import SLOW, Controlled
 from mbdae.run.drift import energy_drift, joint_drift
 from mbdae.run.quaternion_lengths import unequal_lengths
 from mbdae.run.reliability import Assessment, doubts_of_steps, reliability
@@ -20,6 +19,7 @@ from mbdae.system.prepare import Prepared
 from mbdae.ties import largest
 
 ROW_SAMPLES = 2000  #: number of steps at which constraint rows are evaluated
+APART = 2.0  #: ratio of the error to what runs of the solver alone estimate, above which something else limits it
 ENERGY_SAMPLES = 1000  #: number of outputs (or steps, where an input depends on time) at which energies are evaluated
 
 
@@ -33,25 +33,45 @@ def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
     off, broken = _broken_rows(found.prepared, run, known.asked)
     of_run = run.notes if known.met is False or run.solver.fixed or known.asked is None else ()
     rows = (joint_drift(found.prepared, run, known.asked) if drifts else []) or broken
-    notes = [*_missed(known, run.solver), *of_run, *rows, *doubts(found.prepared), *doubts_of_steps(run), *contact.notes,
+    notes = [*_missed(known, run), *of_run, *rows, *doubts(found.prepared), *doubts_of_steps(run), *contact.notes,
              *singular, *unequal_lengths(found), *energy_drift(found, run, known.asked)]  # fmt: skip
     return Assessment(tuple(notes), contact.reliable, bool(singular), off)
 
 
-def _missed(known: Accuracy, solver: Solver) -> list[str]:
+def _missed(known: Accuracy, run: Controlled) -> list[str]:
     """Warnings where the error in time, or that of the mesh, exceeds the accuracy asked."""
     asked, notes = known.asked, []
     if asked is None:
         return []
     if known.motion is not None and not known.motion <= asked:
-        found = f"about {known.motion:.1e}" if math.isfinite(known.motion) else "not known: every tighter run failed"
-        other = "" if solver.label == "RadauIIA(3)" else " and solver=mb.RadauIIA(3)"
-        notes.append(f"accuracy {asked:g} was asked, the error is {found}: accuracy={asked / 10:g}{other} may come nearer; where "
-                     f"the motion is chaotic, only a shorter run does")  # fmt: skip
+        found = f"about {known.motion:.1e}" if math.isfinite(known.motion) else "not known"
+        notes.append(f"accuracy {asked:g} was asked, the error is {found}: {_nearer(known.motion, asked, run)}")
     if known.mesh is not None and not known.mesh <= asked:
         notes.append(f"accuracy {asked:g} was asked, the mesh of the beams is off by about {known.mesh:.1e}: give them more "
                      f"elements or a higher order")  # fmt: skip
     return notes
+
+
+def _nearer(error: float, asked: float, run: Controlled) -> str:
+    """What the runs that were made say about a smaller accuracy: whether it comes nearer, else what limits the error."""
+    told = [one for one in run.told if math.isfinite(one[1])]
+    size = "steps of {:.2g} s" if run.solver.by_steps else "rtol = {:.1g}"
+    if not math.isfinite(error) or not told:
+        return "no two runs that can be compared were completed; take another solver, a larger accuracy or a shorter run"
+    last, estimate = told[-1]
+    if error > APART * estimate:
+        return (f"runs of {run.solver.label} alone differ by {estimate:.1e}, the rest is what another method or shorter steps "
+                f"show; no run has shown that a smaller accuracy comes nearer")  # fmt: skip
+    if last <= run.limit * (1 + 1e-9):
+        return (f"{size.format(last)} is the smallest that round-off allows {run.solver.label}, so that a smaller accuracy ends "
+                f"with the same run; a shorter run comes nearer")  # fmt: skip
+    if len(told) < 2:
+        return f"it was estimated once, with {size.format(last)}; no run has shown that a smaller accuracy comes nearer"
+    before, earlier = told[-2]
+    went = f"with {size.format(before)} it was {earlier:.1e}, with {size.format(last)} {estimate:.1e}"
+    if estimate > earlier * (last / before) ** SLOW:
+        return f"{went}: a smaller accuracy comes no nearer where the motion is chaotic, only a shorter run does"
+    return f"{went}, so that accuracy={asked / 10:g} comes nearer"
 
 
 def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tuple[float, list[str]]:
@@ -68,4 +88,5 @@ def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tu
         return 0.0, []
     driven = any(c.prescribed for c in prepared.model.scene.joints)
     why = "prescribed motions may contradict each other later on" if driven else "the loops do not stay closed"
-    return float(off[worst]), [f"constraint {m.rows[worst].name} is violated by {off[worst]:.1e}: {why}"]
+    return float(off[worst]), [f"constraint {m.rows[worst].name} is violated by {off[worst]:.1e} of the scene's length, or rad: "
+                               f"{why}; r.drift has its course, and falls with accuracy or rtol if it is numerical"]  # fmt: skip

@@ -193,7 +193,7 @@ class Check(ListsAttributes):
         return lines + [f"  coordinates kept as unknowns: {_listed(names)}: {why}" for why, names in reasons.items()]
 
     def _of_beams(self) -> list[str]:
-        """Lines on the meshes of beams and their stress resultants."""
+        """Lines of the printed check on beams: their meshes, and what becomes of the stress resultants."""
         lines = self.prepared.model.lines
         if not lines:
             return []

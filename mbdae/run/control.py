@@ -42,8 +42,11 @@ ATTEMPTS = 5  #: largest number of runs after the first companions
 #: of two runs, their steps must differ, else their difference is no measure of the error. The factor is below 1/2 because widths
 #: vary by factors of 2
 CLOSER = 0.4
+#: the same factor for the part of the duration of an impact that a step may cover. The run after the first companions covers the
+#: part that a single run does, the companions cover more
+CLOSER_IMPACTS = 0.5
 UNKNOWN = "the run attached (rtol = {:g}) is complete, its error is not known"
-UNTESTED = "the run attached is complete; what its steps may leave out is not known"
+UNTESTED = "the run attached is complete; whether its steps leave out fast vibrations was not tested"
 CRAWL = 10  #: a run is stopped above this many times the residual evaluations of its companion
 CUT = 100  #: residual evaluations allowed in addition for every step that inputs of time cut short
 CHAOTIC = 2.0  #: with contact: a run is not repeated after two repeats lowered its estimate by less than this factor
@@ -61,7 +64,9 @@ FIRST_STEPS, PROBES = 5.0, 200
 @dataclass(frozen=True)
 class Controlled:
     """A run, its estimated error, the number of runs made for it and their CPU time (s); others: runs that it was compared with;
-    waves: whether it resolves all vibrations of beams although its form does not ask for it."""
+    waves: whether it resolves all vibrations of beams although its form does not ask for it; told: of every run with an estimate,
+    in their order, the tolerance (the step, s, of a method of constant steps) and the estimate from runs of its method alone;
+    limit: the smallest tolerance that round-off allows."""
 
     solution: Solution
     solver: Solver
@@ -71,6 +76,8 @@ class Controlled:
     notes: tuple[str, ...] = ()
     others: tuple[OtherRun, ...] = ()
     waves: bool = False
+    told: tuple[tuple[float, float], ...] = ()
+    limit: float = 0.0
 
     def after(self, runs: int, cpu_s: float) -> Controlled:
         """The run with the number and CPU time (s) of other runs added to its own."""
@@ -121,7 +128,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     measure = measure_of(system, prepared)
     if solver.by_steps:
         found = halved(solver, system, asked, accuracy, measure, second_method(solver, system, asked, accuracy, measure))
-        run = Controlled(found.solution, found.solver, found.estimate, found.runs, found.cpu_s)
+        run = Controlled(found.solution, found.solver, found.estimate, found.runs, found.cpu_s, told=found.told)
         others = other_run(system, prepared, *found.coarser) if found.coarser is not None else ()
         return with_short_vibrations(replace(run, others=others), system, prepared, accuracy, measure)
     ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
@@ -136,7 +143,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         try:
             most_residuals = CRAWL * coarse.stats.residuals + 10000 + CUT * _cuts(system, tight, asked.t_end)
             with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
-                fine = tight.run(system, replace(asked, max_residuals=most_residuals, share=CLOSER**count))
+                fine = tight.run(system, closer(replace(asked, max_residuals=most_residuals), count, kept))
         except WallClockError as error:
             raise WallClockError(
                 f"max_wall = {asked.max_wall:g} s of wall time is used up while the error was measured: "
@@ -156,7 +163,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(
             system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before)))  # fmt: skip
-        best = Controlled(fine, tight, estimates[-1], runs, cpu, best.notes, others)
+        best = Controlled(fine, tight, estimates[-1], runs, cpu, best.notes, others, told=tuple(told), limit=limit)
         ceiling = max(resolving(prepared, solver, fine, ceiling), limit)
         too_coarse = tight.tolerance > COARSE * ceiling
         if (best.estimate <= accuracy and not too_coarse) or tight.tolerance <= limit * (1 + 1e-9):
@@ -170,6 +177,12 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         wanted = tight.tolerance * float(np.clip(least, *(FINER if system.guards is None else FINER_WITH_IMPACTS)))
         tight = _with_rtol(tight, max(wanted, limit))
     return best
+
+
+def closer(asked: Asked, count: int, kept: int) -> Asked:
+    """What is asked of a run after `count` others, the first `kept` of which are companions of the first: its steps are bounded
+    more closely than theirs."""
+    return replace(asked, share=CLOSER**count, impacts=CLOSER_IMPACTS ** (count - kept))
 
 
 def _fall(told: list[tuple[float, float]]) -> float:
@@ -198,7 +211,7 @@ def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controll
     for rtol in dict.fromkeys(rtols):
         solver = _with_rtol(tight, rtol)
         try:
-            run = solver.run(system, replace(asked, share=CLOSER ** len(made)))
+            run = solver.run(system, closer(asked, len(made), len(rtols)))
         except SolverError as error:
             if rtol == rtols[-1] or isinstance(error, FINAL):
                 raise

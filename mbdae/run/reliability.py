@@ -101,7 +101,7 @@ def _of_constant_steps(result: Result) -> list[str]:
     if np.isfinite(off).all() and np.max(off) <= ALARM * moved:
         return []
     return [f"not reliable: with steps of {result.stats.h_max:.2g} s the energy balance is off by {np.max(off):.2g} J, where "
-            f"{moved:.2g} J moved: take a smaller step, or error control (mb.RadauIIA(3), mb.IDA())"]  # fmt: skip
+            f"{moved:.2g} J were exchanged: take a smaller step, or error control (mb.RadauIIA(3), mb.IDA())"]  # fmt: skip
 
 
 def _of_contact(result: Result, run: Controlled, expected: ExpectedContact) -> list[str]:

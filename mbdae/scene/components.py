@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.errors import OptionError
+from mbdae.errors import NamesArguments, OptionError
 from mbdae.inputs.sensed import paths
 from mbdae.laws.contact import Normal
 from mbdae.laws.forces.line_load import LineLoad
@@ -38,7 +38,7 @@ class Drawn:
 
 
 @dataclass(eq=False)
-class Body:
+class Body(NamesArguments):
     """A body as drawn. `inertia` (3, 3) about the centre of mass in body axes, None for a point mass or the ground; `drawn`: see
     `Drawn`. The motion in a run is no attribute of it: a load would silently use the value as drawn."""
 

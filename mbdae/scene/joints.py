@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from inspect import signature
 from typing import Any
 
 import numpy as np
 
+from mbdae.errors import unknown_name
 from mbdae.laws.contact import JournalContact
 from mbdae.laws.joints import (
     Cylindrical,
@@ -28,7 +30,7 @@ from mbdae.scene.connections import ConnectionStatements, across, where
 from mbdae.scene.coordinates import on_coordinates
 from mbdae.scene.models import friction_law, joint_model, law_of
 from mbdae.scene.reading import FEEDS, Argument, reads
-from mbdae.scene.record import statement
+from mbdae.scene.record import STATEMENTS, statement
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import TwoBodyLaw
 
@@ -197,7 +199,7 @@ class JointStatements(ConnectionStatements):
         options = options | {key: further.pop(key) for key in ours}
         given = on_coordinates(self, item, law, words or {}, options, model)
         modelled, extra = law_of(Argument(self, item, "model"), law, model)
-        numbers = self._numbers(item, law, further)
+        numbers = self._numbers(kind, item, law, further)
         place: dict[str, Any] = {"k": k, "l": l, "at": at, "axis": reading.unit(axis),
                                  "axis_x": across(Argument(self, item, "axis_x"), reading.unit(axis), axis_x)}  # fmt: skip
         forces = given.forces()
@@ -218,13 +220,13 @@ class JointStatements(ConnectionStatements):
                                              friction=model.friction, length=model.length, **place))  # fmt: skip
         return self._connect(found)
 
-    def _numbers(self, item: str, law: type[Joint], further: dict[str, Any]) -> dict[str, Any]:
+    def _numbers(self, kind: str, item: str, law: type[Joint], further: dict[str, Any]) -> dict[str, Any]:
         """Parameters and options of a joint by name."""
         own = {key for key in (*law.params, *law.options) if key not in law.derived()}
         found = {}
         for key, value in further.items():
             if key not in own:
-                self.problems.append(f"{item}: it has no argument {key!r}; {_instead(law, key, own)}")
+                self.problems.append(f"{item}: it has no argument {_instead(kind, law, key, own)}")
             else:
                 read = reading.driven(law.params[key].unit) if key in law.params else reading.as_given
                 found[key] = value if value is None else read(Argument(self, item, key), value)
@@ -236,14 +238,16 @@ class JointStatements(ConnectionStatements):
         return found
 
 
-def _instead(law: type[Joint], key: str, own: set[str]) -> str:
-    """What to give in place of an argument that a joint does not have."""
+def _instead(kind: str, law: type[Joint], key: str, own: set[str]) -> str:
+    """An argument that a joint, stated by the word `kind` or by `joint`, does not have, and what to give in its place."""
     coordinate = key.removesuffix("_rate")
     if coordinate not in law.scalars():
-        return f"its parameters are {sorted(own) or 'none'}"
+        known = (set(signature(STATEMENTS.get(kind, STATEMENTS["joint"])).parameters) | {*OPTIONS, "model"}) - {"self", "further"}
+        return (f"{unknown_name(key, {*own, *known})} its parameters are {sorted(own) or 'none'}, its other arguments "
+                f"{', '.join(sorted(known - own))}")  # fmt: skip
     if coordinate != key:
-        return f"to start with a rate of its coordinate give start_rate={{'{coordinate}': ...}}"
-    return f"to prescribe its coordinate give prescribed={{'{key}': ...}}, to start there start={{'{key}': ...}}"
+        return f"'{key}'; to start with a rate of its coordinate give start_rate={{'{coordinate}': ...}}"
+    return f"'{key}'; to prescribe its coordinate give prescribed={{'{key}': ...}}, to start there start={{'{key}': ...}}"
 
 
 def pins(arg: Argument, shaft: Any, other: Any, pin: Any) -> Any:

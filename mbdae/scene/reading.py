@@ -59,11 +59,7 @@ def reads(**readers: Reader) -> Callable[[F], F]:
 
         @wraps(method)
         def read(self: Any, *args: Any, **given: Any) -> Any:
-            try:
-                bound = signature.bind(self, *args, **given)
-            except TypeError as error:
-                names = ", ".join(p.name for p in parameters)
-                raise TypeError(f"{method.__name__}: {error}; its arguments are {names}") from None
+            bound = signature.bind(self, *args, **given)
             found = bound.arguments
             item = f"{kind} {_named(found.get('name', getattr(found.get('law'), 'name', None)))}"
             for p in parameters:

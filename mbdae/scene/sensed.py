@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from difflib import get_close_matches
 from typing import Any
 
-from mbdae.errors import OptionError, SceneError
+from mbdae.errors import OptionError, SceneError, meant
 from mbdae.inputs.sensed import paths
 from mbdae.scene.components import Array, Body, Connection, Controller, Signal
 from mbdae.scene.sensor_names import parsed, placed, rates_of
@@ -76,10 +75,8 @@ def _refuse_loop(path: str, quantity: str) -> None:
 
 def _unknown(scene: Any, path: str) -> str:
     known = known_paths(scene)
-    close = get_close_matches(path, known, 1)
-    meant = f"did you mean '{close[0]}'? " if close else ""
     few = ", ".join(repr(one) for one in known[:12]) + (", ..." if len(known) > 12 else "")
-    return f"there is no sensor '{path}': {meant}known sensors: {few or 'none'}"
+    return f"there is no sensor '{path}': {meant(path, known)}known sensors: {few or 'none'}"
 
 
 def known_paths(scene: Any) -> list[str]:
@@ -127,7 +124,7 @@ def _circles(scene: Any) -> list[str]:
     needs = {one.name: [p for p in one.reads() if p != one.name or one.kind == "signal"]
              for one in scene.signals if one.kind == "signal"}  # fmt: skip
 
-    known = set[str]()  # signals that lead into no circle: many may need one, by many ways
+    known = set[str]()  # signals found to depend on no circle of signals, which are not followed again
 
     def walk(name: str, above: tuple[str, ...]) -> str:
         if name in above:

@@ -100,9 +100,9 @@ def _lines(base: SceneData, name: str, values: Array, t_end: float) -> dict[str,
     at = np.append(at, at[-1] * BESIDE**2) if len(at) == 1 else at
     shapes, places, rows = zip(*(_law_numbers(changed(base, name, float(v), t_end)[0]) for v in at), strict=True)
     if any(shape != shapes[0] for shape in shapes) or any(row.keys() != rows[0].keys() for row in rows):
-        raise OptionError(f"'{name}' changes which laws there are")
+        raise OptionError(f"'{name}' changes which laws act, not only their numbers")
     if not np.allclose(places, places[0], rtol=STRAIGHT, atol=STRAIGHT):
-        raise OptionError(f"'{name}' changes places")
+        raise OptionError(f"'{name}' changes the places at which laws act, not only their numbers")
     table = np.array([list(row.values()) for row in rows])
     lines = {}
     for number, column in zip(rows[0], table.T, strict=True):

@@ -17,7 +17,7 @@ from typing import Any, TextIO, overload
 
 import numpy as np
 
-from mbdae.errors import ListsAttributes, OptionError, interrupted
+from mbdae.errors import ListsAttributes, OptionError, interrupted, naming_arguments
 from mbdae.files import read_file, write_file
 from mbdae.scene.scene import SceneData
 from mbdae.sweep.resume import check_same, damage_refused, interruption, resume_path
@@ -120,6 +120,7 @@ def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, An
     """A function of the user's."""
 
 
+@naming_arguments
 def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int | None = None, resume: Any = None,
           again: bool = False, progress: Progress | None = None, t_end: float | None = None, accuracy: float = 1e-6,
           outputs: Any = None) -> Sweep | SceneSweep:  # fmt: skip

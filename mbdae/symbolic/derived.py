@@ -13,6 +13,7 @@ from mbdae.errors import LawError
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element
+from mbdae.symbolic.rebuild import symbols_of
 from mbdae.symbolic.statement import NO_FEEDS, Feeds
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
@@ -136,7 +137,7 @@ class Derived:
                   *self.state_starts, *self.variation.values.values()]  # fmt: skip
         stated += [c for pair in self.force.values() for part in pair for c in part]
         stated += [c for row in self.G for pair in row.values() for part in pair for c in part]
-        symbols = set().union(*(se.sympify(e).free_symbols for e in stated))
+        symbols = symbols_of(stated)
         return tuple(f for f in self.frames if f.symbols & symbols or isinstance(self.law, Element))
 
     @property

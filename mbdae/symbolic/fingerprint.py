@@ -11,16 +11,16 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.outputs import Target, acceleration, dynamics, position, state_rows, velocity
 from mbdae.symbolic.program import Program
-from mbdae.symbolic.rebuild import substituted
+from mbdae.symbolic.rebuild import substituted, symbols_of
 from mbdae.symbolic.vectors import Expr
 
 
 def fingerprint(d: Derived, rates: bool = False) -> str:
     """sha256 of the terms of a law: rows, their forces, states; rates: those of its rows, its coordinates and branches too."""
-    further = _further(d) if rates else []
+    further, reached = _further(d) if rates else [], _reached(d)
     memo: dict[Expr, str] = {}
     parts = [f"{type(d.law).__name__} {' '.join(f.kind.value for f in d.frames)} {' '.join(d.rows)}"]
-    parts += [f"{name}={canonical(value, memo)}" for name, value in d.variation.values.items() if name in _reached(d)]
+    parts += [f"{name}={canonical(value, memo)}" for name, value in d.variation.values.items() if name in reached]
     outputs = [*position(d), *dynamics(d), *state_rows(d), *further]
     parts += [f"{target}: {canonical(e, memo)}" for target, e in outputs]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
@@ -50,7 +50,7 @@ def canonical(e: Expr, memo: dict[Expr, str] | None = None) -> str:
 def _reached(d: Derived) -> set[Expr]:
     """Names the outputs depend on."""
     outputs = [*position(d), *dynamics(d), *state_rows(d)]
-    open_, found = set().union(*(se.sympify(e).free_symbols for _, e in outputs)) if outputs else set(), set()
+    open_, found = symbols_of(e for _, e in outputs), set()
     while open_:
         name = open_.pop()
         if name in d.variation.values and name not in found:

@@ -49,9 +49,9 @@ def _axis(law: Any, k: Frame, l: Frame, steps: Sequence[Step], i: int) -> Vec:
     if not turn(steps[i + 1 :]):
         return steps[i].direction(_axes(Motion(steps[i + 1 :]).inverse().steps, l))
     if not law.kept:
-        raise LawError(f"{type(law).__name__}: what presses its surfaces together is not known, because the axis of one of its "
-                       f"motions lies between rotations by coordinates that are no unknowns here: use model=mb.Classical(), or "
-                       f"give a normal_force")  # fmt: skip
+        raise LawError(f"{type(law).__name__}: friction needs the force that presses the joint together, across each of its "
+                       f"axes of motion; one of them lies between two rotations whose angles are no unknowns of this joint "
+                       f"model: use model=mb.Classical(), or give a normal_force")  # fmt: skip
     own: tuple[Step, ...] = law.motion(Motion()).steps
     return own[i].direction(_axes(own[:i], k))
 

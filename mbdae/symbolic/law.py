@@ -23,13 +23,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from inspect import signature
 from math import inf, pi
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import symengine as se
 
-from mbdae.errors import LawError
+from mbdae.errors import LawError, unknown_name
 from mbdae.symbolic.class_checks import check_class
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.part import Parameter, Part, PartStructure, params
@@ -79,8 +80,9 @@ class Law:
         known = {*self.params, *self.options}
         unknown = sorted(set(values) - known)
         if unknown:
-            raise LawError(f"{type(self).__name__} {shown(name)}: unknown parameter {unknown[0]!r}; it has "
-                           f"{sorted(known - self.derived())}")  # fmt: skip
+            wrong = unknown_name(unknown[0], {*known, *signature(type(self)).parameters})
+            own = sorted(known - self.derived())
+            raise LawError(f"{type(self).__name__} {shown(name)}: unknown parameter {wrong} it has {own}")
         for key in known:
             setattr(self, key, values.get(key))
         self.compose()

@@ -29,6 +29,7 @@ from mbdae.errors import LawError
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Law, Structure
 from mbdae.symbolic.quaternions import body_spin, rotation_columns
+from mbdae.symbolic.rebuild import symbols_of
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
 _ZERO = se.Integer(0)
@@ -127,7 +128,7 @@ class LineDerived:
     @property
     def parameters(self) -> list[str]:
         """Names of the parameters read."""
-        used = set().union(*(se.sympify(e).free_symbols for e in [*self.outputs, self.energy, self.dissipated]))
+        used = symbols_of([*self.outputs, self.energy, self.dissipated])
         return sorted(str(s) for s in used - set(self.variables))
 
     def derivatives(self) -> dict[tuple[int, int], Expr]:
@@ -147,7 +148,7 @@ def derive_line(cls: type[LineLaw], structure: Structure, kind: NodeKind, mixed:
         inserted = {se.Symbol(name): e for name, e in s.solved.items()}
         duals, rows = [(f, se.sympify(e).subs(inserted)) for f, e in duals], []
     duals = [(f, e) for f, e in duals if e != 0]
-    read = set().union(*(e.free_symbols for e in [*(e for _, e in duals), *rows]))
+    read = symbols_of([*(e for _, e in duals), *rows])
     return LineDerived(
         kind, tuple(f for f in x.fields if f.symbol in read or f.rate in read), s.damping is not None,
         tuple(s.strains) if mixed else (), tuple(n for n in stated if n not in s.strains), tuple(duals), tuple(rows),

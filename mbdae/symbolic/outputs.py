@@ -14,6 +14,7 @@ from mbdae.symbolic.derived import Derived, Pair
 from mbdae.symbolic.frames import Frame, NodeKind, rotation_columns_of_q
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.quaternions import rate_from_body_spin, rate_from_spatial_spin
+from mbdae.symbolic.rebuild import symbols_of
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
@@ -244,5 +245,5 @@ def insert(d: Derived, expressions: list[Expr]) -> list[Expr]:
     table = d.variation.insertion(shared=True)
     if not expressions or not table:
         return expressions
-    used = set().union(*(se.sympify(e).free_symbols for e in expressions))
+    used = symbols_of(expressions)
     return list(se.Matrix(1, len(expressions), expressions).subs({x: table[x] for x in used if x in table}))

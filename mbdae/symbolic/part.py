@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 import symengine as se
 
-from mbdae.errors import LawError
+from mbdae.errors import LawError, unknown_name
 from mbdae.symbolic.class_checks import check_class
 from mbdae.values import BadValueError, number, shown
 
@@ -91,7 +91,7 @@ class Part:
         known, kind = (*self.params, *self.options), type(self).__name__
         unknown = sorted(set(values) - set(known))
         if unknown:
-            raise LawError(f"{kind}: unknown parameter {unknown[0]!r}; it has {list(known)}")
+            raise LawError(f"{kind}: unknown parameter {unknown_name(unknown[0], known)} it has {list(known)}")
         for key in known:
             value = values.get(key)
             setattr(self, key, self._number(key, value) if key in self.params and value is not None else value)

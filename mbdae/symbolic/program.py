@@ -11,7 +11,7 @@ from typing import Any
 
 import symengine as se
 
-from mbdae.symbolic.rebuild import substituted
+from mbdae.symbolic.rebuild import substituted, symbols_of
 from mbdae.symbolic.vectors import Expr, Vec
 
 _ZERO = se.Integer(0)
@@ -62,7 +62,7 @@ class Program:
 
     def needed(self, outputs: Iterable[Expr]) -> list[Expr]:
         """Names the outputs depend on, in order."""
-        wanted = set().union(*(e.free_symbols for e in outputs)) if outputs else set()
+        wanted = symbols_of(outputs)
         found = []
         for name in reversed(self.steps):
             if name in wanted:

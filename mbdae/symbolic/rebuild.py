@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import symengine as se
@@ -30,6 +30,12 @@ def nodes(e: Expr) -> list[Expr]:
 
     visit(e)
     return list(found)
+
+
+def symbols_of(expressions: Iterable[Any]) -> set[Expr]:
+    """The symbols in some expressions, in one pass: much faster than one after the other where they share parts."""
+    row = list(map(se.sympify, expressions))
+    return set(se.Matrix(1, len(row), row).free_symbols) if row else set()
 
 
 def substituted(e: Expr, table: dict[Expr, Expr]) -> Expr:

@@ -69,7 +69,8 @@ def written(e: Expr, names: Mapping[Expr, str], language: Language) -> str:
     return language.functions[kind](*texts)
 
 
-def _python_power(base: Expr, text: str, exponent: Expr, written: str) -> str:
+def python_power(base: Expr, text: str, exponent: Expr, written: str) -> str:
+    """A power in Python, with `_sqrt` and `_exp`."""
     if base == se.E:
         return f"_exp({written})"
     if abs(exponent) == se.Rational(1, 2):
@@ -79,13 +80,18 @@ def _python_power(base: Expr, text: str, exponent: Expr, written: str) -> str:
 
 def python(functions: Sequence[str]) -> Language:
     """Python with functions of these names, and `_sqrt` and `_exp`."""
-    return Language(lambda e: f"({e})" if isinstance(e, se.Integer) else repr(float(e)), _python_power,
+    return Language(lambda e: f"({e})" if isinstance(e, se.Integer) else repr(float(e)), python_power,
                     {name: called(name) for name in functions})  # fmt: skip
 
 
 def python_function(symbols: Sequence[Expr], expressions: Sequence[Expr], space: Mapping[str, object]) -> Callable[..., list]:  # type: ignore[type-arg]
     """The function of a sequence of inputs that returns the list of outputs; space: the functions by name."""
     found, outputs = steps(expressions, {s: f"x[{i}]" for i, s in enumerate(symbols)}, python(tuple(space)))
+    return defined(found, outputs, space)
+
+
+def defined(found: Sequence[tuple[str, str]], outputs: Sequence[str], space: Mapping[str, object]) -> Callable[..., list]:  # type: ignore[type-arg]
+    """The Python function of x that takes steps (name, text) and returns the values of the outputs."""
     lines = ["def function(x):", *(f"    {name} = {text}" for name, text in found), f"    return [{', '.join(outputs)}]"]
     made = dict(space)
     exec("\n".join(lines), made)

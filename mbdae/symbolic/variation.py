@@ -7,14 +7,14 @@ short (without them the stiffness of an angle is a thousand times longer), and r
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame
-from mbdae.symbolic.rebuild import substituted
+from mbdae.symbolic.rebuild import jumps_with, substituted
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
 _LET, _RATE = se.Function("let"), se.Function("rate")
@@ -79,7 +79,8 @@ class Variation:
         e = se.sympify(statement)
         for f in self.frames:
             if e in f.undefined:
-                raise LawError(f"the {f.undefined[e]} of {f.side} is not defined for a {f.kind.value} node")
+                raise LawError(f"the {f.undefined[e]} of {f.side} is not defined for a {f.kind.value} node, "
+                               f"which has no rotation: use a rigid body, or the point of the frame alone")
         if not e.args or e.is_Number:
             return e
         if e not in self._named:
@@ -141,7 +142,7 @@ class Variation:
 
     def diff(self, e: Expr, symbol: Expr) -> Expr:
         """Partial derivative by an unknown or a parameter, through names."""
-        total = _diff(e, symbol)
+        total = _by(e)(symbol)
         for factor, name in self._chain(e):
             if (name, symbol) not in self._partials:
                 self._partials[name, symbol] = self._symbol(self.resolve(self.diff(self.values[name], symbol)))
@@ -158,17 +159,19 @@ class Variation:
     def _direct_gradient(f: Frame, e: Expr) -> tuple[Vec, Vec]:
         if not f.kind.moves:
             return ZERO, ZERO
-        turn = Vec(0, 0, _diff(e, f.heading))
+        by, free = _by(e), e.free_symbols
+        turn = Vec(0, 0, by(f.heading))
         for a in f.attached:
-            turn = turn + a.cross(Vec(*(_diff(e, c) for c in a)))
-        return Vec(*(_diff(e, c) for c in f.center)), turn
+            if not free.isdisjoint(a):
+                turn = turn + a.cross(Vec(*map(by, a)))
+        return Vec(*map(by, f.center)), turn
 
     def velocity_gradient(self, f: Frame, e: Expr) -> tuple[Vec, Vec]:
         """Derivatives (de/dv, de/dw) by the velocity of a node and its angular velocity, inertial."""
         if not f.kind.moves:
             return ZERO, ZERO
-        move, turn = Vec(*(_diff(e, c) for c in f.center_velocity)), Vec(*(_diff(e, c) for c in f.w))
-        return self._through_names("velocity_gradient", f, e, move, turn)
+        by = _by(e)
+        return self._through_names("velocity_gradient", f, e, Vec(*map(by, f.center_velocity)), Vec(*map(by, f.w)))
 
     def _through_names(self, rule: str, f: Frame, e: Expr, move: Vec, turn: Vec) -> tuple[Vec, Vec]:
         for factor, name in self._chain(e):
@@ -189,7 +192,8 @@ class Variation:
         return total
 
     def _rate_at_fixed_names(self, e: Expr) -> Expr:
-        total = sum((_diff(e, p) * dp for p, dp in self.clock.items()), _ZERO)
+        by = _by(e)
+        total = sum((by(p) * dp for p, dp in self.clock.items()), _ZERO)
         for f in self.frames:
             move, turn = self._direct_gradient(f, e)
             total += move @ f.center_velocity + turn @ f.w
@@ -210,6 +214,21 @@ class Variation:
         self._inserted[shared] = len(self.values)
         return table
 
+    def depending(self, symbols: set[Expr]) -> set[Expr]:
+        """Some unknowns or parameters, with all names and frame symbols that depend on them."""
+        return symbols | {name for name, e in self.insertion(shared=True).items() if e.free_symbols & symbols}
 
-def _diff(e: Expr, symbol: Expr) -> Expr:
-    return se.diff(e, symbol) if isinstance(symbol, se.Symbol) else _ZERO
+    def jumping(self, symbols: set[Expr]) -> set[Expr]:
+        """Names that contain, themselves or by other names, a function that jumps with some symbols."""
+        found: set[Expr] = set()
+        for name, value in self.values.items():
+            e = self.resolve(value)
+            if e.free_symbols & found or jumps_with(e, symbols):
+                found.add(name)
+        return found
+
+
+def _by(e: Expr) -> Callable[[Expr], Expr]:
+    """The function that differentiates an expression by a symbol; by a number, which stands for what is known, it gives 0."""
+    free = e.free_symbols
+    return lambda symbol: se.diff(e, symbol) if symbol in free else _ZERO

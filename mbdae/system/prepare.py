@@ -28,6 +28,7 @@ from mbdae.system.rank.rows import smallest, unit_rows
 from mbdae.system.rank.undetermined import massless_coordinates, massless_motions, massless_unknowns, undecided
 from mbdae.system.start.contacts import ExpectedContact, expected_contacts
 from mbdae.system.start.ideal_joints import ideal_start
+from mbdae.system.start.nearest import start_positions
 from mbdae.system.start.sparse_change import cheapest
 from mbdae.system.start.start import Start, Starter
 from mbdae.system.start.typical_sizes import characteristic_time
@@ -136,7 +137,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     if problems:
         raise SceneError(problems)
     if start is None and not ideal and not (moved.alone and _closed(all_rows, starter.t, q)):
-        q = starter.close_or_bend(q)
+        q = start_positions(starter)
     always = {row for row in all_rows.rows if not moved.keeps(row)}
     rank = (RankReport(list(all_rows.rows), degrees_of_freedom=all_rows.nu - all_rows.m) if moved.alone else
             analyse(all_rows, starter, q, always))  # fmt: skip

@@ -255,3 +255,41 @@ def test_slides_under_a_rotor_of_beams_stand_out() -> None:
         s.weld(f"root {side}", hub, blade.at((0.1 * side, 0)))
     with pytest.raises(mb.SteadyError, match="acts along another direction"):
         s.linearize(at=s.equilibrium("hub"), frame="hub")
+
+
+@pytest.mark.parametrize(("elements", "order"), [(3, 1), (2, 2), (3, 3), (2, 4)])
+def test_modes_name_their_mesh_and_what_it_is_off(elements: int, order: int) -> None:
+    """Against 16 elements of order 4, whose frequencies are those of linear theory to more digits than are compared."""
+    def modes(elements: int, order: int) -> Any:
+        s = cantilever(elements=elements, order=order, space="planar")
+        return s.linearize(at=s.equilibrium(), count=3)
+
+    found, exact = modes(elements, order), modes(16, 4)
+    words = f"mesh of 'beam' {elements} elements of order {order}"
+    assert found.mesh == {"beam": ((elements,), order)}
+    assert f"{words}: not covered (mesh_error measures it)" in repr(found)
+    ratio = found.mesh_error / np.abs(found.frequencies / exact.frequencies - 1)
+    assert 0.5 < ratio.min() <= ratio.max() < 2.0
+    for text in (repr(found), str(found)):
+        assert f"{words}: off by {found.mesh_error.max():.1e} at most" in text
+
+
+def test_multipliers_name_their_mesh_and_the_state_of_a_run_has_none_to_compare() -> None:
+    s = cantilever(elements=2)
+    found = s.floquet(1e-3, s.equilibrium(), count=2, accuracy=1e-4)
+    assert found.mesh_error.shape == found.multipliers.shape
+    fine = cantilever(elements=2, order=3)
+    again = fine.floquet(1e-3, fine.equilibrium(), count=2, accuracy=1e-4)
+    nearest = np.abs(found.multipliers[:, None] / again.multipliers - 1).min(axis=1)
+    assert np.all(found.mesh_error >= nearest * (1 - 1e-9))
+    slow = np.argmin(np.abs(found.exponents))
+    assert found.mesh_error[slow] == pytest.approx(nearest[slow], rel=1e-3)
+    assert "mesh of 'beam' 2 elements of order 2: off by" in repr(found)
+    of_run = s.linearize(at=s.simulate(1e-3, accuracy=1e-3, outputs=2), count=2)
+    assert repr(of_run).endswith("of order 2: not covered>")
+    with pytest.raises(mb.OptionError, match="the state of a run has no counterpart on a finer mesh"):
+        of_run.mesh_error  # noqa: B018
+    rigid = mb.Scene("rigid")
+    rigid.revolute("hinge", rigid.ground, rigid.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0), spring=1.0)
+    assert (rigid.linearize().mesh, rigid.linearize().mesh_error) == ({}, None)
+    assert "mesh" not in repr(rigid.linearize()) + str(rigid.linearize())

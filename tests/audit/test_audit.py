@@ -81,10 +81,14 @@ def test_units_find_the_bracket(paper: Audit) -> None:
 
 
 def test_verdicts_come_from_the_formulas_alone(paper: Audit) -> None:
-    """Other numbers, the same verdicts; and the file says nothing of what is right."""
+    """Other numbers, the same verdicts, of every third equation; and the file says nothing of what is right."""
     renamed = re.sub(r"(?m)^(T?\d+)( ?\(.*?\))?:", r"x\1\2:", PAPER)
     renamed = re.sub(r"\b(of|in) (34)\b", r"\1 x\2", renamed).split("claims:")[0]
-    assert [r.verdict for r in verdicts_of(renamed).equations] == [r.verdict for r in paper.equations]
+    others = {row.equation for row in paper.equations if row.verdict == "AMBIGUOUS"} | {"27"}  # judged by others, by its repair
+    alone = [e for e in read(renamed).equations if e.number.removeprefix("x") not in others]
+    found = {e.number.removeprefix("x"): audit_equation(e, search=False).verdict for e in alone[::3]}
+    assert len(set(found.values())) > 2
+    assert found == {number: paper[number].verdict for number in found}
     assert not re.search(r"right|misprint|wrong|repair|incomplete|ambiguous|should", PAPER.replace("right-hand side", ""), re.I)
 
 

@@ -17,11 +17,13 @@ def joint(move: Any, params: dict[str, Any] | None = None, **coordinates: Any) -
                                      "coordinates": mb.params(**named), "params": mb.params(**(params or {}))})  # fmt: skip
 
 
+@pytest.mark.usefixtures("between_bodies")
 @pytest.mark.parametrize("amount", [lambda q: se.asin(q / 4), se.sqrt, lambda q: se.log(q / 2)])
 def test_coordinates_stay_where_the_motion_is_defined(amount: Any) -> None:
     assert mb.selftest(joint(lambda self, k: k.along("x", self.q).about("z", amount(self.q)))).variants
 
 
+@pytest.mark.usefixtures("between_bodies")
 def test_a_motion_that_is_defined_nowhere_asks_for_parameters() -> None:
     law = joint(lambda self, k: k.along("z", self.q).along("x", se.sqrt(self.p - 5 - self.q**2)), {"p": ("m2", "area")})
     with pytest.raises(mb.OptionError, match=r"finite and real at none of .* with p = .*; give values of its parameters"):
@@ -54,6 +56,7 @@ def test_a_motion_without_coordinates() -> None:
         mb.selftest(law)
 
 
+@pytest.mark.usefixtures("between_bodies")
 @pytest.mark.parametrize("name", ["e", *(pytest.param(n, marks=pytest.mark.slow) for n in ("pi", "I", "E", "x", "c"))])
 def test_names_of_constants_and_letters(name: str) -> None:
     law = joint(lambda self, k: k.about("z", getattr(self, name)), **{name: ("rad", "turn")})

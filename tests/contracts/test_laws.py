@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ import symengine as se
 
 import mbdae as mb
 from mbdae.contracts import checks
-from mbdae.contracts.variants import variants
 from mbdae.kernels import compile as kernels_compile
 from mbdae.laws import contact, couplings, elements, forces, joints
 from mbdae.symbolic import derive as symbolic_derive
@@ -21,13 +19,12 @@ from mbdae.symbolic.law import Element
 from mbdae.symbolic.variation import Variation, rate
 from mbdae.symbolic.vectors import ZERO
 
-selftest = import_module("mbdae.contracts.selftest")
 kernels_plan = sys.modules["mbdae.kernels.plan"]  # the package exports a function of that name
 LAWS = [getattr(module, name) for module in (joints, couplings, forces, elements) for name in module.__all__]
 LAWS.append(contact.JournalContact)
 #: others have their frictions, and as many coordinates
 LONG = ("JournalContact", "Planar", "PointOnPlane", "PointOnLine", "Prismatic", "FixedOrientation", "Universal",
-        "JointFriction", "Free")
+        "JointFriction", "Free", "Cylindrical", "JointStop")
 
 
 @pytest.mark.parametrize("law", [pytest.param(law, marks=[pytest.mark.slow] * (law.__name__ in LONG)) for law in LAWS],
@@ -186,6 +183,7 @@ def test_laws_of_three_frames(law: Any, count: int) -> None:
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
+@pytest.mark.usefixtures("between_bodies")
 def test_broken_law_is_refused(law: Any, options: dict[str, Any], said: list[str]) -> None:
     with pytest.raises(mb.LawError) as caught:
         mb.selftest(law, **options)
@@ -193,6 +191,7 @@ def test_broken_law_is_refused(law: Any, options: dict[str, Any], said: list[str
         assert words in str(caught.value)
 
 
+@pytest.mark.usefixtures("between_bodies")
 def test_option_given() -> None:
     assert mb.selftest(Optioned, power=2).variants
 
@@ -201,9 +200,8 @@ def test_option_given() -> None:
 
 
 @pytest.fixture
-def fresh(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """No derivation from before, none left behind; of the variants those between two bodies in space, or of one."""
-    monkeypatch.setattr(selftest, "variants", lambda *given: (v for v in variants(*given) if v[0].startswith("spatial")))
+def fresh(between_bodies: None) -> Iterator[None]:
+    """No derivation from before, none left behind."""
     symbolic_derive.derive.cache_clear()
     yield
     symbolic_derive.derive.cache_clear()
@@ -253,6 +251,7 @@ def test_lost_gyroscopic_moment_is_found(monkeypatch: pytest.MonkeyPatch, fresh:
         mb.selftest(elements.RigidBody)
 
 
+@pytest.mark.usefixtures("between_bodies")
 def test_wrong_compilation_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     right = kernels_compile.Kernel.values
     monkeypatch.setattr(kernels_compile.Kernel, "values", lambda self, x: np.asarray(right(self, x)) * (1 + 1e-9))

@@ -68,7 +68,8 @@ def public() -> set[str]:
             named = not name.startswith("_") or name in ("__call__", "__getitem__")
             if not inspect.isfunction(method):
                 continue
-            statement = hasattr(method, "__wrapped__") and method.__module__.startswith("mbdae.scene")
+            own = inspect.unwrap(method, stop=lambda f: not hasattr(f, "names_arguments"))
+            statement = hasattr(own, "__wrapped__") and own.__module__.startswith("mbdae.scene")
             stated = statement or _elsewhere(owner, name)
             if named and not stated and len(inspect.signature(method).parameters) > 1:
                 found.add(method.__qualname__)

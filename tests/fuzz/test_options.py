@@ -141,3 +141,19 @@ def test_numbers_of_all_libraries_are_alike(name: str, option: str) -> None:
 
 def test_that_is_many_cases() -> None:
     assert len(CASES) * (len(HOSTILE) + len(SIGNS) + len(ONES)) > 5000
+
+
+@pytest.mark.parametrize("name", calls.CALLS)
+def test_an_unknown_argument_is_named_with_those_that_are_known(name: str) -> None:
+    """With the one that was probably meant; signature and text stay those of the function."""
+    function, good = calls.CALLS[name].make(), calls.CALLS[name].good()
+    given = inspect.signature(function).parameters
+    if any(p.kind is inspect.Parameter.VAR_KEYWORD for p in given.values()) or name.endswith("__getitem__"):
+        return
+    by_name = [p.name for p in given.values() if p.kind is not inspect.Parameter.VAR_POSITIONAL]
+    wrong = f"{by_name[-1]}x"
+    with pytest.raises(TypeError) as refused:
+        function(**{option: good[option] for option in by_name[:-1]}, **{wrong: 1})
+    said = str(refused.value)
+    assert f"has no argument '{wrong}': did you mean '{by_name[-1]}'? its arguments are {', '.join(given)}" in said
+    assert name.partition(".")[2] in said

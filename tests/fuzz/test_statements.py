@@ -334,6 +334,19 @@ def test_nobody_can_mean_them_and_everybody_is_told(part: int) -> None:
     assert not wrong, f"{len(wrong)} of {count}:\n" + "\n".join(wrong[:60])
 
 
+@pytest.mark.parametrize("target", targets(), ids=lambda target: target[0])
+def test_an_unknown_argument_is_named_with_the_one_meant(target: tuple[str, Said, dict[str, Any], dict[str, Any]]) -> None:
+    item, said, always, once = target
+    if item in ("params", "'rod'.at") or not always | once:
+        return  # any name is a parameter; the place is given without a name; nothing can be given
+    last = [*always, *once][-1]
+    try:
+        text = "".join(said(**always, **{f"{last}x": 1.0})[0])
+    except (TypeError, mb.MbdaeError) as refused:
+        text = str(refused)
+    assert f"'{last}x': did you mean '{last}'? it" in text
+
+
 def _told(text: str, item: str, argument: str, value: Any, given: Any) -> bool:
     """Whether one sentence names the item (or its kind), the argument and the value."""
     words = {"points": "point 1"}.get(argument, argument)

@@ -150,7 +150,7 @@ def test_ctrl_c_inside_c(solver, compiled, tmp_path, capfd):
     system = Harmonic().compiled(tmp_path) if compiled else Harmonic()
     before = signal.signal(signal.SIGALRM, signal.default_int_handler)
     try:
-        for wait in np.linspace(0.1, 0.3, 4 if compiled else 12):
+        for wait in np.linspace(0.05, 0.25, 4 if compiled else 12):
             begin = time.perf_counter()
             signal.setitimer(signal.ITIMER_REAL, wait)
             with pytest.raises(KeyboardInterrupt, match="was interrupted at t = ") as stop:
@@ -158,7 +158,7 @@ def test_ctrl_c_inside_c(solver, compiled, tmp_path, capfd):
             assert time.perf_counter() - begin < wait + 1.0
             found = stop.value.solution
             assert len(found.t) == len(found.y) == len(found.yp) > 1
-            assert found.y[:, 0] == pytest.approx(np.cos(found.t), abs=1e-2)
+            assert np.abs(found.y[:, 0] - np.cos(found.t)).max() < 1e-2  # millions of them: pytest.approx takes seconds
             assert signal.getsignal(signal.SIGALRM) is signal.default_int_handler
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp, trapezoid
 import mbdae as mb
 from mbdae.integrators.solution import Stats
 from mbdae.integrators.watched import switching
-from mbdae.integrators.watched.arguments import StepArguments
+from mbdae.integrators.watched.arguments import MARGIN, StepArguments
 from mbdae.integrators.watched.switching import SwitchingSteps
 
 X, V = se.symbols("X V")
@@ -321,6 +321,17 @@ def test_arguments_between_points():
     course = arguments.course(0)
     lowest = (2 / 7) ** 0.2
     assert course.u.min() == pytest.approx(lowest**7 - lowest**2, abs=1e-4)
+
+
+@pytest.mark.parametrize("turn", [0.013, 0.37, 0.5003, 0.99])
+def test_an_extremum_near_a_kink_is_located(turn: float):
+    """A millionth above the kink, to the hundredth of that by which an extremum may still cross it, wherever it lies."""
+    switches = mb.Switches(lambda t, y: (1e-6 + (t - turn) ** 2)[:, None], ("kink",), np.ones(1), ("u",))
+    arguments = StepArguments(switches)
+    arguments.look(0.0, 1.0, lambda part: np.zeros((len(part), 1)))
+    course = arguments.course(0)
+    assert abs(course.u.min() - 1e-6) <= MARGIN * 1e-6
+    assert course.s[course.u.argmin()] == pytest.approx(turn, abs=1e-4)
 
 
 class Ring(mb.Force):

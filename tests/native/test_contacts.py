@@ -14,9 +14,9 @@ from mbdae.formulations import system_for
 from mbdae.integrators.solution import Stats
 from mbdae.integrators.watched.contact_steps import Contact, ContactSteps
 from mbdae.native.contacts import SPEEDS
+from mbdae.native.elimination import address
 from mbdae.native.equations import Number, Pointer
 from mbdae.native.library import declared
-from mbdae.native.sparse import address
 from mbdae.system.base import System
 from mbdae.system.prepare import prepare
 

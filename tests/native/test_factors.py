@@ -9,8 +9,9 @@ import pytest
 import scipy.sparse as sp
 
 from mbdae.integrators.matrices.ordering import searches
+from mbdae.native.elimination import Entries, Order
 from mbdae.native.pivots import MANY, by_counts
-from mbdae.native.sparse import Entries, Factors, Matrix, Order, Orders, SingularMatrixError
+from mbdae.native.sparse import Factors, Matrix, Orders, SingularMatrixError
 
 RNG = np.random.default_rng
 
@@ -181,9 +182,13 @@ def test_fill_is_found_once_for_any_values() -> None:
     np.fill_diagonal(filled, True)
     for k in range(25):
         filled[k + 1 :, k + 1 :] |= np.outer(filled[k + 1 :, k], filled[k, k + 1 :])
-    assert np.array_equal(np.concatenate([np.flatnonzero(row) for row in filled]), order.col)
-    assert np.array_equal(order.col[order.diag], np.arange(25))
-    assert all((np.diff(order.col[a:b]) == 1).all() for a, b in zip(order.run, order.ptr[1:], strict=True) if b > a)
+    lower = [np.flatnonzero(row[:i]) for i, row in enumerate(filled)]
+    upper = [i + np.flatnonzero(row[i:]) for i, row in enumerate(filled)]
+    assert np.array_equal(np.concatenate([*lower, *upper[::-1]]), order.col)
+    assert np.array_equal(order.low, np.cumsum([0, *map(len, lower)]))
+    assert np.array_equal(order.up, order.size - np.cumsum([0, *map(len, upper)]))
+    assert np.array_equal(order.col[order.up[1:]], np.arange(25))
+    assert all((np.diff(order.col[a:b]) == 1).all() for a, b in zip(order.run, order.up, strict=False) if b > a)
 
 
 @pytest.mark.parametrize("share", [1.0, 0.1])

@@ -16,6 +16,7 @@ import mbdae.run.choice as choices
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
 LONG = ("arm_control", "clearance_rotor")
+PRINTED = ("four_bar", "pendulum", "quarter_car")
 
 
 def chain(n: int, **options: Any) -> mb.Scene:
@@ -41,7 +42,8 @@ def test_check_predicts_what_is_run(name: str, accuracy: float, monkeypatch: Any
     r = example.scene().simulate(1e-4 * example.t_end, accuracy)
     assert r.info.choice == str(predicted)
     assert (type(r.info.solver), r.info.form) == (type(predicted.solver), predicted.form.label)
-    assert predicted.why in str(checked)
+    if name in PRINTED:  # which builds all formulations for their sizes
+        assert predicted.why in str(checked)
 
 
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-8])

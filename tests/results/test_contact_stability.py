@@ -39,5 +39,5 @@ def test_backward_whirl_without_clearance_is_named():
 def test_steps_that_damp_an_unstable_contact_away_are_told(friction, clearance, damping, expected):
     r = rotor_with_clearance(friction, clearance, damping).simulate(0.3, solver=mb.RadauIIA(3, rtol=1e-7))
     assert len(told(r, "friction makes the contact in 'T' unstable")) == expected
-    assert r.reliable == (not expected)
+    assert r.reliable is (False if expected else None)  # a run with a tolerance of its own has no estimate
     assert not told(r, "backward whirl")

@@ -103,5 +103,6 @@ def test_plots_name_coordinates_and_their_units() -> None:
         "rate [rad/s]", "speed [m/s]"]  # fmt: skip
     (axis,) = r.phase("S.travel", "S.travel_rate").axes
     assert (axis.get_xlabel(), axis.get_ylabel()) == ("S.travel [m]", "S.travel_rate [m/s]")
-    with pytest.raises(mb.SceneError, match=r"no sensor 'C\.rate'; 'C' has angle, angle_rate, displacement, displacement_rate"):
+    words = r"no sensor 'C\.rate': did you mean 'C\.angle_rate'\? 'C' has angle, angle_rate, displacement, displacement_rate"
+    with pytest.raises(mb.SceneError, match=words):
         r.plot("C.rate")

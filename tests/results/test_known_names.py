@@ -38,7 +38,8 @@ def test_a_wrong_item_or_sensor_is_answered_by_the_known_ones(run: Any) -> None:
         run[3]
     with pytest.raises(mb.SceneError, match=r"there is no sensor 'hing\.angle': there is no item 'hing'"):
         run.read("hing.angle")
-    with pytest.raises(mb.SceneError, match=r"no sensor 'hinge\.angel'; 'hinge' has angle, angle_rate, force, power, rate"):
+    words = r"no sensor 'hinge\.angel': did you mean 'hinge\.angle'\? 'hinge' has angle, angle_rate, force, power, rate"
+    with pytest.raises(mb.SceneError, match=words):
         run.read("hinge.angel")
     with pytest.raises(mb.SceneError, match=r"there is no sensor 'hinge'; give item\.quantity of an item, such as 'rod'"):
         run.read("hinge")

@@ -106,7 +106,7 @@ def test_a_limit_reached_only_briefly_is_not_missed(way):
     k, A, w, stop = MASS * 4 * math.pi**2, 0.1, 2 * math.pi, 1e6
     upper = A * (1 - 1e-5)
     s = slider(mb.Kinematic(), rate0=A * w, spring=k, limits=(None, upper), stop=mb.Stop(stop))
-    r = s.simulate(10.0, accuracy=1e-5, **GRAZING[way])
+    r = s.simulate(10.0, accuracy=1e-6, **GRAZING[way])
     v, fast, rest = w * math.sqrt(A * A - upper * upper), math.sqrt((k + stop) / MASS), stop * upper / (stop + k)
     inside, phase = 2 * math.atan2(v / fast, upper - rest) / fast, math.acos(upper / A)
     period, first = inside + (2 * math.pi - 2 * phase) / w, math.asin(upper / A) / w

@@ -76,7 +76,7 @@ def test_a_tilt_of_a_millionth_is_told() -> None:
     assert any("constraint row D.tilt_y is nearly redundant" in text and "align the joints" in text for text in said)
     assert not any("is violated by" in text for text in said)  # that it stays off is told once
     assert np.max(np.abs(tilted["D"].angle - straight["D"].angle)) < 1e-6
-    with pytest.raises(mb.StartError, match=r"contradict the joints: B\.tilt_y"):  # a tenth is meant: the loop is locked
+    with pytest.raises(mb.StartError, match=r"contradict the joints: [BC]\.tilt_y"):  # a tenth is meant: the loop is locked
         four_bar("spatial", R, tilt=0.1).check()
 
 

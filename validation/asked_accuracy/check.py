@@ -65,7 +65,7 @@ def judge(seeds: Iterable[int], accuracies: Iterable[float]) -> list[Found]:
 
 def cases() -> list[Case]:
     both = " and ".join(solver.label for solver in SOLVERS)
-    return [Case("3 scenes, 1e-3 and 1e-6", both, lambda: judge(range(9, 50, 18), (1e-3, 1e-6))),
+    return [Case("3 scenes, 1e-3 and 1e-6", both, lambda: judge(range(9, 50, 18), (1e-3, 1e-6)), slow=True),
             Case("50 scenes, 1e-3 to 1e-7", both, lambda: judge(range(50), (1e-3, 1e-5, 1e-7)), slow=True)]  # fmt: skip
 
 

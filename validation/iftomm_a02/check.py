@@ -44,9 +44,9 @@ def reach(n: int, runs: dict[str, tuple[float, ...]]) -> list[Found]:
             told.append(f"{form} asked {accuracy:.0e}: {errors[form, accuracy]:.1e}{' warned' if r.warnings else ''}")
             silent = silent if r.warnings else max(silent, errors[form, accuracy] / accuracy)
     best = min(errors, key=errors.__getitem__)
-    first = errors.get((best[0], runs[best[0]][0]), math.nan)
+    worst = max((error for (form, _), error in errors.items() if form == best[0]), default=math.nan)
     return [Found(errors[best], quantity=f"best reached ({best[0]})", note="error in m: " + ", ".join(told)),
-            Found(errors[best] / first, 0.5, "1", f"best over loosest ({best[0]})"),
+            Found(errors[best] / worst, 0.5, "1", f"best over largest ({best[0]})"),
             Found(silent, 10.0, "times asked", "largest error without a warning")]  # fmt: skip
 
 

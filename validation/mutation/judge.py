@@ -13,12 +13,12 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from mutation.areas import Area
 from mutation.mutators import Mutant, is_valid, mutants
+from mutation.page import reason
 
 COPIED = ("mbdae", "tests", "validation", "examples", "docs", "benchmarks", ".ci", "pyproject.toml", "README.md",
           "CONTRIBUTING.md", "CHANGELOG.md", "hatch_build.py", "LICENSE")  # fmt: skip
@@ -49,7 +49,8 @@ class Verdict:
 
 def drawn(areas: list[Area], root: Path, count: int, seed: int) -> list[tuple[Area, Path, Mutant]]:
     """Mutants of all areas by their shares; neighbours in the list are of different areas. Whether one is drawn follows from the
-    seed and its line, so that a change of the package elsewhere changes little."""
+    seed and its line, so that a change of the package elsewhere changes little. For every one that is known to change nothing
+    (`equivalent.json`) one more is drawn."""
     found, whole = [], sum(a.share for a in areas)
     for one in areas:
         texts = {path: path.read_text(encoding="utf-8") for path in one.files(root)}
@@ -61,8 +62,13 @@ def drawn(areas: list[Area], root: Path, count: int, seed: int) -> list[tuple[Ar
                 seen[name] += 1
         wanted = max(1, round(count * one.share / whole))
         order = sorted(every, key=lambda e: e[0])
-        valid = ((path, m) for _, path, m in order if is_valid(m.applied(texts[path]), path))
-        found += [((i + 0.5) / wanted, one, *f) for i, f in enumerate(islice(valid, wanted))]
+        taken = list[tuple[Path, Mutant]]()
+        for _, path, m in order:
+            if wanted and is_valid(m.applied(texts[path]), path):
+                taken.append((path, m))
+                file, code = path.relative_to(root).as_posix(), m.code(texts[path])[0]
+                wanted -= not reason({"file": file, "code": code, "old": m.old, "new": m.new})
+        found += [((i + 0.5) / len(taken), one, *f) for i, f in enumerate(taken)]
     return [one[1:] for one in sorted(found, key=lambda one: one[0])]
 
 

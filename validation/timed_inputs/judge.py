@@ -106,7 +106,7 @@ def told(result: mb.Result) -> str:
     """What a result says against itself."""
     if result.warnings:
         return str(result.warnings[0])
-    if result.accuracy.met is False or not result.reliable or not result.complete:
+    if result.reliable is False:
         return "not met, not reliable or not complete"
     return ""
 

@@ -26,7 +26,8 @@ from mbdae.integrators.matrices.ordering import searches
 from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.integrators.solution import Stats
 from mbdae.integrators.watched.arguments import cubic_of_step
-from mbdae.native.sparse import Entries, Factors, Orders, Searches, SingularMatrixError
+from mbdae.native.elimination import Entries
+from mbdae.native.sparse import Factors, Orders, Searches, SingularMatrixError
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
 

@@ -17,8 +17,8 @@ import numpy as np
 from mbdae.integrators.checkpoints.trees import NotPlainError, Tree, packed
 from mbdae.integrators.solution import Stats
 from mbdae.native.contacts import Contacts
+from mbdae.native.elimination import Entries, Order
 from mbdae.native.equations import Equations, Number, Whole
-from mbdae.native.sparse import Entries, Order
 from mbdae.system.base import System
 
 #: classes whose objects are not part of the state; `Contacts` are made again from `ContactSteps`

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from mbdae.deferred import bmat, csc_matrix, splu
 from mbdae.integrators.matrices.ordering import searches
-from mbdae.native.sparse import Entries, Matrix, Order, SingularMatrixError
+from mbdae.native.elimination import Entries, Order
+from mbdae.native.sparse import Matrix, SingularMatrixError
 from mbdae.system.base import Array, Kept, System
 
 EARLY = 1e-2  #: part of the motion's characteristic time: the step for which an order of elimination is sought

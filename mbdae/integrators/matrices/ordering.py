@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import connected_components, csc_matrix, identity, splu
+from mbdae.deferred import connected_components, csc_matrix
+from mbdae.integrators.matrices.dissection import by_degree, dissected
+from mbdae.native.elimination import Entries, Order
 from mbdae.native.pivots import by_counts, is_small, largest_pivots, pivoted
-from mbdae.native.sparse import Entries, Order, Searches
+from mbdae.native.sparse import Searches
 
 #: kinds of unknowns whose own block is easily inverted: stresses by their compliance, positions by q' = H u
 FIRST = ("z", "q")
@@ -20,6 +22,9 @@ FEW, CHEAP = 600, 15_000
 #: number of entries of the inverse of the positions' block, over that of a matrix of more than FEW unknowns, above which
 #: positions are not eliminated first: in space the positions of all bodies that joints connect are one block
 COUPLED = 2
+#: entries of the factors, over those of the matrix, above which an order by nested dissection is compared too: chains, trees and
+#: beams have 1 to 3, nets of bars more than 4
+LOOPS = 4
 #: smallest pivot on the diagonal, or chosen by counts, relative to the largest of its column: a third to a half of the fill-in of
 #: the largest pivots
 LARGE = 0.1
@@ -31,13 +36,24 @@ THRESHOLD = 1e-8
 def searches(kinds: Sequence[str]) -> Searches:
     """How orders of elimination are sought for a matrix with unknowns of these kinds. Of a small one by counts of entries, with
     the largest pivots where there are no stresses: smaller ones lose digits that runs need near singular positions. Of a large
-    one first the cheaper of two, stresses and positions first or the largest pivots. Where that loses too many digits, by
-    pivots on the diagonal, or by counts, above `LARGE`; then by the largest pivots."""
+    one first the cheapest of stresses and positions first, the largest pivots and, with many loops, nested dissection; where that
+    loses too many digits, the cheaper of the first two. Then pivots on the diagonal, or by counts, above `LARGE`; then the
+    largest pivots."""
     share = LARGE if "z" in kinds else 1.0
 
-    def cheaper(entries: Entries, values: NDArray[Any]) -> Order | None:
+    def cheapest(entries: Entries, values: NDArray[Any]) -> Order | None:
         if is_small(entries):
             return by_counts(entries, values, share)
+        order = cheaper(entries, values)
+        if order is None or entries.n <= FEW or order.size <= LOOPS * entries.nnz:
+            return order
+        other = dissected(kinds, entries)
+        return order if other is None or other.work >= order.work else other
+
+    def cheaper_of_large(entries: Entries, values: NDArray[Any]) -> Order | None:
+        return cheaper(entries, values) if entries.n > FEW and not is_small(entries) else None
+
+    def cheaper(entries: Entries, values: NDArray[Any]) -> Order | None:
         by_pivots = None if "z" in kinds and entries.n > FEW else largest_pivots(entries, values)
         if by_pivots is not None and by_pivots.work <= CHEAP:
             return by_pivots
@@ -45,7 +61,7 @@ def searches(kinds: Sequence[str]) -> Searches:
         both = [order for order in (by_kinds, by_pivots) if order is not None]
         return min(both, key=lambda order: order.work, default=None)
 
-    return cheaper, _large_pivots, largest_pivots
+    return cheapest, cheaper_of_large, _large_pivots, largest_pivots
 
 
 def _stresses_first(kinds: Sequence[str], entries: Entries, values: NDArray[Any]) -> Order | None:
@@ -80,11 +96,7 @@ def elimination_order(matrix: csc_matrix, kinds: Sequence[str]) -> NDArray[np.in
         return None
     by_rest = closure @ block(q, rest)  # positions in terms of the rest
     left = block(rest, rest) + block(rest, q) @ by_rest + block(rest, z) @ (block(z, rest) + block(z, q) @ by_rest)
-    left.data[:] = 1.0
-    # pivots on the diagonal, because only the sparsity pattern counts here
-    dominant = left + identity(len(rest)) * (2.0 * len(rest))
-    order = np.argsort(splu(dominant.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).perm_c)
-    return np.concatenate([z, q, rest[order]])
+    return np.concatenate([z, q, rest[by_degree(left)]])
 
 
 def _closure(pattern: Any, most: int) -> Any:

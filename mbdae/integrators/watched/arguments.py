@@ -34,7 +34,7 @@ TINIEST = 1e-300  #: added to a magnitude before its logarithm is taken, so that
 
 
 _between_logarithms = limited(*LOGARITHMS)
-#: kind of argument -> PHI
+#: kind of argument -> PHI of it, the scale on which its changes are counted
 STRETCHES: dict[str, Callable[[Any], Any]] = {
     **scales(SATURATED, STEEP), "kink": lambda u: 0.0 * u, "decaying": limited(-FLAT, STEEP),
     "power": lambda u: _between_logarithms(np.log(np.abs(u) + TINIEST)),

@@ -50,7 +50,7 @@ class SwitchingSteps:
         self.arguments.look(t, h, inside)
 
     def shorter(self) -> float | None:
-        """Width (s) that the step should have had; None: accept the step."""
+        """Length (s) that the step should have had; None: accept the step."""
         found = self._found()
         if found is None:
             return None

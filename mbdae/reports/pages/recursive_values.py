@@ -11,7 +11,7 @@ from mbdae.documents.blocks import Block
 from mbdae.kernels.plan import plan
 from mbdae.kernels.tree_plan import Piece, tree_plan
 from mbdae.reports.law_page import LawPage
-from mbdae.reports.letters import INERTIA, Letter
+from mbdae.reports.letters import INERTIA, Letter, second_rate_of
 from mbdae.reports.page import Check
 from mbdae.reports.pages.tree_vectors import VectorTree, link_of, tree_of
 from mbdae.reports.statement import Statement
@@ -21,7 +21,6 @@ from mbdae.symbolic.fingerprint import program_fingerprint
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Structure
 from mbdae.symbolic.outputs import acceleration, jacobian_G, position, velocity
-from mbdae.system.model.rotations import quaternion
 
 TREE, ORACLE = "the compiled program of a tree", "a complex step along a motion through the program of a tree"
 MATRIX = Letter(r"\mathbf{M}", INERTIA, "derivatives of $\\mathbf{F}_l, \\mathbf{M}_l$ by the accelerations of l: of a rigid body"
@@ -46,7 +45,7 @@ class RecursiveValues(LawPage):
         known = self.known
         for name, symbol in self.s.coordinates.items():
             letter = known[str(symbol)]
-            known[str(self.tree.second(name))] = Letter(f"\\ddot{{{letter.latex}}}", f"{letter.unit}/s^2", "its second rate")
+            known[str(self.tree.second(name))] = second_rate_of(letter)
         for name, side in self.s.turning.items():
             for i in "123":
                 known |= {
@@ -88,7 +87,7 @@ class RecursiveValues(LawPage):
         load, up = self.load if load is None else load, self.up if up is None else up
         if head == "number":
             quaternions = {f"{side}_P{n}" for side in "kl" for n in range(4)}
-            return _axes_quaternion(st, i[0])[:, int(i[3])] if i in quaternions else st.given[i]
+            return st.axes_quaternion(i[0])[:, int(i[3])] if i in quaternions else st.given[i]
         if head in ("wu", "wq"):
             return load[:, i] if head == "wu" else 0.0
         f = st.d.frames[0 if j == 0 else 1 - j]
@@ -210,9 +209,3 @@ class RecursiveValues(LawPage):
 def _name(s: Statement, side: str) -> str:
     found: str = next(name for name, place in s.places.items() if place == side)
     return found
-
-
-def _axes_quaternion(st: State, side: str) -> Any:
-    """Quaternions (points, 4) of the joint's axes on a body."""
-    Q = np.stack([np.stack([st.given[f"{side}_Q{a}{i}"] for i in (1, 2, 3)], -1) for a in "xyz"], -1)
-    return np.array([quaternion(one) for one in Q])

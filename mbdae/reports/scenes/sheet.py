@@ -151,7 +151,7 @@ class Sheet:
                    " laws but beams, after common subexpressions")  # fmt: skip
         gone = f"Constraint equations left out because they hold in every position: {listed(list(self.check.pruned))}."
         told = [f"Without any term for: {', '.join(lacking)}." if lacking else "No kind of term is absent.",
-                gone if self.check.pruned else "No constraint equation holds in every position."]  # fmt: skip
+                gone if self.check.pruned else "No constraint equation is left out as always satisfied."]  # fmt: skip
         return Section("Pruned", [Table(["after", *keys], rows, caption), *map(Paragraph, told)])
 
     def redundant(self) -> Section:

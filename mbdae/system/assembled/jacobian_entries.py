@@ -28,8 +28,10 @@ class Entries:
         self._fixed: list[tuple[Index, Index, Array]] = [(none, none, np.zeros(0))]
         #: (row, column) of every value of the trees; (n, -1) for a value that is only a factor of products
         self._tree_cells: list[tuple[int, int]] = []
-        self._left: dict[int, list[tuple[int, int]]] = defaultdict(list)  #: row of a loaded node -> rows of F, factors
-        self._right: dict[int, list[tuple[int, int]]] = defaultdict(list)  #: slot of a loaded node -> columns, factors
+        #: row of a loaded node -> every row of F that it enters, with the number of the tree's value that multiplies it there
+        self._left: dict[int, list[tuple[int, int]]] = defaultdict(list)
+        #: q, u or u' of a loaded node -> every unknown that it follows from, with the number of that derivative's value
+        self._right: dict[int, list[tuple[int, int]]] = defaultdict(list)
 
     def varying(self, rows: Index, columns: Index) -> None:
         """Add entries whose values a kernel returns, in the order of its outputs."""

@@ -39,15 +39,16 @@ def rotation_matrices(P: Array) -> Array:
 
 
 def quaternion(R: Array) -> Array:
-    """Unit quaternion (4,) of a rotation matrix."""
+    """Unit quaternions (..., 4) of rotation matrices (..., 3, 3)."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = np.moveaxis(R, (-2, -1), (0, 1))
     K = np.array([
-        [R[0, 0] + R[1, 1] + R[2, 2], R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]],
-        [R[2, 1] - R[1, 2], R[0, 0] - R[1, 1] - R[2, 2], R[0, 1] + R[1, 0], R[0, 2] + R[2, 0]],
-        [R[0, 2] - R[2, 0], R[0, 1] + R[1, 0], R[1, 1] - R[0, 0] - R[2, 2], R[1, 2] + R[2, 1]],
-        [R[1, 0] - R[0, 1], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], R[2, 2] - R[0, 0] - R[1, 1]],
+        [xx + yy + zz, zy - yz, xz - zx, yx - xy],
+        [zy - yz, xx - yy - zz, xy + yx, xz + zx],
+        [xz - zx, xy + yx, yy - xx - zz, yz + zy],
+        [yx - xy, xz + zx, yz + zy, zz - xx - yy],
     ])  # fmt: skip
-    P = np.linalg.eigh(K)[1][:, -1]
-    return P if P[0] >= 0 else -P
+    P: Array = np.linalg.eigh(np.moveaxis(K, (0, 1), (-2, -1)))[1][..., -1]
+    return np.where(P[..., :1] >= 0, P, -P)
 
 
 def rotation_of(kind: NodeKind, q: Array) -> Array:

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import entries_of
+from mbdae.native.elimination import Entries
 from mbdae.native.pivots import largest_pivots
-from mbdae.native.sparse import Entries, Factors, Orders, SingularMatrixError
+from mbdae.native.sparse import Factors, Orders, SingularMatrixError
 from mbdae.system.base import Array
 
 #: compliance of the constraints that makes K regular, over that of a unit mass at a unit displacement

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from mbdae.deferred import distinct, qr, sp, splu
 from mbdae.errors import SceneError
-from mbdae.native.sparse import Entries, Factors, Order, Orders
+from mbdae.native.elimination import Entries, Order
+from mbdae.native.sparse import Factors, Orders
 from mbdae.system.base import Array
 from mbdae.system.rank.rows import DEPENDENT
 

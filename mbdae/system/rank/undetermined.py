@@ -175,7 +175,7 @@ def normal_force_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     if not d.reactive:
         return []
     v = d.variation
-    if d.pressing is None:  # a user's own law: every reaction counts
+    if d.pressing is None:  # a user's own law may read any of the reactions
         return [(("counts", j), se.Integer(1)) for j in range(len(d.rows))]
     pressing = [v.name(c) for c in d.pressing]
     return [(("counts", j), v.resolve(sum(v.diff(c, s) ** 2 for c in pressing) ** 0.5)) for j, s in enumerate(d.multipliers)]

@@ -12,6 +12,7 @@ from mbdae.system.base import Array
 from mbdae.system.model.model import FLAT, build, scene_length
 from mbdae.system.model.numbering import constraint_rows
 from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.start.nearest import start_positions
 from mbdae.system.start.start import Starter
 
 
@@ -33,11 +34,11 @@ def ideal_start(scene: SceneData, kept: dict[str, str], t0: float) -> IdealStart
     closed = {c.name: "clearance" for c in scene.joints if c.loose and not _off_centre(c, scene)}
     mechanics = _mechanics(scene, kept | closed)
     starter = Starter(mechanics, t0)
-    q = starter.close_or_bend(starter.placed())
+    q = start_positions(starter)
     starter.check_branches(q)
     moving = {name: why for name, why in closed.items() if not _has_velocity(scene[name])}
     together = starter if moving == closed else Starter(_mechanics(scene, kept | moving), t0, changes=starter.changes)
-    u = together.project_velocities(q, together.velocities_of_tree(q))
+    u = together.consistent_velocities(q)
     return IdealStart(q, u, starter.changes, _reactions(together, q, u, moving))
 
 

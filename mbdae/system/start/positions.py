@@ -29,6 +29,7 @@ from mbdae.system.start.sparse_change import sparse_least_change
 
 Held = tuple[Connection, str, float]  #: a joint, one of its coordinates, and the value at which it is held
 CLOSED = 1e-12  #: largest violation of a closed loop, over the scene's length, or rad
+REACHED = 1e-9  #: largest violation up to which a loop counts as closed
 
 
 def coordinate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
@@ -130,7 +131,7 @@ class ConsistentPositions:
             if factor <= 1e-4:
                 break
             q, g = candidate, g_new
-        if size > 1e-9:
+        if size > REACHED:
             raise StartError([self._cannot_close(int(np.argmax(violations(g, B))), g, A)])
         self._report_positions(before, q)
         return q
@@ -244,11 +245,10 @@ class ConsistentPositions:
         return self.rigid.moved(q, x, self.mechanics.integrate_positions(q, d))
 
     def _report_positions(self, before: Array, after: Array) -> None:
-        for node, body in self.model.bodies:
-            n = node.kind.translations
-            moved = float(np.linalg.norm(after[node.q : node.q + n] - before[node.q : node.q + n]))
-            if moved > 1e-9 * self.model.length:
-                self.changes.append(f"'{body.name}' moved by {moved:.4g} m to close the loops")
+        moved = {b.name: float(np.linalg.norm(n.position(after) - n.position(before))) for n, b in self.model.bodies}
+        most = max(moved, key=moved.__getitem__)
+        if moved[most] > 1e-9 * self.model.length:
+            self.changes.append(f"to close the loops body '{most}' moved by {moved[most]:.3g} m")
 
     def check_branches(self, q: Array) -> None:
         """Refuse other branches of the constraints: axes reversed, or a driven angle wrong by pi."""

@@ -37,8 +37,10 @@ def cheapest(W: Any, units: Array, A: Any, right: Array, pull: Array, give: Arra
     return np.asarray(x * units)
 
 
-def sparse_least_change(A: Any, right: Array, weight: Any, units: Array, stated: Any, off: Array) -> Array:
+def sparse_least_change(A: Any, right: Array, weight: Any, units: Array, stated: Any, off: Array,
+                        pull: Array | None = None) -> Array:  # fmt: skip
     """`least_change.least_change` for many bodies: x (n,) with A x = right, of these the one with stated x nearest to off, of
-    these the smallest one by the weight (n, n)."""
+    these the smallest one by the weight W (n, n); with a pull (n,) the one of least x^T W x / 2 - pull^T x."""
     give = np.r_[np.full(A.shape[0], GIVEN), np.full(stated.shape[0], STATED)]
-    return cheapest(weight, units, sp.vstack([A, stated]), np.r_[right, off], np.zeros(len(units)), give)
+    return cheapest(weight, units, sp.vstack([A, stated]), np.r_[right, off],
+                    np.zeros(len(units)) if pull is None else pull, give)

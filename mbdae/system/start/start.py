@@ -22,7 +22,10 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.rotations import rotation_of
 from mbdae.system.start.bent_beams import Bending, can_bend
+from mbdae.system.start.joint_motions import JointMotions
+from mbdae.system.start.least_change import least_change
 from mbdae.system.start.positions import ConsistentPositions
+from mbdae.system.start.sparse_change import sparse_least_change
 
 ROUNDING = 1e-11  #: error of velocities along a tree, over the largest speed, that counts as rounding
 
@@ -53,13 +56,27 @@ def state_start_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 class Starter(ConsistentPositions):
     """Finds the start of a model: consistent positions, and velocities by projection."""
 
+    joints: JointMotions | None = None  #: the relative motions that are to be least, in scenes with loops
+
     def run(self, q: Array, u: Array | None = None) -> Start:
         """The start at closed positions q; u: velocities, by default those of the tree, projected on the constraints."""
         self.check_branches(q)
-        u = self.project_velocities(q, self.velocities_of_tree(q) if u is None else u)
+        u = self.consistent_velocities(q) if u is None else self.project_velocities(q, u)
         s = self.states(q, u)
         a, multipliers = self.mechanics.accelerations(self.t, q[None], u[None], s[None])
         return Start(float(self.t[0]), q, u, s, a[0], multipliers[0], self.changes)
+
+    def consistent_velocities(self, q: Array) -> Array:
+        """Velocities (nu,) at the start: stated ones and held rates, and no relative motion at all other joints; in scenes with
+        loops the least, as the sum of squares over all joints, whichever of them the tree leaves out."""
+        along = self.velocities_of_tree(q)
+        if not any(not c.loose and not c.others for c in self.tree.closing):
+            return self.project_velocities(q, along)
+        self.joints = JointMotions(self.model)
+        stated = {b: (b.drawn.velocity, b.drawn.angular_velocity) for b in (self.scene.ground, *self.scene.bodies)}
+        found = self.project_velocities(q, self._velocities(q, stated, self._poses(q)))
+        rounding = ROUNDING * np.max(np.abs(found) * self.mechanics.velocity_units, initial=0.0)
+        return along if np.all(np.abs(along - found) * self.mechanics.velocity_units <= rounding) else found
 
     def velocities_of_tree(self, q: Array) -> Array:
         """Velocities (nu,) along the tree: stated ones, held rates, zero relative velocity at all other joints."""
@@ -71,6 +88,10 @@ class Starter(ConsistentPositions):
             by_itself = joint.loose and child.given_velocity
             twist[child] = (child.drawn.velocity, child.drawn.angular_velocity) if by_itself else (
                 self._twist_of(twist[parent], parent, joint, child, place))  # fmt: skip
+        return self._velocities(q, twist, place)
+
+    def _velocities(self, q: Array, twist: dict[Body, tuple[Array, Array]], place: dict[Body, tuple[Array, Array]]) -> Array:
+        """Velocities (nu,) of all nodes from the velocities of the centres of mass and the angular velocities of bodies."""
         u = np.zeros(self.mechanics.nu)
         for node, body in self.model.bodies:
             v, w = twist[body.owner]
@@ -160,7 +181,7 @@ class Starter(ConsistentPositions):
 
         projected, change = u, np.zeros(self.rigid.size)
         for _ in range(3):  # the first pass projects, the others remove its rounding
-            change = change + self._least_change(A, -off(projected), q, stated, -stated @ change)
+            change = change + self._change(A, -off(projected), q, stated, -stated @ change, projected, change)
             projected = u + (self.rigid.basis(q) @ change if self.model.lines else change)
         left = off(projected)
         if not self._far(left, projected):
@@ -176,6 +197,25 @@ class Starter(ConsistentPositions):
         name = self.mechanics.rows[worst].name if worst < m else f"rate of {held[worst - m][0].name}"
         raise StartError([f"the start velocities contradict the joints: {name} stays off by {left[worst]:.3g}; "
                           f"release one of the prescribed or held rates"])  # fmt: skip
+
+    def _change(self, A: Any, right: Array, q: Array, stated: Any, off: Array, u: Array, change: Array) -> Array:
+        """The next part of the change to velocities u in the coordinates of rigid motions, see `_least_change`; in scenes with
+        loops that by which the joints move least, and the whole change is the smallest where no joint tells."""
+        if self.joints is None:
+            return self._least_change(A, right, q, stated, off)
+        V, masses, units = self.joints.at(q, rates=True)[1], self.mechanics.weight, self.units(q)
+        moving = V @ u
+        if self.model.lines:
+            B = self.rigid.basis(q)
+            A, V, masses = A @ B, V @ B, B.T @ (self.mechanics.mass @ B)
+        W = self.joints.weight(V, masses, units)
+        pull = -(V.T @ moving) - W @ change + V.T @ (V @ change)
+        if self.mechanics.large:
+            return sparse_least_change(A, right, W, units, stated, off, pull)
+        heavy, W, x = ~self.rigid.massless, as_full(W), np.zeros(len(pull))
+        root = np.linalg.cholesky(W[np.ix_(heavy, heavy)])
+        x[heavy] = np.linalg.solve(root.T, np.linalg.solve(root, pull[heavy]))
+        return x + least_change(as_full(A), right - A @ x, root, ~heavy, stated, off - stated @ x)
 
     def _rows_of(self, parts: list[Any]) -> Any:
         """Rows one below the other: a sparse matrix where the mechanics is large and without beams, else an array."""

@@ -1,0 +1,306 @@
+"""The nearest consistent positions of loops that are not closed where their joints stand as drawn or as stated.
+
+From the drawing, where the joints close, held and prescribed values grow to what is stated. On the way and at its end the joints
+stay as near to their drawn places as the loops allow: the sum of the squares of their relative motions (`joint_motions.py`) is
+the least nearby. Where the way passes a singular position, the ways on from there are tried too, and the nearest end counts. All
+this depends on bodies, points and stated values alone, so it is found once, between the coordinates of bodies, and every joint
+model takes it over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import asin, ceil, inf, pi
+from typing import Any
+
+import numpy as np
+
+from mbdae.deferred import as_full, sp
+from mbdae.errors import StartError
+from mbdae.scene.components import Connection
+from mbdae.symbolic.frames import NodeKind
+from mbdae.system.base import Array
+from mbdae.system.model.model import build
+from mbdae.system.model.numbering import constraint_rows
+from mbdae.system.model.rotations import rotation_of
+from mbdae.system.motion.constrained import row_lengths
+from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.start.joint_motions import JointMotions
+from mbdae.system.start.least_change import DEPENDENT
+from mbdae.system.start.positions import REACHED, ConsistentPositions, Held
+from mbdae.system.start.sparse_change import cheapest
+
+STEP = 0.1  #: largest growth of a held value at once: rad, or over the extent of the joints
+REACH = 0.3  #: largest displacement of one iteration: rad, or over the scene's length
+ON_THE_WAY, AT_THE_END = (1e-2, 6), (1e-12, 40)  #: last displacement of an iteration that has converged; most iterations
+EXACT = 1e-7  #: displacement of an iteration below which what it lessens changes by rounding only
+DIFFERENCE = 1e-6  #: displacement, over a unit, by which second derivatives are found
+WEAK = 0.03  #: singular value of unit rows below which a loop is near a place where it can go on in two ways
+ASIDE = 0.1  #: displacement by which the ways from there are tried: rad, or over the scene's length
+ALIKE = 1e-6  #: relative difference of two distances that counts as none, and of positions that are the same
+
+
+def start_positions(own: ConsistentPositions) -> Array:
+    """Positions (nq,) at which a scene starts: those along its tree where these close its loops, else the nearest ones;
+    StartError where none are found, or two are equally near."""
+    q, model = own.placed(), own.model
+    if own.closing_error(q) <= REACHED and _as_drawn(own, q):
+        return own.close(q)
+    kept = {c.name: "the start is found between bodies" for c in model.scene.joints if c.recursive}
+    between = build(model.scene, {**model.stay_kinematic, **kept})
+    between.conditions.time = model.conditions.time
+    rows = [row for row in constraint_rows(between) if not row.prescribes]
+    found = NearestPositions(Mechanics(between, rows), float(own.t[0]), changes=own.changes)
+    return found.taken_over(own, found.found())
+
+
+def _as_drawn(own: ConsistentPositions, q: Array) -> bool:
+    """Whether every joint but those of the tree with stated values stands as drawn, so that no positions are nearer."""
+    if not own.tree.closing:
+        return True
+    held = {joint.name for _, joint, _ in own.tree.edges if own.held_values(joint)}
+    joints = JointMotions(own.model)
+    far = joints.at(q)[0].reshape(-1, 6)
+    return all(name in held or np.max(np.abs(d)) <= REACHED for name, d in zip(joints.names, far, strict=True))
+
+
+@dataclass
+class Look:
+    """Positions q, unit displacements, conditions g with their derivatives A, motions of joints with their derivatives D."""
+
+    q: Array
+    units: Array
+    g: Array
+    A: Any
+    far: Array
+    D: Any
+
+    def merit(self, weights: Array) -> float:
+        """What an iteration has to lessen: distance from the drawing, and weighted violations of the conditions."""
+        return float(self.far @ self.far) / 2 + float(weights @ np.abs(self.g))
+
+
+@dataclass
+class Place:
+    """Where a way passed: share and positions q, unit displacements, singular values and vectors of the conditions there."""
+
+    share: float
+    q: Array
+    units: Array
+    sizes: Array
+    V: Array
+
+
+@dataclass
+class Way:
+    """The end of a way: distance from the drawing, infinite where it does not close, positions q, joint coordinates."""
+
+    far: float
+    q: Array
+    angles: dict[tuple[str, str], float]
+
+
+class NearestPositions(ConsistentPositions):
+    """Consistent positions by growing held and prescribed values from the drawing; for mechanics without rows that prescribe."""
+
+    def __init__(self, mechanics: Mechanics, t0: float, changes: list[str] | None = None) -> None:
+        super().__init__(mechanics, t0, changes=changes)
+        self.joints = JointMotions(self.model)
+        self.share = 0.0  #: of the stated values, and of what is closed of that which is open as drawn
+        self.open = np.zeros(mechanics.m)
+        self.passed: list[Place] = []
+        self.angles: dict[tuple[str, str], float] = {}  #: joint coordinates with their whole turns, by joint and name
+
+    def held_values(self, joint: Connection) -> dict[str, float]:
+        return {c: self.share * value for c, value in super().held_values(joint).items()}
+
+    def _held(self, values: Callable[[Connection], dict[str, float]]) -> list[Held]:
+        return [(joint, c, value) for joint in self.scene.joints for c, value in values(joint).items()]
+
+    def _closure(self, q: Array) -> Array:
+        g = super()._closure(q)
+        g[: self.mechanics.m] -= (1 - self.share) * self.open
+        return g
+
+    def found(self) -> Array:
+        """The nearest positions (nq,)."""
+        drawn = self.placed()
+        self.open = self.mechanics.position_residual(self.t, drawn[None])[0]
+        self._follow(drawn)
+        ways = [self._way(drawn, 0.0)]
+        if not self.mechanics.large:
+            self.passed, passed = [], self.passed
+            ways += [self._way(self.moved(at, sign * aside), share)
+                     for share, at, aside in self._crossings(passed, ways[0]) for sign in (1.0, -1.0)]  # fmt: skip
+        ways = sorted((way for way in ways if way.far < inf), key=lambda way: way.far)
+        if not ways:
+            return self._otherwise()
+        nearest = ways[0]
+        for other in ways[1:]:
+            if other.far - nearest.far <= ALIKE * other.far and self._apart(nearest.q, other.q)[0] > ALIKE:
+                raise StartError([self._two_ways(nearest.q, other.q)])
+        self.share, self.angles = 1.0, nearest.angles
+        self._report(drawn, nearest.q, any(self._apart(nearest.q, other.q)[0] > ALIKE for other in ways[1:]))
+        return nearest.q
+
+    def _crossings(self, passed: list[Place], way: Way) -> list[tuple[float, Array, Array]]:
+        """Shares and positions from which loops can go on in another way, with the displacement there: where the way passed a
+        singular position closely; where it ended before it was closed, the drawing."""
+        first = passed[0]
+        if way.far == inf:
+            rank = int(np.sum(first.sizes > DEPENDENT))
+            aside = [ASIDE * first.units * v for v in first.V[rank:]]
+            nearby = (self._loose(self.moved(first.q, x))[1] for x in aside)
+            singular = any(np.sum(sizes > DEPENDENT) > rank for sizes in nearby)
+            return [(first.share, first.q, x) for x in aside] if singular else []
+        rank = max(int(np.sum(place.sizes > DEPENDENT)) for place in passed)
+        weakest = min(passed, key=lambda place: place.sizes[rank - 1]) if rank else first
+        if not rank or weakest.sizes[rank - 1] > WEAK:
+            return []
+        return [(weakest.share, weakest.q, ASIDE * weakest.units * weakest.V[rank - 1])]
+
+    def _apart(self, q: Array, other: Array) -> tuple[float, str]:
+        """Largest distance of a body between two positions, over the scene's length, or rad, and its name."""
+        gaps = []
+        for node, body in self.model.bodies:
+            at = slice(node.q, node.q + node.kind.sizes[0])
+            turned = float(np.max(np.abs(rotation_of(node.kind, q[at]) - rotation_of(node.kind, other[at]))))
+            moved = float(np.linalg.norm(node.position(q) - node.position(other)))
+            gaps.append((max(turned, moved / self.model.length), body.name))
+        return max(gaps)
+
+    def _way(self, q: Array, first: float) -> Way:
+        """The way on from positions q at the share `first`."""
+        self.share = 1.0
+        held = [abs(v) / (self.joints.extent if joint.unit(c) == "m" else 1.0) for joint, c, v in self._held(self.held_values)]
+        steps = max(1, ceil((1 - first) * max(held, default=0.0) / STEP))
+        for step in range(1, steps + 1):
+            before, self.share = self.share, first + (1 - first) * step / steps
+            self.passed.append(Place(before if step > 1 else first, q, *self._loose(q)))
+            q = self._settled(q, *(AT_THE_END if step == steps else ON_THE_WAY))
+            self._follow(q)
+        far = self.joints.at(q)[0]
+        return Way(float(far @ far) if self.closing_error(q) <= REACHED else inf, q, dict(self.angles))
+
+    def _settled(self, q: Array, exact: float, most: int) -> Array:
+        """Positions nearby that satisfy the conditions, of these those with the joints nearest to their drawn places."""
+        here = self._look(q)
+        for _ in range(most):
+            x, weights = self._step(here, exact < EXACT)
+            size = float(np.max(np.abs(x) / here.units, initial=0.0))
+            factor, merit = min(1.0, REACH / max(size, 1e-300)), here.merit(weights)
+            there = self._look(self.moved(here.q, factor * x))
+            while size > EXACT and factor > 1e-3 and there.merit(weights) > merit:
+                factor /= 2
+                there = self._look(self.moved(here.q, factor * x))
+            here = there
+            if size <= exact:
+                break
+        return here.q
+
+    def _look(self, q: Array) -> Look:
+        far, D = self.joints.at(q)
+        A = self._closure_jacobian(q)
+        if self.model.lines:
+            B = self.rigid.basis(q)
+            A, D = A @ B, D @ B
+        return Look(q, self.units(q), self._closure(q), A, far, D)
+
+    def _step(self, here: Look, curved: bool) -> tuple[Array, Array]:
+        """Newton's step (n,) to positions that satisfy the conditions and have the joints nearest to their drawn places, without
+        the curvature of both where the scene is large or it is not `curved`; weights of the conditions in the merit of steps."""
+        slope, W = here.D.T @ here.far, self.joints.weight(here.D, *self._masses(here))
+        if self.mechanics.large:
+            return cheapest(W, here.units, here.A, -here.g, -slope), 10 / row_lengths(here.A @ sp.diags(here.units))[:, 0]
+        A = as_full(here.A)
+        lengths, (U, sizes, V) = _decomposed(A * here.units)
+        rank = int(np.sum(sizes > DEPENDENT))
+        forces = -(U[:, :rank] / sizes[:rank]) @ (V[:rank] @ (slope * here.units)) / lengths
+        x, N = cheapest(W, here.units, A, -here.g, np.zeros(len(slope))), here.units[:, None] * V[rank:].T
+        if N.size:
+            H = N.T @ (W @ N) + (self._curvature(here, N, forces) if curved else 0.0)
+            values, axes = np.linalg.eigh((H + H.T) / 2)
+            x = x - N @ (axes @ ((axes.T @ (N.T @ slope)) / np.maximum(np.abs(values), 1e-6)))
+        return x, 2 * np.abs(forces) + 1 / lengths
+
+    def _curvature(self, here: Look, N: Array, forces: Array) -> Array:
+        """What the curvature of the conditions and of the joints' motions adds to the second derivatives along N (n, f)."""
+        change, start = np.zeros((N.shape[1],) * 2), here.D.T @ here.far + here.A.T @ forces
+        for i, n in enumerate(N.T):
+            there = self._look(self.moved(here.q, DIFFERENCE * n))
+            slope = there.D.T @ there.far + there.A.T @ forces
+            change[:, i] = N.T @ ((slope - start) / DIFFERENCE - here.D.T @ (here.D @ n))
+        return change
+
+    def _loose(self, q: Array) -> tuple[Array, Array, Array]:
+        """Unit displacements, singular values and right singular vectors of the conditions at q; none where it is large."""
+        units = self.units(q)
+        if self.mechanics.large:
+            return units, np.zeros(0), np.zeros((0, 0))
+        A = self._closure_jacobian(q)
+        return units, *_decomposed(as_full(A @ self.rigid.basis(q) if self.model.lines else A) * units)[1][1:]
+
+    def _masses(self, here: Look) -> tuple[Any, Array]:
+        if not self.model.lines:
+            return self.mechanics.weight, here.units
+        B = self.rigid.basis(here.q)
+        return B.T @ (self.mechanics.mass @ B), here.units
+
+    def _follow(self, q: Array) -> None:
+        """Read the joint coordinates, with the whole turns that are nearest to their last values."""
+        every = [(joint, c, 0.0) for joint in self.scene.joints if not joint.loose for c in joint.scalars]
+        values, _, _ = self._coordinates(q, np.zeros(self.mechanics.nu), every)
+        for (joint, c, _), value in zip(every, values, strict=True):
+            last = self.angles.get((joint.name, c), 0.0)
+            turns = 2 * pi * round((last - value) / (2 * pi)) if joint.unit(c) == "rad" else 0.0
+            self.angles[joint.name, c] = float(value) + turns
+
+    def _otherwise(self) -> Array:
+        """Positions found from the tree of joints, where no way leads from the drawing to the stated values, or beams bend."""
+        self.share = 1.0
+        q = self.close_or_bend(self.placed())
+        self._follow(q)
+        return q
+
+    def taken_over(self, own: ConsistentPositions, q: Array) -> Array:
+        """Positions of another model of the scene with the bodies as they are here at q (nq,)."""
+        found, bodies = own.placed(), self.model.bodies
+        for (node, _), (there, _) in zip(bodies, own.model.bodies, strict=True):
+            found[there.q : there.q + there.kind.sizes[0]] = q[node.q : node.q + node.kind.sizes[0]]
+        joints = {c.name: c for c in self.scene.joints}
+        for node in own.model.joint_coordinates:
+            if node.kind is NodeKind.ROTATION:
+                found[node.q : node.q + 4] = self.joints.rotation(joints[node.joint], q)
+            elif (node.joint, node.coordinate) in self.angles:
+                found[node.q] = self.angles[node.joint, node.coordinate]
+        return own.close(found)
+
+    def _report(self, drawn: Array, q: Array, branching: bool) -> None:
+        """One sentence on the joint that leaves its drawn place most of those that nothing holds, and on the body."""
+        far = self.joints.at(q)[0].reshape(-1, 2, 3)
+        held = {joint.name for joint, _, _ in self._held(self.held_values)}
+        free = {name: d for name, d in zip(self.joints.names, far, strict=True) if name not in held}
+        said = ""
+        if free:
+            name = max(free, key=lambda name: float(np.sum(free[name] ** 2)))
+            turn, way = np.linalg.norm(free[name], axis=1)
+            angle = f"{2 * asin(min(1.0, float(turn) / 2)):.3g} rad"
+            said = f"joint '{name}' leaves its drawn place by {angle if turn >= way else f'{way * self.joints.extent:.3g} m'}, "
+        moved = {b.name: float(np.linalg.norm(n.position(q) - n.position(drawn))) for n, b in self.model.bodies}
+        most = max(moved, key=moved.__getitem__)
+        self.changes.append(f"to close the loops {said}body '{most}' by {moved[most]:.3g} m")
+        if branching:
+            self.changes.append("on their way from the drawing the loops pass a position from which they can go on in two ways: "
+                                "the one that ends nearer to the drawing is taken")  # fmt: skip
+
+    def _two_ways(self, q: Array, other: Array) -> str:
+        return (f"the loops can close in two ways that are equally near to the drawing, most apart in "
+                f"'{self._apart(q, other)[1]}': draw the bodies nearer to the way that is meant, or state where another joint "
+                f"starts")  # fmt: skip
+
+
+def _decomposed(B: Array) -> tuple[Array, Any]:
+    """Lengths (m,) of the rows of B (m, n), and singular vectors and values of the rows over them."""
+    lengths = row_lengths(B)[:, 0]
+    return lengths, np.linalg.svd(B / lengths[:, None])

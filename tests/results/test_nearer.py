@@ -1,0 +1,66 @@
+"""What a missed accuracy says of a smaller one, and what `reliable` says, against what the runs of the scene show."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+from mbdae.run.assessment import _nearer
+from mbdae.run.control import Controlled
+
+
+@pytest.fixture(autouse=True)
+def quiet() -> Any:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mb.AccuracyWarning)
+        yield
+
+
+def double_pendulum() -> mb.Scene:
+    """Two rods released from the horizontal: from some 15 s on rounding errors grow to the size of the motion."""
+    s = mb.Scene("double pendulum", gravity=(0, -9.81, 0))
+    upper, lower = s.link("upper", (0, 0), (1, 0), mass=1.0), s.link("lower", (1, 0), (2, 0), mass=1.0)
+    s.revolute("A", s.ground, upper, at=(0, 0))
+    s.revolute("B", upper, lower, at=(1, 0))
+    return s
+
+
+def test_where_round_off_limits_a_smaller_accuracy_is_the_same_run_and_the_warning_says_so() -> None:
+    r = double_pendulum().simulate(15.0, accuracy=1e-6, solver="ida", outputs=3)
+    assert "is the smallest that round-off allows IDA, so that a smaller accuracy ends with the same run" in r.warnings[0]
+    again = double_pendulum().simulate(15.0, accuracy=1e-7, solver="ida", outputs=3)
+    assert np.array_equal(again["B"].angle, r["B"].angle)
+
+
+@pytest.mark.parametrize(("told", "limit", "error", "words"), [
+    (((1e-6, 1e-2), (1e-7, 1e-3)), 1e-13, 1e-3, "so that accuracy=1e-05 comes nearer"),
+    (((1e-6, 1e-3), (1e-7, 8e-4)), 1e-13, 8e-4, "with rtol = 1e-06 it was 1.0e-03, with rtol = 1e-07 8.0e-04: a smaller accuracy "
+                                                "comes no nearer where the motion is chaotic"),
+    (((1e-6, 1e-2), (1e-7, 1e-3)), 1e-7, 1e-3, "the smallest that round-off allows"),
+    (((1e-6, 1e-2), (1e-7, 1e-6)), 1e-13, 1e-3, "alone differ by 1.0e-06, the rest is what another method or shorter steps show"),
+    (((1e-6, 1e-3),), 1e-13, 1e-3, "estimated once"), ((), 1e-13, 1e-3, "no two runs that can be compared"),
+    (((1e-6, np.inf),), 1e-13, np.inf, "no two runs that can be compared"),
+])  # fmt: skip
+def test_a_smaller_accuracy_is_advised_only_where_the_estimate_fell(told: Any, limit: float, error: float, words: str) -> None:
+    run = Controlled(None, mb.IDA(), error, 2, 0.0, told=told, limit=limit)  # type: ignore[arg-type]
+    said = _nearer(error, 1e-4, run)
+    assert words in said
+    assert ("comes nearer" in said and "accuracy=" in said) == ("accuracy=1e-05 comes nearer" in words)
+
+
+def test_reliable_agrees_with_the_accuracy_beside_it() -> None:
+    s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+    s.revolute("hinge", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0))
+    met, own = s.simulate(0.5, outputs=3), s.simulate(0.5, solver=mb.RadauIIA(3, rtol=1e-6), outputs=3)
+    missed = double_pendulum().simulate(15.0, accuracy=1e-6, solver="ida", outputs=3)
+    assert [(r.reliable, r.accuracy.met, "motion" in r.accuracy.covers) for r in (met, own, missed)] == [
+        (True, True, True), (None, None, False), (False, False, False)]  # fmt: skip
+    assert ["not reliable" in repr(r) for r in (met, own, missed)] == [False, False, True]
+    met.info = replace(met.info, reliable=False)  # as after an alarm of the energy balance
+    assert met.reliable is False
+    assert "not reliable" in repr(met)
