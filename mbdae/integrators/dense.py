@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import distinct
+from mbdae.integrators.kept_rows import leave
 from mbdae.integrators.runge_kutta.tables import CollocationTable, radau_table
 from mbdae.system.base import Array
 
@@ -71,6 +72,7 @@ class Collocation:
             at += part
             for j in range(self.inner.shape[1]):
                 at += w[:, j : j + 1] * self.inner[some, j]
+            leave(self.inner, self.y, self.ends)
         return total
 
 
@@ -126,6 +128,7 @@ class Hermite:
         for j in range(self.points):
             on_value, on_slope = weights(x, nodes, j, width)
             total += on_value[:, None] * self.y[first + j] + on_slope[:, None] * self.yp[first + j]
+        leave(self.y, self.yp)
         return total
 
     @staticmethod

@@ -7,6 +7,7 @@ result reads from disk what is asked of it; the folder is removed when Python en
 
 from __future__ import annotations
 
+import mmap
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from shutil import rmtree
@@ -189,10 +190,21 @@ class Rows:
                 path.unlink()
             for part in parts:
                 part.tofile(file)
-        found = np.load(whole, mmap_mode="c")
+        found = np.load(whole, mmap_mode="r")
         self._remove()  # the mapped file remains readable
         self._chunks, self._folder = [], None
         return np.asarray(found)
+
+
+def leave(*arrays: Array) -> None:
+    """Give back the memory of what was read of arrays that are mapped from a file, where the system can; it is read again where
+    it is asked for."""
+    for array in arrays:
+        base: Any = array
+        while isinstance(base, np.ndarray):
+            base = base.base
+        if isinstance(base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+            base.madvise(mmap.MADV_DONTNEED)
 
 
 def _nothing() -> None:

@@ -2,6 +2,7 @@
 
 import errno
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -181,6 +182,25 @@ def test_memory_of_a_run_does_not_grow_with_its_steps(monkeypatch):
     (steps, before), (more, after) = found
     assert more > steps + 10_000
     assert after - before < 40 * (more - steps)
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="tells the memory of mapped files on Linux")
+def test_memory_of_steps_that_were_read_from_disk_is_given_back(monkeypatch):
+    def mapped():
+        return next(int(line.split()[1]) for line in Path("/proc/self/status").read_text().splitlines() if "RssFile" in line)
+
+    monkeypatch.setattr(kept_rows, "IN_MEMORY", 2**20)
+    rows = kept_rows.Rows("y", np.zeros(1000))
+    for first in range(0, 4000, 100):
+        rows.extend(np.full((100, 1000), float(first)))
+    found = rows.array(len(rows))
+    before = mapped()
+    total = found.sum()
+    held = mapped()
+    kept_rows.leave(found, np.zeros(3))
+    assert held > before + 20_000  # kB
+    assert mapped() < before + 5_000
+    assert found.sum() == total
 
 
 def test_rows_given_out_stay_as_they_were():
