@@ -27,7 +27,8 @@ COUPLED = 2
 #: entries of the factors, over those of the matrix, above which an order by nested dissection is compared too: chains, trees and
 #: beams have 1 to 3, nets of bars more than 4
 LOOPS = 4
-#: smallest pivot on the diagonal, relative to the largest of its column: a third to a half of the fill-in of the largest pivots
+#: smallest pivot on the diagonal, relative to the largest of its column: a third to a half of the fill-in of the largest pivots, but
+#: 20 to 1000 times that in nets and chains of bodies, whose multipliers have no diagonal
 LARGE = 0.1
 #: smallest pivot on the diagonal, relative to the largest of its column, in the order by kinds: with larger values the factors of
 #: a stiff beam fill in, whose compliances are small beside its strains (0.24 s instead of 0.007 s for 1000 elements)
@@ -37,7 +38,7 @@ THRESHOLD = 1e-8
 def searches(kinds: Sequence[str]) -> Searches:
     """How orders of elimination are sought for a matrix with unknowns of these kinds: first the cheapest of stresses and
     positions first, the largest pivots and, with many loops, nested dissection; where that loses too many digits, the cheaper of
-    the first two; then pivots on the diagonal above `LARGE`; then the largest pivots."""
+    the first two; then, in small matrices and those with stresses, pivots on the diagonal above `LARGE`; then the largest pivots."""
 
     def cheapest(entries: Entries, values: NDArray[Any]) -> Order | None:
         order = cheaper(entries, values)
@@ -60,7 +61,10 @@ def searches(kinds: Sequence[str]) -> Searches:
         both = [order for order in (by_kinds, by_pivots) if order is not None]
         return min(both, key=lambda order: order.work, default=None)
 
-    return cheapest, cheaper_of_large, _large_pivots, largest_pivots
+    def on_diagonal(entries: Entries, values: NDArray[Any]) -> Order | None:
+        return _large_pivots(entries, values) if entries.n <= FEW or "z" in kinds else None
+
+    return cheapest, cheaper_of_large, on_diagonal, largest_pivots
 
 
 def _stresses_first(kinds: Sequence[str], entries: Entries, values: NDArray[Any]) -> Order | None:
