@@ -10,6 +10,8 @@ import pytest
 
 import mbdae
 
+ROOT = Path(mbdae.__file__).parent.parent
+
 
 def test_names_are_sorted_and_have_a_home() -> None:
     constants = [n for n in mbdae.__all__ if n.isupper()]
@@ -38,6 +40,19 @@ for name in mbdae.__all__:
 def test_unknown_name() -> None:
     with pytest.raises(AttributeError, match="module 'mbdae' has no attribute 'Revolut'"):
         mbdae.Revolut  # noqa: B018
+
+
+@pytest.mark.parametrize(("statement", "t_end"), [
+    ("from andrews_squeezer import scene", 1e-3), ("from clearance_rotor import scene", 2e-3),
+    ("import ground_resonance as e; scene = lambda: e.scene(flexible=True)", 0.02),
+    ("import flapping_wing as e; scene = lambda: e.scene(flexible=True)", 5e-3),
+])  # fmt: skip
+def test_a_run_imports_neither_scipy_nor_masked_arrays(statement: str, t_end: float) -> None:
+    """Stiff, flexible and with contacts: SciPy takes 0.1 to 0.2 s to be imported, as long as many runs."""
+    code = f"import sys; sys.path.insert(0, 'examples'); {statement}; scene().simulate({t_end}, accuracy=1e-3)"
+    code += "; print([m for m in ('scipy', 'numpy.ma', 'numpy.random') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.strip() == "[]"
 
 
 @pytest.mark.parametrize(("statement", "heavy"), [

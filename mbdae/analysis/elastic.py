@@ -40,7 +40,7 @@ def dynamics(system: Assembly, m: Mechanics, t: float, q: Array, u: Array, s: Ar
     yp[kinds == "q"], yp[kinds == "s"] = m.rates(q, u), state_rates(m, t, q, u, s)
     system.residual(t, y, yp, F)
     G = sp.csc_matrix(m.constraint_jacobian(at, q[None])[0])
-    K = sp.bmat([[m.mass, G.T], [G, None]], format="csc") if m.m else m.mass
+    K = sp.bmat([[m.mass, G.T], [G, None]], format="csc") if m.m else sp.csc_matrix(m.mass)
     x = splu(K).solve(np.r_[-F[momentum], -m.acceleration_bias(at, q[None], u[None])[0]])
     a, multipliers = x[: m.nu], x[m.nu :]
     yp[momentum] = a

@@ -292,7 +292,7 @@ class _Path:
     def _downhill(self, T: Tangent, point: Point, radius: float) -> Array:
         """A correction no larger than `radius` (scene's length, rad); it lowers the potential energy, where there is one."""
         s, nu = self.statics, self.statics.mechanics.nu
-        W = T.p.C.T @ (T.p.C.T @ s.mechanics.weight).T
+        W = T.p.C.T @ (T.p.C.T @ sp.csc_matrix(s.mechanics.weight)).T
         found = s.stiffness(T)
         pull = float(np.max(acceleration_scale(s.mechanics, s.rest.t, s.q(point), s.u(point), s.s(point))))
         if isinstance(found, DenseStiffness):

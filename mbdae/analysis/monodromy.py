@@ -79,7 +79,7 @@ def _refuse_rigid(system: SceneSystem, Fy: sp.csr_matrix) -> None:
 
 def propagated(system: SceneSystem, orbit: Orbit, dy: Array) -> Array:
     """dy (n, k) at the end of the orbit, from that at its start."""
-    solve = _sparse_step if system.sparsity is not None else _dense_step
+    solve = _sparse_step if system.sparse else _dense_step
     for i, (stages, own) in enumerate(zip(orbit.t, orbit.systems, strict=True)):
         with own.within(float(np.mean(stages))):
             dy = dy + solve(own, orbit, i, dy)

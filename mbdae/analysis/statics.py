@@ -31,7 +31,8 @@ from mbdae.system.base import Array
 
 DENSE = 400  #: unknowns up to which dense linear algebra is used
 BANDED = 120  #: largest number of unknowns for dense linear algebra with beams, whose equations are nearly banded
-FREE = 1e-4  #: stiffness given to motions without any while stresses are found, relative to that of the softest beam
+#: stiffness added to all motions while stresses are found, so that free ones stay bounded; over that of the softest beam
+FREE = 1e-4
 LONGEST = 1.0  #: largest correction of Newton's method, in the scene's length and rad; beyond it there is no convergence
 FRICTION_ITERATIONS = 100  #: largest number of iterations for reactions and the friction that depends on them
 CONVERGED = 1e-10  #: last correction, relative to the scene's length and 1 rad; convergence is quadratic
@@ -67,7 +68,7 @@ class Statics:
         spec = Index3().spec()
         self.elastic = bool(m.model.lines)
         self.system = complete_system(m, spec)
-        self.loads = complete_system(m, replace(spec, outputs=applied_loads, loads_only=True), self.system.sparsity is not None)
+        self.loads = complete_system(m, replace(spec, outputs=applied_loads, loads_only=True), self.system.sparse)
         self.units = m.velocity_units
         self.kinds = np.array(self.system.kinds)
         y = np.zeros(self.system.n)
@@ -154,7 +155,7 @@ class Statics:
         if not np.any(force):
             return point
         T = self.tangent(still, full=True)
-        W = T.p.C.T @ (T.p.C.T @ m.weight).T  # forces that no stress can balance accelerate the scene
+        W = T.p.C.T @ (T.p.C.T @ sp.csc_matrix(m.weight)).T  # forces that no stress can balance accelerate the scene
         inertia = sp.block_diag([FREE * softest_beam(m.model) ** 2 * W, sp.csr_matrix((T.K.shape[0] - nu,) * 2)])
         x = self.solve(T.K + inertia, -np.r_[T.p.C.T @ force, np.zeros(T.K.shape[0] - nu)])
         y, at = point.y.copy(), nu + len(T.p.places["s"])

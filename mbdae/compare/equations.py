@@ -98,7 +98,7 @@ def _columns(own: Prepared, wanted: Prepared) -> list[int]:
 def warm(system: System) -> None:
     """Call every function of a system once, because kernels are compiled and caches filled at the first call."""
     y, yp, out = system.y0, system.yp0, np.empty(system.n)
-    shape: Any = (system.n, system.n) if system.sparsity is None else (system.sparsity.nnz,)
+    shape: Any = system.jacobian_shape
     system.residual(system.t0, y, yp, out)
     system.jacobian(system.t0, y, yp, 1.0, np.zeros(shape))
     system.jacobian_parts(system.t0, y, yp)

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.deferred import distinct
 from mbdae.inputs.tables import Array, Table
 
 Index = NDArray[np.intp]
@@ -91,7 +92,7 @@ def pieces(table: Table, order: int, x0: float, x1: float, tolerance: float) -> 
     parts = np.minimum(np.diff(ends), PARTS)
     shares = np.arange(1, PARTS) / parts[:, None]
     between = (s.at[ends[:-1], None] + (s.at[ends[1:]] - s.at[ends[:-1]])[:, None] * shares)[shares < 1]
-    return Pieces(s.at[landed[jumps]], s.at[landed[~jumps]], np.unique(np.concatenate([s.at[inner], between])))
+    return Pieces(s.at[landed[jumps]], s.at[landed[~jumps]], distinct(np.concatenate([s.at[inner], between])))
 
 
 def _across(s: _Samples, point: Index, width: Array, most: int) -> Array:
@@ -118,7 +119,7 @@ def _joined(s: _Samples, allowed: float) -> Index:
         level, begin = level - 1, begin[~good]
         begin = np.sort(np.concatenate([begin, begin + 2**level]))
         begin = begin[begin < n]
-    return np.unique(np.concatenate([*done, begin, np.minimum(begin + 1, n)]))
+    return distinct(np.concatenate([*done, begin, np.minimum(begin + 1, n)]))
 
 
 def _of_blocks(s: _Samples, level: int, begin: Index, end: Index, count: int) -> Array:

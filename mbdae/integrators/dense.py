@@ -8,6 +8,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.deferred import distinct
+from mbdae.integrators.kept_rows import leave
 from mbdae.integrators.runge_kutta.tables import CollocationTable, radau_table
 from mbdae.system.base import Array
 
@@ -70,6 +72,7 @@ class Collocation:
             at += part
             for j in range(self.inner.shape[1]):
                 at += w[:, j : j + 1] * self.inner[some, j]
+            leave(self.inner, self.y, self.ends)
         return total
 
 
@@ -125,6 +128,7 @@ class Hermite:
         for j in range(self.points):
             on_value, on_slope = weights(x, nodes, j, width)
             total += on_value[:, None] * self.y[first + j] + on_slope[:, None] * self.yp[first + j]
+        leave(self.y, self.yp)
         return total
 
     @staticmethod
@@ -217,7 +221,7 @@ class Joined:
     def _each(self, times: Array, function: Callable[[Hermite, Array], Array]) -> Array:
         of = np.clip(np.searchsorted(self._starts, times, side="right") - 1, 0, len(self.parts) - 1)
         out = np.empty((len(times), self.parts[0].y.shape[1]))
-        for i in np.unique(of):
+        for i in distinct(of):
             out[of == i] = function(self.parts[i], times[of == i])
         return out
 

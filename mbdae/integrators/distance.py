@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from mbdae.deferred import distinct
 from mbdae.integrators.solution import Solution
 from mbdae.system.base import Array, System
 
@@ -29,4 +30,4 @@ def check_times(coarse: Solution, outputs: Array | None = None) -> Array:
         t = t[:: len(t) // MOST + 1]
     inner = (t[:-1, None] + np.diff(t)[:, None] * (np.arange(BETWEEN) + 0.5) / BETWEEN).ravel()
     asked = np.zeros(0) if outputs is None else outputs[outputs <= coarse.t[-1]]
-    return np.unique(np.concatenate([asked, t, inner]))
+    return distinct(np.concatenate([asked, t, inner]))

@@ -7,6 +7,7 @@ result reads from disk what is asked of it; the folder is removed when Python en
 
 from __future__ import annotations
 
+import mmap
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from shutil import rmtree
@@ -16,14 +17,13 @@ from weakref import finalize
 
 import numpy as np
 
-from mbdae.errors import SolverError
-from mbdae.files import replacing
+from mbdae.errors import OptionError, SolverError
 from mbdae.system.base import Array
 
 BLOCK = 1000  #: number of single rows that are collected before they become part of a block
 SPARE = 8  #: a block grows by 1 / SPARE of its rows in advance
 FEW = 8  #: largest number of rows that `extend` adds one by one instead of to a block
-IN_MEMORY = 2**26  #: bytes of memory that each array of a run (t, y, ...) may take before its rows are written to disk
+IN_MEMORY = 2**24  #: bytes of memory that each array of a run (y, y', ...) may take before its rows are written to disk
 
 
 class Block:
@@ -134,8 +134,14 @@ class Rows:
             self._folder = Path(mkdtemp(prefix=f"mbdae-{self.name}-"))
             self._remove = finalize(self, rmtree, self._folder, ignore_errors=True)
         path = self._folder / f"{len(self._chunks) + 1:06d}.npy"
-        with replacing(path) as part, part.open("wb") as file:
-            np.save(file, rows)
+        part = path.with_suffix(".part")
+        try:
+            with part.open("wb") as file:  # nothing waits until the disk has it: it is removed when this process ends
+                np.save(file, rows)
+            part.replace(path)
+        except OSError as error:
+            raise OptionError(f"'{path}' with steps of the run cannot be written: {error.strerror or error}; let TMPDIR name a "
+                              f"folder on a disk with room") from error  # fmt: skip
         self._chunks.append((path, rows.shape))
 
     def array(self, count: int) -> Any:
@@ -184,10 +190,21 @@ class Rows:
                 path.unlink()
             for part in parts:
                 part.tofile(file)
-        found = np.load(whole, mmap_mode="c")
+        found = np.load(whole, mmap_mode="r")
         self._remove()  # the mapped file remains readable
         self._chunks, self._folder = [], None
         return np.asarray(found)
+
+
+def leave(*arrays: Array) -> None:
+    """Give back the memory of what was read of arrays that are mapped from a file, where the system can; it is read again where
+    it is asked for."""
+    for array in arrays:
+        base: Any = array
+        while isinstance(base, np.ndarray):
+            base = base.base
+        if isinstance(base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+            base.madvise(mmap.MADV_DONTNEED)
 
 
 def _nothing() -> None:

@@ -29,7 +29,7 @@ def rate_jacobian(system: System, t: float, y: Array, yp: Array) -> Array:
         return np.asarray(system.rate_jacobian(t, y))
     fy, fyp = system.jacobian_parts(t, y, yp)
     try:
-        if system.sparsity is None:
+        if not system.sparse:
             return np.asarray(-np.linalg.solve(fyp, fy))
         return np.asarray(-splu(as_csc(system, fyp)).solve(as_csc(system, fy).toarray()))
     except (np.linalg.LinAlgError, RuntimeError) as error:

@@ -14,6 +14,8 @@ from mbdae.symbolic.outputs import Target
 
 Array = NDArray[Any]
 
+GOLDEN = (5**0.5 - 1) / 2  #: its multiples, without their whole parts, have no regular distances
+
 
 class ElementKernel(ABC):
     """A law over m elements of the same kind; emitted like a `Kernel` whose points are the elements.
@@ -46,8 +48,8 @@ class ElementKernel(ABC):
 
     @cached_property
     def _places(self) -> tuple[Array, Array]:
-        """Entries (outputs, inputs) of the Jacobian that do not vanish in a random state."""
-        x = np.random.default_rng(7).uniform(0.3, 0.9, (self.elements, len(self.inputs)))
+        """Entries (outputs, inputs) of the Jacobian that do not vanish in an irregular state."""
+        x = 0.3 + 0.6 * (np.arange(1.0, self.elements * len(self.inputs) + 1) * GOLDEN % 1).reshape(self.elements, -1)
         outputs, inputs = np.nonzero(np.any(self.full_jacobian(x) != 0, axis=0))
         return outputs, inputs
 

@@ -7,14 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.costs import made_once
-from mbdae.deferred import sp
 from mbdae.errors import LawError
 from mbdae.kernels.compile import Kernel
 from mbdae.kernels.element import Array, ElementKernel
@@ -25,6 +24,33 @@ from mbdae.native.program import Operations, block
 from mbdae.symbolic.line import Field, LineDerived
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
+
+#: products of factors and derivatives formed together, which bounds the memory
+TOGETHER = 1_000_000
+
+
+class Spread(NamedTuple):
+    """Constant sparse matrix from the derivatives at the points to those of an element, which have this shape and are numbered
+    row by row: rows, rising, and columns (k,) of its entries, and these."""
+
+    shape: tuple[int, int]
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    factors: Array
+
+    @property
+    def size(self) -> int:
+        """Number of its rows."""
+        return self.shape[0] * self.shape[1]
+
+    def of(self, values: Array) -> Array:
+        """Its product (*shape, N) with derivatives (D, N)."""
+        found = np.zeros((self.size, values.shape[1]), values.dtype)
+        rows, first = np.unique(self.rows, return_index=True)
+        size = TOGETHER // max(len(self.rows), 1) + 1
+        for some in (slice(i, i + size) for i in range(0, values.shape[1] if len(rows) else 0, size)):
+            found[rows, some] = np.add.reduceat(self.factors[:, None] * values[self.columns, some], first)
+        return found.reshape(*self.shape, -1)
 
 
 class LineKernel(ElementKernel):
@@ -134,8 +160,8 @@ class LineKernel(ElementKernel):
         return _point_jacobian(self.derived, self.parameters)[0]
 
     @cached_property
-    def _spread(self) -> Any:
-        """Constant matrix (rows * columns, derivatives): from the derivatives at the points to those of an element."""
+    def _spread(self) -> Spread:
+        """From the derivatives at the points to those of an element."""
         d, points = self.derived, range(self.points)
         outputs = _with_identity(self.duals, self.points, len(d.duals), len(d.rows))
         columns = _with_identity(self.fields, self.points, len(d.fields), len(d.stresses), 1 + d.damped)
@@ -143,7 +169,9 @@ class LineKernel(ElementKernel):
         left = outputs[:, [g * len(d.outputs) + k for g in points for k in o]]
         right = columns[:, [g * len(d.variables) + k for g in points for k in i]]
         products = left[:, None, :] * right[None, :, :]  # for every column; there is none where all inputs are prescribed in time
-        return sp.csr_matrix(products.reshape(len(left) * len(right), left.shape[1])), (len(left), len(right))
+        flat = products.reshape(len(left) * len(right), left.shape[1])
+        at = np.nonzero(flat)
+        return Spread((len(left), len(right)), at[0], at[1], flat[at])
 
     def full_jacobian(self, x: Array) -> Array:
         q, u, X = self._gather(x)
@@ -153,8 +181,7 @@ class LineKernel(ElementKernel):
         """(N, outputs, inputs) derivatives, which are linear in the values of `point_jacobian` (N, points, width)."""
         N, n, D = len(values), self.nodes, len(self.derived.duals)
         covector = self._covector(values[:, :, :D].reshape(N, -1))
-        spread, shape = self._spread
-        K = (spread @ values[:, :, D:].reshape(N, -1).T).reshape(*shape, N)
+        K = self._spread.of(values[:, :, D:].reshape(N, -1).T)
         a, z = n.count * n.nq, len(self.names)
         blocks = [n.turn_columns(K[:, :a])]
         if self.derived.damped:

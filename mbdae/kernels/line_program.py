@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import sp
 from mbdae.kernels.compile import Kernel
 from mbdae.kernels.line_nodes import kinematic_tensor
 from mbdae.native.program import Operations, block
@@ -44,11 +43,6 @@ class LineProgram:
     def move(self, to: Any, from_: Any, to_step: int, from_step: int) -> None:
         """Copy within every element."""
         self.part.set(to, from_, self.elements, to_step, from_step)
-
-    def map(self, to: int, from_: int, matrix: Any, to_step: int, from_step: int) -> None:
-        """out += matrix (outputs, inputs) times numbers, in every element."""
-        found = sp.coo_matrix(matrix)
-        self.part.add(to + found.row, from_ + found.col, found.data, self.elements, to_step, from_step)
 
     def products(self, to: int, from_: int, by: int, entries: Entries, steps: tuple[int, int, int]) -> None:
         """out[i] += w x[j] y[k] for entries (i, j, k, w), in every element."""
@@ -165,14 +159,13 @@ class LineProgram:
         kernel, a = self.kernel, self.a
         point = kernel.point_jacobian
         values, width, duals = self.points(point), point.width, len(kernel.derived.duals)
-        spread, (rows, columns) = kernel._spread
+        spread, (rows, columns) = kernel._spread, kernel._spread.shape
         if self.nodes.flat:
             return self._in_the_plane(values, width, duals, spread, columns)
         K, size = self.part.zeros(self.elements * rows * columns), rows * columns
-        found = sp.coo_matrix(spread)
         each = width - duals
-        at = values + found.col // each * width + duals + found.col % each
-        self.part.add(K + found.row, at, found.data, self.elements, size, kernel.points * width)
+        at = values + spread.columns // each * width + duals + spread.columns % each
+        self.part.add(K + spread.rows, at, spread.factors, self.elements, size, kernel.points * width)
         if self.nodes.T is not None:
             blocks = [0, a] if kernel.derived.damped else [0]
             K = self._turned_derivatives(K, rows, columns, blocks)
@@ -183,10 +176,13 @@ class LineProgram:
     def _in_the_plane(self, values: int, width: int, duals: int, spread: Any, columns: int) -> int:
         """Slot of the derivatives in the plane, where rotations are angles: one constant map from the points to the places."""
         outputs, inputs = self.kernel._places
-        chosen = sp.coo_matrix(spread[(outputs + self.a - self.nu) * columns + inputs])
-        found, each = self.part.zeros(self.elements * len(outputs)), width - duals
-        at = chosen.col // each * width + duals + chosen.col % each
-        self.part.add(found + chosen.row, values + at, chosen.data, self.elements, len(outputs), self.kernel.points * width)
+        place = np.full(spread.size, -1)
+        place[(outputs + self.a - self.nu) * columns + inputs] = np.arange(len(outputs))
+        chosen = place[spread.rows] >= 0
+        found, by, each = self.part.zeros(self.elements * len(outputs)), spread.columns[chosen], width - duals
+        at = by // each * width + duals + by % each
+        self.part.add(found + place[spread.rows[chosen]], values + at, spread.factors[chosen], self.elements, len(outputs),
+                      self.kernel.points * width)  # fmt: skip
         return found
 
     def _turned_derivatives(self, K: int, rows: int, columns: int, blocks: list[int]) -> int:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import csc_matrix
+from mbdae.deferred import csc_matrix, distinct
 from mbdae.native.equations import Pointer, Whole
 from mbdae.native.library import declared
 
@@ -52,7 +52,7 @@ class Entries:
         if n < 1 or self.row_of.ndim != 1 or not ((self.row_of >= 0) & (self.row_of < n)).all():
             raise ValueError(f"indices are not rows of a matrix ({n}, {n})")
         self.column_of = np.repeat(np.arange(n, dtype=np.int64), np.diff(self.indptr))
-        if len(np.unique(self.column_of * n + self.row_of)) != self.nnz:
+        if len(distinct(self.column_of * n + self.row_of)) != self.nnz:
             raise ValueError("an entry is named twice")
 
     @classmethod
@@ -102,7 +102,7 @@ class Order:
 def filled(n: int, i: Index, j: Index) -> tuple[Index, Index, Index]:
     """The pattern of L + U, fill-in included, of a matrix with entries in rows i, columns j: where its rows begin (n + 1,), the
     columns of its entries in ascending order, and where its diagonal entries are (n,)."""
-    cells = np.unique(np.r_[i * n + j, np.arange(n) * (n + 1)])
+    cells = distinct(np.r_[i * n + j, np.arange(n) * (n + 1)])
     rows, columns = whole(np.searchsorted(cells, np.arange(n + 1) * n)), whole(cells % n)
     ptr, diag, work = np.zeros(n + 1, dtype=np.int64), np.zeros(n, dtype=np.int64), np.zeros(n + 2, dtype=np.int64)
     most, count = 4 * (len(i) + n), -1

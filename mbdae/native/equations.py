@@ -7,6 +7,7 @@ that of Ctrl-C wait while C runs (`Signals`); the next callback, which finds the
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable
 from typing import Any, Self
 
@@ -157,7 +158,7 @@ class _Call:
 
     def __init__(self, system: Any) -> None:
         self.system, self.n = system, system.n
-        self.nnz = system.n**2 if system.sparsity is None else system.sparsity.nnz
+        self.nnz = math.prod(system.jacobian_shape)
         self._seen: dict[tuple[int, int], Any] = {}
 
     def __call__(self, *args: Any) -> None:

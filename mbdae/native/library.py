@@ -16,7 +16,7 @@ from mbdae.errors import LibraryError
 from mbdae.native import build
 
 #: number of the interface between C and Python, `mbdae_interface` of version.c
-INTERFACE = 11
+INTERFACE = 12
 
 
 @cache

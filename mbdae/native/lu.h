@@ -49,45 +49,65 @@ WIDE static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, 
   return -1;
 }
 
-/* Pivots one by one, each with the least product of other entries in its row and in its column, of those that are the largest in
-   their column. d, at (n, n), row by row: numbers, and where entries are; count (2, n), top (n) to work with. n, or after how
-   many pivots nothing is left to choose from. */
-static I NAME(choose)(I n, T *restrict d, char *restrict at, I *restrict rows, I *restrict columns, I *restrict count,
-                      double *restrict top) {
+/* The largest of `count` numbers of column j of d (n, n), in the rows of a list. */
+static double NAME(largest)(I n, const T *d, const short *rows, I count, I j) {
+  double found = 0;
+  for (I m = 0; m < count; m++) {
+    const double size = NAME(size)(d[rows[m] * n + j]);
+    if (size > found) found = size;
+  }
+  return found;
+}
+
+/* Pivots one by one, each with the least product of other entries in its row and in its column, of those that are at least `share`
+   of the largest in their column; of equal ones the first as rows and columns are ordered by then. d, at (n, n), row by row:
+   numbers, and where entries are; to work with: count, place (2, n) of rows and columns, list (2, n, n) of what is in them, top
+   (n). n, or after how many pivots nothing is left to choose from. */
+static I NAME(choose)(I n, double share, T *restrict d, char *restrict at, I *restrict rows, I *restrict columns,
+                      I *restrict count, I *restrict place, short *restrict list, double *restrict top) {
+  I *const row_count = count, *const column_count = count + n, *const row_place = place, *const column_place = place + n;
+  short *const in_row = list, *const in_column = list + n * n;
+  memset(count, 0, sizeof(I) * 2 * n);
+  for (I i = 0; i < n; i++) {
+    row_place[rows[i]] = column_place[columns[i]] = i;
+    for (I j = 0; j < n; j++)
+      if (at[i * n + j]) in_row[i * n + row_count[i]++] = (short)j, in_column[j * n + column_count[j]++] = (short)i;
+  }
+  for (I j = 0; j < n; j++) top[j] = NAME(largest)(n, d, in_column + j * n, column_count[j], j);
   for (I k = 0; k < n; k++) {
     I r = -1, c = -1, least = 0;
-    for (I b = k; b < n; b++) count[n + columns[b]] = 0, top[columns[b]] = 0;
     for (I a = k; a < n; a++) {
       const I i = rows[a];
-      count[i] = 0;
-      for (I b = k; b < n; b++) {
-        const I j = columns[b];
-        if (!at[i * n + j]) continue;
-        const double size = NAME(size)(d[i * n + j]);
-        count[i]++, count[n + j]++;
-        if (size > top[j]) top[j] = size;
-      }
-    }
-    for (I a = k; a < n; a++) {
-      const I i = rows[a];
-      for (I b = k; b < n; b++) {
-        const I j = columns[b], cost = (count[i] - 1) * (count[n + j] - 1);
-        if (!at[i * n + j] || !(top[j] > 0) || (r >= 0 && cost >= least)) continue;
-        if (NAME(size)(d[i * n + j]) == top[j]) r = a, c = b, least = cost;
+      for (I m = 0; m < row_count[i]; m++) {
+        const I j = in_row[i * n + m], cost = (row_count[i] - 1) * (column_count[j] - 1);
+        if (r >= 0 && (cost > least || (cost == least && (a > r || column_place[j] >= c)))) continue;
+        if (top[j] > 0 && NAME(size)(d[i * n + j]) >= share * top[j]) r = a, c = column_place[j], least = cost;
       }
     }
     if (r < 0) return k;
     const I i = rows[r], j = columns[c];
     rows[r] = rows[k], rows[k] = i, columns[c] = columns[k], columns[k] = j;
+    row_place[rows[r]] = r, row_place[i] = k, column_place[columns[c]] = c, column_place[j] = k;
+    take_out(in_row + i * n, &row_count[i], j);
+    take_out(in_column + j * n, &column_count[j], i);
     const T inverse = NAME(inverse)(d[i * n + j]);
-    for (I a = k + 1; a < n; a++) {
-      const I m = rows[a];
-      if (!at[m * n + j]) continue;
+    for (I a = 0; a < column_count[j]; a++) {
+      const I m = in_column[j * n + a];
       const T l = NAME(times)(d[m * n + j], inverse);
-      for (I b = k + 1; b < n; b++) {
-        const I o = columns[b];
-        if (at[i * n + o]) at[m * n + o] = 1, NAME(less)(&d[m * n + o], l, d[i * n + o]);
+      take_out(in_row + m * n, &row_count[m], j);
+      for (I b = 0; b < row_count[i]; b++) {
+        const I o = in_row[i * n + b];
+        if (!at[m * n + o]) {
+          at[m * n + o] = 1;
+          in_row[m * n + row_count[m]++] = (short)o, in_column[o * n + column_count[o]++] = (short)m;
+        }
+        NAME(less)(&d[m * n + o], l, d[i * n + o]);
       }
+    }
+    for (I b = 0; b < row_count[i]; b++) {
+      const I o = in_row[i * n + b];
+      take_out(in_column + o * n, &column_count[o], i);
+      top[o] = NAME(largest)(n, d, in_column + o * n, column_count[o], o);
     }
   }
   return n;

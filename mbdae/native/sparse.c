@@ -23,6 +23,13 @@ static inline Pair pair_inverse(Pair z) { /* without overflow of squares */
   return (Pair){a * q, -b * q};
 }
 
+/* Take a number out of a list in which it is once. */
+static inline void take_out(short *list, I *count, I what) {
+  I at = 0;
+  while (list[at] != what) at++;
+  list[at] = list[--*count];
+}
+
 #define T double
 #define NAME(what) real_##what
 #include "lu.h"
@@ -62,9 +69,9 @@ API I lu_fill(I n, const I *rows, const I *columns, I most, I *ptr, I *col, I *d
 }
 
 /* See `choose` of lu.h; rows, columns (n): all numbers in any order, then those of the pivots in theirs. */
-API I lu_choose(I n, I complex, void *d, char *at, I *rows, I *columns, I *count, double *top) {
-  return (complex ? pair_choose(n, d, at, rows, columns, count, top)
-                  : real_choose(n, d, at, rows, columns, count, top));
+API I lu_choose(I n, I complex, double share, void *d, char *at, I *rows, I *columns, I *count, I *place, short *list, double *top) {
+  return (complex ? pair_choose(n, share, d, at, rows, columns, count, place, list, top)
+                  : real_choose(n, share, d, at, rows, columns, count, place, list, top));
 }
 
 /* -1; the unknown whose pivot is bad; n where the factors are inaccurate or there are none yet */
@@ -81,6 +88,11 @@ API void lu_solve(const Factors *f, void *b) {
   }
   int n = (int)f->n, one = 1, info = 0;
   f->getrs("N", &n, &one, f->lu, &n, f->swaps, b, &n, &info);
+}
+
+/* `times` right-hand sides behind each other */
+API void lu_solve_each(const Factors *f, I times, double *b) {
+  for (I i = 0; i < times; i++) lu_solve(f, b + i * f->n * (f->complex ? 2 : 1));
 }
 
 /* x, the result of lu_solve for b, with one correction; dense factors need none */

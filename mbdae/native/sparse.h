@@ -38,9 +38,10 @@ typedef struct {
 } Matrix;
 
 API I lu_fill(I n, const I *rows, const I *columns, I most, I *ptr, I *col, I *diag, I *next);
-API I lu_choose(I n, I complex, void *d, char *at, I *rows, I *columns, I *count, double *top);
+API I lu_choose(I n, I complex, double share, void *d, char *at, I *rows, I *columns, I *count, I *place, short *list, double *top);
 API I lu_factor(Factors *f);
 API void lu_solve(const Factors *f, void *b);
+API void lu_solve_each(const Factors *f, I times, double *b);
 API void lu_correct(const Factors *f, const void *b, void *x);
 API I matrix_factor(Matrix *m, double h, I first);
 API void matrix_mass(const Matrix *m, const double *x, double *out);

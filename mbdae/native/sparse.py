@@ -57,6 +57,7 @@ class MatrixTable(ctypes.Structure):
 functions = declared(
     ("lu_factor", Whole, (Pointer,)),
     ("lu_solve", None, (Pointer, Pointer)),
+    ("lu_solve_each", None, (Pointer, Whole, Pointer)),
     ("lu_correct", None, (Pointer, Pointer, Pointer)),
     ("matrix_factor", Whole, (Pointer, Number, Whole)),
     ("matrix_mass", None, (Pointer, Pointer, Pointer)),
@@ -243,6 +244,14 @@ class Matrix:
         while bad >= 0:
             self.factors[bad].renew()
             bad = self._factor(self.address, h, bad + 1)
+
+    def solved(self, right: Array) -> Array:
+        """Solutions (k, n) for as many right-hand sides, with the factors of the first lambda, which is real."""
+        if right.shape[1:] != (self.entries.n,) or not (len(self.real) and self.table.ready):
+            raise ValueError(f"right-hand sides of shape {right.shape} for {self.entries.n} unknowns, or nothing is factorised")
+        x = np.ascontiguousarray(right * self.row)
+        functions().lu_solve_each(ctypes.addressof(self.factors[0].table), len(x), address(x))
+        return np.asarray(x * self.column)
 
     def mass(self, x: Array) -> Array:
         """dF/dy' x, shape (n,)."""

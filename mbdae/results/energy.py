@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.deferred import distinct
 from mbdae.kernels import plan
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element, Force
@@ -128,7 +129,7 @@ def powers(mechanics: Mechanics, t: Array, states: States) -> Array:
 
 def integrated(mechanics: Mechanics, steps: Array, at: Array, states: States) -> Array:
     """(len(at), 4), J: `TRANSFERS` since the first step, by Gauss quadrature over the steps."""
-    grid = np.union1d(steps, at)
+    grid = distinct(np.r_[steps, at])
     width, middle = np.diff(grid) / 2, (grid[1:] + grid[:-1]) / 2
     points = (middle[:, None] + width[:, None] * _NODES).ravel()
     values = np.concatenate([powers(mechanics, points[part], states) for part in _parts(mechanics, len(points))]

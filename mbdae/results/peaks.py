@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbdae.deferred import distinct
 from mbdae.results.quantities import Quantity, named, unit_of, value
 from mbdae.system.base import Array
 
@@ -32,9 +33,9 @@ def peak(result: Any, quantity: Quantity) -> Peak:
     """The largest magnitude of a quantity from the first of the result's times to the last."""
     first, last = float(result.t[0]), float(result.t[-1])
     steps = result.solution.t
-    steps = np.unique(np.r_[first, steps[(steps > first) & (steps < last)], last])
+    steps = distinct(np.r_[first, steps[(steps > first) & (steps < last)], last])
     shares = np.r_[np.arange(INSIDE) / INSIDE, 1 - JUST]
-    times = np.unique(np.r_[(steps[:-1, None] + np.diff(steps)[:, None] * shares).ravel(), last])
+    times = distinct(np.r_[(steps[:-1, None] + np.diff(steps)[:, None] * shares).ravel(), last])
     found = _sizes(result, quantity, times)
     if not np.isfinite(found).any():
         return Peak(float("nan"), float("nan"), unit_of(result, quantity), named(quantity))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.deferred import distinct
 from mbdae.errors import NotReadError, OptionError
 from mbdae.formulations import system_for
 from mbdae.integrators.base import Asked
@@ -65,7 +66,7 @@ class Batches:
             refuse_watched(self.system, t_end)
         times = Asked.of(self.system, t_end, outputs).times
         self.times = np.array([float(t_end)]) if times is None else times
-        self._every = np.union1d(self.times, np.linspace(self.system.t0, t_end, COMPARED + 1))
+        self._every = distinct(np.r_[self.times, np.linspace(self.system.t0, t_end, COMPARED + 1)])
         self._measure = partial(measure_of(self.system, prepared), self._every)
         self._solver, self._limit = choice.solver.at_accuracy(self.accuracy, self.system.label), choice.solver.tightest[""]
 

@@ -23,7 +23,7 @@ from mbdae.results.result import Result
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import with_open_tree
 from mbdae.system.assembled.assembly import SPARSE_FROM
-from mbdae.system.base import System
+from mbdae.system.base import Array, System
 from mbdae.system.model.moved_bodies import MOST_FULL
 from mbdae.system.prepare import Prepared, prepare
 
@@ -158,6 +158,21 @@ def _largest_eigenvalues(system: System) -> np.ndarray:
         return np.asarray(stopped.eigenvalues) if len(stopped.eigenvalues) else np.array([complex(-np.inf, np.inf)])
 
 
+def finite_eigenvalues(fy: Array, fyp: Array) -> Array:
+    """Eigenvalues of small disturbances, fy x + fyp x' = 0 (n, n), the finite ones: rows without a derivative hold at all times,
+    so the others are taken for motions x = N y that satisfy them. Where these leave rates undetermined (bodies without mass), by
+    SciPy's method for pairs of matrices, with infinite ones among them."""
+    rates = np.any(fyp != 0, axis=1)
+    held = fy[~rates]
+    lengths = np.linalg.norm(held, axis=1, keepdims=True)
+    if np.all(lengths > 0):
+        N = np.linalg.svd(held / lengths)[2][len(held) :].T if len(held) else np.eye(len(fy))
+        moving = fyp[rates] @ N
+        if np.linalg.cond(moving) < WELL_CONDITIONED:
+            return np.linalg.eigvals(np.linalg.solve(moving, -fy[rates] @ N))
+    return np.asarray(eigvals(-fy, fyp))
+
+
 class Rates:
     """Fastest decay and oscillation of small disturbances at the start, multiplied by the characteristic time of the motion."""
 
@@ -178,9 +193,7 @@ class Rates:
             worst = system.equations[int(np.argmin(finite))]
             raise OptionError(f"the derivatives of equation {worst} are not finite at the start t = {system.t0:g} s: check the "
                               f"laws and parameters it contains")  # fmt: skip
-        if not self._prepared.rows and np.linalg.cond(fyp) < WELL_CONDITIONED:
-            return np.linalg.eigvals(np.linalg.solve(fyp, -fy))
-        return np.asarray(eigvals(-fy, fyp))
+        return finite_eigenvalues(fy, fyp)
 
     @property
     def decay(self) -> float:

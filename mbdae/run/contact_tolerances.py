@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.deferred import median
 from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
@@ -57,7 +58,7 @@ def resolving(prepared: Prepared | None, solver: Solver, run: Solution, ceiling:
     gaps = gaps_of(prepared.mechanics, run.t, q, u)
     found = [contacts_of(run.t, *place)[2] / contact.size for contact in prepared.contacts
              for place in zip(*(part.T for part in gaps[contact.place]), strict=True)]  # fmt: skip
-    peaks = [peak for peak in (float(np.median(deep)) for deep in found if len(deep)) if peak > 0]
+    peaks = [peak for peak in (float(median(deep)) for deep in found if len(deep)) if peak > 0]
     limits = [RESOLVED * velocity / typical_speed(prepared) for _, velocity in reversing(prepared, run)]
     return min([solver.penetration_share * min(peaks), *limits]) if peaks else ceiling
 

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbdae.deferred import distinct
 from mbdae.errors import FINAL, AccuracyWarning, ChatteringError, SolverError, WallClockError, keeping
 from mbdae.integrators.base import SHARE, Asked, Solver
 from mbdae.integrators.distance import Measure, check_times, scaled_distance
@@ -102,7 +103,7 @@ def other_run(system: System, prepared: Prepared | None, run: Solution, times: A
     if prepared is None or not isinstance(system, SceneSystem):
         return ()
     share = 1.0 if prepared.contacts else share
-    chosen = np.unique(np.linspace(0, len(times) - 1, SAMPLES).astype(int))
+    chosen = distinct(np.linspace(0, len(times) - 1, SAMPLES).astype(int))
     return (OtherRun(states_of(prepared, run, times[chosen]), share),)
 
 

@@ -12,17 +12,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from random import Random
 from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
 
-from mbdae.deferred import splu
+from mbdae.deferred import distinct, median
 from mbdae.errors import SolverError
-from mbdae.integrators.matrices.iteration import as_csc
+from mbdae.integrators.matrices.iteration import IterationMatrix
 from mbdae.integrators.solution import Solution, systems_at
+from mbdae.native.sparse import SingularMatrixError
 from mbdae.run.short_events import may_have_short_events
-from mbdae.system.base import Array
+from mbdae.system.base import Array, System
 from mbdae.system.distance import Motion, motion_distance
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
@@ -69,7 +71,8 @@ class Defect:
 
     def __init__(self, prepared: Prepared, system: SceneSystem, run: Solution, rough: bool = False) -> None:
         self.prepared, self.system, self.run, self.rough = prepared, system, run, rough
-        self.random, self.evaluations, self.widths = np.random.default_rng(SEED), 0, np.diff(run.t)
+        self.random, self.evaluations, self.widths = Random(SEED), 0, np.diff(run.t)
+        self._matrix: IterationMatrix | None = None
         self._algebraic = np.array([kind in ("lambda", "mu", "z") for kind in system.kinds])
 
     def suspects(self, limit: float) -> list[Suspect]:
@@ -84,7 +87,7 @@ class Defect:
     def _parts(self, steps: Any) -> Iterator[tuple[Any, Array]]:
         """Groups of steps, as large as memory allows, each with the points of (0, 1) at which the defect is evaluated."""
         counts = POINTS + (ALONG * self.widths[steps] / np.sum(self.widths)).astype(int)
-        for count in np.unique(counts):
+        for count in distinct(counts):
             inside, alike = self._inside(int(count)), steps[counts == count]
             size = max(BLOCK, STORED // (count * self.system.n))
             for first in range(0, len(alike), size):
@@ -92,7 +95,8 @@ class Defect:
 
     def _inside(self, count: int) -> Array:
         """Points of (0, 1), one in each of `count` equal intervals, shifted at random."""
-        return np.asarray((np.arange(count) + 0.5 + JITTER * (self.random.random(count) - 0.5)) / count)
+        by = np.array([self.random.random() for _ in range(count)])
+        return (np.arange(count) + 0.5 + JITTER * (by - 0.5)) / count
 
     def _outstanding(self, limit: float) -> Any:
         """Steps in which the defect at a single point stands out, for scenes without possible short events: half of the points
@@ -106,11 +110,11 @@ class Defect:
         times = np.concatenate([along, np.interp(places, np.arange(len(t)), t)])
         steps = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
         F = np.abs(self._residual(times)[0]) * self.widths[steps, None]
-        ratio = np.max(F / (np.median(F, axis=0) + np.finfo(float).tiny), axis=1)
+        ratio = np.max(F / (median(F, axis=0) + np.finfo(float).tiny), axis=1)
         most = max(1, int(budget * (1 - SINGLE)) // POINTS)
         worst = [k for k in np.argsort(-ratio, kind="stable")[:most] if ratio[k] > OUTSTANDING]
         inside = (times - t[steps]) / self.widths[steps]
-        return np.unique([steps[k] for k in worst for s in self._effects(steps[k : k + 1], inside[k : k + 1], limit)
+        return distinct([steps[k] for k in worst for s in self._effects(steps[k : k + 1], inside[k : k + 1], limit)
                           if s.effect > limit]).astype(int)  # fmt: skip
 
     def _residual(self, times: Array) -> tuple[Array, Array, Array]:
@@ -157,22 +161,34 @@ class Defect:
         return [Suspect(int(steps[i]), float(effect[i]), times[i], size[i] >= LARGE * np.max(size[i]), self.system.equations[row])
                 for i, row in enumerate(worst)]  # fmt: skip
 
-    def _moved(self, step: int, times: Array, y: Array, yp: Array, right: Array) -> Array:
-        """Change of the unknowns (m, k, n), - J^-1 right, with J in the middle of a step."""
+    def _moved(self, step: int, times: Array, y: Array, yp: Array, given: Array) -> Array:
+        """Change of the unknowns (m, k, n), - J^-1 given, with J in the middle of a step."""
         k, h = len(times) // 2, float(self.widths[step])
         system = systems_at(self.run, times[k : k + 1], self.system)[0]
         # y' = f with eliminated multipliers is chosen only where nothing is stiff: J is about the unit matrix over the step
         if not system.has_pattern and system.rhs is not None:
-            return -h * right
-        J = np.zeros((system.n,) * 2 if system.sparsity is None else system.sparsity.nnz)
-        system.jacobian(float(times[k]), y[k], yp[k], 1 / h, J)
-        columns = np.ascontiguousarray(right.reshape(-1, system.n).T)
+            return -h * given
+        right = given.reshape(-1, system.n)
         try:
-            moved = np.linalg.solve(J, columns) if system.sparsity is None else splu(as_csc(system, J)).solve(columns)
+            if system.sparse:
+                matrix = self._matrix_of(system)
+                matrix.refresh(float(times[k]), y[k], yp[k])
+                matrix.factor(h)
+                moved = matrix.solved(right)
+            else:
+                J = np.zeros(system.jacobian_shape)
+                system.jacobian(float(times[k]), y[k], yp[k], 1 / h, J)
+                moved = np.asarray(np.linalg.solve(J, right.T).T)
         # J is singular: the motion is not determined there, of which `singular_positions` warns
-        except (np.linalg.LinAlgError, RuntimeError):
-            return np.zeros_like(right)
-        return -np.asarray(moved).T.reshape(right.shape)
+        except (np.linalg.LinAlgError, SingularMatrixError):
+            return np.zeros_like(given)
+        return -moved.reshape(given.shape)
+
+    def _matrix_of(self, system: System) -> IterationMatrix:
+        """dF/dy + dF/dy' / step of the equations in force, whose pattern and order of elimination steps share."""
+        if self._matrix is None or self._matrix.system is not system:
+            self._matrix = IterationMatrix(system, np.ones(1), np.zeros(0, complex))
+        return self._matrix
 
     def _distance(self, times: Array, y: Array, moved: Array) -> Array:
         """Largest distance of the motion in every step (m,)."""

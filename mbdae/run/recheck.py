@@ -9,6 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from mbdae.deferred import distinct
 from mbdae.errors import AccuracyWarning, SolverError
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Solver
@@ -54,7 +55,7 @@ class FineRun:
                     part = self.solver.solve(system, stop, max_residuals=BUDGET, h0=min(first, stop - system.t0))
             except SolverError:
                 return suspect.effect
-            times = np.unique(np.r_[np.linspace(system.t0, stop, BETWEEN), part.t])
+            times = distinct(np.r_[np.linspace(system.t0, stop, BETWEEN), part.t])
             motions = (self.prepared.states(times, solution(times))[:2] for solution in (part, run))
             worst = max(worst, float(np.max(apart(self.prepared, run, *motions))))
             system = system.starting(stop, part.y[-1], part.yp[-1])

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mbdae.deferred import median
 from mbdae.notation import counted
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.clearance import ClearanceSensor
@@ -110,7 +111,7 @@ def _of_contact(result: Result, run: Controlled, expected: ExpectedContact) -> l
     if not len(contacts):
         return []
     found = []
-    typical, deepest = float(np.median(contacts.peak)), contacts.deepest
+    typical, deepest = float(median(contacts.peak)), contacts.deepest
     tolerance = (run.solver.rtol or 0.0) * expected.size
     if typical > 0 and tolerance > max(COARSE, 3 * run.solver.penetration_share) * typical:
         found.append(f"'{item}' penetrates by {typical:.2g} {unit} (median), {run.solver.label} resolves {tolerance:.2g} {unit}: "
@@ -132,11 +133,11 @@ def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
     found = result.coordinate_at(item, result.prepared.model.scene[item].coordinates[0], times)
     if found is None:
         return []
-    spin = float(np.median(found[1]))
+    spin = float(median(found[1]))
     in_contact = float(np.mean(seen["gap"].min(axis=1) < 0))
     x, y = seen["orbit"].T
     angle = np.unwrap(np.arctan2(y, x))
-    turning, turns = float(np.median(np.diff(angle) / np.diff(times))), abs(float(angle[-1] - angle[0])) / (2 * np.pi)
+    turning, turns = float(median(np.diff(angle) / np.diff(times))), abs(float(angle[-1] - angle[0])) / (2 * np.pi)
     if in_contact < WHIRL_CONTACT or turning * spin >= 0 or abs(turning) < WHIRL_RATE * abs(spin) or turns < WHIRL_TURNS:
         return []
     return [f"backward whirl in '{item}': the contact runs around the race at {turning:.4g} rad/s against a spin of {spin:.4g} "

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbdae.deferred import median
 from mbdae.results.result import Result
 from mbdae.scene.topology import spanning_tree
 from mbdae.system.base import Array
@@ -43,7 +44,7 @@ def _smallest(result: Result, times: Array) -> tuple[float, float]:
     seen = result(times).smallest_singular_value
     best = int(np.argmin(seen))
     found = [(float(seen[best]), float(times[best]))]
-    inner = np.flatnonzero((seen[1:-1] <= seen[:-2]) & (seen[1:-1] <= seen[2:]) & (seen[1:-1] < NEAR * np.median(seen))) + 1
+    inner = np.flatnonzero((seen[1:-1] <= seen[:-2]) & (seen[1:-1] <= seen[2:]) & (seen[1:-1] < NEAR * median(seen))) + 1
     for i in sorted(inner, key=lambda i: float(seen[i]))[:CHOSEN]:
         found.append(_minimum(result, float(times[i - 1]), float(times[i + 1])))
     return min(found)

@@ -101,6 +101,7 @@ class System:
     scale     (n,) typical magnitude of each unknown in its own unit; the tolerance is relative to it
     t0, y0, yp0  consistent start; see `starting`
     sparsity  None (dense Jacobian) or a scipy CSC pattern; decides the meaning of `out` in `jacobian`
+    sparse    whether there is one: scenes make it when they are asked for it
     label     short name of the form, for tables ("GGL", "Index3", "ODE", "DAE")"""
 
     n: int
@@ -118,6 +119,17 @@ class System:
     time: float = 1.0
     #: CSC pattern (n, n) of the Jacobian where it is known although `sparsity` may be None; see `jacobian_values`
     pattern: Any = None
+
+    @property
+    def sparse(self) -> bool:
+        """Whether the Jacobian is given by its entries, in the places of `sparsity`."""
+        return self.sparsity is not None
+
+    @property
+    def jacobian_shape(self) -> tuple[int, ...]:
+        """Shape of the `out` of `jacobian`."""
+        places = self.sparsity if self.pattern is None else self.pattern
+        return (places.nnz,) if self.sparse else (self.n, self.n)
 
     @property
     def has_pattern(self) -> bool:
@@ -152,7 +164,7 @@ class System:
     #: begin and end of a run (s) -> where its inputs of time break, and how long steps may be (`system.model.inputs.Timeline`;
     #: None: they are smooth and slow); None: inputs of time are not checked
     timeline: Callable[..., Any] | None = None
-    #: begin of a run (s) -> its sampled controllers (`system.sampling.Sampling`); None: there are none
+    #: function from the begin of a run (s) to its sampled controllers (`system.sampling.Sampling`); None: there are none
     sampled: Any = None
     #: time -> longest step (s) that may be taken from there; None: no bound
     longest_step: LongestStep | None = None
@@ -216,8 +228,7 @@ class System:
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """dF/dy and dF/dy' as two arrays, each shaped like the `out` of `jacobian`."""
-        shape = (self.n, self.n) if self.sparsity is None else (self.sparsity.nnz,)
-        fy, both = np.zeros(shape), np.zeros(shape)
+        fy, both = np.zeros((2, *self.jacobian_shape))
         self.jacobian(t, y, yp, 0.0, fy)
         self.jacobian(t, y, yp, 1.0, both)
         return fy, both - fy

@@ -51,7 +51,7 @@ class SceneSystem(System):
         made = assembly or assembly_of(all_bodies.moved)(prepared.model, mechanics.rows, spec, sparse, all_bodies.moved)
         self.assembly, self.model, self.numbering, self.spec = made, made.model, made.numbering, made.spec
         self.n, self.names, self.equations, self.kinds, self.index = made.n, made.names, made.equations, made.kinds, made.index
-        self.label, self.sparsity = made.label, made.sparsity
+        self.label = made.label
         if isinstance(made, OrderedAssembly) and not prepared.rows:
             self.rate_jacobian, self.rate_products = made.rate_jacobian, made.products
         lines, stressed = prepared.model.lines, self.numbering.stresses
@@ -78,6 +78,14 @@ class SceneSystem(System):
     @property
     def has_pattern(self) -> bool:
         return self.assembly.has_pattern
+
+    @property
+    def sparse(self) -> bool:
+        return self.assembly.sparse
+
+    @cached_property
+    def sparsity(self) -> Any:
+        return self.assembly.sparsity
 
     @cached_property
     def pattern(self) -> Any:

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from mbdae.integrators.matrices.ordering import searches
 from mbdae.native.elimination import Entries, Order
-from mbdae.native.pivots import by_counts
+from mbdae.native.pivots import MANY, by_counts
 from mbdae.native.sparse import Factors, Matrix, Orders, SingularMatrixError
 
 RNG = np.random.default_rng
@@ -191,23 +191,43 @@ def test_fill_is_found_once_for_any_values() -> None:
     assert all((np.diff(order.col[a:b]) == 1).all() for a, b in zip(order.run, order.up, strict=False) if b > a)
 
 
+@pytest.mark.parametrize("share", [1.0, 0.1])
 @pytest.mark.parametrize("kind", [float, complex])
 @pytest.mark.parametrize("density", [0.1, 1.0])
-def test_pivots_by_counts_are_the_largest_in_what_is_left_of_the_matrix(density: float, kind: Any) -> None:
-    """Eliminated by hand in the order found, every pivot is the largest in its column, and none that is has fewer others in its
-    row and column."""
+def test_pivots_by_counts_are_large_in_what_is_left_of_the_matrix(density: float, kind: Any, share: float) -> None:
+    """Eliminated by hand in the order found, every pivot is at least a share of the largest in its column, and none that is has
+    fewer others in its row and column."""
     rng = RNG(4)
     entries = pattern(30, density, rng)
     a = values(entries, kind, rng)
-    order = by_counts(entries, a)
+    order = by_counts(entries, a, share)
     assert order is not None
     left, at = entries.matrix(a).toarray(), entries.matrix(np.ones(entries.nnz)).toarray() != 0
     left, at = left[order.rows][:, order.columns], at[order.rows][:, order.columns]
     for _ in range(30):
         cost = np.outer(at.sum(1) - 1, at.sum(0) - 1)
         size = abs(left.real) + abs(left.imag)
-        is_large = at & (size >= size.max(axis=0) * (1 - 1e-9))
+        is_large = at & (size >= share * size.max(axis=0) * (1 - 1e-9))
         assert is_large[0, 0]
         assert cost[0, 0] == cost[is_large].min()
         left = left[1:, 1:] - np.outer(left[1:, 0], left[0, 1:]) / left[0, 0]
         at = at[1:, 1:] | np.outer(at[1:, 0], at[0, 1:])
+
+
+def test_an_order_by_counts_is_that_of_a_small_matrix() -> None:
+    entries = Entries(MANY + 1, np.arange(MANY + 2), np.arange(MANY + 1))
+    with pytest.raises(ValueError, match="1001 unknowns"):
+        by_counts(entries, np.ones(MANY + 1))
+
+
+def test_solutions_of_an_iteration_matrix_are_those_of_the_full_one() -> None:
+    """Equations and unknowns are scaled for the factors; solutions are not."""
+    rng = RNG(9)
+    entries = pattern(40, 0.1, rng)
+    matrix = Matrix(entries, 10.0 ** rng.integers(-3, 3, 40), np.zeros(40), [1.0], [], searches(()))
+    matrix.fy[:], matrix.fyp[:] = values(entries, float, rng), values(entries, float, rng)
+    with pytest.raises(ValueError, match="nothing is factorised"):
+        matrix.solved(np.ones((3, 40)))
+    matrix.factor(0.1)
+    right, full = rng.normal(size=(3, 40)), entries.matrix(matrix.fy + matrix.fyp / 0.1).toarray()
+    np.testing.assert_allclose(matrix.solved(right), np.linalg.solve(full, right.T).T, rtol=1e-8, atol=1e-8)

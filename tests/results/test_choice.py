@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.linalg
 from scenes import andrews, n_four_bar
 
 import mbdae as mb
@@ -154,3 +155,24 @@ def test_the_largest_eigenvalues_of_a_large_system_are_those_of_its_jacobian() -
     found = choices._largest_eigenvalues(system)
     assert found.shape == (choices.LARGEST,)
     assert np.max(np.abs(found)) == pytest.approx(np.max(np.abs(every)), rel=0.05)
+
+
+@pytest.mark.parametrize("make", [andrews, lambda: n_four_bar(2), lambda: chain(3, damper=0.3)])
+def test_finite_eigenvalues_are_those_of_scipys_pencil(make: Any) -> None:
+    """Those that are not zero: by motions that satisfy the rows without a derivative, and by QZ."""
+    prepared = make().system("ggl")._prepared
+    system = choices.system_for(prepared, choices.GGL())
+    fy, fyp = system.assembly.dense_jacobian(system.t0, system.y0, system.yp0)
+    pencil = scipy.linalg.eigvals(-fy, fyp)
+    size = max(abs(pencil[np.isfinite(pencil)]))
+    found, wanted = (np.sort_complex(values[np.isfinite(values) & (abs(values) > 1e-4 * size)])
+                     for values in (choices.finite_eigenvalues(fy, fyp), pencil))  # fmt: skip
+    np.testing.assert_allclose(found, wanted, rtol=1e-6)
+
+
+def test_eigenvalues_of_bodies_without_mass_are_those_of_scipy() -> None:
+    """x' and y' appear in one sum only: y follows from the second row, which has a derivative too."""
+    fy, fyp = np.array([[1.0, 0.0], [0.0, 2.0]]), np.array([[1.0, 1.0], [1.0, 1.0]])
+    found = choices.finite_eigenvalues(fy, fyp)
+    assert np.isfinite(found).sum() == 1
+    assert found[np.isfinite(found)].real == pytest.approx(-2 / 3)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import mbdae as mb
+from mbdae.deferred import as_full
 
 
 def hinged(twice: bool) -> mb.Scene:
@@ -29,7 +30,7 @@ def test_sparse_accelerations_are_those_of_full_matrices(make, monkeypatch):
     q, u, s, *_ = r.prepared.states(t, r.solution(t))
     for mechanics in (r.prepared.mechanics, r.prepared.with_all_rows):
         sparse = mechanics.accelerations(t, q, u, s)
-        mass, along = mechanics.mass.toarray(), mechanics.mobility_with_joints(0.0, q[0], np.eye(mechanics.nu)[:3])
+        mass, along = as_full(mechanics.mass), mechanics.mobility_with_joints(0.0, q[0], np.eye(mechanics.nu)[:3])
         for name, value in (("sparse", False), ("mass", mass)):
             monkeypatch.setitem(vars(mechanics), name, value)
         full = mechanics.accelerations(t, q, u, s)

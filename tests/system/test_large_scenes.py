@@ -1,6 +1,8 @@
 """Scenes of many bodies: sparse rank, start and accelerations against closed relations and against dense matrices."""
 
+import errno
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -166,6 +168,41 @@ def test_steps_are_held_once(at_once):
     assert held > count * row  # it was counted
 
 
+def test_memory_of_a_run_does_not_grow_with_its_steps(monkeypatch):
+    """Only the times of the steps stay in memory, 8 bytes each, in the run and its companion; of values and polynomials 140 each
+    would stay."""
+    monkeypatch.setattr(kept_rows, "IN_MEMORY", 2**18)
+    s, found = chain(1, (1.0, 0.0)), []
+    s.simulate(1.0, accuracy=1e-4)  # what is made once
+    for t_end in (20.0, 80.0):
+        tracemalloc.start()
+        r = s.simulate(t_end, accuracy=1e-4, outputs=5)
+        found.append((len(r.solution.t), tracemalloc.get_traced_memory()[1]))
+        tracemalloc.stop()
+    (steps, before), (more, after) = found
+    assert more > steps + 10_000
+    assert after - before < 40 * (more - steps)
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="tells the memory of mapped files on Linux")
+def test_memory_of_steps_that_were_read_from_disk_is_given_back(monkeypatch):
+    def mapped():
+        return next(int(line.split()[1]) for line in Path("/proc/self/status").read_text().splitlines() if "RssFile" in line)
+
+    monkeypatch.setattr(kept_rows, "IN_MEMORY", 2**20)
+    rows = kept_rows.Rows("y", np.zeros(1000))
+    for first in range(0, 4000, 100):
+        rows.extend(np.full((100, 1000), float(first)))
+    found = rows.array(len(rows))
+    before = mapped()
+    total = found.sum()
+    held = mapped()
+    kept_rows.leave(found, np.zeros(3))
+    assert held > before + 20_000  # kB
+    assert mapped() < before + 5_000
+    assert found.sum() == total
+
+
 def test_rows_given_out_stay_as_they_were():
     rows = kept_rows.Rows("y", np.zeros(2))
     rows.extend(np.ones((2000, 2)))
@@ -176,6 +213,17 @@ def test_rows_given_out_stay_as_they_were():
         rows.append(np.full(2, 5.0))
     assert np.array_equal(first, before)
     assert np.array_equal(rows.array(5001)[[0, 1, 1999, 2000, 2001, 5000], 0], [0, 1, 1, 7, 5, 5])
+
+
+def test_a_disk_without_room_for_steps_is_named(monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(kept_rows, "IN_MEMORY", 100)
+    monkeypatch.setattr(kept_rows.np, "save", full)
+    rows = kept_rows.Rows("y", np.zeros(10))
+    with pytest.raises(mb.OptionError, match=r"000001\.npy.*No space left on device; let TMPDIR name"):
+        rows.extend(np.ones((20, 10)))
 
 
 @pytest.mark.parametrize("damage", ["cut", "gone", "other"])

@@ -55,7 +55,7 @@ class _Alpha(Stepped):
                 "partition into them: use mb.RadauIIA(3) or mb.IDA(), or give mb.DAE(..., partition=(M, f, g, G))"
             )
         forces = np.array([kind == "lambda" for kind in system.kinds])
-        columns = forces if system.sparsity is None else forces[np.repeat(np.arange(system.n), np.diff(system.sparsity.indptr))]
+        columns = forces if not system.sparse else forces[np.repeat(np.arange(system.n), np.diff(system.sparsity.indptr))]
         if forces.any() and not np.any(system.jacobian_parts(system.t0, system.y0, system.yp0)[0][..., columns]):
             raise OptionError(f"{self.label} takes multipliers as unknowns, not as derivatives of unknowns ({system.label}): "
                               f"use the variant with algebraic multipliers, such as mb.GGL(algebraic=True)")  # fmt: skip

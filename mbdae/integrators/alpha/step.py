@@ -145,7 +145,7 @@ class AlphaStep:
     # -- iteration matrix
 
     def _jacobian(self, t: float, y: Array, yp: Array) -> None:
-        self._fy, self._fyp = (as_csc(self.system, part) if self.system.sparsity is not None else part
+        self._fy, self._fyp = (as_csc(self.system, part) if self.system.sparse else part
                                for part in self.system.jacobian_parts(t, y, yp))  # fmt: skip
         self.stats.jacobians += 1
 
@@ -167,7 +167,7 @@ class AlphaStep:
         if self._factors is None:
             self._factors = Factors(Orders(*self._pattern()), float)
         entries = self._factors.orders.entries
-        if self.system.sparsity is None:
+        if not self.system.sparse:
             values = np.hstack(parts)[entries.row_of, entries.column_of]
         else:  # products of sparse matrices may leave out entries that are zero
             A = sp.hstack([sp.coo_matrix(part) for part in parts], format="coo")

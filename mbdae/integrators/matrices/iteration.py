@@ -95,7 +95,7 @@ def coupled_correction(system: System, A_inv: Array, h: float, times: Array, Y: 
     blocks = [[A_inv[i, j] / h * fyp + (fy if i == j else 0.0) for j in range(s)] for i, (fy, fyp) in enumerate(parts)]
     column = np.tile(np.asarray(system.scale, dtype=float) * h ** (1.0 - np.asarray(system.index)), s)
     try:
-        if system.sparsity is None:
+        if not system.sparse:
             matrix = np.block(blocks) * column
             row = inverse_or_one(np.abs(matrix).max(axis=1))
             x = np.linalg.solve(matrix * row[:, None], R.ravel() * row)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mbdae.deferred import connected_components, csc_matrix
 from mbdae.integrators.matrices.dissection import by_degree, dissected
 from mbdae.native.elimination import Entries, Order
-from mbdae.native.pivots import by_counts, largest_pivots, pivoted
+from mbdae.native.pivots import by_counts, is_small, largest_pivots, pivoted
 from mbdae.native.sparse import Searches
 
 #: kinds of unknowns whose own block is easily inverted: stresses by their compliance, positions by q' = H u
@@ -19,16 +19,14 @@ FIRST = ("z", "q")
 #: FEW: unknowns up to which two orders are compared with stresses (largest pivots fill in much); CHEAP: multiplications of
 #: a factorisation below which the search ends
 FEW, CHEAP = 600, 15_000
-#: number of unknowns up to which pivots are first chosen by counts of entries: 1 ms for 100 unknowns, without SciPy
-SMALL = 200
 #: number of entries of the inverse of the positions' block, over that of a matrix of more than FEW unknowns, above which
 #: positions are not eliminated first: in space the positions of all bodies that joints connect are one block
 COUPLED = 2
 #: entries of the factors, over those of the matrix, above which an order by nested dissection is compared too: chains, trees and
 #: beams have 1 to 3, nets of bars more than 4
 LOOPS = 4
-#: smallest pivot on the diagonal, relative to the largest of its column: a third to a half of the fill-in of the largest pivots, but
-#: 20 to 1000 times that in nets and chains of bodies, whose multipliers have no diagonal
+#: smallest pivot on the diagonal, or chosen by counts, relative to the largest of its column: a third to a half of the fill-in of
+#: the largest pivots, but 20 to 1000 times that in large nets and chains of bodies, whose multipliers have no diagonal
 LARGE = 0.1
 #: smallest pivot on the diagonal, relative to the largest of its column, in the order by kinds: with larger values the factors of
 #: a stiff beam fill in, whose compliances are small beside its strains (0.24 s instead of 0.007 s for 1000 elements)
@@ -36,11 +34,16 @@ THRESHOLD = 1e-8
 
 
 def searches(kinds: Sequence[str]) -> Searches:
-    """How orders of elimination are sought for a matrix with unknowns of these kinds: first the cheapest of stresses and
-    positions first, the largest pivots and, with many loops, nested dissection; where that loses too many digits, the cheaper of
-    the first two; then, in small matrices and those with stresses, pivots on the diagonal above `LARGE`; then the largest pivots."""
+    """How orders of elimination are sought for a matrix with unknowns of these kinds. Of a small one by counts of entries, with
+    the largest pivots where there are no stresses: smaller ones lose digits that runs need near singular positions. Of a large
+    one first the cheapest of stresses and positions first, the largest pivots and, with many loops, nested dissection; where that
+    loses too many digits, the cheaper of the first two. Then pivots on the diagonal (of more than FEW unknowns only with
+    stresses), or by counts, above `LARGE`; then the largest pivots."""
+    share = LARGE if "z" in kinds else 1.0
 
     def cheapest(entries: Entries, values: NDArray[Any]) -> Order | None:
+        if is_small(entries):
+            return by_counts(entries, values, share)
         order = cheaper(entries, values)
         if order is None or entries.n <= FEW or order.size <= LOOPS * entries.nnz:
             return order
@@ -48,12 +51,9 @@ def searches(kinds: Sequence[str]) -> Searches:
         return order if other is None or other.work >= order.work else other
 
     def cheaper_of_large(entries: Entries, values: NDArray[Any]) -> Order | None:
-        return cheaper(entries, values) if entries.n > FEW else None
+        return cheaper(entries, values) if entries.n > FEW and not is_small(entries) else None
 
     def cheaper(entries: Entries, values: NDArray[Any]) -> Order | None:
-        small = by_counts(entries, values) if entries.n <= SMALL and "z" not in kinds else None
-        if small is not None and small.work <= CHEAP:  # SciPy is not imported
-            return small
         by_pivots = None if "z" in kinds and entries.n > FEW else largest_pivots(entries, values)
         if by_pivots is not None and by_pivots.work <= CHEAP:
             return by_pivots
@@ -62,7 +62,8 @@ def searches(kinds: Sequence[str]) -> Searches:
         return min(both, key=lambda order: order.work, default=None)
 
     def on_diagonal(entries: Entries, values: NDArray[Any]) -> Order | None:
-        return _large_pivots(entries, values) if entries.n <= FEW or "z" in kinds else None
+        fits = entries.n <= FEW or "z" in kinds or is_small(entries)
+        return _large_pivots(entries, values) if fits else None
 
     return cheapest, cheaper_of_large, on_diagonal, largest_pivots
 
@@ -77,6 +78,8 @@ def _stresses_first(kinds: Sequence[str], entries: Entries, values: NDArray[Any]
 
 
 def _large_pivots(entries: Entries, values: NDArray[Any]) -> Order | None:
+    if is_small(entries):
+        return by_counts(entries, values, LARGE)
     return pivoted(entries, entries.matrix(values), np.arange(entries.n), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=LARGE)
 
 

@@ -83,7 +83,7 @@ class _Run(SundialsRun):
 
     def create(self) -> Method:
         system, order, start = self.system, self.solver.max_order, (self.loop.t, *self.loop.state)
-        sparse = system.sparsity is not None
+        sparse = system.sparse
         if native.why_not(sparse):
             from mbdae.integrators.sundials.python import IdaByPython
 
@@ -105,9 +105,9 @@ class _Run(SundialsRun):
     def _newton_correction(self) -> Array | None:
         """Correction (n,) of one more Newton iteration at the last point; None where the iteration matrix is singular."""
         system, last = self.system, self.last
-        data = np.zeros((system.n, system.n) if system.sparsity is None else (system.sparsity.nnz,))
+        data = np.zeros(system.jacobian_shape)
         system.jacobian(last.t, last.y, last.yp, last.cj, data)
-        matrix = data if system.sparsity is None else as_csc(system, data).toarray()
+        matrix = data if not system.sparse else as_csc(system, data).toarray()
         if not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix) < system.n:
             return None
         return np.asarray(np.linalg.solve(matrix, last.values))

@@ -115,7 +115,7 @@ class IdaByPython(PythonMethod):
         import sksundae.ida  # imported here, because the import takes 0.4 s
 
         options |= {"linsolver": "dense"}
-        if self.system.sparsity is not None:
+        if self.system.sparse:
             options |= {"linsolver": "sparse", "sparsity": self.system.sparsity}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # scikit-sundae warns that the given Jacobian replaces its own

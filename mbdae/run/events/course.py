@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import symengine as se
 
+from mbdae.deferred import distinct
 from mbdae.kernels.oracle import numpy_function
 from mbdae.run.events.pieces import Steep, steep_functions
 from mbdae.run.events.roots import Zeros, zeros
@@ -66,8 +67,8 @@ class Course:
     def _hold(self, kind: str, u: Expr, switch: Expr, least: float) -> Expr:
         """The symbol for a floor or comparison, which may change where `switch` changes its sign or vanishes."""
         found = self._zeros(switch, least=least)
-        self._switched = np.union1d(self._switched, [root.time for root in found.roots])
-        self.edges = np.union1d(self.edges, self._switched)
+        self._switched = distinct(np.r_[self._switched, [root.time for root in found.roots]])
+        self.edges = distinct(np.r_[self.edges, self._switched])
         self.__dict__.pop("_middles", None)
         value = self._evaluated((u,), self._middles)[:, 0]
         symbol = se.Symbol(f"held_{len(self._held)}")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.deferred import distinct
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Event
 from mbdae.run.events.conditions import Condition
@@ -56,7 +57,7 @@ class Seen:
     @cached_property
     def _instants(self) -> Array:
         """Times (k,) at which a function of the condition vanishes."""
-        found = np.unique([root.time for of_one in self._zeros for root in of_one])
+        found = distinct([root.time for of_one in self._zeros for root in of_one])
         return np.asarray(found[np.diff(found, prepend=-np.inf) > self._same])
 
     @cached_property

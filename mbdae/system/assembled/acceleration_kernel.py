@@ -14,6 +14,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.deferred import distinct
 from mbdae.kernels import plan
 from mbdae.native.equations import Equations, Table
 from mbdae.native.program import Operations, address_of
@@ -108,7 +109,7 @@ class AccelerationKernel(Workspace):
         h = part.zeros(nu)  # M^-1 f
         i, j = np.nonzero(inverse)
         part.add(h + i, self._F + self.nq + j, -inverse[i, j])
-        along = {int(k): np.flatnonzero(inverse[k]).tolist() for k in np.unique(columns)}
+        along = {int(k): np.flatnonzero(inverse[k]).tolist() for k in distinct(columns)}
         # entries (row, column) of G M^-1 that are not zero
         cells = sorted({(r, c) for r, k in zip(rows.tolist(), columns.tolist(), strict=True) for c in along[k]})
         row, column = np.array(cells, dtype=np.intp).reshape(-1, 2).T

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import sp
+from mbdae.deferred import distinct, sp
 from mbdae.kernels import LinearisedPlan, linearised_plan
 from mbdae.kernels.element import ElementJacobian
 from mbdae.kernels.tree_plan import TreePlan
@@ -187,9 +187,11 @@ class Assembly:
         at, by = (np.array(p).reshape(len(rows), -1) for p in np.broadcast_arrays(rows[:, :, None], columns[:, None, :]))
         values = line.blocks.reshape(at.shape)
         entries.constant(at, by, values)
-        M = sp.coo_matrix((values.ravel(), (at.ravel(), by.ravel()))).tocsr().tocoo()  # duplicates are summed
-        kept = (M.data != 0) & (M.row != self.n)
-        self._residual.linear(M.row[kept].astype(np.intp), M.col[kept].astype(np.intp), M.data[kept])
+        wide = int(by.max(initial=0)) + 1
+        cells, where = np.unique(at * wide + by, return_inverse=True)
+        sums = np.bincount(where.ravel(), values.ravel(), len(cells))
+        kept = (sums != 0) & (cells // wide != self.n)
+        self._residual.linear(cells[kept] // wide, cells[kept] % wide, sums[kept])
 
     def _columns(self, g: int, active: list[int], targets: list[Target]) -> NDArray[np.intp]:
         """(instances, targets) slots of unknowns: columns of F_y below n, of F_y' below 2 n, then loaded nodes."""
@@ -225,12 +227,11 @@ class Assembly:
 
     def _finish(self, pattern: Pattern, sparse: bool) -> None:
         n, self._pattern = self.n, pattern
-        used = np.unique(np.concatenate([pattern.cells, pattern.fixed_cells]))
+        used = distinct(np.concatenate([pattern.cells, pattern.fixed_cells]))
         used = used[used < n * n]
         indptr = np.searchsorted(used, np.arange(n + 1) * n)
         self.columns = Columns(indptr, used % max(n, 1))
-        places = np.ones(used.size), self.columns.rows, self.columns.first
-        self.sparsity = sp.csc_matrix(places, shape=(n, n)) if sparse else None
+        self.sparse = sparse
         self._dense = used % max(n, 1) * n + used // max(n, 1)
 
         def position(cells: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -240,6 +241,12 @@ class Assembly:
         self._c = [np.zeros(used.size + 1), np.zeros(used.size + 1)]
         for part, mask in zip(self._c, (~pattern.fixed_dotted, pattern.fixed_dotted), strict=True):
             np.add.at(part, fixed[mask], pattern.fixed[mask])
+
+    @cached_property
+    def sparsity(self) -> Any:
+        """As `System.sparsity`."""
+        places = np.ones(len(self.columns.rows)), self.columns.rows, self.columns.first
+        return sp.csc_matrix(places, shape=(self.n, self.n)) if self.sparse else None
 
     @cached_property
     def pattern(self) -> Places | None:
@@ -302,8 +309,8 @@ class Assembly:
         self._write(fy + cj * fyp, out)
 
     def _write(self, data: Array, out: Array) -> None:
-        """Write CSC values `data` into `out`: a full (n, n) matrix, or CSC values where `sparsity` is set."""
-        if self.sparsity is not None:
+        """Write CSC values `data` into `out`: a full (n, n) matrix, or CSC values where the Jacobian is sparse."""
+        if self.sparse:
             out[:] = data
             return
         out[:] = 0.0
@@ -325,7 +332,7 @@ class Assembly:
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """As `System.jacobian_parts`."""
         fy, fyp = self.jacobian_values(t, y, yp)
-        if self.sparsity is not None:
+        if self.sparse:
             return fy, fyp
         dense = self._whole(fy, fyp)
         return dense[0], dense[1]

@@ -207,6 +207,7 @@ class OrderedAssembly(Assembly):
     def _finish(self, pattern: Pattern, sparse: bool) -> None:
         nb, n = self.numbering, self.n
         self.pattern = self.sparsity = None
+        self.sparse = False
         rows, columns = pattern.fixed_cells % n - nb.nq, pattern.fixed_cells // n - nb.nq
         inside = pattern.fixed_dotted & (pattern.fixed_cells < n * n)
         inside &= (rows >= 0) & (rows < nb.nu) & (columns >= 0) & (columns < nb.nu)

@@ -171,7 +171,7 @@ class Rates:
 def factorised(matrix: sp.csc_matrix, full: Assembly, t: float) -> Callable[[Array], Array]:
     """The function right -> solution x of matrix x = right; it raises a SolverError where the matrix is singular."""
     try:
-        solve = partial(np.linalg.solve, matrix.toarray()) if full.sparsity is None else splu(matrix).solve
+        solve = partial(np.linalg.solve, matrix.toarray()) if not full.sparse else splu(matrix).solve
     except RuntimeError:
         raise singular(t, "") from None
 

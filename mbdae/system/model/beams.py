@@ -10,7 +10,6 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.deferred import sp
 from mbdae.errors import OptionError, SceneError
 from mbdae.kernels.beam import GyroscopicKernel, load_kernel, mass_blocks, strain_kernel
 from mbdae.kernels.element import ElementKernel
@@ -158,11 +157,11 @@ class Line:
         return np.asarray(first[self.mesh.elements][:, :, None] + np.arange(self.kind.sizes[0 if head == "q" else 1]))
 
     @property
-    def mass(self) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-        """Rows, columns and values of the mass matrix of all elements, in the numbering of all u."""
+    def mass(self) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
+        """Values, rows and columns of the mass matrix of all elements, in the numbering of all u; duplicates are to be summed."""
         at = self.places("u").reshape(len(self.blocks), -1)
         rows, columns = np.broadcast_arrays(at[:, :, None], at[:, None, :])
-        return rows.ravel(), columns.ravel(), self.blocks.ravel()
+        return self.blocks.ravel(), rows.ravel(), columns.ravel()
 
     def stiffness(self, q: Array) -> Array:
         """(elements, k, k) derivatives of the internal forces of every element by displacements of its nodes, at q (nq,)."""
@@ -266,10 +265,3 @@ def batches(lines: list[Line], mixed: bool) -> list[ElementBatch]:
 
 def _none(kernel: ElementKernel) -> NDArray[np.intp]:
     return np.zeros((kernel.elements, 0), dtype=np.intp)
-
-
-def sparse_mass(lines: list[Line], nu: int) -> Any:
-    """Mass matrix (nu, nu) of all beams in CSC format."""
-    parts = [line.mass for line in lines]
-    rows, columns, values = (np.concatenate([p[i] for p in parts]) for i in range(3))
-    return sp.csc_matrix((values, (rows, columns)), shape=(nu, nu))

@@ -23,7 +23,7 @@ class Displacements:
         self._P = np.array(P, dtype=np.intp).reshape(-1, 4)
         self._turn = np.array(turn, dtype=np.intp).reshape(-1, 3)
         self._factors, self._r = self._P[:, FACTORS], np.empty((len(self._P), 4))
-        self._q, self._u = np.setdiff1d(np.arange(nb.nq), self._P), np.setdiff1d(np.arange(nb.nu), self._turn)
+        self._q, self._u = np.delete(np.arange(nb.nq), self._P), np.delete(np.arange(nb.nu), self._turn)
 
     def __call__(self, q: Array, by: Array) -> Array:
         """Displaced positions, a new array."""

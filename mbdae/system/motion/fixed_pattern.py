@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import sp
+from mbdae.deferred import entries_of
 from mbdae.native.elimination import Entries
 from mbdae.native.pivots import largest_pivots
 from mbdae.native.sparse import Factors, Orders, SingularMatrixError
@@ -27,16 +27,17 @@ class FixedPattern:
     order of elimination is found once, and again where pivots become small."""
 
     def __init__(self, M: Any, m: int, rows: Any, columns: Any, slope: Array | None) -> None:
-        nu, M = M.shape[0], sp.coo_matrix(M)
-        self.n, self.m, self._mass = nu + m, m, M.data
+        nu, (of_mass, by_mass, self._mass) = M.shape[0], entries_of(M)
+        self.n, self.m = nu + m, m
         self._slope = None if slope is None else np.nonzero(np.any(slope != 0, axis=0))
         of_slope = self._slope or (np.zeros(0, dtype=np.intp),) * 2
         own = nu + np.arange(m)
-        i = np.concatenate([M.row, columns, nu + rows, of_slope[0], own]).astype(np.int64)
-        j = np.concatenate([M.col, nu + rows, columns, nu + of_slope[1], own]).astype(np.int64)
+        i = np.concatenate([of_mass, columns, nu + rows, of_slope[0], own]).astype(np.int64)
+        j = np.concatenate([by_mass, nu + rows, columns, nu + of_slope[1], own]).astype(np.int64)
         places, where = np.unique(j * self.n + i, return_inverse=True)
         self.entries = Entries(self.n, np.searchsorted(places, np.arange(self.n + 1) * self.n), places % self.n)
-        self._add = sp.csr_matrix((np.ones(len(where)), (np.arange(len(where)), where)), shape=(len(where), len(places)))
+        self._order = np.argsort(where, kind="stable")
+        self._first = np.searchsorted(where[self._order], np.arange(len(places)))
         self._own = where[len(where) - m :]
         self._exact, self._near = (Factors(Orders(self.entries, (largest_pivots,)), float) for _ in range(2))
 
@@ -45,7 +46,8 @@ class FixedPattern:
         parts = [np.broadcast_to(self._mass, (len(G), len(self._mass))), G, G]
         if slope is not None and self._slope is not None:
             parts.append(-slope[:, self._slope[0], self._slope[1]])
-        return np.asarray(np.hstack([*parts, np.zeros((len(G), self.m))]) @ self._add)
+        together = np.hstack([*parts, np.zeros((len(G), self.m))])
+        return np.asarray(np.add.reduceat(together[:, self._order], self._first, axis=1))
 
     def at(self, values: NDArray[np.float64], give: Array, redundant: bool) -> Callable[[Array], Array]:
         """The function right-hand side (n,) -> x (n,) at one state; valid until `at` is called for another state.

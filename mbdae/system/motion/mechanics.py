@@ -13,7 +13,7 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import dynamics, loads
 from mbdae.system.base import Array
-from mbdae.system.model.beams import ElementBatch, batches, nodal_inputs, sparse_mass
+from mbdae.system.model.beams import ElementBatch, batches, nodal_inputs
 from mbdae.system.motion.constrained import solve_constrained, unique_multipliers
 from mbdae.system.motion.fixed_pattern import FixedPattern
 from mbdae.system.motion.reaction_friction import Solve, solve_with_friction
@@ -36,7 +36,7 @@ class Mechanics(States):
 
     @cached_property
     def sparse(self) -> bool:
-        """Whether its mass matrix and constraint Jacobian are sparse: with beams, and where there are many bodies."""
+        """Whether equations with its masses and constraints are solved as sparse ones: with beams, and for many bodies."""
         return bool(self.model.lines) or self.large
 
     @property
@@ -52,18 +52,14 @@ class Mechanics(States):
 
     @cached_property
     def mass(self) -> Any:
-        """Mass matrix (nu, nu), constant: nodes of bodies are centres of mass with spins in body axes; sparse with beams."""
-        if not self.sparse:
-            values, rows, columns = self._entries_of_mass
-            M = np.zeros((self.nu, self.nu))
-            np.add.at(M, (rows, columns), values)
-            return M
-        return self._mass_of_bodies() + sparse_mass(self.model.lines, self.nu) if self.model.lines else self._mass_of_bodies()
-
-    def _mass_of_bodies(self) -> Any:
-        """Mass matrix (nu, nu) of everything but beams, sparse."""
-        values, rows, columns = self._entries_of_mass
-        return sp.csc_matrix((values, (rows, columns)), shape=(self.nu, self.nu))
+        """Mass matrix (nu, nu), constant: nodes of bodies are centres of mass with spins in body axes; sparse where large."""
+        parts = [self._entries_of_mass, *(line.mass for line in self.model.lines)]
+        values, rows, columns = (np.concatenate(part) for part in zip(*parts, strict=True))
+        if self.large:
+            return sp.csc_matrix((values, (rows, columns)), shape=(self.nu, self.nu))
+        M = np.zeros((self.nu, self.nu))
+        np.add.at(M, (rows, columns), values)
+        return M
 
     @cached_property
     def inertia(self) -> dict[tuple[int, int], float]:
@@ -91,15 +87,13 @@ class Mechanics(States):
     def weight(self) -> Any:
         """The mass matrix plus a millionth of its largest entries, so that it is positive definite: the metric of projections."""
         M, rotational = self.mass, self.rotational
-        if not (self.sparse or isinstance(M, np.ndarray)):
-            M = M.toarray()
         d = M.diagonal()
         floor = np.where(rotational, _largest(d[rotational], self.model.length**2), _largest(d[~rotational], 1.0))
-        return M + (sp.diags(1e-6 * floor, format="csc") if self.sparse else np.diag(1e-6 * floor))
+        return M + (sp.diags(1e-6 * floor, format="csc") if self.large else np.diag(1e-6 * floor))
 
     def mobility(self, G: Any) -> Array:
         """(m,) velocity along every row of G (m, nu), sparse or not, per impulse along it, with `weight` as mass matrix."""
-        if not self.sparse:
+        if not self.large:
             return np.asarray(np.einsum("ij,ji->i", G, np.linalg.solve(self.weight, G.T)))
         if not self.model.lines:  # blocks of single bodies
             G = sp.csr_matrix(G)

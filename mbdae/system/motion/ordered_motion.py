@@ -6,7 +6,6 @@ import ctypes
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -197,11 +196,6 @@ class OrderedMechanics(TreeMechanics):
     """Mechanics of a model whose trees are evaluated joint by joint: every row belongs to a joint of a tree."""
 
     carries_bodies = True
-
-    @cached_property
-    def mass(self) -> Any:
-        """Mass matrix (nu, nu), sparse."""
-        return self._mass_of_bodies()
 
     def _constrained(self, t: Array, q: Array, u: Array) -> Solve:
         e = self.all_bodies

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import qr, sp, splu
+from mbdae.deferred import distinct, qr, sp, splu
 from mbdae.errors import SceneError
 from mbdae.native.elimination import Entries, Order
 from mbdae.native.sparse import Factors, Orders
@@ -162,7 +162,7 @@ class SparseRows:
     def dependent(self) -> Whole:
         """Numbers of the rows that take part in a dependency."""
         W = self.dependencies.tocoo()
-        return np.unique(W.col[np.abs(W.data) > TAKES_PART])
+        return distinct(W.col[np.abs(W.data) > TAKES_PART])
 
 
 def _pieces(count: int) -> list[slice]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import symengine as se
 
-from mbdae.deferred import LinearOperator, eigsh, sp, splu
+from mbdae.deferred import LinearOperator, as_full, eigsh, sp, splu
 from mbdae.errors import SceneError
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import Target
@@ -83,7 +83,7 @@ def massless_motions(mechanics: Mechanics, report: RankReport, t: Array, q: Arra
     at = np.flatnonzero(own)
     unit, N = kept.velocity_units[at], null_space(G[:, at] * kept.velocity_units[at])
     mass = kept.mass[at][:, at]
-    M = unit[:, None] * (mass.toarray() if kept.sparse else mass) * unit
+    M = unit[:, None] * as_full(mass) * unit
     if not N.size:
         return []
     values, vectors = _compared(N.T @ M @ N, N.T @ (_own_inertia(np.diag(M))[:, None] * N))

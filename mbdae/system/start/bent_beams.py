@@ -34,7 +34,7 @@ class Bending:
 
     def __init__(self, mechanics: Mechanics, q: Array) -> None:
         self.units = mechanics.velocity_units
-        self.inertia = SLOW**2 * _lowest(mechanics) * mechanics.weight
+        self.inertia = SLOW**2 * _lowest(mechanics) * sp.csc_matrix(mechanics.weight)
         self.weight = stiffness(mechanics, q) + self.inertia
         self.force = mechanics.elastic_force(q)
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.deferred import sp
+from mbdae.deferred import as_full, sp
 from mbdae.scene.components import Body, Connection
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
@@ -20,6 +20,7 @@ from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import quaternion, rotation_of
 from mbdae.system.model.sides import joint_axes
+from mbdae.system.motion.mechanics import LARGE
 
 INERTIA = 1e-6  #: share of the masses in what is least, which decides where joints do not: of what floats freely
 
@@ -57,8 +58,9 @@ class JointMotions:
         self.extent = extent if extent > 0 else 1.0  #: largest distance of a point from the mean of all, m, in any frame alike
 
     def at(self, q: Array, rates: bool = False) -> tuple[Array, Any]:
-        """Distances (6 j,) of the j joints from their drawn place and their derivatives (6 j, nu) by displacements, sparse; with
-        `rates` the maps of the velocities to relative angular velocities and to velocities over the extent."""
+        """Distances (6 j,) of the j joints from their drawn place and their derivatives (6 j, nu) by displacements, sparse where
+        the scene is large; with `rates` the maps of velocities to relative angular velocities and to velocities over the
+        extent."""
         far, values, rows, columns = ([np.zeros(0)] for _ in range(4))
         for joint, (law, k, l) in enumerate(self._ends):
             a, b = (self._side(body, law.point_on(side), q) for body, side in ((k, "k"), (l, "l")))
@@ -74,13 +76,18 @@ class JointMotions:
                 rows.append(6 * joint + at[0].ravel())
                 columns.append(side.first + at[1].ravel())
         places = np.concatenate(rows).astype(int), np.concatenate(columns).astype(int)
-        return np.concatenate(far), sp.csr_matrix((np.concatenate(values), places), shape=(6 * len(self._ends), self.model.nu))
+        shape = 6 * len(self._ends), self.model.nu
+        if self.model.nu > LARGE:
+            return np.concatenate(far), sp.csr_matrix((np.concatenate(values), places), shape=shape)
+        D = np.zeros(shape)
+        np.add.at(D, places, np.concatenate(values))
+        return np.concatenate(far), D
 
     def weight(self, D: Any, masses: Any, units: Array) -> Any:
         """D^T D (n, n) of derivatives D (6 j, n), with a small share of the masses (n, n), which decide where no joint does;
         units (n,): unit displacements."""
-        M = sp.csc_matrix(masses)
-        return sp.csc_matrix(D.T @ D) + M * (INERTIA / np.max(M.diagonal() * (units / self.extent) ** 2))
+        matrix = sp.csc_matrix if self.model.nu > LARGE else as_full
+        return matrix(D.T @ D) + matrix(masses) * (INERTIA / np.max(masses.diagonal() * (units / self.extent) ** 2))
 
     def rotation(self, joint: Connection, q: Array) -> Array:
         """Quaternion (4,) of the rotation of l relative to k from the drawing, in the axes of the joint."""

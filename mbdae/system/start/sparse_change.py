@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from mbdae.deferred import sp, splu
+from mbdae.deferred import as_full, sp, splu
 from mbdae.system.base import Array
 from mbdae.system.motion.constrained import largest_entries
 
@@ -19,20 +20,24 @@ STATED = 1e-5  #: compliance of stated velocities, over that of the stiffest unk
 def cheapest(W: Any, units: Array, A: Any, right: Array, pull: Array, give: Array | None = None) -> Array:
     """x (nu,) with A x = right that minimises x^T W x / 2 - pull^T x; A (m, nu) may have any number of rows.
 
-    W (nu, nu) is positive definite.
+    W (nu, nu) is positive definite, sparse or full.
 
     units (nu,): unit displacements; give (m,): compliances of the conditions, by default `GIVEN`: where conditions contradict
     each other, those with the larger compliance are violated."""
-    A, W, pull = sp.csr_matrix(A) @ sp.diags(units), sp.diags(units) @ W @ sp.diags(units), pull * units
+    whole, pull = isinstance(W, np.ndarray), pull * units
+    A, W = (as_full(A) * units, units[:, None] * W * units) if whole else (
+        sp.csr_matrix(A) @ sp.diags(units), sp.diags(units) @ W @ sp.diags(units))  # fmt: skip
     size = largest_entries(A)
     size[size == 0] = 1.0
     stiff = float(np.max(W.diagonal()))
-    A, right = sp.diags(stiff / size) @ A, stiff * right / size  # rows get entries as large as those of W
+    share = stiff / size  # rows get entries as large as those of W
+    A, right = share[:, None] * A if whole else sp.diags(share) @ A, share * right
     corner = -stiff * (np.full(A.shape[0], GIVEN) if give is None else give)
-    factors = splu(sp.bmat([[W, A.T], [A, sp.diags(corner)]], format="csc"))
+    solve = partial(np.linalg.solve, np.block([[W, A.T], [A, np.diag(corner)]])) if whole else (
+        splu(sp.bmat([[W, A.T], [A, sp.diags(corner)]], format="csc")).solve)  # fmt: skip
     x, forces = np.zeros(len(units)), np.zeros(A.shape[0])
     for _ in range(CORRECTIONS):
-        step = factors.solve(np.r_[pull - W @ x - A.T @ forces, right - A @ x])
+        step = solve(np.r_[pull - W @ x - A.T @ forces, right - A @ x])
         x, forces = x + step[: len(x)], forces + step[len(x) :]
     return np.asarray(x * units)
 
