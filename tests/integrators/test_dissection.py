@@ -105,6 +105,18 @@ def test_nets_are_dissected(scene: tuple[int, bool], saved: float, form: mb.GGL)
     assert np.abs(factors.solve(entries.matrix(values) @ x) - x).max() < 1e-7 * np.abs(x).max()
 
 
+def test_no_order_tried_for_a_net_fills_in_more_than_the_largest_pivots() -> None:
+    """Pivots on the diagonal alone take ten times the work here: multipliers have none."""
+    system = system_for(prepare(net(8)), mb.GGL())
+    matrix = IterationMatrix(system, TABLE.real, TABLE.pairs)
+    entries, values = matrix.entries, matrix.factors[0].values
+    pivots = largest_pivots(entries, values)
+    found = [search(entries, values) for search in ordering.searches(system.kinds)]
+    assert pivots is not None
+    assert found[-1] is not None
+    assert max(order.work for order in found if order is not None) <= pivots.work
+
+
 def test_without_multipliers_nothing_is_dissected() -> None:
     entries = dissection.Entries.full(3)
     assert dissection.dissected(["q", "v", "v"], entries) is None

@@ -26,7 +26,7 @@ COUPLED = 2
 #: beams have 1 to 3, nets of bars more than 4
 LOOPS = 4
 #: smallest pivot on the diagonal, or chosen by counts, relative to the largest of its column: a third to a half of the fill-in of
-#: the largest pivots
+#: the largest pivots, but 20 to 1000 times that in large nets and chains of bodies, whose multipliers have no diagonal
 LARGE = 0.1
 #: smallest pivot on the diagonal, relative to the largest of its column, in the order by kinds: with larger values the factors of
 #: a stiff beam fill in, whose compliances are small beside its strains (0.24 s instead of 0.007 s for 1000 elements)
@@ -37,8 +37,8 @@ def searches(kinds: Sequence[str]) -> Searches:
     """How orders of elimination are sought for a matrix with unknowns of these kinds. Of a small one by counts of entries, with
     the largest pivots where there are no stresses: smaller ones lose digits that runs need near singular positions. Of a large
     one first the cheapest of stresses and positions first, the largest pivots and, with many loops, nested dissection; where that
-    loses too many digits, the cheaper of the first two. Then pivots on the diagonal, or by counts, above `LARGE`; then the
-    largest pivots."""
+    loses too many digits, the cheaper of the first two. Then pivots on the diagonal (of more than FEW unknowns only with
+    stresses), or by counts, above `LARGE`; then the largest pivots."""
     share = LARGE if "z" in kinds else 1.0
 
     def cheapest(entries: Entries, values: NDArray[Any]) -> Order | None:
@@ -61,7 +61,11 @@ def searches(kinds: Sequence[str]) -> Searches:
         both = [order for order in (by_kinds, by_pivots) if order is not None]
         return min(both, key=lambda order: order.work, default=None)
 
-    return cheapest, cheaper_of_large, _large_pivots, largest_pivots
+    def on_diagonal(entries: Entries, values: NDArray[Any]) -> Order | None:
+        fits = entries.n <= FEW or "z" in kinds or is_small(entries)
+        return _large_pivots(entries, values) if fits else None
+
+    return cheapest, cheaper_of_large, on_diagonal, largest_pivots
 
 
 def _stresses_first(kinds: Sequence[str], entries: Entries, values: NDArray[Any]) -> Order | None:
