@@ -31,7 +31,8 @@ from mbdae.system.base import Array
 
 DENSE = 400  #: unknowns up to which dense linear algebra is used
 BANDED = 120  #: largest number of unknowns for dense linear algebra with beams, whose equations are nearly banded
-FREE = 1e-4  #: stiffness given to motions without any while stresses are found, relative to that of the softest beam
+#: stiffness added to all motions while stresses are found, so that free ones stay bounded; over that of the softest beam
+FREE = 1e-4
 LONGEST = 1.0  #: largest correction of Newton's method, in the scene's length and rad; beyond it there is no convergence
 FRICTION_ITERATIONS = 100  #: largest number of iterations for reactions and the friction that depends on them
 CONVERGED = 1e-10  #: last correction, relative to the scene's length and 1 rad; convergence is quadratic

@@ -25,7 +25,7 @@ Source = Any  #: source of the values of symbols, which can also return shifted 
 
 
 class SizeError(Exception):
-    """A value that cannot be computed, mostly because sizes do not fit; the message says where."""
+    """A value that cannot be computed, mostly because sizes do not fit."""
 
     placed = False  #: whether the message already says where
 
@@ -276,7 +276,7 @@ _BY_KIND: dict[str, Callable[[Node, Source], Value]] = {
 
 
 def _no_case() -> Value:
-    raise SizeError("a law says nothing for the case that a state is in")
+    raise SizeError("the law has a Piecewise without a branch for this state; end it with (value, True)")
 
 
 def _cases(*parts: str) -> str:

@@ -189,7 +189,7 @@ def factors(node: Node, fit: Fit) -> Iterator[tuple[Node, Monomial, Node]]:
             yield piece, found, rebuilt(_merged(found, piece))
         if not np.shape(fit.values[0]) and piece.kind in ("symbol", "call", "sum"):
             found = fit.lacking(rebuilt(made("power", piece, UNKNOWN)))
-            if found is not None and found.powers:  # an exponent made of quantities of the text
+            if found is not None and found.powers:  # the missing exponent contains quantities of the text, and is no mere number
                 power = made("power", piece, found.times())
                 yield piece, Monomial(Fraction(1), ((power, Fraction(1)), (piece, Fraction(-1)))), rebuilt(power)
 

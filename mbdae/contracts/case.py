@@ -162,7 +162,7 @@ class Case:
         points = len(next(iter(values.values())))
         found = np.zeros((points, 0))
         if self._rows.targets:
-            with np.errstate(invalid="ignore", divide="ignore"):  # before they are solved, rows may be undefined
+            with np.errstate(invalid="ignore", divide="ignore"):  # rows may be undefined in states that violate them
                 found = self._rows.kernel.oracle(columns(self._rows.all_inputs.symbols, values)).real
         places = [(f.side, i) for f in self.d.frames for i in range(f.kind.sizes[1])]
         count = len(self.d.rows)

@@ -18,7 +18,7 @@ HEAD = r"\documentclass[a4paper,10pt]{article}" + "\n" + PACKAGES + r"""\usepack
 _NEXT = "\n\\end{gather*}\n\n\\begin{gather*}\n"  #: between two equations, which are joined to one display
 _SPACE = r"\s+(?=[^$]*(?:\$[^$]*\$[^$]*)*$)"  #: blanks between words, outside of formulas
 WIDEST = 44.0  #: largest width of a line in em; wider lines are scaled down
-LETTERS = 76.0  #: largest number of letters in a line of a formula
+LETTERS = 76.0  #: largest width of a line in letters; wider formulas are broken between terms
 _LEVELS = {2: "section", 3: "subsection", 4: "subsubsection"}
 
 

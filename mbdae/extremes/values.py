@@ -34,8 +34,8 @@ def _values(name: str, asked: Any) -> tuple[float, ...]:
     if not isinstance(asked, tuple) or len(given) != 2:
         return given
     if given[0] * given[1] <= 0:
-        raise OptionError(f"{what} = {shown(asked)}: a ladder of decades needs two bounds of one sign, different from 0; "
-                          f"give a list of values")  # fmt: skip
+        raise OptionError(f"{what} = {shown(asked)}: a tuple means (low, high) with values by decades between, so that both "
+                          f"need one sign and neither may be 0; give a list for single values: [..., ...]")  # fmt: skip
     return ladder(*given)
 
 

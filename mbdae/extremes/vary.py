@@ -100,7 +100,8 @@ def _number_in(name: str, value: str) -> float:
     try:
         return number(float(value))
     except ValueError:
-        raise OptionError(f"vary: '{name}': {value} is not a number, as in 'scene(n=3).A.spring'") from None
+        raise OptionError(f"vary: '{name}': the argument {value} of scene(...) is not a number; give one, as in "
+                          f"'scene(n=3).A.spring'") from None
 
 
 def _refuse_unknown_argument(scene: Any, name: str) -> None:

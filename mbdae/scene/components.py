@@ -23,7 +23,7 @@ from mbdae.values import BadValueError, array, number, shown
 
 Array = NDArray[np.float64]
 FINE = 2048  #: number of chords by which the length along a curve is measured
-MOVING = ("position", "rotation", "velocity", "angular_velocity")  #: of the motion, no attributes of bodies
+MOVING = ("position", "rotation", "velocity", "angular_velocity")  #: what a body has in a run alone; refused before it
 
 
 @dataclass(eq=False)

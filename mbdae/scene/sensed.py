@@ -62,7 +62,7 @@ def _of_body(scene: Any, path: str, sensed: Sensed) -> Sensed:
         raise BadValueError(_unknown(scene, path))
     if len(sensed.entry) != len(shape) or max(sensed.entry) > 2:
         one = f"{sensed.item.name}.{sensed.quantity}[{', '.join('1' for _ in shape)}]"
-        raise BadValueError(f"'{path}' is no single number; say which component, such as '{one}' (from 0 to 2)")
+        raise BadValueError(f"'{path}' names no component; write it as '{one}', with indices from 0 to 2")
     return sensed
 
 

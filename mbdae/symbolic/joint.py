@@ -118,8 +118,9 @@ class Joint(TwoBodyLaw):
         the friction itself, of a signed coefficient, has a part in that force."""
         pressing = self.pressing(k, l, force)
         if all(c == 0 for c in pressing):
-            raise LawError(f"no reaction of a {type(self).__name__} presses what rubs along its {self.rubbed}: give a "
-                           f"normal_force")  # fmt: skip
+            raise LawError(f"friction on '{self.rubbed}' of a {type(self).__name__}: no part of its reaction force presses the "
+                           f"surfaces together; give normal_force=..., or state normal_force(self, k, l, force, "
+                           f"coefficient) in its class")  # fmt: skip
         return let(se.sqrt(let(pressing @ pressing) + SLIGHT**2))
 
     def remarks(self) -> list[str]:

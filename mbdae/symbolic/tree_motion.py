@@ -29,7 +29,7 @@ class Link:
     parent: int
     side: str  #: side of the joint on which the parent is, "k" or "l"
     kind: NodeKind  #: kind of the node carried
-    axes: tuple[Axes, Axes]  #: structure of the joint's axes on its parent and on the node carried
+    axes: tuple[Axes, Axes]  #: which entries of the joint's axes vanish, on its parent and on the node carried
     numbers: Numbers
     moves: bool  #: False of a joint that only holds a point where it is
     coordinates: tuple[str, ...]

@@ -164,7 +164,7 @@ class System:
     #: begin and end of a run (s) -> where its inputs of time break, and how long steps may be (`system.model.inputs.Timeline`;
     #: None: they are smooth and slow); None: inputs of time are not checked
     timeline: Callable[..., Any] | None = None
-    #: begin of a run (s) -> its sampled controllers (`system.sampling.Sampling`); None: there are none
+    #: function from the begin of a run (s) to its sampled controllers (`system.sampling.Sampling`); None: there are none
     sampled: Any = None
     #: time -> longest step (s) that may be taken from there; None: no bound
     longest_step: LongestStep | None = None

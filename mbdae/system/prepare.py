@@ -39,7 +39,7 @@ SOUND = 1e-3  #: smallest singular value of unit rows above which they determine
 #: open by at most NEAR (rad, or over the scene's length)
 FOLLOWED, NEAR = 24, 0.2
 PLACED = 1e-11  #: rounding of positions along a tree, rad or over the scene's length
-FORESIGHT = 10.0  #: time (s) over which `check` follows prescribed values
+FORESIGHT = 10.0  #: time (s) over which prescribed values and inputs are checked where the end of the run is not known
 #: part of the scene's length, or of its speed, by which a continued run may violate the joints: the error of a run
 FITS = 1e-4
 
@@ -189,7 +189,7 @@ def mechanics_of(model: Model, rows: list[Row], all_bodies: AllBodies, redundant
     """The mechanics of all nodes with these rows, of which `redundant` follow from the others."""
     if all_bodies.moved.alone:
         return OrderedMechanics(model, rows, all_bodies)
-    # with beams the constrained equations are sparse and cost less than full ones in joint coordinates
+    # with beams accelerations and reactions cost less from the sparse constrained equations; a run keeps its joint coordinates
     reduced = all_bodies.moved.trees and not model.lines
     return TreeMechanics(model, rows, all_bodies, redundant) if reduced else Mechanics(model, rows, redundant)
 

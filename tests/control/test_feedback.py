@@ -197,8 +197,8 @@ def test_signals_that_lead_to_one_by_many_ways_are_followed_once():
     ("rod.positon[0]", "did you mean 'rod.position[0]'?"),
     ("J.torque", "algebraic loop"),
     ("rod.acceleration[0]", "algebraic loop"),
-    ("rod.position", "say which component"),
-    ("rod.position[5]", "say which component"),
+    ("rod.position", "names no component"),
+    ("rod.position[5]", "names no component"),
     ("nothing", "there is no sensor 'nothing'"),
 ])  # fmt: skip
 def test_sensors_that_cannot_be_read_are_named_before_solving(path, said):

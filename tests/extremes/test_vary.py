@@ -99,7 +99,7 @@ def test_arguments_of_the_scene_and_options_of_the_run():
     ({"A.clearance": [1.0]}, "needs a model with outer and inner"),
     ({"mount.speed": [1.0]}, "'mount.speed': the item has no speed at the start"),
     ({"A.speed": [0.0]}, "multiples of the one stated, 5; neither may be 0"),
-    ({"disc.mass": (0.0, 1.0)}, "two bounds of one sign"),
+    ({"disc.mass": (0.0, 1.0)}, "both need one sign"),
     ({"disc.mass": []}, "'disc.mass' = \\[\\] is empty"),
     ({"disc.mass": ["heavy"]}, "give \\(low, high\\)"),
     ({"disc.mass": [float("nan")]}, "nan is not finite"),

@@ -18,7 +18,8 @@ def test_a_tree_has_the_accelerations_and_reactions_of_pinocchio(seed, model):
     assert max(found.values()) < claim.tolerance, found
 
 
-@pytest.mark.parametrize("seed", range(LOOPS))
+#: every second one; as many again are in tests/reference/test_loops.py
+@pytest.mark.parametrize("seed", [pytest.param(seed, marks=[pytest.mark.slow] * (seed % 2)) for seed in range(LOOPS)])
 def test_a_loop_has_the_accelerations_and_reactions_of_the_equations_by_hand(seed):
     found = loop_off(seed, MODELS[seed // 5 % len(MODELS)])
     assert max(found.values()) < claim.tolerance, found

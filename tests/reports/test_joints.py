@@ -48,11 +48,13 @@ def test_every_statement_of_a_joint_has_its_report(law, kept, friction):
 
 @pytest.mark.parametrize("law", UNPRESSED)
 def test_friction_that_nothing_presses_has_no_report(law):
-    with pytest.raises(mb.LawError, match=r"no reaction of a .* presses what rubs along its x: give a normal_force"):
+    with pytest.raises(mb.LawError, match=r"friction on 'x' of a .*: no part of its reaction force presses"):
         mb.report(law, friction=FRICTION)
 
 
-@pytest.mark.parametrize("joint", [law for law in JOINTS if law.scalars()], ids=lambda law: law.__name__)
+@pytest.mark.parametrize("joint", [pytest.param(law, marks=[pytest.mark.slow] * (i % 2))
+                                   for i, law in enumerate(law for law in JOINTS if law.scalars())],
+                         ids=lambda law: law.__name__)  # fmt: skip
 def test_forces_on_the_last_coordinate_of_a_joint(joint):
     kept = joint.must_keep()
     for law, options in (("JointSpring", {}), ("JointLoad", {}), ("JointFriction", {"friction": FRICTION})):

@@ -53,17 +53,14 @@ def in_units(story: Story, _: Result) -> Other | None:
     return _stated(changed(story, UNITS), UNITS)
 
 
-def reordered(story: Story, base: Result) -> Other | None:
+def reordered(story: Story, _: Result) -> Other | None:
     """Statements come in the opposite order, bodies before joints before couplings."""
-    if story.family == "loop" and any(key in a.args for a in story.statements for key in ("angle0", "position0")):
-        return None  # loops that start elsewhere than drawn may close in two ways, and the order of joints decides: README
-    backwards = tuple(a for rank in range(4) for a in story.statements[::-1] if _rank(a) == rank)
-    found = _stated(story.but(statements=backwards))
-    moving = any(key in a.args for a in story.statements for key in ("rate0", "angle", "position"))
-    if story.family == "loop" and moving and isinstance(found[0], Result):
-        gaps = [base(0.0)[a.name].velocity - found[0](0.0)[a.name].velocity for a in story.of(*BODIES)]
-        return None if np.max(np.abs(gaps)) > 1e-9 else found  # of what no statement holds, the order decides too
-    return found
+    return _stated(story.but(statements=backwards(story)))
+
+
+def backwards(story: Story) -> tuple[Said, ...]:
+    """The statements in the opposite order, as far as one needs no other."""
+    return tuple(a for rank in range(4) for a in story.statements[::-1] if _rank(a) == rank)
 
 
 def _rank(a: Said) -> int:

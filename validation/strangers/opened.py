@@ -5,20 +5,22 @@ from __future__ import annotations
 import random
 from collections.abc import Iterator
 from contextlib import suppress
+from math import inf
 from typing import Any
 
 import numpy as np
 from hypothesis import HealthCheck, Phase, find, settings
 from hypothesis.errors import NoSuchExample
+from strangers.changes import BODIES, backwards
 from strangers.draw import FAMILIES
 from strangers.story import Said, Story, build
 
 from mbdae.errors import MbdaeError
+from mbdae.results.started import started
 from mbdae.system.base import Array
 from mbdae.system.prepare import prepare
 
 QUIET = settings(deadline=None, database=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck), max_examples=8)
-BODIES = ("rigid_body", "link", "point_mass")
 HELD = {"revolute": ("angle0", 1.2, 4.0), "prismatic": ("position0", 0.3, 1.0)}  #: start, largest value (rad, m) and rate
 PLAIN = ("name", "k", "l", "at", "axis", "pin", "at_k", "at_l")  #: arguments of joints that are kept
 WAYS = ("kinematic", "classical", "recursive", "reversed")
@@ -53,40 +55,34 @@ def _held(a: Said, share: float | None, moves: bool) -> Said:
     return Said(a.verb, plain | {word: round(share * most, 3)} | ({"rate0": round(rate * share, 3)} if moves else {}))
 
 
-def start_of(story: Story) -> dict[str, Array] | str:
-    """Position, rotation matrix, velocity and angular velocity (m, s) of every body at the start; the message of a refusal."""
+def start_of(story: Story) -> dict[str, Array] | None:
+    """Position, rotation matrix, velocity and angular velocity (m, s) of every body at the start; None where it is
+    refused."""
     try:
-        p = prepare(build(story))
-    except MbdaeError as error:
-        return str(error)
-    from mbdae.results.started import started
-
-    here = started(p)
+        here = started(prepare(build(story)))
+    except MbdaeError:
+        return None
     found: dict[str, Array] = {}
     for a in story.of(*BODIES):
         body: Any = here[a.name]
-        found[a.name] = np.concatenate([np.ravel(body.position), np.ravel(body.velocity), *(
-            () if a.verb == "point_mass" else (np.ravel(body.rotation), np.ravel(body.angular_velocity)))])
+        turning = () if a.verb == "point_mass" else (body.rotation, body.angular_velocity)
+        found[a.name] = np.concatenate([np.ravel(part) for part in (body.position, body.velocity, *turning)])
     return found
 
 
 def stated(story: Story, way: str) -> Story:
-    """The same loop with all joints in one model, or with its statements in the opposite order, bodies first."""
-    if way != "reversed":
-        return story.but(model=way)
-    back = story.statements[::-1]
-    return story.but(statements=(*(a for a in back if a.verb in BODIES), *(a for a in back if a.verb not in BODIES)))
+    """The same loop with all joints in one model, or with its statements in the opposite order."""
+    return story.but(statements=backwards(story)) if way == "reversed" else story.but(model=way)
 
 
-def differences(story: Story) -> dict[str, float | str]:
-    """By way the largest difference of the start (m, rad, s), or what one refuses and the other does not."""
-    base = start_of(story)
-    found: dict[str, float | str] = {}
+def differences(story: Story) -> dict[str, float]:
+    """By way the largest difference of the start (m, rad, s) from that of the loop as it stands; infinite where one
+    is refused."""
+    base, found = start_of(story), {}
     for way in WAYS:
         other = start_of(stated(story, way))
-        if isinstance(base, str) or isinstance(other, str):
-            found[way] = 0.0 if isinstance(base, str) and isinstance(other, str) else f"{base} | {other}"[:300] if isinstance(
-                base, str) else f"refused: {other}"
+        if base is None or other is None:
+            found[way] = 0.0 if base is other else inf
         else:
             found[way] = max(float(np.max(np.abs(base[name] - other[name]))) for name in base)
     return found

@@ -18,8 +18,6 @@ from mbdae.deferred import connected_components, csr_matrix, dijkstra, identity,
 from mbdae.native.elimination import Entries, Index, Order
 
 MULTIPLIERS = ("lambda", "mu")
-#: kinds of a body's unknowns in the order of their elimination, then those of a joint; other kinds stand before them
-RANKS = {"v": 1, "q": 2, "mu": 3, "lambda": 4}
 #: part of a graph, along a coordinate, from which on a separator is looked for; it ends at the same distance from the other end
 MARGIN = 0.35
 FEW = 8  #: groups of multipliers that are not divided any more
@@ -48,8 +46,7 @@ def dissected(kinds: Sequence[str], entries: Entries) -> Order | None:
     filled = np.flatnonzero(np.diff(by_body.indptr))
     first[filled] = np.minimum.reduceat(step[by_body.indices], by_body.indptr[filled])
     when = np.where(joint, step[group], first[body])
-    rank = np.array([RANKS.get(kind, 0) for kind in kinds])
-    order = np.lexsort((np.arange(n), rank, np.where(joint, 0, body), joint, when))
+    order = np.lexsort((np.arange(n), np.where(joint, 0, body), joint, when))
     return Order(entries, order, order)
 
 

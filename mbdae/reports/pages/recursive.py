@@ -182,7 +182,8 @@ def recursive_report(laws: tuple[type[Joint], ...] = (Revolute, Prismatic), opti
     pages: list[tuple[Any, list[Block]]] = []
     for law in laws:
         if not law.states_motion() or law.frames != ("k", "l"):
-            raise LawError(f"{law.__name__} states no motion of l relative to k: without motion(self, from_k) no recursion")
+            raise LawError(f"{law.__name__} has no recursive form: state motion(self, from_k) of l relative to k, between two "
+                           f"bodies k and l only")  # fmt: skip
         others = frozenset().union(*(page.taken for page, _ in pages))
         page = RecursivePage(law, structure_of(law, dict(options or {}) | {"kept": True}), others)
         pages.append((page, [Section(f"{title_of(law)} joint", page.blocks())]))

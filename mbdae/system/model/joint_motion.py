@@ -44,7 +44,7 @@ class JointMotion:
         """Rigid motion (quaternion, displacement) of l relative to its drawn place at values of the coordinates, 0 where none is
         given; with `outwards` False the inverse motion, of k relative to l."""
         P, r = NO_TURN, np.zeros(3)
-        for step in self._steps:  # coordinates of free rotations are not among the values and count as 0
+        for step in self._steps:  # the step of a free rotation has the amount 0: it is not turned
             amount = self._amount(step.amount, values)
             if not amount:
                 continue

@@ -22,7 +22,8 @@ from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.model.shared_nodes import Sharing, shared_displacements
 from mbdae.system.model.trees import Place, Tree
 
-#: number of unknowns up to which the full Jacobian of these trees costs less than the sparse one of kinematic joints
+#: number of unknowns up to which trees evaluated joint by joint beside constraint rows, with a full Jacobian, cost less than
+#: kinematic joints with a sparse one
 MOST_FULL = 600
 SURELY = 64  #: number of a tree's velocities above which one kernel of the whole tree is not tried
 

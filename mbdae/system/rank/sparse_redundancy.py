@@ -28,7 +28,8 @@ def numbers_of_joints(rows: list[Row]) -> Whole:
 
 
 def sparse_rows(mechanics: Mechanics, t: Array, q: Array, always: Container[Row] = ()) -> SparseRows:
-    """The constraint rows at positions q (nq,), of unit length, with those in `always` chosen first."""
+    """The constraint rows at positions q (nq,), of unit length; independent ones are chosen among those in `always`
+    first."""
     first = [i for i, row in enumerate(mechanics.rows) if row in always]
     return SparseRows(unit_rows(mechanics, mechanics.constraint_matrix(t, q)), first, numbers_of_joints(mechanics.rows))
 

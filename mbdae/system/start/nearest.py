@@ -10,6 +10,7 @@ model takes it over.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from math import asin, ceil, inf, pi
 from typing import Any
@@ -19,6 +20,7 @@ import numpy as np
 from mbdae.deferred import as_full, sp
 from mbdae.errors import StartError
 from mbdae.scene.components import Connection
+from mbdae.scene.topology import spanning_tree
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
 from mbdae.system.model.model import build
@@ -30,15 +32,16 @@ from mbdae.system.start.joint_motions import JointMotions
 from mbdae.system.start.least_change import DEPENDENT
 from mbdae.system.start.positions import REACHED, ConsistentPositions, Held
 from mbdae.system.start.sparse_change import cheapest
+from mbdae.ties import ALIKE
 
 STEP = 0.1  #: largest growth of a held value at once: rad, or over the extent of the joints
 REACH = 0.3  #: largest displacement of one iteration: rad, or over the scene's length
 ON_THE_WAY, AT_THE_END = (1e-2, 6), (1e-12, 40)  #: last displacement of an iteration that has converged; most iterations
 EXACT = 1e-7  #: displacement of an iteration below which what it lessens changes by rounding only
 DIFFERENCE = 1e-6  #: displacement, over a unit, by which second derivatives are found
+FEW = 20  #: freedoms of loops up to which the second derivatives are found
 WEAK = 0.03  #: singular value of unit rows below which a loop is near a place where it can go on in two ways
 ASIDE = 0.1  #: displacement by which the ways from there are tried: rad, or over the scene's length
-ALIKE = 1e-6  #: relative difference of two distances that counts as none, and of positions that are the same
 
 
 def start_positions(own: ConsistentPositions) -> Array:
@@ -83,10 +86,12 @@ class Look:
 
 @dataclass
 class Place:
-    """Where a way passed: share and positions q, unit displacements, singular values and vectors of the conditions there."""
+    """Where a way passed: share, positions q and joint coordinates; unit displacements, singular values and vectors of the
+    conditions there."""
 
     share: float
     q: Array
+    angles: dict[tuple[str, str], float]
     units: Array
     sizes: Array
     V: Array
@@ -106,6 +111,7 @@ class NearestPositions(ConsistentPositions):
 
     def __init__(self, mechanics: Mechanics, t0: float, changes: list[str] | None = None) -> None:
         super().__init__(mechanics, t0, changes=changes)
+        self.tree = spanning_tree(self.scene, sorted(self.scene.joints, key=lambda c: c.name))  # whatever is stated first
         self.joints = JointMotions(self.model)
         self.share = 0.0  #: of the stated values, and of what is closed of that which is open as drawn
         self.open = np.zeros(mechanics.m)
@@ -130,35 +136,38 @@ class NearestPositions(ConsistentPositions):
         self._follow(drawn)
         ways = [self._way(drawn, 0.0)]
         if not self.mechanics.large:
-            self.passed, passed = [], self.passed
-            ways += [self._way(self.moved(at, sign * aside), share)
-                     for share, at, aside in self._crossings(passed, ways[0]) for sign in (1.0, -1.0)]  # fmt: skip
-        ways = sorted((way for way in ways if way.far < inf), key=lambda way: way.far)
+            for place, aside in self._crossings(ways[0]):
+                for sign in (1.0, -1.0):
+                    self.angles = dict(place.angles)
+                    ways.append(self._way(self.moved(place.q, sign * aside), place.share))
+        ways = [way for way in ways if way.far < inf]
         if not ways:
             return self._otherwise()
-        nearest = ways[0]
-        for other in ways[1:]:
-            if other.far - nearest.far <= ALIKE * other.far and self._apart(nearest.q, other.q)[0] > ALIKE:
+        least = min(way.far for way in ways)
+        nearest = next(way for way in ways if way.far <= (1 + ALIKE) * least)
+        others = [way for way in ways if self._apart(nearest.q, way.q)[0] > ALIKE]
+        for other in others:
+            if other.far <= (1 + ALIKE) * least:
                 raise StartError([self._two_ways(nearest.q, other.q)])
         self.share, self.angles = 1.0, nearest.angles
-        self._report(drawn, nearest.q, any(self._apart(nearest.q, other.q)[0] > ALIKE for other in ways[1:]))
+        self._report(drawn, nearest.q, bool(others))
         return nearest.q
 
-    def _crossings(self, passed: list[Place], way: Way) -> list[tuple[float, Array, Array]]:
-        """Shares and positions from which loops can go on in another way, with the displacement there: where the way passed a
-        singular position closely; where it ended before it was closed, the drawing."""
-        first = passed[0]
+    def _crossings(self, way: Way) -> list[tuple[Place, Array]]:
+        """Places from which loops can go on in another way, with a displacement to it: where the way passed a singular position
+        closely; where it ended before it was closed, the drawing."""
+        passed, first = list(self.passed), self.passed[0]
         if way.far == inf:
             rank = int(np.sum(first.sizes > DEPENDENT))
             aside = [ASIDE * first.units * v for v in first.V[rank:]]
             nearby = (self._loose(self.moved(first.q, x))[1] for x in aside)
             singular = any(np.sum(sizes > DEPENDENT) > rank for sizes in nearby)
-            return [(first.share, first.q, x) for x in aside] if singular else []
+            return [(first, x) for x in aside] if singular else []
         rank = max(int(np.sum(place.sizes > DEPENDENT)) for place in passed)
         weakest = min(passed, key=lambda place: place.sizes[rank - 1]) if rank else first
         if not rank or weakest.sizes[rank - 1] > WEAK:
             return []
-        return [(weakest.share, weakest.q, ASIDE * weakest.units * weakest.V[rank - 1])]
+        return [(weakest, ASIDE * weakest.units * weakest.V[rank - 1])]
 
     def _apart(self, q: Array, other: Array) -> tuple[float, str]:
         """Largest distance of a body between two positions, over the scene's length, or rad, and its name."""
@@ -177,9 +186,13 @@ class NearestPositions(ConsistentPositions):
         steps = max(1, ceil((1 - first) * max(held, default=0.0) / STEP))
         for step in range(1, steps + 1):
             before, self.share = self.share, first + (1 - first) * step / steps
-            self.passed.append(Place(before if step > 1 else first, q, *self._loose(q)))
+            self.passed.append(Place(before if step > 1 else first, q, dict(self.angles), *self._loose(q)))
             q = self._settled(q, *(AT_THE_END if step == steps else ON_THE_WAY))
             self._follow(q)
+        if self.closing_error(q) > REACHED:  # nothing is near: to positions that are closed, and on from there
+            with suppress(StartError):
+                q = self._settled(self.closed(q), *AT_THE_END)
+                self._follow(q)
         far = self.joints.at(q)[0]
         return Way(float(far @ far) if self.closing_error(q) <= REACHED else inf, q, dict(self.angles))
 
@@ -219,7 +232,7 @@ class NearestPositions(ConsistentPositions):
         forces = -(U[:, :rank] / sizes[:rank]) @ (V[:rank] @ (slope * here.units)) / lengths
         x, N = cheapest(W, here.units, A, -here.g, np.zeros(len(slope))), here.units[:, None] * V[rank:].T
         if N.size:
-            H = N.T @ (W @ N) + (self._curvature(here, N, forces) if curved else 0.0)
+            H = N.T @ (W @ N) + (self._curvature(here, N, forces) if curved and N.shape[1] <= FEW else 0.0)
             values, axes = np.linalg.eigh((H + H.T) / 2)
             x = x - N @ (axes @ ((axes.T @ (N.T @ slope)) / np.maximum(np.abs(values), 1e-6)))
         return x, 2 * np.abs(forces) + 1 / lengths
@@ -259,8 +272,13 @@ class NearestPositions(ConsistentPositions):
     def _otherwise(self) -> Array:
         """Positions found from the tree of joints, where no way leads from the drawing to the stated values, or beams bend."""
         self.share = 1.0
+        bent = len(self.changes)
         q = self.close_or_bend(self.placed())
         self._follow(q)
+        if not any("start bent" in change for change in self.changes[bent:]):
+            self.changes.append("the loops cannot follow the stated values from the drawing: of the ways to close them one is "
+                                "found joint by joint, in the order of their names; draw the bodies nearer to the one that is "
+                                "meant, or state where another joint starts")  # fmt: skip
         return q
 
     def taken_over(self, own: ConsistentPositions, q: Array) -> Array:

@@ -112,9 +112,15 @@ class ConsistentPositions:
         return joint.hold_rate | {c: timed.rate_at(value, self.t[0]) for c, value in joint.prescribed.items()}
 
     def close(self, q: Array) -> Array:
-        """Close loops by rigid motions of the beams: mass-weighted Gauss-Newton with backtracking on the constraints and the held
-        coordinates."""
-        before, g = q, self._closure(q)
+        """Close loops by rigid motions of the beams, and say which body moves most."""
+        found = self.closed(q)
+        self._report_positions(q, found)
+        return found
+
+    def closed(self, q: Array) -> Array:
+        """Positions with loops closed: mass-weighted Gauss-Newton with backtracking on the constraints and the held coordinates;
+        StartError where that ends before they are closed."""
+        g = self._closure(q)
         for _ in range(50):
             A = self._closure_jacobian(q)
             B = in_units(self.mechanics, A)
@@ -133,7 +139,6 @@ class ConsistentPositions:
             q, g = candidate, g_new
         if size > REACHED:
             raise StartError([self._cannot_close(int(np.argmax(violations(g, B))), g, A)])
-        self._report_positions(before, q)
         return q
 
     def closing_error(self, q: Array) -> float:
@@ -192,7 +197,8 @@ class ConsistentPositions:
         held = self._held(self.held_values)
         value, _, _ = self._coordinates(q, np.zeros(self.mechanics.nu), held)
         off: Array = value - np.array([wanted for _, _, wanted in held], dtype=float)
-        turns = np.array([2 * np.pi if joint.unit(c) == "rad" and not joint.kept else 0.0 for joint, c, _ in held])
+        turns = np.array([2 * np.pi if joint.unit(c) == "rad" and self.model.coordinate_node(joint.name, c) is None else 0.0
+                          for joint, c, _ in held])  # fmt: skip
         off -= turns * np.round(off / (2 * np.pi))
         return np.concatenate([self.mechanics.position_residual(self.t, q[None])[0], off])
 

@@ -181,7 +181,10 @@ class Starter(ConsistentPositions):
 
         projected, change = u, np.zeros(self.rigid.size)
         for _ in range(3):  # the first pass projects, the others remove its rounding
-            change = change + self._change(A, -off(projected), q, stated, -stated @ change, projected, change)
+            step = self._change(A, -off(projected), q, stated, -stated @ change, projected, change)
+            if not step.any():  # nor would the next ones do anything
+                break
+            change = change + step
             projected = u + (self.rigid.basis(q) @ change if self.model.lines else change)
         left = off(projected)
         if not self._far(left, projected):
