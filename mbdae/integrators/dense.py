@@ -61,12 +61,14 @@ class Collocation:
 
     def _combine(self, i: NDArray[np.intp], weights: Array, start: Array | None = None) -> Array:
         """Sum of the increments with weights (k, s), plus the values `start` at the beginnings of the steps: (k, n)."""
-        total = np.zeros((len(i), self.y.shape[1])) if start is None else start[i]
         if len(self.t) == 1:
-            return total
+            return np.zeros((len(i), self.y.shape[1])) if start is None else start[i]
+        total = np.zeros((len(i), self.y.shape[1]))
         for first in range(0, len(i), FEW):
             some, w = i[first : first + FEW], weights[first : first + FEW]
             at, part = total[first : first + FEW], self.ends[some]
+            if start is not None:
+                at[:] = start[some]
             part -= self.y[some]
             part *= w[:, -1:]
             at += part
