@@ -1,4 +1,4 @@
-"""Memory while modules are imported and scenes prepared: without passes of Python's collector, and used again once it is there."""
+"""Memory while modules are imported and scenes prepared: no passes of Python's collector, and freed memory is used again."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ REUSED = 2**24  #: bytes of an array up to which its memory is used again; large
 
 @contextmanager
 def collector_paused() -> Iterator[None]:
-    """Context without passes of Python's collector of circular garbage. It looks for garbage wherever many objects have been made;
-    modules, equations and tables are many and stay, so that it finds none, and a pass through all that was imported takes as
-    long as preparing a scene."""
+    """Context without passes of Python's collector of circular garbage. It looks for garbage wherever many objects have been
+    made; modules, equations and tables are many and stay, so that it finds none, and a pass through all that was imported
+    takes as long as preparing a scene."""
     collects = gc.isenabled()
     gc.disable()
     try:
@@ -41,9 +41,9 @@ def building(function: Callable[P, T]) -> Callable[P, T]:
 
 @lru_cache(maxsize=1)
 def _use_again() -> None:
-    """Free one large array that was never touched. The allocator of glibc concludes that arrays of this size come and go, and keeps
-    the memory of freed ones for the next (mallopt(3), M_MMAP_THRESHOLD); before that it returns all above 128 kB to the system and
-    takes them anew, page by page, 0.5 ms for each MB."""
+    """Free one large array that was never touched. The allocator of glibc concludes that arrays of this size come and go, and
+    keeps the memory of freed ones for the next (mallopt(3), M_MMAP_THRESHOLD); before that it returns all above 128 kB to the
+    system and takes them anew, page by page, 0.5 ms for each MB."""
     import numpy as np
 
     np.empty(REUSED, np.uint8)
