@@ -10,7 +10,7 @@ from typing import ParamSpec, TypeVar
 
 P = ParamSpec("P")
 T = TypeVar("T")
-REUSED = 2**24  #: bytes of an array up to which its memory is used again; larger ones that are freed go back to the system
+FREED = 31 * 2**20  #: bytes of an array up to which its memory is used again: what glibc takes at most, 32 MB
 
 
 @contextmanager
@@ -41,9 +41,12 @@ def building(function: Callable[P, T]) -> Callable[P, T]:
 
 @lru_cache(maxsize=1)
 def _use_again() -> None:
-    """Free one large array that was never touched. The allocator of glibc concludes that arrays of this size come and go, and
-    keeps the memory of freed ones for the next (mallopt(3), M_MMAP_THRESHOLD); before that it returns all above 128 kB to the
-    system and takes them anew, page by page, 0.5 ms for each MB."""
+    """Free large arrays that were never touched, which takes no memory. From the first the allocator of glibc concludes that
+    arrays of its size come and go, and keeps the memory of freed ones for the next (mallopt(3), M_MMAP_THRESHOLD); before that
+    it returns all above 128 kB to the system and takes them anew, page by page. The others, which are there at the same time,
+    leave room that NumPy has declared for large pages: where the system has them, memory comes in parts of 2 MB; in pages of
+    4 kB every 2 MB cost 1 ms."""
     import numpy as np
 
-    np.empty(REUSED, np.uint8)
+    np.empty(FREED, np.uint8)
+    _together = [np.empty(FREED - 2**20, np.uint8) for _ in range(2)]
