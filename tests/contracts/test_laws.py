@@ -24,7 +24,7 @@ LAWS = [getattr(module, name) for module in (joints, couplings, forces, elements
 LAWS.append(contact.JournalContact)
 #: others have their frictions, and as many coordinates
 LONG = ("JournalContact", "Planar", "PointOnPlane", "PointOnLine", "Prismatic", "FixedOrientation", "Universal",
-        "JointFriction", "Free", "Cylindrical", "JointStop")
+        "JointFriction", "Free", "Cylindrical", "JointStop", "Screw", "JointSpring", "Bushing")
 
 
 @pytest.mark.parametrize("law", [pytest.param(law, marks=[pytest.mark.slow] * (law.__name__ in LONG)) for law in LAWS],

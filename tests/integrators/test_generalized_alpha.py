@@ -102,7 +102,7 @@ def test_beam_and_chain_by_sparse_factors():
 # -- accuracy by shorter steps
 
 
-@pytest.mark.parametrize("solver", [mb.GeneralizedAlpha(), mb.HHT()], ids=repr)
+@pytest.mark.parametrize("solver", [mb.GeneralizedAlpha(), pytest.param(mb.HHT(), marks=pytest.mark.slow)], ids=repr)
 def test_accuracy_steers_the_step(solver):
     s = physical_pendulum(60)
     fine = s.simulate(1.0, solver=mb.RadauIIA(3, rtol=1e-10), outputs=21)
