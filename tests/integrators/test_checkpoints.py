@@ -88,7 +88,8 @@ def test_rows_change_again_where_they_changed_whatever_was_seen(tmp_path, monkey
     assert [t for t, _ in again.solution.systems] == times
 
 
-@pytest.mark.parametrize("name", ["Radau IIA", "DOP853", "HHT", "Radau IIA, clearance", "a method of one's own"])
+@pytest.mark.parametrize("name", ["Radau IIA", "DOP853", "HHT", pytest.param("Radau IIA, clearance", marks=pytest.mark.slow),
+                                  "a method of one's own"])  # fmt: skip)
 def test_keeping_changes_no_bit_of_our_own_methods(name, tmp_path):
     assert name in OWN
     assert scenes.run(name, tmp_path / "kept") == scenes.run(name, None)

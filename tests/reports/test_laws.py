@@ -23,7 +23,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from reading import holds_and_defines
 
-LONG = ("journalcontact", "cylinderonplane", "balloncylinder")  #: contacts that take ten seconds and more; others are like them
+#: contacts, joints and a force whose pages are made as those of others are
+LONG = ("journalcontact", "cylinderonplane", "balloncylinder", "ballonball", "fixedorientation", "pointonline", "free",
+        "rotationalbushing")  # fmt: skip
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in names()])
