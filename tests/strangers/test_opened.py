@@ -51,6 +51,24 @@ def chain(*points, closing=None, **first) -> mb.Scene:
 FIVE = ((0, 0), (0, 0.5), (0.4, 0.9), (0.8, 0.5), (0.8, 0))
 
 
+@pytest.mark.parametrize("space", ["auto", "spatial"])
+def test_motions_of_joints_vanish_as_drawn_and_have_the_derivatives_of_differences(space):
+    """Of revolutes, of one at a point mass, and of a rod whose points are apart as drawn."""
+    s = chain(*FIVE)
+    s.space = space
+    s.point_mass("bob", 0.5, at=(0.4, 1.4))
+    s.distance("rod", "b2", "bob", (0.4, 0.9), (0.4, 1.4))
+    p = prepare(s)
+    joints, m = JointMotions(p.model), p.mechanics
+    assert np.max(np.abs(joints.far(Starter(m).placed()))) < 1e-15
+    q = m.integrate_positions(p.start.q, 0.3 * np.random.default_rng(3).normal(size=m.nu))
+    far, D = joints.at(q)
+    assert np.array_equal(far, joints.far(q))
+    for column, one in zip(D.T, np.eye(m.nu), strict=True):
+        ahead, behind = (joints.far(m.integrate_positions(q, step * one)) for step in (1e-6, -1e-6))
+        assert np.max(np.abs(column - (ahead - behind) / 2e-6)) < 1e-8
+
+
 @pytest.mark.parametrize("angle0", [0.3, -0.7])
 def test_no_start_nearby_has_joints_nearer_to_the_drawing(angle0):
     """A five-bar keeps a freedom where its crank is held: along it the sum of the squares has its least value at the start."""
