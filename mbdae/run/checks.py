@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from mbdae.display import lines, titled
 from mbdae.errors import ListsAttributes
 from mbdae.kernels.tree_plan import tree_plan
@@ -14,7 +16,7 @@ from mbdae.laws.forces.on_coordinate import OnCoordinate
 from mbdae.notation import counted
 from mbdae.run.choice import Choice, choose, with_recursive_joints
 from mbdae.run.reductions import Reduction, reductions
-from mbdae.scene.components import Classical, Connection, Recursive
+from mbdae.scene.components import Array, Beam, Classical, Connection, Recursive
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
@@ -23,6 +25,8 @@ from mbdae.system.model.trees import Tree
 from mbdae.system.motion.ordered_tree import ordered_size
 from mbdae.system.prepare import FORESIGHT, Prepared, prepare
 
+#: distance of a joint's point from a rigid link that it holds, over the length of the link, above which it is told
+OFF = 0.01
 #: what `Check.unknowns` counts, in the singular
 _ONE = {"positions": "position", "velocities": "velocity", "states": "state", "multipliers": "multiplier", "stresses": "stress"}
 
@@ -133,6 +137,21 @@ class Check(ListsAttributes):
             joined.update(*(pair for pair in pairs if pair & joined))
         return tuple(b.name for b in scene.bodies if b.name not in joined and b is not scene.ground)
 
+    @property
+    def off_links(self) -> dict[str, dict[str, float]]:
+        """Distances (m) of points of joints from the rigid links that they hold, by joint and link, where they are above OFF of
+        the link's length: a bracket that is not drawn, or a mistaken coordinate."""
+        found: dict[str, dict[str, float]] = {}
+        for c in self.prepared.model.scene.joints:
+            at = c.joint.at
+            for body, point in () if at is None else ((c.k, at), (c.l, at if c.joint.at_l is None else c.joint.at_l)):
+                ends = np.asarray(body.outline)
+                if len(ends) > 1 and not isinstance(body, Beam):
+                    away = _distance(np.asarray(point), ends)
+                    if away > OFF * float(np.sum(np.linalg.norm(np.diff(ends, axis=0), axis=1))):
+                        found.setdefault(c.name, {})[body.name] = away
+        return found
+
     def __repr__(self) -> str:
         scene = self.prepared.model.scene
         return (f"<Check of '{scene.name}': bodies {len(scene.bodies)}, joints {len(scene.joints)}, "
@@ -161,6 +180,8 @@ class Check(ListsAttributes):
         lines += [f"  contact: {contact}" for contact in self.contacts]
         lines += self._of_friction()
         lines += [f"  joint '{name}': {text}" for name, text in self.remarks.items()]
+        lines += [f"  joint '{name}': its point is {away:.3g} m beside the link '{link}'"
+                  for name, links in self.off_links.items() for link, away in links.items()]  # fmt: skip
         lines += self._of_inputs()
         lines += _by_joint("  constraint equations left out because they follow from the others", self.redundant)
         lines += _by_joint("  reactions not unique", self.not_unique)
@@ -308,3 +329,10 @@ def _by_joint(title: str, names: tuple[str, ...]) -> list[str]:
 def check_scene(scene: SceneData, accuracy: float = 1e-6) -> Check:
     """Check a scene for an accuracy; raises SceneError with every problem found."""
     return Check(prepare(scene), accuracy)
+
+
+def _distance(point: Array, ends: Array) -> float:
+    """Distance (m) of a point (3,) from the straight pieces between `ends` (n, 3)."""
+    along, to = np.diff(ends, axis=0), point - ends[:-1]
+    part = np.clip(np.sum(to * along, axis=1) / np.sum(along * along, axis=1), 0.0, 1.0)
+    return float(np.min(np.linalg.norm(to - part[:, None] * along, axis=1)))

@@ -98,6 +98,22 @@ def test_the_naive_formulation_has_every_joint_classical_that_can_be() -> None:
     assert naive.size.multipliers == stated.size.multipliers + 2  # a row more at the hinge, of positions and of velocities
 
 
+def test_joints_beside_their_links_are_named():
+    """A coordinate typed as 0.03 for 0.3 moves no body: the joint holds both links at a point beside them."""
+
+    def loop(at):
+        s = mb.Scene("loop")
+        a, b = s.link("a", (0, 0), (0.3, 0.4), mass=1.0), s.link("b", (0.3, 0.4), (1, 0.4), mass=1.0)
+        s.revolute("A", s.ground, a, at=(0, 0))
+        s.revolute("B", a, b, at=at)
+        return s.check()
+
+    assert loop((0.3, 0.4)).off_links == loop((0.3, 0.4001)).off_links == {}
+    found = loop((0.03, 0.4))
+    assert found.off_links == {"B": {"a": pytest.approx(0.216), "b": pytest.approx(0.27)}}
+    assert "joint 'B': its point is 0.27 m beside the link 'b'" in str(found)
+
+
 def test_bodies_that_no_joint_holds_are_named():
     s = mb.Scene("forgotten")
     a, b, c, d = (s.link(name, (i, 0), (i + 1, 0), mass=1.0) for i, name in enumerate("abcd"))
