@@ -227,6 +227,7 @@ def test_clearance_rotor_runs_on_the_orbit_of_its_reference_with_either_friction
     np.testing.assert_allclose(*orbits, atol=2e-6)  # sliding at 1.9 m/s does not tell them apart
 
 
+@pytest.mark.slow
 def test_clearance_rotor_draws_its_pictures(tmp_path):
     import clearance_rotor
 

@@ -24,7 +24,7 @@ LAWS = [getattr(module, name) for module in (joints, couplings, forces, elements
 LAWS.append(contact.JournalContact)
 #: others have their frictions, and as many coordinates; the report of Spherical is made below
 LONG = ("JournalContact", "Planar", "PointOnPlane", "PointOnLine", "Prismatic", "FixedOrientation", "Universal",
-        "JointFriction", "Free", "Cylindrical", "JointStop", "Screw", "JointSpring", "Bushing", "Spherical")
+        "JointFriction", "Free", "Cylindrical", "JointStop", "Screw", "JointSpring", "Bushing", "Spherical", "ClearanceRevolute")
 
 
 @pytest.mark.parametrize("law", [pytest.param(law, marks=[pytest.mark.slow] * (law.__name__ in LONG)) for law in LAWS],

@@ -65,7 +65,7 @@ def test_hash_follows_the_equations():
     assert fingerprint(derived(Revolute, shape)) != fingerprint(derived(mb.Revolute, shape))
 
 
-@pytest.mark.parametrize("seed", ["0", "1"])
+@pytest.mark.parametrize("seed", ["0", pytest.param("1", marks=pytest.mark.slow)])
 def test_reports_are_the_same_in_every_process(seed):
     """Neither hash nor tables hang on the order of sets, which is another in every process."""
     code = "import mbdae as mb; print(mb.report('revolute').to_markdown(), end='')"

@@ -15,7 +15,7 @@ from mbdae.system.start.start import Starter
 ROUNDING = 1e-10  #: m, rad, s
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(3, marks=pytest.mark.slow), 10])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (3, 10))])
 def test_the_start_hangs_on_no_joint_model_and_no_order(seed):
     for story in opened(seed):
         found = differences(story)
