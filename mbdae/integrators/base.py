@@ -44,6 +44,8 @@ class Solver(ABC):
     error_fall: ClassVar[float] = 0.6
     #: tolerance of the companion run that measures the error, over that of the run
     companion: ClassVar[float] = 10.0
+    #: factor of the part of the duration of an impact that one step may cover in runs whose error is estimated
+    impacts: ClassVar[float] = 1.0
     #: tolerance of positions over the penetration of a contact at which it is resolved to some per cent
     penetration_share: ClassVar[float] = 0.01
     #: order of positions, velocities and multipliers with constant steps, by label of the solver and of the form

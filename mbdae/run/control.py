@@ -167,7 +167,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         try:
             most_residuals = CRAWL * coarse.stats.residuals + 10000 + CUT * _cuts(system, tight, asked.t_end)
             with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
-                fine = tight.run(system, closer(replace(asked, max_residuals=most_residuals), count, kept))
+                fine = tight.run(system, closer(replace(asked, max_residuals=most_residuals), solver, count, kept))
         except WallClockError as error:
             raise WallClockError(
                 f"max_wall = {asked.max_wall:g} s of wall time is used up while the error was measured: "
@@ -203,10 +203,10 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     return best
 
 
-def closer(asked: Asked, count: int, kept: int) -> Asked:
+def closer(asked: Asked, solver: Solver, count: int, kept: int) -> Asked:
     """What is asked of a run after `count` others, the first `kept` of which are companions of the first: its steps are bounded
     more closely than theirs."""
-    return replace(asked, share=CLOSER**count, impacts=CLOSER_IMPACTS ** (count - kept))
+    return replace(asked, share=CLOSER**count, impacts=solver.impacts * CLOSER_IMPACTS ** (count - kept))
 
 
 def _fall(told: list[tuple[float, float]]) -> float:
@@ -235,7 +235,7 @@ def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controll
     for rtol in dict.fromkeys(rtols):
         solver = _with_rtol(tight, rtol)
         try:
-            run = solver.run(system, closer(asked, len(made), len(rtols)))
+            run = solver.run(system, closer(asked, tight, len(made), len(rtols)))
         except SolverError as error:
             if rtol == rtols[-1] or isinstance(error, FINAL):
                 raise

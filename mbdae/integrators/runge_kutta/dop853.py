@@ -41,6 +41,9 @@ class DOP853(Solver):
 
     factors: ClassVar[dict[str, dict[str, float]]] = {"DOP853": {"ODE": 3e-3, "Index1": 3e-3, "DAE": 3e-3}}
     error_fall: ClassVar[float] = 0.6
+    #: at the begin of an impact forces grow with the power 1.5 of time, which polynomials of order 8 do not describe and the
+    #: error estimate does not see: with longer steps errors hardly fall with the tolerance, and runs agree that are equally wrong
+    impacts: ClassVar[float] = 0.25
     tightest: ClassVar[dict[str, float]] = {"": 1e-14}
     highest_index: ClassVar[int] = 0
     restarts: ClassVar[bool] = False
