@@ -11,6 +11,9 @@ import numpy as np
 from mbdae.results.energy import has_power
 from mbdae.results.result import Result
 from mbdae.run.control import Controlled
+from mbdae.system.base import Array
+from mbdae.system.motion.constrained import row_lengths
+from mbdae.system.motion.mechanics import Mechanics, in_units
 from mbdae.system.prepare import Prepared
 from mbdae.ties import largest
 
@@ -58,6 +61,14 @@ def _order(run: Controlled) -> int:
     return 0
 
 
+def row_sizes(mechanics: Mechanics, prepared: Prepared) -> Array:
+    """(m,) sizes of constraint rows, of which their violations are parts: how much a displacement by the scene's length, or by
+    1 rad, changes each at the start; between the scene's length (rows in m) and 1 (rows in rad)."""
+    least, most = sorted((prepared.length, 1.0))
+    G = mechanics.constraint_matrix(np.array([prepared.start.t]), prepared.start.q)
+    return np.asarray(np.clip(row_lengths(in_units(mechanics, G))[:, 0], least, most))
+
+
 def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:
     """A warning where g over the scene's length, or G u + g_t over its speed, exceeds the accuracy asked for; where none was
     asked, the accuracy expected of the tolerance."""
@@ -70,8 +81,8 @@ def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> lis
     t = run.solution.t[:: len(run.solution.t) // SAMPLES + 1]
     q, u, _ = prepared.states(t, run.solution(t))
     speed = max(prepared.length / prepared.time, float(np.max(np.abs(u) * m.velocity_units, initial=0.0)))
-    units = max(prepared.length, 1.0), max(speed, speed / prepared.length)  # units of rows in m, or in rad
-    off = [np.abs(m.position_residual(t, q)) / units[0], np.abs(m.velocity_residual(t, q, u)) / units[1]]
+    sizes = row_sizes(m, prepared)
+    off = [np.abs(m.position_residual(t, q)) / sizes, np.abs(m.velocity_residual(t, q, u)) / (sizes * speed / prepared.length)]
     for values, what in zip(off, ("position", "velocity"), strict=True):
         worst = largest(np.max(values, axis=0))
         if np.max(values) > asked:

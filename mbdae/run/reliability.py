@@ -44,10 +44,11 @@ class Assessment(NamedTuple):
 
     def within(self, known: Accuracy) -> Accuracy:
         """The accuracy with the violation of constraint rows included in its estimate."""
-        if not self.off or known.motion is None:
+        if not self.off:
             return known
         unknown = dict(known.unknown) | {"reactions": "the joints are not kept closed"}
-        return replace(known, estimated=max(known.motion, self.off), verified=None, unknown=unknown, found_reactions=None)
+        motion = None if known.motion is None else max(known.motion, self.off)
+        return replace(known, estimated=motion, verified=None, unknown=unknown, found_reactions=None)
 
 
 def reliability(result: Result, run: Controlled) -> Assessment:
