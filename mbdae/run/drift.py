@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbdae.results.energy import has_power
+from mbdae.results.energy import Energy, has_power
 from mbdae.results.result import Result
 from mbdae.run.control import Controlled
 from mbdae.system.base import Array
@@ -20,6 +20,7 @@ from mbdae.ties import largest
 ALLOWED = 10.0  #: largest ratio of energy error to energy exchanged, in units of the accuracy asked (or rtol)
 SHARE = 1e-3  #: fraction of the energy exchanged below which there is no warning
 POINTS = 1000  #: number of steps of a run at which energies are compared
+ROUNDED = 100 * float(np.finfo(float).eps)  #: rounding of energies, over the largest
 SAMPLES = 200  #: number of steps of a run at which constraint rows are evaluated
 
 
@@ -41,11 +42,21 @@ def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[s
     exchanged = max(float(x) for x in (np.max(e.kinetic), np.ptp(e.potential), np.ptp(e.dissipated), np.ptp(e.work)))
     off = float(e.balance[np.argmax(np.abs(e.balance))])
     tolerance = asked if asked is not None else run.solver.rtol or 0.0
-    if not abs(off) > max(max(SHARE, ALLOWED * tolerance) * exchanged, _at_rest(prepared, tolerance)):
+    if not abs(off) > max(max(SHARE, ALLOWED * tolerance) * exchanged, _at_rest(prepared, tolerance), round_off(prepared, e)):
         return []
     cause = "BDF of order above 2 adds energy to undamped motion: use mb.RadauIIA(3), or" if order > 2 else "use"
     return [f"the energy balance drifts: {abs(off):.2g} J {'gained' if off > 0 else 'lost'} without a cause, where "
             f"{exchanged:.2g} J are exchanged; {cause} a smaller rtol or step"]  # fmt: skip
+
+
+def round_off(prepared: Prepared, e: Energy) -> float:
+    """Energy (J) below which differences of the energies of a run are rounding: a part of the largest energy of the run, of the
+    weight of all bodies times the scene's length, and of their kinetic energy at the scene's typical speed."""
+    scene = prepared.model.scene
+    mass = sum(body.mass for body in scene.bodies)
+    typical = mass * (float(np.linalg.norm(scene.gravity)) + prepared.length / prepared.time**2) * prepared.length
+    parts = (e.kinetic, e.potential, e.dissipated, e.work)
+    return ROUNDED * max(typical, *(float(np.max(np.abs(part), initial=0.0)) for part in parts))
 
 
 def _at_rest(prepared: Prepared, tolerance: float) -> float:
