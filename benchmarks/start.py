@@ -132,7 +132,8 @@ def main() -> None:
     for name, (statement, t_end, accuracy) in SCENES.items():
         if a.only in name:
             found = costs(statement, t_end, accuracy, a.repeats)
-            print(f"| {name} | {accuracy:.0e} | {' | '.join(f'{value:.2f}' for value in found)} |", flush=True)
+            calls = f"{found.first_call:.3f} | {found.second_call:.3f}"
+            print(f"| {name} | {accuracy:.0e} | {' | '.join(f'{value:.2f}' for value in found[:3])} | {calls} |", flush=True)
 
 
 if __name__ == "__main__":

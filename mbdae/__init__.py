@@ -20,6 +20,7 @@ from mbdae.errors import (
     meant,
     methods_naming_arguments,
 )
+from mbdae.memory import collector_paused
 
 if TYPE_CHECKING:
     from mbdae.api import Scene, load
@@ -110,7 +111,8 @@ def __getattr__(name: str) -> Any:
     if name in _HOME:
         from importlib import import_module
 
-        value = _naming_arguments(getattr(import_module(_HOME[name]), name))
+        with collector_paused():
+            value = _naming_arguments(getattr(import_module(_HOME[name]), name))
         globals()[name] = value
         return value
     raise AttributeError(f"module 'mbdae' has no attribute {name!r}{'; ' * bool(close := meant(name, __all__))}{close.strip()}")

@@ -42,6 +42,8 @@ def pytest_cmdline_main(config):
         processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         option.numprocesses = 0 if option.usepdb or option.collectonly else min(MOST, processors)
         option.dist = "worksteal"
+    if getattr(option, "numprocesses", 0) and not is_worker:  # as users have it: each of some hundred processes that tests start
+        os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # would compile all modules anew
 
 
 def _replaced(self, target, *rest, _set=pytest.MonkeyPatch.setattr, **options):

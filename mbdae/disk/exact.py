@@ -27,11 +27,16 @@ class NoDigestError(Exception):
     """A value that a digest could not identify completely."""
 
 
+MOST = 50_000  #: largest number of digests that are remembered
+_known: dict[Any, str] = {}  #: digests of expressions met in this process: laws share those of their frames
+
+
 class Digests:
     """Computes digests of values, with each expression visited once."""
 
     def __init__(self) -> None:
-        self._known: dict[Any, str] = {}
+        if len(_known) > MOST:
+            _known.clear()
         #: number of floating-point zeros met: symengine takes 0.0 and -0.0 for equal, so expressions with one are not looked up
         self._zeros = 0
 
@@ -62,12 +67,12 @@ class Digests:
         raise NoDigestError(kind)
 
     def _of_expression(self, e: Any) -> str:
-        found = self._known.get(e)
+        found = _known.get(e)
         if found is None:
             before = self._zeros
             found = _short(self._text(e, type(e).__name__))
             if self._zeros == before:
-                self._known[e] = found
+                _known[e] = found
         return found
 
     def _text(self, e: Any, kind: str) -> str:

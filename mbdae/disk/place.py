@@ -10,6 +10,7 @@ from pathlib import Path
 
 VARIABLE = "MBDAE_CACHE"  #: environment variable: a folder, or "off"
 OTHERS = 0o077  #: permission bits of the group and of all others, which must not be set
+BESIDE = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))  #: of every file opened
 
 
 def chosen_folder() -> tuple[Path | None, str]:
@@ -44,10 +45,9 @@ def made(folder: Path) -> str:
         return f"it cannot be made ({getattr(error, 'strerror', None) or error})"
 
 
-def opened(path: Path, flags: int) -> int:
+def opened(path: Path | str, flags: int) -> int:
     """A descriptor of a regular file that only this user can access; OSError for all others, without blocking on a pipe."""
-    beside = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
-    found = os.open(path, flags | beside, 0o600)
+    found = os.open(path, flags | BESIDE, 0o600)
     why = unsafe(os.fstat(found))
     if why:
         os.close(found)

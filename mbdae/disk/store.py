@@ -70,10 +70,14 @@ class Store:
         return found
 
     def _checked(self, key: str) -> bytes | None:
-        path = self._path(key)
+        path = f"{self.folder}/{key}{SUFFIX}"  # some 200 files are read before a run: no objects for paths and files
         try:
-            with open(opened(path, os.O_RDONLY), "rb") as file:
-                state, whole = os.fstat(file.fileno()), file.read()
+            file = opened(path, os.O_RDONLY)
+            try:
+                state = os.fstat(file)
+                whole = os.read(file, state.st_size)
+            finally:
+                os.close(file)
         except OSError:  # missing, not a regular file, or accessible to others
             return None
         content = whole[HASH:]

@@ -166,7 +166,7 @@ def _of_line(title: str, d: Any, values: Mapping[str, Any], law: type[Law]) -> P
         "dissipated": ("dissipated power", [("dissipated", d.dissipated)]),
         "mass": ("inertia per length between velocities", [(f"[{i}, {j}]", e) for (i, j), e in d.mass.items()]),
         "jacobian": ("derivatives of forces, then rows",
-                     [(f"output {o} by {d.variables[i]}", e) for (o, i), e in d.derivatives().items()]),
+                     [(f"output {o} by {d.variables[i]}", e) for (o, i), e in d.derivatives.items()]),
     }  # fmt: skip
     made: Made = {}
     for name, (meaning, table) in tables.items():

@@ -7,6 +7,7 @@ from mbdae.formulations.base import Form
 from mbdae.formulations.ggl import GGL
 from mbdae.formulations.index1 import Index1
 from mbdae.formulations.ode import ODE
+from mbdae.memory import building
 from mbdae.system.assembled.ordered_assembly import assembly_of
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
@@ -18,6 +19,7 @@ def default_form(prepared: Prepared, highest_index: int = 1) -> Form:
     return (GGL() if highest_index else Index1()) if prepared.rows else ODE()
 
 
+@building
 def system_for(prepared: Prepared, form: Form | None = None, highest_index: int = 1,
                open: bool = False) -> SceneSystem:  # fmt: skip
     """The System in the variant of the form that suits a solver which takes unknowns up to `highest_index`; open: see `Assembly`

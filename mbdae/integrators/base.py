@@ -171,17 +171,17 @@ class Solver(ABC):
         with StepLoop(system, solver, asked.t_end, asked.times, asked.max_wall, asked.progress, asked.max_residuals,
                       asked.begin, asked.stop, record, asked.impacts) as loop, (
                           nullcontext() if record is None else record.guarding(loop)):  # fmt: skip
-            solver._between_breaks(loop, asked.h0, asked.share)
+            solver._between_breaks(loop, asked.h0, asked.share, asked.edges)
         return loop.solution()
 
-    def _between_breaks(self, loop: StepLoop, h0: float | None, share: float | None) -> None:
+    def _between_breaks(self, loop: StepLoop, h0: float | None, share: float | None, further: Array | None) -> None:
         """Integrate from break to break of the inputs of time, with consistent values at the beginning of each part."""
         system = loop.system
         line = None
         if system.timeline is not None:
             line = system.timeline(system.t0, loop.run_end, self.aimed(system.label))
         sampler = system.sampled(system.t0) if system.sampled is not None else None
-        if line is None and sampler is None:
+        if line is None and sampler is None and further is None:
             self._part(loop, h0)
             return
         longest = None if line is None else line.longest_step(SHARE if share is None and self.fixed else share or 1.0)
@@ -189,6 +189,8 @@ class Solver(ABC):
         if sampler is not None and share is not None and share < 1:
             inputs = np.zeros(0) if longest is None else longest.edges
             longest = LongestStep(distinct(np.concatenate([inputs, sampler.instants(loop.run_end)])), share)
+        if further is not None:
+            longest = _with_edges(longest, further[(further > system.t0) & (further < loop.run_end)], system.t0, loop.run_end)
         edges = [system.t0, loop.run_end] if line is None else line.edges.tolist()
         try:
             for a, b in pairwise(edges):
@@ -230,7 +232,8 @@ class Solver(ABC):
 @dataclass(frozen=True)
 class Asked:
     """Arguments of `Solver.solve` after they have been read and checked. stop: function of the Solution so far that tells whether
-    the run may end, called now and then; impacts: factor of the part of the duration of an impact that one step may cover."""
+    the run may end, called now and then; edges: times (s) between which a step may reach no further than the interval in which it
+    begins is long; impacts: factor of the part of the duration of an impact that one step may cover."""
 
     t_end: float
     times: Array | None = None
@@ -242,6 +245,7 @@ class Asked:
     share: float | None = None
     stop: Callable[[Solution], bool] | None = None
     impacts: float = 1.0
+    edges: Array | None = None
 
     @classmethod
     def of(cls, system: System, t_end: Any, outputs: Any = None, *, max_wall: Any = None, progress: Any = None, h0: Any = None,
@@ -321,3 +325,11 @@ def absolute_tolerance(system: System, rtol: float, atol: Any) -> Array:
     if values.shape not in ((), (system.n,)):
         raise OptionError(f"atol has shape {values.shape}: give one number or {system.n}, one per unknown")
     return np.broadcast_to(values, (system.n,)).copy()
+
+
+def _with_edges(longest: LongestStep | None, edges: Array, begin: float, end: float) -> LongestStep:
+    """The bound of the steps with further edges between the begin and end (s) of a run."""
+    ends = np.array([begin, end])
+    if longest is None:
+        return LongestStep(distinct(np.concatenate([ends, edges])))
+    return longest._replace(edges=distinct(np.concatenate([longest.edges, ends, edges])))

@@ -83,12 +83,13 @@ def increments_of(states: Array, inner: Array) -> Array:
     return np.concatenate([inner, np.diff(states, axis=0)[:, None]], axis=1)
 
 
-def inside_of(table: CollocationTable, starts: Array, increments: Array) -> Callable[[Array], Array]:
-    """The function parts (k,) -> y (m, k, n) on the polynomials of steps that begin at starts (m, n)."""
+def inside_of(table: CollocationTable, starts: Array, increments: Array) -> Callable[..., Array]:
+    """The function parts (k,), steps -> y (m, k, n) on the polynomials of these steps, by default all, that begin at starts
+    (m, n)."""
 
-    def inside(parts: Array) -> Array:
-        found = np.asarray(table.values(parts) @ increments)
-        found += starts[:, None]
+    def inside(parts: Array, steps: slice = slice(None)) -> Array:
+        found = np.asarray(table.values(parts) @ increments[steps])
+        found += starts[steps, None]
         return found
 
     return inside

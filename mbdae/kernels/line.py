@@ -14,6 +14,8 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.costs import made_once
+from mbdae.disk.entries import keep, part_key, recall
+from mbdae.disk.exact import code_key
 from mbdae.errors import LawError
 from mbdae.kernels.compile import Kernel
 from mbdae.kernels.element import Array, ElementKernel
@@ -207,15 +209,20 @@ def merged(kernels: Sequence[LineKernel]) -> LineKernel:
 @made_once("derive", 64)
 def _point(derived: LineDerived, parameters: tuple[str, ...]) -> Kernel:
     """The kernel of a law at one point; made once per process."""
-    return Kernel([*derived.variables, *map(se.Symbol, parameters)], derived.outputs)
+    symbols = [*derived.variables, *map(se.Symbol, parameters)]
+    return Kernel(symbols, derived.outputs, key=code_key(symbols, derived.outputs, None))
 
 
 @made_once("derive", 64)
 def _point_jacobian(derived: LineDerived, parameters: tuple[str, ...]) -> tuple[Kernel, list[tuple[int, int]]]:
     """The kernel of duals and derivatives at one point, and which (output, variable) each derivative is."""
-    partials = derived.derivatives()
-    expressions = [*(e for _, e in derived.duals), *partials.values()]
-    return Kernel(_point(derived, parameters).symbols, expressions), list(partials)
+    point, duals = _point(derived, parameters), [e for _, e in derived.duals]
+    key = part_key(point.key, "jacobian", str(len(duals)), str(len(derived.variables)))
+    places = recall(part_key(key, "places"))
+    if places is None:
+        keep(part_key(key, "places"), places := list(derived.derivatives))
+    made = Kernel(point.symbols, lambda: [*duals, *derived.derivatives.values()], None, len(duals) + len(places), key)
+    return made, places
 
 
 def _per_point(values: Sequence[Any], points: int) -> Array:

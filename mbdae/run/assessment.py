@@ -40,7 +40,8 @@ def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
     rows = (joint_drift(found.prepared, run, known.asked) if drifts else []) or broken
     notes = [*_missed(known, run), *of_run, *rows, *doubts(found.prepared), *doubts_of_steps(run), *contact.notes,
              *singular, *unequal_lengths(found), *energy_drift(found, run, known.asked)]  # fmt: skip
-    return Assessment(tuple(notes), contact.reliable and off <= TORN, bool(singular), off)
+    reliable = contact.reliable and off <= TORN and not run.solution.stats.missed_dips
+    return Assessment(tuple(notes), reliable, bool(singular), off)
 
 
 def _missed(known: Accuracy, run: Controlled) -> list[str]:

@@ -30,6 +30,7 @@ from mbdae.results.states import states_of
 from mbdae.run.contact_tolerances import largest_tolerance, resolving
 from mbdae.run.estimate import Run, companions, estimated, share_of
 from mbdae.run.excitations import beginning_at, windows
+from mbdae.run.hidden_contacts import hidden_contacts, stepped_over
 from mbdae.system.base import Array, System
 from mbdae.system.distance import distance
 from mbdae.system.prepare import Prepared
@@ -56,6 +57,9 @@ FALL, SLOW = 0.9, 0.4  #: power of the tolerance with which errors are taken to 
 #: smallest and largest ratio of the tolerance of a repeated run to that of the run before
 FINER, FINER_WITH_IMPACTS = (1e-3, 0.3), (0.1, 0.3)
 COARSE = 3.0  #: a run is repeated if its tolerance is above this many times the one that resolves its penetrations
+#: part of the accuracy (over the scene's length) by which a contact has to close inside a step to count, and number of times that
+#: a run is repeated because of such contacts
+SHALLOW, REPEATS = 0.1, 5
 SAMPLES = 200  #: number of times at which reactions of two runs are compared
 #: number of first constant steps compared with a run that resolves them, and of times of that comparison
 FIRST_STEPS, PROBES = 5.0, 200
@@ -114,7 +118,7 @@ def run_controlled(system: System, prepared: Prepared | None, solver: Solver, ac
     asked = replace(asked, begin=time.perf_counter() if asked.begin is None else asked.begin)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AccuracyWarning)
-        run = _controlled(system, prepared, solver, accuracy, asked, outputs)
+        run = _with_hidden_contacts(system, prepared, solver, accuracy, asked, outputs)
         second = None if solver.by_steps else second_method(solver, system, asked, accuracy, measure_of(system, prepared))
         if second is not None:
             distance = second.distance(run.solution, run.estimate)
@@ -123,8 +127,28 @@ def run_controlled(system: System, prepared: Prepared | None, solver: Solver, ac
     return replace(run, notes=tuple(dict.fromkeys([*run.notes, *(str(w.message) for w in caught)])))
 
 
+def _with_hidden_contacts(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
+                          outputs: Array) -> Controlled:  # fmt: skip
+    """A run in which no contact comes and goes inside a step: it is repeated with shorter steps there, REPEATS times at most. A
+    run that misses the accuracy is repeated because of its companions too."""
+    depth, runs, cpu = SHALLOW * accuracy * (1.0 if prepared is None else prepared.length), 0, 0.0
+    for _ in range(REPEATS + 1):
+        made: list[Run] = []
+        run = _controlled(system, prepared, solver, accuracy, asked, outputs, made).after(runs, cpu)
+        hidden = hidden_contacts(system, run.solution, depth)
+        beside = [] if hidden or run.estimate <= accuracy else [
+            one for _, other in made for one in hidden_contacts(system, other, depth)]  # fmt: skip
+        if not hidden and not beside:
+            return run
+        runs, cpu = run.runs, run.cpu_s
+        known = [] if asked.edges is None else [asked.edges]
+        asked = replace(asked, edges=distinct(np.concatenate([*known, *(one[1:] for one in hidden + beside)])))
+    return replace(run, estimate=float("inf"), others=(), notes=(*run.notes, stepped_over(hidden))) if hidden else run
+
+
 def _controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
-                outputs: Array) -> Controlled:  # fmt: skip
+                outputs: Array, made: list[Run]) -> Controlled:  # fmt: skip
+    """`run_controlled` by one method; the last runs and their tolerances are kept in `made`."""
     measure = measure_of(system, prepared)
     if solver.by_steps:
         found = halved(solver, system, asked, accuracy, measure, second_method(solver, system, asked, accuracy, measure))
@@ -135,7 +159,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)
     tight = _with_rtol(tight, min(tight.tolerance, LOOSEST / 2, max(ceiling, limit)))
-    best, made = companions_of(system, tight, asked)
+    best, made[:] = companions_of(system, tight, asked)
     most, count, kept = ATTEMPTS - 1 + best.runs, len(made), len(companions(system, solver))
     told: list[tuple[float, float]] = []  # tolerances and estimates
     while best.runs < most:
@@ -158,7 +182,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
                 return best
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
-        made, count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are large and no longer needed
+        made[:], count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are large and no longer needed
         told.append((tight.tolerance, estimated(system, solver, made, measure, outputs)))
         estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import symengine as se
 
@@ -127,21 +127,22 @@ class Frame:
     attached: list[Vec] = field(default_factory=list)  #: vectors fixed to the body: they turn with it
     undefined: dict[Expr, str] = field(default_factory=dict)  #: symbols without a value on this kind of node, with their names
 
-    @property
-    def symbols(self) -> set[Expr]:
+    @cached_property
+    def symbols(self) -> frozenset[Expr]:
         """Every symbol by which a law may read the frame, or that follows from it."""
         seen, node = (self.r, self.v, self.x, self.y, self.z, self.w), (self.center, self.center_velocity, self.arm, self.spin)
         scalars = (c for vector in (*seen, *node, *self.body) for c in vector)
         named = {*self.q, *self.u, *self.parameters, *self.structure, *self.meaning}
-        return named.union(*(se.sympify(e).free_symbols for e in (*scalars, self.heading)))
+        return frozenset(named.union(*(se.sympify(e).free_symbols for e in (*scalars, self.heading))))
 
     def to_body(self, a: Vec) -> Vec:
         """Body components of an inertial vector."""
         return Vec(*(column @ a for column in self.body))
 
 
+@lru_cache(maxsize=256)
 def make_frame(side: str, kind: NodeKind, axes: Axes = Axes.GENERAL) -> Frame:
-    """The frame of a law's side ("k", "l" or "b") on a node of the given kind."""
+    """The frame of a law's side ("k", "l" or "b") on a node of the given kind; laws share it."""
     r, s, v, w, spin = (_vec(f"{side}_{n}") for n in ("r", "s", "v", "w", "W"))
     x, y, z = (_vec(f"{side}_{n}") for n in "xyz")
     body = (_vec(f"{side}_bx"), _vec(f"{side}_by"), _vec(f"{side}_bz"))

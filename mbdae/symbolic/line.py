@@ -20,6 +20,7 @@ fields, the elements keep energy and angular momentum.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import symengine as se
@@ -114,23 +115,24 @@ class LineDerived:
     dissipated: Expr  #: dissipated power of the point, W
     mass: dict[tuple[int, int], Expr]  #: inertia per length between velocity components
 
-    @property
+    @cached_property
     def variables(self) -> list[Expr]:
         """Fields, their time derivatives where damped, stresses."""
         fields = [f.symbol for f in self.fields]
         return fields + [f.rate for f in self.fields if self.damped] + [se.Symbol(n) for n in self.stresses]
 
-    @property
+    @cached_property
     def outputs(self) -> list[Expr]:
         """Dual forces, then rows."""
         return [e for _, e in self.duals] + list(self.rows)
 
-    @property
+    @cached_property
     def parameters(self) -> list[str]:
         """Names of the parameters read."""
         used = symbols_of([*self.outputs, self.energy, self.dissipated])
         return sorted(str(s) for s in used - set(self.variables))
 
+    @cached_property
     def derivatives(self) -> dict[tuple[int, int], Expr]:
         """Derivative of output o by variable i, where it does not vanish."""
         found = {(o, i): se.diff(e, s) for o, e in enumerate(self.outputs) for i, s in enumerate(self.variables)}

@@ -13,6 +13,7 @@ import numpy as np
 from mbdae.deferred import as_full
 from mbdae.errors import SceneError, StartError
 from mbdae.inputs.timed import after
+from mbdae.memory import building
 from mbdae.scene import prescribed, sensed
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
@@ -105,6 +106,7 @@ def _made_again(scene: SceneData, stay: Mapping[str, str], end: float, rank: Ran
 
 
 @single_threaded
+@building
 def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end: float | None = None) -> Prepared:
     """Check a scene and find its start; raises SceneError with every problem found.
 

@@ -62,7 +62,7 @@ def test_run_from_a_loaded_state_stays_there(space: str) -> None:
     assert np.abs(r["beam"].at(1.0).position - tip).max() < 1e-7
 
 
-@pytest.mark.parametrize("space", SPACES)
+@pytest.mark.parametrize("space", ["auto", pytest.param("spatial", marks=pytest.mark.slow)])
 def test_column_beyond_its_critical_load_bends_aside(space: str) -> None:
     """Euler's elastica: P / P_c = (2 K(k) / pi)^2 with k = sin(half the angle of the tip); it stands below P_c."""
     angle = 1.2

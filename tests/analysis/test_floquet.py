@@ -106,7 +106,7 @@ def test_rest_repeats_after_any_period(scene: Callable[[], mb.Scene]) -> None:
     assert ordered(f.multipliers) == pytest.approx(ordered(np.exp(np.array(exponents) * period)), abs=1e-7)
 
 
-@pytest.mark.parametrize("model", [None, mb.Recursive()])
+@pytest.mark.parametrize("model", [pytest.param(None, marks=pytest.mark.slow), mb.Recursive()])
 def test_steady_rotation_has_the_growth_of_the_rotating_frame(model: Any) -> None:
     s, same = ground_resonance(2), ground_resonance(2, model=model)  # slides of a support do not turn with the hub
     linear = s.linearize(at=s.equilibrium(frame="hub"), frame="hub")

@@ -18,7 +18,8 @@ def joint(move: Any, params: dict[str, Any] | None = None, **coordinates: Any) -
 
 
 @pytest.mark.usefixtures("between_bodies")
-@pytest.mark.parametrize("amount", [lambda q: se.asin(q / 4), se.sqrt, lambda q: se.log(q / 2)])
+@pytest.mark.parametrize("amount", [lambda q: se.asin(q / 4), se.sqrt,
+                                    pytest.param(lambda q: se.log(q / 2), marks=pytest.mark.slow)])  # fmt: skip
 def test_coordinates_stay_where_the_motion_is_defined(amount: Any) -> None:
     assert mb.selftest(joint(lambda self, k: k.along("x", self.q).about("z", amount(self.q)))).variants
 

@@ -22,9 +22,9 @@ from mbdae.symbolic.vectors import ZERO
 kernels_plan = sys.modules["mbdae.kernels.plan"]  # the package exports a function of that name
 LAWS = [getattr(module, name) for module in (joints, couplings, forces, elements) for name in module.__all__]
 LAWS.append(contact.JournalContact)
-#: others have their frictions, and as many coordinates
+#: others have their frictions, and as many coordinates; the report of Spherical is made below
 LONG = ("JournalContact", "Planar", "PointOnPlane", "PointOnLine", "Prismatic", "FixedOrientation", "Universal",
-        "JointFriction", "Free", "Cylindrical", "JointStop")
+        "JointFriction", "Free", "Cylindrical", "JointStop", "Screw", "JointSpring", "Bushing", "Spherical", "ClearanceRevolute")
 
 
 @pytest.mark.parametrize("law", [pytest.param(law, marks=[pytest.mark.slow] * (law.__name__ in LONG)) for law in LAWS],

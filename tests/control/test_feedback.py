@@ -42,9 +42,10 @@ def reference():
     return solve_ivp(rates, (0, 3), [0, 0, 0.1], rtol=1e-10, atol=1e-12, max_step=1e-3, dense_output=True).sol
 
 
-@pytest.mark.parametrize("space", ["auto", "spatial"])
-@pytest.mark.parametrize("form", [mb.GGL(), mb.Index3(), mb.Index1(), mb.ODE()])
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(("space", "form", "model"), [
+    pytest.param(*given, marks=[pytest.mark.slow] * (sum(at) % 2)) for *at, given in (
+        (i, j, k, (space, form, model)) for i, space in enumerate(["auto", "spatial"])
+        for j, form in enumerate([mb.GGL(), mb.Index3(), mb.Index1(), mb.ODE()]) for k, model in enumerate(MODELS))])  # fmt: skip
 def test_pid_with_saturation(reference, model, form, space):
     if isinstance(form, mb.ODE) and not isinstance(model, mb.Recursive):
         pytest.skip("joints with rows are no ordinary differential equation")

@@ -36,8 +36,9 @@ def agreeing(r, other):
     np.testing.assert_allclose(r["e"], other["e"], atol=2e-6)
 
 
-@pytest.mark.parametrize("spatial", [True, False])
-@pytest.mark.parametrize("sampled", [True, False])
+@pytest.mark.parametrize(("spatial", "sampled"), [
+    pytest.param(spatial, sampled, marks=[pytest.mark.slow] * (spatial != sampled))
+    for spatial in (True, False) for sampled in (True, False)])  # fmt: skip
 def test_runs_are_those_of_kinematic_joints(spatial, sampled):
     s = chain(spatial=spatial, sampled=sampled)
     assert prepare(s).all_bodies.moved.ordered

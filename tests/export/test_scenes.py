@@ -124,6 +124,8 @@ SCENES = {
     "tree and mass": (beside, mb.ODE()), "floating": (floating, mb.ODE()), "floating, GGL": (floating, mb.GGL()),
     "floating, eliminated": (floating, ELIMINATED),
 }  # fmt: skip
+#: other scenes have the same form, and others the same items
+LONG = ("beam in space", "four-bar, eliminated", "four-bar, index 3", "beam, eliminated", "beam, GGL", "floating, GGL")
 SYMBOLS = ("pendulum", "four-bar", "four-bar, eliminated", "beam", "clearance", "bristles", "Andrews")
 CHANGED = ("pendulum", "driven", "four-bar", "four-bar, eliminated", "beam", "beam, GGL", "in space, eliminated")
 
@@ -217,7 +219,7 @@ def differences(export, call, kernels, p):
     return worst
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n == "beam in space" else n for n in SCENES])
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in SCENES])
 def test_c_is_the_kernel(name, compiled):
     make, form = SCENES[name]
     export = mb.export(make(), "c", form)
@@ -228,7 +230,7 @@ def test_c_is_the_kernel(name, compiled):
     assert all(error < EXACT for error in worst.values()), worst
 
 
-@pytest.mark.parametrize("name", CHANGED)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in CHANGED])
 def test_parameters_are_inputs(name, compiled):
     """With the numbers of another scene the functions are those of that scene."""
     make, form = SCENES[name]

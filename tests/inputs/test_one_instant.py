@@ -53,9 +53,10 @@ def swing(value, sampled):
     return s
 
 
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("name", INPUTS)
-@pytest.mark.parametrize("sampled", [False, True], ids=["", "sampled"])
+@pytest.mark.parametrize(("sampled", "name", "way"), [
+    pytest.param(sampled, name, way, id=f"{name}, {way}{', sampled' * sampled}",
+                 marks=[pytest.mark.slow] * ((i + k + sampled) % 2))
+    for sampled in (False, True) for i, name in enumerate(INPUTS) for k, way in enumerate(WAYS)])  # fmt: skip
 def test_runs(name, way, sampled):
     scene = swing(INPUTS[name], sampled)
     r = scene.simulate(0.5, 1e-4, max_wall=20, **WAYS[way])

@@ -63,7 +63,7 @@ def test_trees(scene: Callable[[], mb.Scene]) -> None:
 def test_laws_on_lines(law: Any, mixed: bool, kind: NodeKind) -> None:
     d = derive_line(law, Structure() if law is Beam else LineLoad("wind", f2=1.0).structure(frozenset()), kind, mixed)
     symbols = [*d.variables, *map(se.Symbol, d.parameters)]
-    for expressions in (d.outputs, [*d.derivatives().values()]):
+    for expressions in (d.outputs, [*d.derivatives.values()]):
         kernel = Kernel(symbols, expressions)
         compare(kernel, random_inputs(kernel))
 

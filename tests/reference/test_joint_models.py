@@ -31,6 +31,8 @@ from mbdae.formulations import system_for
 from mbdae.system.prepare import prepare
 
 AGREE = 1e-11  #: of the largest acceleration, or joint force
+ALIKE = ("boom", "cam", "cylindrical", "fixed_orientation", "planar", "universal")  #: of turns and slides that others have too
+EACH = [pytest.param(kind, marks=[pytest.mark.slow] * (kind in ALIKE)) for kind in KINDS]
 TWO = [pytest.param(kind, *way, marks=[pytest.mark.slow] * ((i + k) % 2))  # each kind in one way, validation/joints has both
        for i, kind in enumerate(KINDS) for k, way in enumerate((("lk", None), ("kl", 1)))]  # fmt: skip
 
@@ -56,7 +58,7 @@ def test_joints_of_different_kinds_in_one_chain(kinds):
         assert max(off(by_package(c, prepare(scene_of(c, models)), *state), by_hand(c, *state))) < AGREE
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", EACH)
 def test_equations_of_recursive_chains(kind):
     """The compiled right-hand side that a run integrates, in which forces are projected on the joint coordinates."""
     rng = np.random.default_rng(4)
@@ -73,7 +75,7 @@ def test_equations_of_recursive_chains(kind):
         assert np.max(np.abs(out[e.nq :] - expected[order])) < AGREE * np.max(np.abs(expected))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", EACH)
 def test_starts(kind):
     """Coordinates and rates that are stated, the velocities of bodies where a rotation is free."""
     rng = np.random.default_rng(2)

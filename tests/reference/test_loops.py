@@ -49,7 +49,9 @@ def one_thread():
         yield
 
 
-@pytest.mark.parametrize(("name", "seed"), [pytest.param(*p, marks=[pytest.mark.slow] * (p[1] > 1)) for p in ONE + TWO])
+#: one of every mechanism, two of every second
+@pytest.mark.parametrize(("name", "seed"), [pytest.param(*p, marks=[pytest.mark.slow] * (p[1] > len(p[0]) % 2))
+                                            for p in ONE + TWO])  # fmt: skip
 def test_accelerations_reactions_and_freedoms(name, seed):
     """With one of the joint models in turn; programs of recursive trees take longest to compile."""
     start, p = drawn(name, seed, MODELS[(seed + len(name)) % 4 if seed < 4 else seed % 2])

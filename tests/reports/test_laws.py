@@ -23,7 +23,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from reading import holds_and_defines
 
-LONG = ("journalcontact", "cylinderonplane", "balloncylinder")  #: contacts that take ten seconds and more; others are like them
+#: contacts, joints and a force whose pages are made as those of others are
+LONG = ("journalcontact", "cylinderonplane", "balloncylinder", "ballonball", "fixedorientation", "pointonline", "free",
+        "rotationalbushing")  # fmt: skip
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in names()])
@@ -63,7 +65,7 @@ def test_hash_follows_the_equations():
     assert fingerprint(derived(Revolute, shape)) != fingerprint(derived(mb.Revolute, shape))
 
 
-@pytest.mark.parametrize("seed", ["0", "1"])
+@pytest.mark.parametrize("seed", ["0", pytest.param("1", marks=pytest.mark.slow)])
 def test_reports_are_the_same_in_every_process(seed):
     """Neither hash nor tables hang on the order of sets, which is another in every process."""
     code = "import mbdae as mb; print(mb.report('revolute').to_markdown(), end='')"

@@ -113,7 +113,8 @@ def test_sensors_of_the_contact(turned: mb.Result) -> None:
 
 
 @pytest.mark.parametrize("other", [
-    {"scene": crank("spatial")}, {"solver": mb.IDA()}, {"form": mb.Index3()}, {"scene": crank().recursive()},
+    {"scene": crank("spatial")}, pytest.param({"solver": mb.IDA()}, marks=pytest.mark.slow), {"form": mb.Index3()},
+    {"scene": crank().recursive()},
     {"scene": crank(loose="").replace("B", model=mb.Clearance(0.0201, 0.02, HERTZ, COULOMB))},
 ], ids=["in space", "IDA", "index 3", "recursive", "replaced"])  # fmt: skip
 def test_the_same_motion_by_another_way(turned: mb.Result, other: dict[str, Any]) -> None:

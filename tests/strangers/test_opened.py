@@ -15,7 +15,7 @@ from mbdae.system.start.start import Starter
 ROUNDING = 1e-10  #: m, rad, s
 
 
-@pytest.mark.parametrize("seed", [1, 3, 10])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (3, 10))])
 def test_the_start_hangs_on_no_joint_model_and_no_order(seed):
     for story in opened(seed):
         found = differences(story)
@@ -49,6 +49,24 @@ def chain(*points, closing=None, **first) -> mb.Scene:
 
 
 FIVE = ((0, 0), (0, 0.5), (0.4, 0.9), (0.8, 0.5), (0.8, 0))
+
+
+@pytest.mark.parametrize("space", ["auto", "spatial"])
+def test_motions_of_joints_vanish_as_drawn_and_have_the_derivatives_of_differences(space):
+    """Of revolutes, of one at a point mass, and of a rod whose points are apart as drawn."""
+    s = chain(*FIVE)
+    s.space = space
+    s.point_mass("bob", 0.5, at=(0.4, 1.4))
+    s.distance("rod", "b2", "bob", (0.4, 0.9), (0.4, 1.4))
+    p = prepare(s)
+    joints, m = JointMotions(p.model), p.mechanics
+    assert np.max(np.abs(joints.far(Starter(m).placed()))) < 1e-15
+    q = m.integrate_positions(p.start.q, 0.3 * np.random.default_rng(3).normal(size=m.nu))
+    far, D = joints.at(q)
+    assert np.array_equal(far, joints.far(q))
+    for column, one in zip(D.T, np.eye(m.nu), strict=True):
+        ahead, behind = (joints.far(m.integrate_positions(q, step * one)) for step in (1e-6, -1e-6))
+        assert np.max(np.abs(column - (ahead - behind) / 2e-6)) < 1e-8
 
 
 @pytest.mark.parametrize("angle0", [0.3, -0.7])

@@ -64,7 +64,7 @@ def test_what_a_job_returns_is_checked(returned: Any) -> None:
     assert found.failures[0].error.startswith("TypeError: the job returned")  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize("always", [0, 1])
+@pytest.mark.parametrize("always", [pytest.param(0, marks=pytest.mark.slow), 1])
 def test_a_worker_that_dies_costs_its_own_point(tmp_path: Path, always: int) -> None:
     found = mb.sweep(jobs.deadly, {"number": range(8), "folder": [str(tmp_path)], "always": [always]}, workers=2)
     squares = found.array("square").ravel()

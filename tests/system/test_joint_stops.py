@@ -100,7 +100,7 @@ GRAZING = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("way", GRAZING)
+@pytest.mark.parametrize("way", [pytest.param(way, marks=[pytest.mark.slow] * (way == "CVODE")) for way in GRAZING])
 def test_a_limit_reached_only_briefly_is_not_missed(way):
     """A mass on a spring would pass its limit by 1e-5 of its amplitude for 1.4 ms a second; the stop turns it back earlier."""
     k, A, w, stop = MASS * 4 * math.pi**2, 0.1, 2 * math.pi, 1e6

@@ -69,7 +69,7 @@ def test_the_jacobian_is_that_of_differences(scene):
 
 
 @pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize("solver", [mb.RadauIIA(3), None])
+@pytest.mark.parametrize("solver", [pytest.param(mb.RadauIIA(3), marks=pytest.mark.slow), None])
 def test_runs_agree_with_kinematic_joints(scene, solver):
     runs = [scene(model).simulate(0.2, accuracy=1e-6, solver=None) if solver is None else
             scene(model).simulate(0.2, solver=mb.RadauIIA(3, rtol=1e-8)) for model in (R, mb.Kinematic())]  # fmt: skip

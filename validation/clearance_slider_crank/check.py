@@ -69,7 +69,7 @@ def cases() -> list[Case]:
     both = "RadauIIA(3), IDA"
     found = [Case(f"soft contact, clearance at {name}", both, lambda play=play: convergence(play), True)
              for play, name in PARTS.items()]  # fmt: skip
-    found.append(Case("space against plane", "RadauIIA(3)", spaces))
+    found.append(Case("space against plane", "RadauIIA(3)", spaces, slow=True))
     found += [Case(f"c = {c:g} m, k = {k:g} N/m^1.5", "RadauIIA(3)", lambda c=c, k=k: envelope(c, k), k > SLOW) for c, k in CELLS]
     pairs: dict[str, tuple[Any, ...]] = {"plane": (False, None), "space": (True, None), "space, tilting pin": (True, 0.05)}
     return found + [Case(f"two free bodies, {name}", "RadauIIA(3)", lambda how=how: conserved(*how), name != "plane")

@@ -96,7 +96,7 @@ def cases() -> list[Case]:
     for model, space in models:
         label = f"axes 1, {type(model).__name__.lower()} joints, {space}"
         found.append(Case(label, "Floquet", lambda model=model, space=space: growth(*runs[4], model, space),
-                          slow=(type(model), space) == (mb.Kinematic, "spatial")))
+                          slow=type(model) is mb.Classical or (type(model), space) == (mb.Kinematic, "spatial")))
     found += [Case(f"axes {axes}, all", "Floquet", lambda axes=axes: spectrum(axes)) for axes in (1, 2)]
     return found + [Case(f"axes {axes}, {name}", "Floquet, RadauIIA(3)", lambda axes=axes, own=own: fitted(axes, own),
                          slow=(axes, name) != (1, "one damper failed"))

@@ -60,7 +60,7 @@ def cases() -> list[Case]:
     wheels = [("spatial", mb.Recursive(), tolerance, True), ("planar", mb.Recursive(), tolerance, True),
               ("planar", mb.Kinematic(), tolerance, True), ("spatial", mb.Kinematic(), steps, False)]  # fmt: skip
     return [*(Case(f"{name} rotor", "RadauIIA(3)", lambda free=free: rotor(free), not free) for name, free in rotors.items()),
-            Case("four-bar in space against the plane", "RadauIIA(3)", loop),
+            Case("four-bar in space against the plane", "RadauIIA(3)", loop, slow=True),
             *(Case(f"10 000 turns, {type(run[1]).__name__.lower()}, {run[0]}", run[2].label, lambda run=run: wheel(*run),
                    slow=run[2] is steps) for run in wheels)]  # fmt: skip
 

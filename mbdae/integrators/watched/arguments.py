@@ -40,6 +40,7 @@ STRETCHES: dict[str, Callable[[Any], Any]] = {
     "power": lambda u: _between_logarithms(np.log(np.abs(u) + TINIEST)),
 }  # fmt: skip
 
+TOGETHER = 2**17  #: most numbers of states that are evaluated together: they stay in the cache of the processor
 Inside = Callable[[Array], Array]  #: y (k, n) on the polynomial of a step after parts (k,) of it
 
 
@@ -115,16 +116,17 @@ class StepArguments:
             self._rise[1:-1] = np.diff(self._fine, axis=0)
         self._ends = self.stretched(TO_ENDS @ self.at_nodes)
 
-    def quiet(self, t: Array, y: Callable[[Array], Array], limit: float) -> tuple[Any, Array]:
-        """Of steps between times t (m+1,), with y (m, 8, n) at parts (8,) of each: (m,) whether no argument has an extremum, a
-        change of sign or a variation of PHI above `limit`; and (m,) the largest rate of a PHI at the end, 1/s."""
-        h, states = np.diff(t), y(NODES)
-        m, _, n = states.shape
+    def quiet(self, t: Array, y: Callable[[Array, slice], Array], n: int, limit: float) -> tuple[Any, Array]:
+        """Of steps between times t (m+1,), with y (m, 8, n) at parts (8,) of some of them: (m,) whether no argument has an
+        extremum, a change of sign or a variation of PHI above `limit`; and (m,) the largest rate of a PHI at the end, 1/s."""
+        h, few = np.diff(t), max(TOGETHER // (len(NODES) * n), 1)
         times = t[:-1, None] + NODES * h[:, None]
-        U = np.asarray(self.switches.arguments(times.ravel(), states.reshape(-1, n))).reshape(m, len(NODES), -1)
+        U = np.concatenate([self.switches.arguments(times[some].ravel(), y(NODES, some).reshape(-1, n))
+                            for some in (slice(first, first + few) for first in range(0, len(h), few))])  # fmt: skip
+        U = U.reshape(len(h), len(NODES), -1)
         rise, size = TO_RISES @ U, np.abs(U).max(axis=1)
         tail, ends = np.abs(TO_TAIL @ U).sum(axis=1), TO_ENDS @ U
-        stretched = self.stretched(ends.reshape(4 * m, -1)).reshape(ends.shape)
+        stretched = self.stretched(ends.reshape(4 * len(h), -1)).reshape(ends.shape)
         turns = (rise[:, :-1] * rise[:, 1:] <= 0) & (np.maximum(np.abs(rise[:, :-1]), np.abs(rise[:, 1:]))
                                                      > ROUND_OFF * size[:, None])  # fmt: skip
         loud = turns.any(axis=1) | (tail > POOR * np.ptp(U, axis=1) + ROUND_OFF * size)

@@ -72,10 +72,10 @@ class SwitchingSteps:
         self._bound = REACH / rate if rate > 0 else inf
         self.crossed = bool((((U[0] < 0) != (U[-1] < 0)) & self.arguments.kinks).any())
 
-    def quiet(self, t: Array, y: Callable[[Array], Array]) -> int:
-        """Of steps between times t (m+1,), with y (m, k, n) at parts (k,) of each: how many of the first hide nothing; these are
-        accepted."""
-        calm, rate = self.arguments.quiet(t, y, LIMIT)
+    def quiet(self, t: Array, y: Callable[[Array, slice], Array], n: int) -> int:
+        """Of steps between times t (m+1,), with y (m, k, n) at parts (k,) of some of them: how many of the first hide nothing;
+        these are accepted."""
+        calm, rate = self.arguments.quiet(t, y, n, LIMIT)
         h = np.diff(t)
         calm[1:] = calm[1:] & (h[1:] * rate[:-1] <= REACH * (1 + 1e-9))
         count = len(calm) if calm.all() else int(np.argmin(calm))

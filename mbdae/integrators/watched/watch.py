@@ -69,13 +69,14 @@ class StepWatch:
         """Whether steps have to be made one at a time, because the system's contacts have no native tables."""
         return self.contacts is not None and self.contacts.native is None
 
-    def kept(self, t: Array, y: Array, inside: Inside, closely: bool) -> tuple[int, float]:
+    def kept(self, t: Array, y: Array, inside: Callable[..., Array], closely: bool) -> tuple[int, float]:
         """Of steps between times t (m+1,) to states y (m, n), made already, how many can be accepted, and the largest length (s)
-        of the next step because of what one hides. inside: parts (k,) -> y (m, k, n) on the polynomials.
+        of the next step because of what one hides. inside: parts (k,), steps -> y (m, k, n) on the polynomials of
+        these steps, by default of all.
 
         closely: it is one step, checked for contacts and switches; else native methods have checked the contacts of all steps."""
         if not closely:
-            return (len(y) if self.switching is None else self.switching.quiet(t, inside)), inf
+            return (len(y) if self.switching is None else self.switching.quiet(t, inside, y.shape[1])), inf
 
         def single(parts: Array) -> Array:
             found: Array = inside(np.atleast_1d(parts))[0]

@@ -42,6 +42,7 @@ class States:
         self.numbering = Numbering(model, rows, ("lambda",))
         self.nq, self.nu, self.m = model.nq, model.nu, len(rows)
         self._in_G: dict[int, tuple[Index, Index, Index]] = {}
+        self._plans: dict[tuple[Outputs, int], tuple[Any, Index]] = {}
         self._of_row: dict[tuple[int, int], Index] = {}
 
     @cached_property
@@ -94,12 +95,16 @@ class States:
                                    None if multipliers is None else multipliers[part], groups) for part in parts]  # fmt: skip
             return [(g, p, np.concatenate([of[k][2] for of in found])) for k, (g, p, _) in enumerate(found[0])]
         W = self.workspace(t, q, u, s, multipliers)
-        out = []
-        for g in range(len(self.model.groups)) if groups is None else groups:
+        chosen = range(len(self.model.groups)) if groups is None else groups
+        planned = ((g, *self._planned(outputs, g)) for g in chosen)
+        return [(g, p, p.kernel.values(W[:, columns])) for g, p, columns in planned if p.targets]
+
+    def _planned(self, outputs: Outputs, g: int) -> tuple[Any, Index]:
+        """The plan of such outputs of a group, and the columns (instances, inputs) of the workspace that it reads."""
+        if (outputs, g) not in self._plans:
             p = plan(self.model.groups[g].derived, outputs)
-            if p.targets:
-                out.append((g, p, p.kernel.values(W[:, self.numbering.gather(g, p.all_inputs)])))
-        return out
+            self._plans[outputs, g] = p, self.numbering.gather(g, p.all_inputs)
+        return self._plans[outputs, g]
 
     def workspace(self, t: Array, q: Array, u: Array, s: Array | None, multipliers: Array | None) -> Array:
         """(nt, width) workspaces of all states, which the kernels read."""

@@ -7,40 +7,20 @@ joints, the order of statements and frames do not enter.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from mbdae.deferred import as_full, sp
-from mbdae.scene.components import Body, Connection
+from mbdae.scene.components import Connection
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model
-from mbdae.system.model.nodes import Node
-from mbdae.system.model.rotations import quaternion, rotation_of
+from mbdae.system.model.rotations import quaternion, rotation_matrices, rotation_of
 from mbdae.system.model.sides import joint_axes
 from mbdae.system.motion.mechanics import LARGE
 
 INERTIA = 1e-6  #: share of the masses in what is least, which decides where joints do not: of what floats freely
-
-
-@dataclass
-class _Side:
-    """A body of a joint as it stands: its rotation from the drawing (3, 3), the joint's point on it (3,), m, and the maps (3, n)
-    of its velocities to the velocity of a point fixed to it and to its angular velocity, both inertial."""
-
-    turned: Array
-    point: Array
-    position: Array
-    spins: Array
-    moves: Array
-    first: int = 0
-
-    def carries(self, point: Array) -> Array:
-        """Map (3, n) to the velocity of the point (3,) that moves with the body."""
-        arm = point - self.position
-        return self.moves - _cross(arm) @ self.spins
 
 
 class JointMotions:
@@ -49,39 +29,66 @@ class JointMotions:
     def __init__(self, model: Model) -> None:
         self.model = model
         joints = [c for c in model.scene.joints if not (c.loose or c.others)]
-        self.names = [c.name for c in joints]
-        self._ends = [(c.joint, *model.ends(c)) for c in joints]
-        points = [law.point_on(side) for law, _, _ in self._ends for side in "kl"]
-        points += [b.drawn.position for _, b in model.bodies]
+        ends = {c.name: model.ends(c) for c in joints}
+        self.names = list(ends)
+        bodies = list(dict.fromkeys(body for pair in ends.values() for body in pair))
+        self._number = {body: i for i, body in enumerate(bodies)}
+        self._of = np.array([[self._number[b] for b in pair] for pair in ends.values()], dtype=np.intp).reshape(-1, 2).T  # (2, j)
+        drawn = np.array([[c.joint.point_on(side) for c in joints] for side in "kl"], dtype=float).reshape(2, -1, 3)
+        points = [*drawn.reshape(-1, 3), *(b.drawn.position for _, b in model.bodies)]
         spread = np.array(points) - np.mean(points, axis=0)
         extent = float(np.max(np.linalg.norm(spread, axis=1), initial=0.0))
         self.extent = extent if extent > 0 else 1.0  #: largest distance of a point from the mean of all, m, in any frame alike
+        self._apart = drawn[1] - drawn[0]
+        self._oriented = np.array([not (k.is_point or l.is_point) for k, l in ends.values()], dtype=bool)
+        # of every body: what turns vectors from inertial axes into its own, as drawn; the places of its position and velocities,
+        # those of spatial bodies and one more number, 0, where it has none; maps of these to velocities of its centre and spins
+        n = len(bodies)
+        self._axes, self._origin = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
+        self._q, self._u = np.full((n, 7), model.nq), np.full((n, 6), model.nu)
+        self._moves, self._spins = np.zeros((n, 3, 6)), np.zeros((n, 3, 6))
+        self._spatial, self._planar = (np.zeros(n, dtype=bool) for _ in range(2))
+        for i, (body, node) in enumerate((body, model.node(body)) for body in bodies):
+            if node is None:
+                continue
+            kind, at = node.kind, node.kind.translations
+            self._spatial[i], self._planar[i] = kind is NodeKind.SPATIAL, kind is NodeKind.PLANAR
+            self._origin[i], self._axes[i] = body.drawn.position, body.drawn.rotation.T if kind.turns else np.eye(3)
+            self._q[i, :at], self._u[i, : kind.sizes[1]] = node.q + np.arange(at), node.u + np.arange(kind.sizes[1])
+            self._moves[i, :, :at] = np.eye(3, at)
+            if kind is NodeKind.PLANAR:
+                self._q[i, 3], self._spins[i, 2, 2] = node.q + 2, 1.0
+            elif kind is NodeKind.SPATIAL:
+                self._q[i, 3:] = node.q + 3 + np.arange(4)
+        self._arms = drawn - self._origin[self._of]
+
+    def far(self, q: Array) -> Array:
+        """Distances (6 j,) of the j joints from their drawn place."""
+        return self._placed(q)[0]
 
     def at(self, q: Array, rates: bool = False) -> tuple[Array, Any]:
         """Distances (6 j,) of the j joints from their drawn place and their derivatives (6 j, nu) by displacements, sparse where
         the scene is large; with `rates` the maps of velocities to relative angular velocities and to velocities over the
         extent."""
-        far, values, rows, columns = ([np.zeros(0)] for _ in range(4))
-        for joint, (law, k, l) in enumerate(self._ends):
-            a, b = (self._side(body, law.point_on(side), q) for body, side in ((k, "k"), (l, "l")))
-            oriented = not (k.is_point or l.is_point)
-            w, *v = quaternion(a.turned.T @ b.turned) if oriented else np.eye(4)[0]
-            way = a.turned.T @ (b.point - a.point) - (law.point_on("l") - law.point_on("k"))
-            far.append(np.r_[2 * np.array(v), way / self.extent])
-            turning = a.turned.T if rates else (w * np.eye(3) - _cross(np.array(v))) @ a.turned.T
-            for sign, side in ((-1.0, a), (1.0, b)):
-                block = sign * np.vstack([turning @ side.spins * oriented, a.turned.T @ side.carries(b.point) / self.extent])
-                at = np.indices(block.shape)
-                values.append(block.ravel())
-                rows.append(6 * joint + at[0].ravel())
-                columns.append(side.first + at[1].ravel())
-        places = np.concatenate(rows).astype(int), np.concatenate(columns).astype(int)
-        shape = 6 * len(self._ends), self.model.nu
-        if self.model.nu > LARGE:
-            return np.concatenate(far), sp.csr_matrix((np.concatenate(values), places), shape=shape)
-        D = np.zeros(shape)
-        np.add.at(D, places, np.concatenate(values))
-        return np.concatenate(far), D
+        far, (R, turned, position, points, P) = self._placed(q)
+        back = np.swapaxes(turned[self._of[0]], 1, 2)
+        turning = back if rates else (P[:, :1, None] * np.eye(3) - _cross(P[:, 1:])) @ back
+        spins = self._spins.copy()
+        spins[self._spatial, :, 3:] = R[self._spatial]
+        joints, nu = len(self.names), self.model.nu
+        blocks = np.empty((2, joints, 6, 6))
+        blocks[:, :, :3] = turning @ spins[self._of] * self._oriented[:, None, None]
+        blocks[:, :, 3:] = back @ (self._moves[self._of] - _cross(points[1] - position[self._of]) @ spins[self._of]) / self.extent
+        blocks[0] *= -1
+        rows, columns = np.arange(6 * joints).reshape(-1, 6, 1), self._u[self._of][:, :, None, :]
+        if nu > LARGE:
+            places = np.broadcast_to(rows, blocks.shape), np.broadcast_to(columns, blocks.shape)
+            there = places[1] < nu
+            return far, sp.csr_matrix((blocks[there], (places[0][there], places[1][there])), shape=(6 * joints, nu))
+        D = np.zeros((6 * joints, nu + 1))
+        for column, block in zip(columns, blocks, strict=True):
+            D[rows, column] += block
+        return far, D[:, :nu]
 
     def weight(self, D: Any, masses: Any, units: Array) -> Any:
         """D^T D (n, n) of derivatives D (6 j, n), with a small share of the masses (n, n), which decide where no joint does;
@@ -91,28 +98,33 @@ class JointMotions:
 
     def rotation(self, joint: Connection, q: Array) -> Array:
         """Quaternion (4,) of the rotation of l relative to k from the drawing, in the axes of the joint."""
-        (k, l), law = self.model.ends(joint), joint.joint
-        a, b, axes = self._side(k, law.at, q), self._side(l, law.at, q), joint_axes(law, k)
-        return quaternion(axes.T @ a.turned.T @ b.turned @ axes)
+        k, l = self.model.ends(joint)
+        (a, b), axes = self._poses(q)[1][[self._number[k], self._number[l]]], joint_axes(joint.joint, k)
+        return quaternion(axes.T @ a.T @ b @ axes)
 
-    def _side(self, body: Body, drawn: Array, q: Array) -> _Side:
-        node = self.model.node(body)
-        if node is None:
-            return _Side(np.eye(3), drawn, np.zeros(3), np.zeros((3, 0)), np.zeros((3, 0)))
-        R, r = rotation_of(node.kind, q[node.q : node.q + node.kind.sizes[0]]), node.position(q)
-        P = R if node.kind is NodeKind.POINT or node.kind is NodeKind.PLANAR_POINT else R @ body.drawn.rotation.T
-        return _Side(P, r + P @ (drawn - body.drawn.position), r, *_velocities(node, R), node.u)
+    def _poses(self, q: Array) -> tuple[Array, Array, Array]:
+        """Of the bodies of all joints: axes (n, 3, 3), rotations from the drawing (n, 3, 3), positions (n, 3), m."""
+        here = np.append(q, 0.0)[self._q]
+        R = np.tile(np.eye(3), (len(here), 1, 1))
+        R[self._spatial] = rotation_matrices(here[self._spatial, 3:])
+        for i in np.flatnonzero(self._planar):
+            R[i] = rotation_of(NodeKind.PLANAR, here[i, 1:])
+        return R, R @ self._axes, here[:, :3]
 
-
-def _velocities(node: Node, R: Array) -> tuple[Array, Array]:
-    """Maps (3, n) of a node's velocities to its angular velocity and to the velocity of its centre, inertial."""
-    n, nu = node.kind.translations, node.kind.sizes[1]
-    spins, moves = np.zeros((3, nu)), np.eye(3, nu)
-    moves[:, n:] = 0.0
-    spins[:, n:] = {3: R, 1: np.eye(3)[:, 2:], 0: np.zeros((3, 0))}[nu - n]
-    return spins, moves
+    def _placed(self, q: Array) -> tuple[Array, tuple[Array, Array, Array, Array, Array]]:
+        """Distances, see `far`; the poses of bodies, the joints' points on k and l (2, j, 3), and unit quaternions (j, 4) of the
+        rotations from the drawing."""
+        R, turned, position = self._poses(q)
+        of = turned[self._of]
+        points = position[self._of] + (of @ self._arms[..., None])[..., 0]
+        back = np.swapaxes(of[0], 1, 2)
+        P = np.where(self._oriented[:, None], quaternion(back @ of[1]), np.eye(4)[0])
+        way = (back @ (points[1] - points[0])[..., None])[..., 0] - self._apart
+        return np.hstack([2 * P[:, 1:], way / self.extent]).ravel(), (R, turned, position, points, P)
 
 
 def _cross(a: Array) -> Array:
-    """The matrix (3, 3) of the cross product a x."""
-    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+    """The matrices (..., 3, 3) of the cross products a x of vectors (..., 3)."""
+    x, y, z = np.moveaxis(a, -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*a.shape[:-1], 3, 3)

@@ -37,6 +37,7 @@ from mbdae.ties import ALIKE
 STEP = 0.1  #: largest growth of a held value at once: rad, or over the extent of the joints
 REACH = 0.3  #: largest displacement of one iteration: rad, or over the scene's length
 ON_THE_WAY, AT_THE_END = (1e-2, 6), (1e-12, 40)  #: last displacement of an iteration that has converged; most iterations
+STUCK = 5  #: iterations one after the other that lessen nothing, however short the displacement, after which there is no way on
 EXACT = 1e-7  #: displacement of an iteration below which what it lessens changes by rounding only
 DIFFERENCE = 1e-6  #: displacement, over a unit, by which second derivatives are found
 FEW = 20  #: freedoms of loops up to which the second derivatives are found
@@ -64,24 +65,30 @@ def _as_drawn(own: ConsistentPositions, q: Array) -> bool:
         return True
     held = {joint.name for _, joint, _ in own.tree.edges if own.held_values(joint)}
     joints = JointMotions(own.model)
-    far = joints.at(q)[0].reshape(-1, 6)
+    far = joints.far(q).reshape(-1, 6)
     return all(name in held or np.max(np.abs(d)) <= REACHED for name, d in zip(joints.names, far, strict=True))
 
 
 @dataclass
-class Look:
-    """Positions q, unit displacements, conditions g with their derivatives A, motions of joints with their derivatives D."""
+class Trial:
+    """Positions q, conditions g, motions of joints."""
 
     q: Array
-    units: Array
     g: Array
-    A: Any
     far: Array
-    D: Any
 
     def merit(self, weights: Array) -> float:
         """What an iteration has to lessen: distance from the drawing, and weighted violations of the conditions."""
         return float(self.far @ self.far) / 2 + float(weights @ np.abs(self.g))
+
+
+@dataclass
+class Look(Trial):
+    """A trial with unit displacements and the derivatives A of conditions and D of motions of joints."""
+
+    units: Array
+    A: Any
+    D: Any
 
 
 @dataclass
@@ -193,24 +200,28 @@ class NearestPositions(ConsistentPositions):
             with suppress(StartError):
                 q = self._settled(self.closed(q), *AT_THE_END)
                 self._follow(q)
-        far = self.joints.at(q)[0]
+        far = self.joints.far(q)
         return Way(float(far @ far) if self.closing_error(q) <= REACHED else inf, q, dict(self.angles))
 
     def _settled(self, q: Array, exact: float, most: int) -> Array:
         """Positions nearby that satisfy the conditions, of these those with the joints nearest to their drawn places."""
-        here = self._look(q)
+        here, stuck = self._look(q), 0
         for _ in range(most):
             x, weights = self._step(here, exact < EXACT)
             size = float(np.max(np.abs(x) / here.units, initial=0.0))
             factor, merit = min(1.0, REACH / max(size, 1e-300)), here.merit(weights)
-            there = self._look(self.moved(here.q, factor * x))
+            there = self._trial(self.moved(here.q, factor * x))
             while size > EXACT and factor > 1e-3 and there.merit(weights) > merit:
                 factor /= 2
-                there = self._look(self.moved(here.q, factor * x))
-            here = there
-            if size <= exact:
-                break
+                there = self._trial(self.moved(here.q, factor * x))
+            stuck = stuck + 1 if size > EXACT and there.merit(weights) > merit else 0
+            if size <= exact or stuck == STUCK:
+                return there.q
+            here = self._look(there.q)
         return here.q
+
+    def _trial(self, q: Array) -> Trial:
+        return Trial(q, self._closure(q), self.joints.far(q))
 
     def _look(self, q: Array) -> Look:
         far, D = self.joints.at(q)
@@ -218,7 +229,7 @@ class NearestPositions(ConsistentPositions):
         if self.model.lines:
             B = self.rigid.basis(q)
             A, D = A @ B, D @ B
-        return Look(q, self.units(q), self._closure(q), A, far, D)
+        return Look(q, self._closure(q), far, self.units(q), A, D)
 
     def _step(self, here: Look, curved: bool) -> tuple[Array, Array]:
         """Newton's step (n,) to positions that satisfy the conditions and have the joints nearest to their drawn places, without
@@ -296,7 +307,7 @@ class NearestPositions(ConsistentPositions):
 
     def _report(self, drawn: Array, q: Array, branching: bool) -> None:
         """One sentence on the joint that leaves its drawn place most of those that nothing holds, and on the body."""
-        far = self.joints.at(q)[0].reshape(-1, 2, 3)
+        far = self.joints.far(q).reshape(-1, 2, 3)
         held = {joint.name for joint, _, _ in self._held(self.held_values)}
         free = {name: d for name, d in zip(self.joints.names, far, strict=True) if name not in held}
         said = ""

@@ -94,7 +94,8 @@ def motion(S, u0, t_end, rtol=1e-9):
     return [(y[:nq].reshape(S.q0.shape), y[nq:].reshape(u0.shape)) for y in run.y.T]
 
 
-@pytest.mark.parametrize(("planar", "corner"), [(True, False), (True, True), (False, False), (False, True)])
+@pytest.mark.parametrize(("planar", "corner"), [
+    (True, False), (False, True), *(pytest.param(both, both, marks=pytest.mark.slow) for both in (True, False))])  # fmt: skip
 def test_free_flight_keeps_energy_and_momenta(structure, planar, corner):
     S, u0 = flight(structure, FLYING, planar, corner=corner)
     kinetic, elastic, momentum, spin = zip(*(invariants(S, q, u) for q, u in motion(S, u0, 2.0)), strict=True)
@@ -161,7 +162,7 @@ def test_mixed_form_in_radau(structure):
     assert q[:, :3] == pytest.approx(motion(plain, u0, 0.5)[-1][0][:, :3], abs=1e-5)
 
 
-@pytest.mark.parametrize("planar", [True, False])
+@pytest.mark.parametrize("planar", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_zero_compliance_in_motion(structure, planar):
     """Rigid in shear and extension is the limit of stiff; the start v = s^2, omega = 2 s strains neither."""
     tips = []

@@ -68,7 +68,7 @@ def test_jacobian_of_elements(kind, damping, mixed, order):
 def test_jacobian_at_a_point(kind, mixed):
     d = derive_line(Beam, Structure(), kind, mixed)
     symbols = [*d.variables, *map(se.Symbol, d.parameters)]
-    values, partials = Kernel(symbols, d.outputs), d.derivatives()
+    values, partials = Kernel(symbols, d.outputs), d.derivatives
     x = np.random.default_rng(5).uniform(0.3, 1, (4, len(symbols)))
     exact = complex_step(values.oracle, x)
     found = Kernel(symbols, list(partials.values())).values(x)

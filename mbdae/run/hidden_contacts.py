@@ -1,0 +1,159 @@
+"""Contacts that come and go inside single steps of a run.
+
+Solvers look at the gaps of contacts at the ends of their steps and judge what lies between by the cubic polynomial through gaps
+and their rates. Where a gap turns within a small part of a step, this polynomial says little: a small ball that flies past
+another one, the tip of a body that spins freely. Here the gaps are evaluated on the dense output of the run, at random points
+inside every step first, and then more closely wherever they may close.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mbdae.deferred import distinct
+from mbdae.integrators.solution import Solution, systems_at
+from mbdae.integrators.watched.contact_steps import SLOPE
+from mbdae.notation import counted
+from mbdae.system.base import Array, System
+
+SEED = 20240301
+POINTS = 5  #: number of first points inside every step
+LEVELS = 20  #: largest number of times that an interval is halved
+AT_ONCE = 1000  #: steps looked at together
+DOUBT = 0.25  #: part of the distance of a gap from its cubic at the middle by which it may be off in either half
+MOST = 20000  #: largest number of intervals that are halved together
+
+Pairs = Callable[[Array], Array]  #: times (k,) -> gaps and their rates (k, places, 2)
+
+
+class Hidden(NamedTuple):
+    """A contact that is closed at `deepest` (s) and open at `begin` and `end` (s) and at the ends of the step around them."""
+
+    name: str
+    begin: float
+    deepest: float
+    end: float
+
+
+def stepped_over(hidden: Sequence[Hidden]) -> str:
+    """A warning of contacts that a run has stepped over."""
+    first = hidden[0]
+    return (f"{counted(len(hidden), 'contact')} stepped over, first '{first.name}' at t = {first.deepest:.6g} s: the motion from "
+            f"there on is wrong; use a smaller accuracy, or steps of at most {(first.end - first.begin) / 2:.1g} s")  # fmt: skip
+
+
+class _Intervals(NamedTuple):
+    """Intervals (k,) between two times inside steps: numbers of steps and contacts, and gaps and rates (k, 2) at both ends."""
+
+    step: Any
+    place: Any
+    a: Array
+    b: Array
+    left: Array
+    right: Array
+    doubt: Array  #: distance (k,) by which a gap may differ from its cubic
+
+    def chosen(self, which: Any) -> _Intervals:
+        """Those of a mask or of numbers."""
+        return _Intervals(*(part[which] for part in self))
+
+    def may_close(self, depth: float) -> Any:
+        """Whether the gap may fall below -depth."""
+        drop = np.maximum(-self.left[:, 1], 0) + np.maximum(self.right[:, 1], 0)
+        least = np.minimum(self.left[:, 0], self.right[:, 0]) - SLOPE * (self.b - self.a) * drop
+        return least - self.doubt < -depth
+
+    def halves(self, middle: Array, at: Array) -> _Intervals:
+        """Both halves of every interval; at: gaps and rates (k, 2) in the middle (k,)."""
+        doubt = DOUBT * np.abs(at[:, 0] - _cubic(0.5, self.b - self.a, self.left, self.right))
+        ends = np.concatenate([self.a, middle]), np.concatenate([middle, self.b])
+        return _Intervals(np.tile(self.step, 2), np.tile(self.place, 2), *ends, np.concatenate([self.left, at]),
+                          np.concatenate([at, self.right]), np.tile(doubt, 2))  # fmt: skip
+
+
+def _cubic(s: Any, h: Array, left: Array, right: Array) -> Array:
+    """Gap at the part s of intervals of width h (s), by the cubic polynomial with gaps and rates (..., 2) at the ends."""
+    bend = h * s * (1 - s) * ((1 - s) * left[..., 1] - s * right[..., 1])
+    value: Array = left[..., 0] + s * s * (3 - 2 * s) * (right[..., 0] - left[..., 0]) + bend
+    return value
+
+
+def hidden_contacts(system: System, run: Solution, depth: float) -> list[Hidden]:
+    """Contacts that close by more than `depth` (m or rad) inside steps at whose ends they are open, in the order of time; of
+    several times in one step one is returned."""
+    if system.guards is None or len(run.t) < 2:
+        return []
+    pairs, random, found = _pairs_of(system, run), np.random.default_rng(SEED), list[Hidden]()
+    for first in range(0, len(run.t) - 1, AT_ONCE):
+        steps = run.t[first : first + AT_ONCE + 1]
+        for place, a, middle, b in _in_steps(pairs, steps, random.uniform(0.1, 0.9, (len(steps) - 1, POINTS)), depth):
+            names = system.guard_names
+            found.append(Hidden(names[place] if place < len(names) else f"contact[{place}]", a, middle, b))
+    return sorted(found, key=lambda one: one.deepest)
+
+
+def _pairs_of(system: System, run: Solution) -> Pairs:
+    """The gaps and rates of the contacts on the dense output of a run."""
+
+    def at(times: Array) -> Array:
+        y, systems = run(times), systems_at(run, times, system)
+        out = np.zeros(0)
+        for one in dict.fromkeys(systems):
+            chosen = np.array([other is one for other in systems])
+            many = getattr(one.guards, "pairs", None)
+            values = many(times[chosen], y[chosen]) if many is not None else _one_by_one(one, times[chosen], y[chosen])
+            out = out if out.size else np.zeros((len(times), *values.shape[1:]))
+            out[chosen] = values
+        return out
+
+    return at
+
+
+def _one_by_one(system: System, times: Array, y: Array) -> Array:
+    assert system.guards is not None
+    return np.array([np.transpose(system.guards(float(t), state)[:2]) for t, state in zip(times, y, strict=True)])
+
+
+def _in_steps(pairs: Pairs, t: Array, parts: Array, depth: float) -> list[tuple[int, float, float, float]]:
+    """Number, begin, deepest time and end of contacts inside steps between the times t (n+1,), seen first from the parts
+    (n, POINTS) of the pieces into which every step is divided."""
+    steps = len(t) - 1
+    inner = t[:-1, None] + (np.arange(POINTS) + parts) / POINTS * np.diff(t)[:, None]
+    times = np.concatenate([t[:-1, None], inner, t[1:, None]], axis=1)
+    values = pairs(times.ravel()).reshape(steps, POINTS + 2, -1, 2)
+    is_open = (values[:, 0, :, 0] >= 0) & (values[:, -1, :, 0] >= 0)
+    found = dict[tuple[int, int], tuple[int, float, float, float]]()
+    for s, i in np.argwhere(is_open & (np.min(values[:, 1:-1, :, 0], axis=1) < -depth)).tolist():
+        k = int(np.argmin(values[s, :, i, 0]))
+        found[s, i] = i, float(times[s, k - 1]), float(times[s, k]), float(times[s, k + 1])
+    left = _first(times, values, is_open)
+    for _ in range(LEVELS):
+        left = left.chosen(left.may_close(depth))
+        left = left.chosen([(s, i) not in found for s, i in zip(left.step.tolist(), left.place.tolist(), strict=True)])
+        if not len(left.a):
+            break
+        left = left.chosen(slice(MOST))
+        middle = (left.a + left.b) / 2
+        once = distinct(middle)
+        at = pairs(once)[np.searchsorted(once, middle), left.place]
+        for k in np.flatnonzero(at[:, 0] < -depth).tolist():
+            key = int(left.step[k]), int(left.place[k])
+            found.setdefault(key, (key[1], float(left.a[k]), float(middle[k]), float(left.b[k])))
+        left = left.halves(middle, at)
+    return list(found.values())
+
+
+def _first(times: Array, values: Array, is_open: Any) -> _Intervals:
+    """The intervals between the first points of steps, times (n, points), with gaps and rates (n, points, places, 2)."""
+    h = times[:, 2:, None] - times[:, :-2, None]
+    s = (times[:, 1:-1, None] - times[:, :-2, None]) / h
+    off = np.zeros(values.shape[:3])
+    off[:, 1:-1] = np.abs(values[:, 1:-1, :, 0] - _cubic(s, h, values[:, :-2], values[:, 2:]))
+    step, part, place = (x.ravel() for x in np.indices((len(times), times.shape[1] - 1, values.shape[2])))
+    kept = is_open[step, place]
+    step, part, place = step[kept], part[kept], place[kept]
+    return _Intervals(step, place, times[step, part], times[step, part + 1], values[step, part, place],
+                      values[step, part + 1, place], np.maximum(off[step, part, place], off[step, part + 1, place]))  # fmt: skip
