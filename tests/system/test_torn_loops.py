@@ -13,7 +13,7 @@ ENDS = 0.5  #: s, after the position in which all cranks lie on a line (0.36 s),
 BEFORE = 0.25  #: s, before that position
 
 
-def three_cranks(off=DRAWN_OFF, size=1.0, order=(0, 1, 2)):
+def three_cranks(off=DRAWN_OFF, size=1.0, order=(0, 1, 2), rate=2.0):
     """A parallelogram with three cranks, one more than it needs; size: m for every metre of the drawing."""
     s = mb.Scene("three cranks", gravity=(0, -9.81 * size, 0))
     arm = 0.3 * np.array([np.cos(np.deg2rad(50)), np.sin(np.deg2rad(50))])
@@ -24,7 +24,7 @@ def three_cranks(off=DRAWN_OFF, size=1.0, order=(0, 1, 2)):
         s.link(f"c{i}", tuple(feet[i]), tuple(tips[i]), mass=1.0)
     s.link("top", tuple(tips[0]), tuple(tips[2]), mass=2.0)
     for i in order:
-        s.revolute(f"A{i}", s.ground, f"c{i}", at=tuple(feet[i]), **({"rate0": 2.0} if i == 0 else {}))
+        s.revolute(f"A{i}", s.ground, f"c{i}", at=tuple(feet[i]), **({"rate0": rate} if i == 0 else {}))
     for i in order:
         s.revolute(f"B{i}", f"c{i}", "top", at=tuple(tips[i]))
     return s
@@ -82,6 +82,15 @@ def test_a_misalignment_alone_is_no_violation():
     assert r.reliable
     assert not violated(r)
     assert any("is nearly redundant" in text for text in r.warnings)
+
+
+def test_a_loop_that_its_misalignment_locks_is_told_with_the_cause():
+    """Drawn off by more, the row is kept: the cranks cannot turn, and the reason is no rate."""
+    with pytest.raises(mb.StartError, match=r"(?s)contradict the joints.*B2\.y is nearly redundant .* misaligned .* calculated"):
+        three_cranks(1e-5).check()
+    r = run(three_cranks(1e-5, rate=0.0), 0.1)
+    assert r.prepared.rank.degrees_of_freedom == 0
+    assert any("B2.y is nearly redundant" in text and "takes a freedom" in text for text in r.warnings)
 
 
 @pytest.mark.parametrize("n", [20, 150])
