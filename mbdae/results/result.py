@@ -109,8 +109,8 @@ class Result(RunStates, ListsAttributes):
         """True where the run is complete, its error is estimated and within the accuracy asked (`accuracy.met`), and nothing
         speaks against it; None where its error is not known, as after a run with a tolerance or a step of its own. False where
         the accuracy is missed or the run was stopped; where the energy balance is off by more than a tenth of what contact and
-        friction dissipate (with constant steps: of the energy exchanged); or where the steps damped a contact that friction makes
-        unstable."""
+        friction dissipate (with constant steps: of the energy exchanged); where a joint is off by more than a thousandth of the
+        scene's length, or rad; or where the steps damped a contact that friction makes unstable."""
         return self.accuracy.met if self.info.reliable and self.complete else False
 
     @property

@@ -10,16 +10,21 @@ from mbdae.results.accuracy import Accuracy
 from mbdae.results.result import Result
 from mbdae.run.checks import doubts
 from mbdae.run.control import SLOW, Controlled
-from mbdae.run.drift import energy_drift, joint_drift
+from mbdae.run.drift import energy_drift, joint_drift, row_sizes
 from mbdae.run.quaternion_lengths import unequal_lengths
 from mbdae.run.reliability import Assessment, doubts_of_steps, reliability
 from mbdae.run.singular_positions import singular_passages
 from mbdae.system.model.inputs import expressions_of
 from mbdae.system.prepare import Prepared
+from mbdae.system.rank.rows import DEPENDENT
 from mbdae.ties import largest
 
 ROW_SAMPLES = 2000  #: number of steps at which constraint rows are evaluated
 APART = 2.0  #: ratio of the error to what runs of the solver alone estimate, above which something else limits it
+#: ratio of a row's violation to its novelty where a misalignment explains it: in loops away from singular positions 0.2 to 2 are
+#: measured
+WITHIN = 10.0
+TORN = 1e-3  #: violation of a row (over the scene's length, or in rad) above which no run is reliable, whatever its tolerance
 ENERGY_SAMPLES = 1000  #: number of outputs (or steps, where an input depends on time) at which energies are evaluated
 
 
@@ -35,7 +40,8 @@ def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
     rows = (joint_drift(found.prepared, run, known.asked) if drifts else []) or broken
     notes = [*_missed(known, run), *of_run, *rows, *doubts(found.prepared), *doubts_of_steps(run), *contact.notes,
              *singular, *unequal_lengths(found), *energy_drift(found, run, known.asked)]  # fmt: skip
-    return Assessment(tuple(notes), contact.reliable and not run.solution.stats.missed_dips, bool(singular), off)
+    reliable = contact.reliable and off <= TORN and not run.solution.stats.missed_dips
+    return Assessment(tuple(notes), reliable, bool(singular), off)
 
 
 def _missed(known: Accuracy, run: Controlled) -> list[str]:
@@ -74,6 +80,14 @@ def _nearer(error: float, asked: float, run: Controlled) -> str:
     return f"{went}, so that accuracy={asked / 10:g} comes nearer"
 
 
+def _misaligned(prepared: Prepared) -> float:
+    """What rows may be off (over the scene's length, or in rad) because nearly redundant ones are left out, of which `doubts`
+    warns; such rows are misaligned by at most `DEPENDENT` at the start."""
+    dropped = set(prepared.rank.dropped)
+    novelty = max((size for row, size in prepared.rank.doubtful if row in dropped), default=0.0)
+    return WITHIN * min(novelty, DEPENDENT)
+
+
 def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tuple[float, list[str]]:
     """Largest violation of a constraint row, redundant ones included (over the scene's length, or in rad), and its warning, where
     the accuracy does not allow it; else 0 and no warning."""
@@ -81,12 +95,13 @@ def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tu
     if not m.m:
         return 0.0, []
     t = t[:: len(t) // ROW_SAMPLES + 1]
-    off = np.max(np.abs(m.position_residual(t, prepared.states(t, run.solution(t))[0])), axis=0) / max(prepared.length, 1.0)
-    off[[row.name in {r.name for r, _ in prepared.rank.doubtful} for row in m.rows]] = 0.0  # `doubts` warns of these rows
+    off = np.max(np.abs(m.position_residual(t, prepared.states(t, run.solution(t))[0])), axis=0) / row_sizes(m, prepared)
     worst = largest(off)
-    if off[worst] <= 10 * (asked if asked is not None else 1e-6):
+    if off[worst] <= max(10 * (asked if asked is not None else 1e-6), _misaligned(prepared)):
         return 0.0, []
     driven = any(c.prescribed for c in prepared.model.scene.joints)
     why = "prescribed motions may contradict each other later on" if driven else "the loops do not stay closed"
+    if m.rows[worst] in set(prepared.rank.dropped):
+        why += " (it was left out as redundant at the start, and is not redundant all the way)"
     return float(off[worst]), [f"constraint {m.rows[worst].name} is violated by {off[worst]:.1e} of the scene's length, or rad: "
                                f"{why}; r.drift has its course, and falls with accuracy or rtol if it is numerical"]  # fmt: skip

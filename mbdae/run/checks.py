@@ -303,12 +303,11 @@ def _coordinates(c: Connection) -> str:
 
 def doubts(p: Prepared) -> list[str]:
     """Warnings about rows that are nearly redundant, whether they were kept or left out."""
-    dropped = {row.name for row in p.rank.dropped}
+    dropped = set(p.rank.dropped)
     left_out = ("is nearly redundant (novelty {:.1e}: joints misaligned by about that many rad) and was left out: kept, it "
                 "would lock the mechanism; align the joints if that is not meant")  # fmt: skip
-    kept = "is nearly redundant at the start (novelty {:.1e}) and was kept; its reaction is uncertain"
-    found = [(row.name, left_out if row.name in dropped else kept, size) for row, size in p.rank.doubtful]
-    return [f"constraint row {name} {text.format(size)}" for name, text, size in found]
+    found = [f"constraint row {row.name} {left_out.format(size)}" for row, size in p.rank.doubtful if row in dropped]
+    return found + [f"{text}; its reaction is uncertain" for text in p.rank.locking]
 
 
 def _listed(names: Sequence[str]) -> str:

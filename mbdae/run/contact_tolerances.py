@@ -86,8 +86,8 @@ def refuse_unresolved(prepared: Prepared, solver: Solver) -> None:
         if rtol is not None and rtol * contact.size > WRONG * contact.depth:
             raise OptionError(
                 f"rtol = {rtol:g} in {solver.label} means {rtol * contact.size:.2g} {contact.unit}, '{contact.item}' is expected "
-                f"to penetrate by {contact.depth:.2g} {contact.unit}: contact would be lost silently; use rtol = {wanted:.1g} or "
-                f"an accuracy"
+                f"to penetrate by {contact.depth:.2g} {contact.unit}: contact would be lost silently; use rtol = "
+                f"{max(wanted, tightest):.1g} or an accuracy"
             )
     for item, friction, velocity in slowest_velocities(prepared):
         limit = RESOLVED * velocity / typical_speed(prepared)

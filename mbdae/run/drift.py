@@ -8,15 +8,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbdae.results.energy import has_power
+from mbdae.results.energy import Energy, has_power
 from mbdae.results.result import Result
 from mbdae.run.control import Controlled
+from mbdae.system.base import Array
+from mbdae.system.motion.constrained import row_lengths
+from mbdae.system.motion.mechanics import Mechanics, in_units
 from mbdae.system.prepare import Prepared
 from mbdae.ties import largest
 
 ALLOWED = 10.0  #: largest ratio of energy error to energy exchanged, in units of the accuracy asked (or rtol)
 SHARE = 1e-3  #: fraction of the energy exchanged below which there is no warning
 POINTS = 1000  #: number of steps of a run at which energies are compared
+ROUNDED = 100 * float(np.finfo(float).eps)  #: rounding of energies, over the largest
 SAMPLES = 200  #: number of steps of a run at which constraint rows are evaluated
 
 
@@ -38,11 +42,21 @@ def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[s
     exchanged = max(float(x) for x in (np.max(e.kinetic), np.ptp(e.potential), np.ptp(e.dissipated), np.ptp(e.work)))
     off = float(e.balance[np.argmax(np.abs(e.balance))])
     tolerance = asked if asked is not None else run.solver.rtol or 0.0
-    if not abs(off) > max(max(SHARE, ALLOWED * tolerance) * exchanged, _at_rest(prepared, tolerance)):
+    if not abs(off) > max(max(SHARE, ALLOWED * tolerance) * exchanged, _at_rest(prepared, tolerance), round_off(prepared, e)):
         return []
     cause = "BDF of order above 2 adds energy to undamped motion: use mb.RadauIIA(3), or" if order > 2 else "use"
     return [f"the energy balance drifts: {abs(off):.2g} J {'gained' if off > 0 else 'lost'} without a cause, where "
             f"{exchanged:.2g} J are exchanged; {cause} a smaller rtol or step"]  # fmt: skip
+
+
+def round_off(prepared: Prepared, e: Energy) -> float:
+    """Energy (J) below which differences of the energies of a run are rounding: a part of the largest energy of the run, of the
+    weight of all bodies times the scene's length, and of their kinetic energy at the scene's typical speed."""
+    scene = prepared.model.scene
+    mass = sum(body.mass for body in scene.bodies)
+    typical = mass * (float(np.linalg.norm(scene.gravity)) + prepared.length / prepared.time**2) * prepared.length
+    parts = (e.kinetic, e.potential, e.dissipated, e.work)
+    return ROUNDED * max(typical, *(float(np.max(np.abs(part), initial=0.0)) for part in parts))
 
 
 def _at_rest(prepared: Prepared, tolerance: float) -> float:
@@ -58,6 +72,14 @@ def _order(run: Controlled) -> int:
     return 0
 
 
+def row_sizes(mechanics: Mechanics, prepared: Prepared) -> Array:
+    """(m,) sizes of constraint rows, of which their violations are parts: how much a displacement by the scene's length, or by
+    1 rad, changes each at the start; between the scene's length (rows in m) and 1 (rows in rad)."""
+    least, most = sorted((prepared.length, 1.0))
+    G = mechanics.constraint_matrix(np.array([prepared.start.t]), prepared.start.q)
+    return np.asarray(np.clip(row_lengths(in_units(mechanics, G))[:, 0], least, most))
+
+
 def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:
     """A warning where g over the scene's length, or G u + g_t over its speed, exceeds the accuracy asked for; where none was
     asked, the accuracy expected of the tolerance."""
@@ -70,8 +92,8 @@ def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> lis
     t = run.solution.t[:: len(run.solution.t) // SAMPLES + 1]
     q, u, _ = prepared.states(t, run.solution(t))
     speed = max(prepared.length / prepared.time, float(np.max(np.abs(u) * m.velocity_units, initial=0.0)))
-    units = max(prepared.length, 1.0), max(speed, speed / prepared.length)  # units of rows in m, or in rad
-    off = [np.abs(m.position_residual(t, q)) / units[0], np.abs(m.velocity_residual(t, q, u)) / units[1]]
+    sizes = row_sizes(m, prepared)
+    off = [np.abs(m.position_residual(t, q)) / sizes, np.abs(m.velocity_residual(t, q, u)) / (sizes * speed / prepared.length)]
     for values, what in zip(off, ("position", "velocity"), strict=True):
         worst = largest(np.max(values, axis=0))
         if np.max(values) > asked:

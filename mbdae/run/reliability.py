@@ -19,7 +19,7 @@ from mbdae.results.contacts import contacts_at
 from mbdae.results.result import Result
 from mbdae.run.contact_tolerances import RESOLVED, reversing, slowest_velocities, typical_speed
 from mbdae.run.control import Controlled
-from mbdae.system.prepare import Prepared
+from mbdae.run.drift import ROUNDED, round_off
 from mbdae.system.start.contacts import ExpectedContact
 
 COARSE = 0.1  #: ratio of position tolerance to penetration above which a result is doubtful
@@ -44,10 +44,11 @@ class Assessment(NamedTuple):
 
     def within(self, known: Accuracy) -> Accuracy:
         """The accuracy with the violation of constraint rows included in its estimate."""
-        if not self.off or known.motion is None:
+        if not self.off:
             return known
         unknown = dict(known.unknown) | {"reactions": "the joints are not kept closed"}
-        return replace(known, estimated=max(known.motion, self.off), verified=None, unknown=unknown, found_reactions=None)
+        motion = None if known.motion is None else max(known.motion, self.off)
+        return replace(known, estimated=motion, verified=None, unknown=unknown, found_reactions=None)
 
 
 def reliability(result: Result, run: Controlled) -> Assessment:
@@ -68,7 +69,7 @@ def reliability(result: Result, run: Controlled) -> Assessment:
             unstable = [] if whirl else _flutter(result, sensor, contact)
             notes += whirl + unstable
             reliable &= not unstable
-    return Assessment((*notes, *_of_friction(prepared, run)), reliable)
+    return Assessment((*notes, *_of_friction(result, run)), reliable)
 
 
 def _of_energy(result: Result) -> list[str]:
@@ -77,7 +78,7 @@ def _of_energy(result: Result) -> list[str]:
     e = result.energy
     off = float(np.max(np.abs(e.balance), initial=0.0))
     lost, moving = float(e.impact[-1] + e.friction[-1]), float(np.max(e.kinetic, initial=0.0))
-    if off <= ALARM * max(lost, MOVING * moving, STORED * _stored(result)):
+    if off <= max(ALARM * max(lost, MOVING * moving, STORED * _stored(result)), round_off(result.prepared, e)):
         return []
     return [f"not reliable: the energy balance is off by {off:.2g} J, where contact and friction dissipate {lost:.2g} J: ask for "
             f"a smaller accuracy, or rtol"]  # fmt: skip
@@ -98,7 +99,7 @@ def _of_constant_steps(result: Result) -> list[str]:
     e = result.energy
     off = np.abs(e.balance)
     moved = max(float(np.max(e.kinetic)), float(np.ptp(e.potential)), float(np.max(np.abs(e.work))), float(np.max(e.dissipated)))
-    if np.isfinite(off).all() and np.max(off) <= ALARM * moved:
+    if np.isfinite(off).all() and np.max(off) <= max(ALARM * moved, round_off(result.prepared, e)):
         return []
     return [f"not reliable: with steps of {result.stats.h_max:.2g} s the energy balance is off by {np.max(off):.2g} J, where "
             f"{moved:.2g} J were exchanged: take a smaller step, or error control (mb.RadauIIA(3), mb.IDA())"]  # fmt: skip
@@ -113,13 +114,22 @@ def _of_contact(result: Result, run: Controlled, expected: ExpectedContact) -> l
     found = []
     typical, deepest = float(median(contacts.peak)), contacts.deepest
     tolerance = (run.solver.rtol or 0.0) * expected.size
-    if typical > 0 and tolerance > max(COARSE, 3 * run.solver.penetration_share) * typical:
+    if typical > ROUNDED * expected.size and tolerance > max(COARSE, 3 * run.solver.penetration_share) * typical:
+        wanted = run.solver.penetration_share * typical / expected.size
         found.append(f"'{item}' penetrates by {typical:.2g} {unit} (median), {run.solver.label} resolves {tolerance:.2g} {unit}: "
-                     f"use rtol = {run.solver.penetration_share * typical / expected.size:.1g}")  # fmt: skip
+                     f"{_finer(run, result.info.form, wanted, 'take a softer contact law')}")  # fmt: skip
     limit, what, consequence = law.doubtful_depth()
     if deepest > limit:
         found.append(f"'{item}' penetrates by up to {deepest:.2g} {unit}, more than {limit:.2g} {unit} ({what}): {consequence}")
     return found
+
+
+def _finer(run: Controlled, form: str, wanted: float, else_do: str) -> str:
+    """Advice to take a smaller rtol, or another one where the solver does not take so small a tolerance."""
+    least = run.solver.tightest.get(form, run.solver.tightest[""])
+    if least <= 3 * wanted:  # there is no warning up to three times what is wanted
+        return f"use rtol = {max(wanted, least):.1g}"
+    return f"rtol = {least:.1g}, the smallest it takes, does not resolve that either; {else_do}"
 
 
 def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
@@ -164,11 +174,12 @@ def _flutter(result: Result, sensor: ClearanceSensor, expected: ExpectedContact)
             f"{RESOLVED_STEP / fast:.1g} s, or take less friction or more contact damping"]  # fmt: skip
 
 
-def _of_friction(prepared: Prepared, run: Controlled) -> list[str]:
-    resolved = (run.solver.rtol or 0.0) * typical_speed(prepared)
-    return [f"friction of '{item}' changes within {velocity:.2g} m/s, {run.solver.label} resolves {resolved:.2g} m/s: use rtol = "
-            f"{RESOLVED * velocity / typical_speed(prepared):.1g}"
-            for item, velocity in reversing(prepared, run.solution) if resolved > 10 * RESOLVED * velocity]  # fmt: skip
+def _of_friction(result: Result, run: Controlled) -> list[str]:
+    speed, form = typical_speed(result.prepared), result.info.form
+    resolved = (run.solver.rtol or 0.0) * speed
+    return [f"friction of '{item}' changes within {velocity:.2g} m/s, {run.solver.label} resolves {resolved:.2g} m/s: "
+            f"{_finer(run, form, RESOLVED * velocity / speed, 'raise that velocity of the friction law')}"
+            for item, velocity in reversing(result.prepared, run.solution) if resolved > 10 * RESOLVED * velocity]  # fmt: skip
 
 
 def doubts_of_steps(run: Controlled) -> list[str]:

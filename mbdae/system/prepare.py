@@ -147,8 +147,11 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     if problems:
         raise SceneError(problems)
     mechanics = all_rows if moved.alone else mechanics_of(model, rank.kept, all_bodies)
-    begin = (_continued(mechanics, start) if start is not None else
-             Starter(mechanics, t0, changes=starter.changes).run(q, ideal.u if ideal else None))  # fmt: skip
+    try:
+        begin = (_continued(mechanics, start) if start is not None else
+                 Starter(mechanics, t0, changes=starter.changes).run(q, ideal.u if ideal else None))  # fmt: skip
+    except StartError as error:
+        raise StartError([*error.problems, *rank.locking]) from None
     problems = _contradictions(all_rows, rank, begin)
     model.conditions.time = None
     problems = problems or _later_contradictions(all_rows, mechanics, rank, begin, end)

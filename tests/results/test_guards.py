@@ -64,6 +64,42 @@ def test_a_damped_oscillation_that_grows_is_told():
     assert told(r, "the energy balance drifts")
 
 
+def hanging(links=6):
+    """A chain between two pins, as it hangs at rest."""
+    s, before, slopes = mb.Scene("hanging", gravity=(0, -9.81, 0)), None, np.linspace(-0.6, 0.6, links)
+    ends = np.vstack([[0, 0], np.cumsum(np.column_stack([np.cos(slopes), np.sin(slopes)]) / links, axis=0)]).tolist()
+    for i in range(links):
+        link = s.link(f"link {i}", ends[i], ends[i + 1], mass=1 / links)
+        s.revolute(f"pin {i}", before or s.ground, link, at=ends[i], damper=0.01)
+        before = link
+    s.revolute("end", s.ground, before, at=ends[-1])
+    return s
+
+
+@pytest.mark.parametrize("solver", [mb.IDA(rtol=1e-6), mb.RadauIIA(3, step=0.01)], ids=["IDA", "constant steps"])
+def test_rounding_of_energies_at_rest_is_no_drift(solver):
+    s = hanging()
+    r = s.simulate(0.5, start=s.equilibrium(), solver=solver)
+    assert 0 < np.max(np.abs(r.energy.balance)) < 1e-13
+    assert not r.warnings
+    assert r.reliable is None
+
+
+@pytest.mark.parametrize(("stiffness", "words"), [(1e12, ["the smallest it takes", "softer contact law"]), (1e15, [])],
+                         ids=["below the smallest rtol", "below round-off"])  # fmt: skip
+def test_no_rtol_is_advised_that_the_solver_does_not_take(stiffness, words):
+    """A mass that rests on a plane under a weight of a millionth of a newton."""
+    s = mb.Scene("resting", gravity=(0, 0, -1e-6))
+    s.point_mass("b", 1.0, at=(0, 0, -((1e-6 / stiffness) ** (2 / 3))))
+    s.point_mass("far", 1.0, at=(1, 0, 1))
+    s.contact("c", s.ground, "b", mb.Plane(), mb.Point(), normal=mb.Hertz(stiffness, 0.5))
+    r = s.simulate(0.2, solver=mb.RadauIIA(3, rtol=1e-9))
+    notes = told(r, "'c' penetrates by")
+    assert len(notes) == bool(words)
+    assert all(word in note for note in notes for word in words)
+    assert not told(r, "use rtol")
+
+
 def test_energy_of_controlled_runs_needs_no_word():
     for solver in (None, mb.IDA(), mb.RadauIIA(3)):
         assert not pendulum(damper=0.1).simulate(3.0, 1e-5, solver=solver).warnings

@@ -50,6 +50,16 @@ class RankReport:
     degrees_of_freedom: int = 0
     smallest: float = 1.0  #: smallest singular value, without those that count as 0, of all rows scaled to unit length
 
+    @property
+    def locking(self) -> list[str]:
+        """What rows that are nearly redundant and kept may cause, one sentence each."""
+        dropped = set(self.dropped)
+        return [f"constraint row {row.name} is nearly redundant at the start (novelty {size:.1e}) and was kept: it takes a "
+                f"freedom because the joints of its loop are misaligned by about that part of the scene's length, or rad, or "
+                f"because the start is near a singular position; if the loop is meant to move, draw its points and axes exactly "
+                f"(calculated, not rounded), or leave out a joint that others make superfluous"
+                for row, size in self.doubtful if row not in dropped]  # fmt: skip
+
 
 def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[Row] = ()) -> RankReport:
     """Rank of all rows: the largest of that at the start, near it (`_rank_lost_here`) and in other consistent positions.

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.deferred import sp
+from mbdae.deferred import qr, sp
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Row
 from mbdae.system.motion.constrained import row_lengths
@@ -74,8 +74,11 @@ def motions(mechanics: Mechanics, here: SparseRows, count: int) -> list[Array]:
 
 def chosen_beside(here: SparseRows, beside: Any, rank: int) -> tuple[Whole, Whole]:
     """The rows to keep in a singular position, and those of them that are independent near it only."""
-    chosen = SparseRows(beside, [int(i) for i in here.kept]).kept[:]
-    new = np.setdiff1d(chosen, here.kept)[: rank - here.rank]
+    there, missing = SparseRows(beside, [int(i) for i in here.kept]), rank - here.rank
+    new = np.setdiff1d(there.kept, here.kept)[:missing]
+    if len(new) < missing:  # near the position some are so nearly dependent still that they count as dependent
+        rest = there.spanning(here.kept).remainders(here.left)
+        new = np.sort(here.left[qr(rest.T, mode="r", pivoting=True)[1][:missing]])
     return np.sort(np.r_[here.kept, new]), new
 
 
