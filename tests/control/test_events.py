@@ -81,6 +81,20 @@ def test_runs_end_at_the_event(solver, tmp_path):
     np.testing.assert_array_equal(again["J"].angle, r["J"].angle)
 
 
+@pytest.mark.parametrize("solver", ["radau3", "ida", "cvode", "dop853"])
+def test_runs_end_at_an_event_shortly_after_which_the_motion_ends(solver):
+    """The force is a root that has no value from 5 mm behind the event on: with c = limit - x, c' = -v and v' = root(c) / 10, so
+    that v^2 = 1 + (limit^1.5 - c^1.5) 2 / 15."""
+    limit = 1.005
+    s = mb.Scene("pulled")
+    s.force("F", s.point_mass("b", 1.0, at=(0, 0), velocity=(1, 0)), (sp.sqrt(limit - s.sensor("b.position[0]")) / 10, 0, 0))
+    r = s.simulate(3.0, until="b.position[0] > 1", solver=solver, accuracy=1e-7)
+    assert [event.time for event in r.events] == [r.t[-1]]
+    assert r.complete
+    assert r["b"].position[-1, 0] == pytest.approx(1.0, abs=1e-9)
+    assert r["b"].velocity[-1, 0] ** 2 == pytest.approx(1 + (limit**1.5 - (limit - 1) ** 1.5) * 2 / 15, abs=1e-6)
+
+
 def test_symbols_and_joined_conditions():
     s = pendulum()
     q, w = s.sensor("J.angle"), s.sensor("J.rate")

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from mbdae.integrators.matrices.ordering import searches
 from mbdae.native.elimination import Entries, Order
-from mbdae.native.pivots import MANY, by_counts
+from mbdae.native.pivots import MANY, by_counts, largest_pivots
 from mbdae.native.sparse import Factors, Matrix, Orders, SingularMatrixError
 
 RNG = np.random.default_rng
@@ -218,6 +218,9 @@ def test_an_order_by_counts_is_that_of_a_small_matrix() -> None:
     entries = Entries(MANY + 1, np.arange(MANY + 2), np.arange(MANY + 1))
     with pytest.raises(ValueError, match="1001 unknowns"):
         by_counts(entries, np.ones(MANY + 1))
+    order = largest_pivots(entries, np.ones(MANY + 1))  # by SuperLU
+    assert order is not None
+    assert np.array_equal(order.rows, order.columns)
 
 
 def test_solutions_of_an_iteration_matrix_are_those_of_the_full_one() -> None:

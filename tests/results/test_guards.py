@@ -177,6 +177,20 @@ def test_penetration_beyond_the_clearance_is_told():
     assert told(r, "a stiffer normal law is meant")
 
 
+@pytest.mark.parametrize(("solver", "damping", "alarm"), [(mb.IDA(rtol=1e-3), 0.0, True),
+                                                          (mb.RadauIIA(3, rtol=1e-3), 50.0, False)], ids=["IDA", "Radau"])
+def test_energy_made_in_impacts_is_told_whatever_the_mass(solver, damping, alarm):
+    """A slider between two stops, of a gram, a kilogram and a tonne: the motion is the same, energies are as the masses."""
+    for mass in (1e-3, 1.0, 1e3):
+        s = mb.Scene("slider")
+        s.prismatic("J", s.ground, s.rigid_body("a", mass, mass, at=(0, 0)), at=(0, 0), axis=(1, 0, 0), rate0=3.0,
+                    limits=(-0.1, 0.2), stop=mb.Stop(1e5 * mass, damping * mass))  # fmt: skip
+        r = s.simulate(1.0, solver=solver)
+        e = r.energy
+        assert (np.max(np.abs(e.balance)) > 0.1 * np.max(e.kinetic)) is np.bool_(alarm)
+        assert (len(told(r, "not reliable: the energy balance is off")), r.reliable) == ((1, False) if alarm else (0, None))
+
+
 # -- what IDA is given
 
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 import mbdae as mb
 from mbdae.formulations import system_for
@@ -62,6 +63,19 @@ def test_one_damped_impact(damping):
     assert contact.law.restitution(MASS) == pytest.approx(e, rel=1e-5)
     assert contact.depth == pytest.approx(V / w * math.exp(-z * a), rel=1e-4)
     assert not r.warnings
+
+
+@pytest.mark.parametrize("damping", [0.0, 50.0, 447.2, 2 * math.sqrt(MASS * 1e5), 2000.0])
+def test_the_force_of_a_stop_ends_after_the_duration_stated(damping):
+    """Place and velocity in the stop by the exponential of m x'' = -k x - d x'."""
+    k, d = 1e5, damping
+    law = slider(limits=(None, 0.2), stop=mb.Stop(k, d)).check().prepared.contacts[0].law
+    lasts = law.contact_duration(MASS, V)
+    A = np.array([[0.0, 1.0], [-k / MASS, -d / MASS]])
+    force = [k * x + d * v for x, v in (expm(A * share * lasts) @ (0.0, V) for share in (0.01, 0.5, 0.99, 1.0))]
+    assert min(force[:3]) > 0
+    assert force[3] == pytest.approx(0.0, abs=1e-4 * max(force))
+    assert expm(A * lasts) @ (0.0, V) @ (0.0, 1.0) == pytest.approx(-law.restitution(MASS) * V, rel=1e-4)
 
 
 @every_model

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 import mbdae as mb
 from mbdae.kernels.tree_plan import MOST_SOLVED
 from mbdae.native.program import CHOLESKY, PASS, POSITIVE
-from mbdae.system.model.rotations import quaternion_product
+from mbdae.system.model.rotations import quaternion, quaternion_product, rotation_matrices
 
 ONE = True, False, False  #: a kernel of the whole tree
 
@@ -89,3 +89,14 @@ def test_products_of_quaternions_are_rotations_one_after_the_other():
     np.testing.assert_allclose(many * np.sign(np.sum(many * product, axis=1))[:, None], product, atol=1e-15)
     for p, q, expected in zip(P, Q, many, strict=True):
         np.testing.assert_allclose(quaternion_product(p, q), expected, atol=1e-15)
+
+
+def test_quaternions_are_those_of_their_rotation_matrices():
+    """One by one and many at once, in arrays of any shape."""
+    P = np.roll(Rotation.random(12, np.random.default_rng(2)).as_quat(), 1, axis=1)
+    P *= np.sign(P[:, :1])
+    for shape in ((12,), (3, 4)):
+        many = quaternion(rotation_matrices(P.reshape(*shape, 4)))
+        np.testing.assert_allclose(many.reshape(12, 4), P, atol=1e-14)
+    for p in P:
+        np.testing.assert_allclose(quaternion(rotation_matrices(p)), p, atol=1e-14)

@@ -73,6 +73,7 @@ AREAS = (
           "results/test_guards.py", "results/test_covers.py", "inputs/test_timed_runs.py", "integrators/test_accuracy.py",
           "integrators/test_batch.py", "integrators/test_services.py", "integrators/test_checkpoints.py", "control",
           "results/test_choice.py", "results/test_continued.py", "results/test_cost.py", "results/test_check_of_joints.py",
+          "results/test_nearer.py",
           "scene/test_check.py", "results/test_contact_stability.py", "system/test_needed.py",
           "system/test_recursive_motion.py", "test_ties.py")),
 )  # fmt: skip
