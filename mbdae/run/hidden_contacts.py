@@ -9,6 +9,7 @@ inside every step first, and then more closely wherever they may close.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from random import Random
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -86,13 +87,18 @@ def hidden_contacts(system: System, run: Solution, depth: float) -> list[Hidden]
     several times in one step one is returned."""
     if system.guards is None or len(run.t) < 2:
         return []
-    pairs, random, found = _pairs_of(system, run), np.random.default_rng(SEED), list[Hidden]()
+    pairs, random, found = _pairs_of(system, run), Random(SEED), list[Hidden]()
     for first in range(0, len(run.t) - 1, AT_ONCE):
         steps = run.t[first : first + AT_ONCE + 1]
-        for place, a, middle, b in _in_steps(pairs, steps, random.uniform(0.1, 0.9, (len(steps) - 1, POINTS)), depth):
+        for place, a, middle, b in _in_steps(pairs, steps, _drawn(random, len(steps) - 1), depth):
             names = system.guard_names
             found.append(Hidden(names[place] if place < len(names) else f"contact[{place}]", a, middle, b))
     return sorted(found, key=lambda one: one.deepest)
+
+
+def _drawn(random: Random, steps: int) -> Array:
+    """Random parts (steps, POINTS), from 0.1 to 0.9."""
+    return np.array([random.uniform(0.1, 0.9) for _ in range(steps * POINTS)]).reshape(steps, POINTS)
 
 
 def _pairs_of(system: System, run: Solution) -> Pairs:

@@ -148,7 +148,7 @@ def test_what_cannot_be_opened_falls_back(monkeypatch):
     for solver in (mb.IDA, mb.CVODE) for compiled in (True, False)])  # fmt: skip
 def test_ctrl_c_inside_c(solver, compiled, tmp_path, capfd):
     system = Harmonic().compiled(tmp_path) if compiled else Harmonic()
-    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    before, most = signal.signal(signal.SIGALRM, signal.default_int_handler), 0
     try:
         for wait in np.linspace(0.05, 0.25, 4 if compiled else 12):
             begin = time.perf_counter()
@@ -157,12 +157,14 @@ def test_ctrl_c_inside_c(solver, compiled, tmp_path, capfd):
                 solver.solve(system, 1e9)
             assert time.perf_counter() - begin < wait + 1.0
             found = stop.value.solution
-            assert len(found.t) == len(found.y) == len(found.yp) > 1
+            assert len(found.t) == len(found.y) == len(found.yp)
+            most = max(most, len(found.t))
             assert np.abs(found.y[:, 0] - np.cos(found.t)).max() < 1e-2  # millions of them: pytest.approx takes seconds
             assert signal.getsignal(signal.SIGALRM) is signal.default_int_handler
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
+    assert most > 1  # on a busy machine the first waits may end before a step
     assert capfd.readouterr() == ("", "")
 
 
