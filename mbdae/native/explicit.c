@@ -2,9 +2,14 @@
 
    Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, 2nd ed., II.5 and II.10. The coefficients come from Python;
    a row of a table ends where its next row begins. */
+#include <float.h>
 #include "core.h"
 
 enum { STAGES = 12, ALL = 16, STUCK = 1000 };
+
+/* Shortest step after a rejection, over the time: shorter ones are round-off of the time, and would go on for ever where the
+   equations end. */
+static const double SHORTEST = 10 * DBL_EPSILON;
 
 typedef struct { const I *row, *column; const double *value; } Coefficients; /* of row i: row[i] <= k < row[i + 1] */
 
@@ -97,6 +102,7 @@ static int one_step(Explicit *x, double *t, double end, const double *times, dou
       x->h = h * (isfinite(error) ? fmax(0.2, 0.9 * pow(error, -0.125)) : 0.2);
       x->rejected++;
       x->after_rejection = 1;
+      if (x->h < SHORTEST * fabs(*t)) return STUCK;
       continue;
     }
     double *reached = x->F + 7 * n; /* `next` serves the stages of the interpolant */
@@ -107,6 +113,7 @@ static int one_step(Explicit *x, double *t, double end, const double *times, dou
     if (code) { /* the step stands, its interpolant does not: a shorter one */
       x->h = 0.5 * h;
       x->rejected++;
+      if (x->h < SHORTEST * fabs(*t)) return STUCK;
       continue;
     }
     double factor = error > 0 ? fmin(10, 0.9 * pow(error, -0.125)) : 10;

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import sympy as sp
 from scipy.integrate import solve_ivp
 from scipy.integrate._ivp import dop853_coefficients as scipys
 
@@ -128,3 +129,13 @@ def test_a_spring_that_switches_is_met(accuracy):
     speed = np.abs(r["cart"].velocity[:, 0])
     free = np.abs(r["cart"].position[:, 0]) < 0.5
     assert speed[free] == pytest.approx(1.0, abs=30 * accuracy)
+
+
+def test_a_run_ends_where_the_equations_do():
+    """The force is a root whose argument becomes negative: steps of the size of round-off were accepted for ever."""
+    s = mb.Scene("pulled")
+    b = s.point_mass("b", 1.0, at=(0, 0), velocity=(1, 0))
+    s.force("F", b, (sp.sqrt(1.005 - s.sensor("b.position[0]")) / 10, 0, 0))
+    with pytest.raises(mb.SolverError, match=r"is not finite near t = 0\.9673") as stop:
+        s.simulate(3.0, solver=mb.DOP853(rtol=1e-7), form="index1", max_wall=60)
+    assert "max_wall" not in str(stop.value)
