@@ -180,7 +180,7 @@ def array(value: Any, *shapes: tuple[int, ...]) -> Array:
     """Finite numbers in an array of one of some shapes (any where none is given); no text, no truth values, no complex."""
     # a masked array exists only where numpy.ma has been imported
     if "numpy.ma" in sys.modules and isinstance(value, np.ma.MaskedArray) and np.any(value.mask):
-        raise BadValueError(f"{shown(value)} has masked entries")
+        raise BadValueError(f"{shown(value)} has masked entries: fill them, or leave them out")
     found = entries(value)
     try:
         if found.dtype.kind in "iuf":

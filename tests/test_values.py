@@ -82,7 +82,7 @@ def test_arrays_are_the_users_no_more_and_show_what_he_wrote() -> None:
     assert type(array(np.ma.array([1.0]))) is np.ndarray
     for value, told in (((0, math.inf), r"^\(0, inf\) has a wrong entry, inf is not finite$"),
                         (Decimal("nan"), r"^Decimal\('NaN'\) is not finite$"),
-                        (np.ma.array([1.0, 2.0], mask=[0, 1]), "has masked entries$"), (b"12", "not an array of numbers$"),
+                        (np.ma.array([1.0, 2.0], mask=[0, 1]), "masked entries: fill them"), (b"12", "not an array of numbers$"),
                         (bytearray(b"12"), "not an array of numbers$"),
                         (np.timedelta64(1, "s"), "is not a number$")):  # fmt: skip
         with pytest.raises(BadValueError, match=told):

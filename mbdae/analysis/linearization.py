@@ -130,7 +130,8 @@ def eigenpairs(equations: Reduced, count: int | None) -> tuple[Complex, Complex]
     if size == 0:
         return np.zeros(0, dtype=complex), np.zeros((0, 0), dtype=complex)
     if size > LARGEST and count is None:
-        raise OptionError(f"the linearised scene has {size} states; above {LARGEST} ask for the lowest modes: count=20")
+        raise OptionError(f"the linearised scene has {size} states; above {LARGEST} ask for the lowest modes: count=20 (any "
+                          f"number) in s.linearize(...)")  # fmt: skip
     if size <= LARGEST:
         S = np.linalg.solve(E, -A)
         values, vectors = np.linalg.eig(S)

@@ -226,7 +226,7 @@ class _Reader:
     def matrix(self, font: str) -> str:
         kind = self.raw()
         if kind not in _MATRICES:
-            raise FormulaError(f"formula '{self.latex}': unknown environment '{kind}'")
+            raise FormulaError(f"formula '{self.latex}': unknown environment '{kind}'; use one of {', '.join(_MATRICES)}")
         if kind == "array":
             self.raw()
         rows: list[list[str]] = [[]]

@@ -187,7 +187,7 @@ class Operations:
             weights = np.asarray(weight, dtype=float)
             weights = np.full(count, weights) if weights.ndim == 0 else weights
             if weights.shape not in ((count,), (times, count)):
-                raise ValueError(f"weights have the shape {weights.shape}: one, ({count},) or ({times}, {count}) are needed")
+                raise ValueError(f"weight has the shape {weights.shape}: give a number or ({count},) or ({times}, {count})")
             steps["weight_step"], tables["weight"] = (count if weights.ndim == 2 else 0), weights.ravel()
         self._add(kind, tables, times=times, count=count, **steps)
 

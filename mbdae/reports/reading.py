@@ -179,7 +179,8 @@ class Reader:
         if key is not None:
             self.i += len(key)
             if self.peek() in ("_", "'"):
-                raise self._unread(f"the symbol {''.join((*key, *self.line[self.i : self.i + 6]))} is not defined")
+                after = "".join(self.line[self.i : self.i + 6])
+                raise self._unread(f"{''.join(key)} has a value, but not with what follows: {after}")
             return self.symbols.value(key)
         token = self.take()
         if token.isdigit() or token == ".":

@@ -63,7 +63,7 @@ def structure_of(law: type[Law], options: Mapping[str, Any]) -> Structure:
     unknown = sorted(set(options) - set(law.options))
     if unknown:
         close = unknown_name(unknown[0], [*law.options, *law.params])
-        raise LawError(f"{law.__name__} has no option {close} it has {sorted(law.options)}")
+        raise LawError(f"{law.__name__} has no option {close} it has {', '.join(sorted(law.options)) or 'none'}")
     for name, value in options.items():
         check_kind(name, value, OPTIONS.get(name))
     chosen = {name: options.get(name, _default(law, name, options)) for name in law.options}

@@ -63,11 +63,13 @@ class Known:
     def among(cls, laws: Any, further: Own | None = None) -> Known:
         """mbdae's own, `further` ones, and a caller's `laws`; OptionError where these are no list of classes and functions."""
         if isinstance(laws, str | Mapping) or not isinstance(laws, Iterable):
-            raise OptionError(f"laws = {shown(laws)}: give a list of law classes and of functions of beam curves")
+            raise OptionError(f"laws = {shown(laws)}: give a list of your own classes, and of functions given as curve= of "
+                              f"beams, such as [MyJoint, my_curve]")
         own: Own = dict(further or {})
         for one in laws:
             if not isinstance(one, type | FunctionType):
-                raise OptionError(f"laws holds {shown(one)}: give law classes themselves, and functions of beam curves")
+                raise OptionError(f"laws holds {shown(one)}: give your own classes themselves (MyJoint, not its name or an "
+                                  f"object), and functions given as curve= of beams")
             stored_name(one, own)
         return cls(own, loose=True)
 

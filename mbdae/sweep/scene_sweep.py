@@ -35,7 +35,7 @@ from mbdae.values import BadValueError, array, number, option, several, shown, t
 FORMAT = "mbdae sweep of a scene 3"
 PART, ALONE, PIECES = 512, 8, 8  #: points per part in batches, points per part run one by one, pieces of a part that failed
 STATEMENT = "statement.json"  #: file of a folder that says what its sweep is
-FOLDER = "give a folder, new or one that such a call made, or None"
+FOLDER = "give a new folder, or that of an earlier call of the same sweep; None keeps nothing"
 GRID = "give a mapping of names such as 'crank.mass' to lists of numbers, or a list of such points"
 _NAME = re.compile(r"part(\d+)-(\d+)\.npz")
 

@@ -130,7 +130,7 @@ def _alone(places: list[tuple[dict[str, Any], str]], name: str, word: str) -> tu
     """The only one of some places; OptionError where there are several."""
     if len(places) != 1:
         options = " or ".join(f"'{name.partition('.')[0]}.{word}.{key}'" for _, key in places)
-        raise OptionError(f"vary: '{name}': this joint has several; say {options}")
+        raise OptionError(f"vary: '{name}': this joint has a {word} in several coordinates; name one: {options}")
     return places[0]
 
 

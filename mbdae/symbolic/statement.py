@@ -150,7 +150,7 @@ class Statement:
                                f"with self.relative_angle(k, l), the angle about the axis, or the axes x, y, z, or use "
                                f"space='planar'")  # fmt: skip
             raise LawError(f"{law} needs axes on both sides; a point mass has none: {what} reads the {quantity} of {frame.side}; "
-                           f"use s.rigid_body")  # fmt: skip
+                           f"use s.rigid_body for that body")  # fmt: skip
 
     def answers(self) -> dict[str, Any]:
         """All that the law says of itself and on its frames: two laws with the same answers have the same equations, but for

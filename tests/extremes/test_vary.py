@@ -220,8 +220,8 @@ def test_speeds_of_coordinates():
 
 
 @pytest.mark.parametrize(("name", "message"), [
-    ("E.speed", "this joint has several; say 'E.speed.x' or 'E.speed.angle'"),
-    ("C.stiffness", "this joint has several; say 'C.spring.displacement' or 'C.spring.angle'"),
+    ("E.speed", "this joint has a speed in several coordinates; name one: 'E.speed.x' or 'E.speed.angle'"),
+    ("C.stiffness", "this joint has a spring in several coordinates; name one: 'C.spring.displacement' or 'C.spring.angle'"),
     ("C.spring", "has values by coordinate; say 'C.spring.displacement' or 'C.spring.angle'"),
     ("C.spring.turn", "there is no number 'turn' stated; there is displacement, angle"),
     ("C.speed.angle", "the item has no speed at the start"),

@@ -32,7 +32,8 @@ class Normal(Part):
 
     def penetration(self, force: float) -> float:
         """Static penetration under a force (N), m."""
-        raise LawError(f"normal law {type(self).__name__} does not state `penetration(self, force)`")
+        raise LawError(f"normal law {type(self).__name__} does not state `penetration(self, force)`: add it; it "
+                       f"returns the penetration (m) at rest under a force (N)")
 
     def impact(self, mass: float, speed: Any) -> tuple[Any, Any]:
         """Largest penetration (m) and duration (s) of an elastic impact of an effective mass (kg) at a speed (m/s)."""
