@@ -202,7 +202,7 @@ def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Co
         raise AuditError(f"there are no equations, such as '1: a = b + c', and no claims in {shown(source)}: {remedy}")
     unknown = sorted(set(given) - {c.words for c in found.claims})
     if unknown:
-        raise OptionError(f"counts: the text has no claim {shown(unknown[0])}; use the words of its claims: "
+        raise OptionError(f"counts = {shown(counts)}: the text has no claim {shown(unknown[0])}; use the words of its claims: "
                           f"{', '.join(shown(c.words) for c in found.claims) or 'it has none, leave counts out'}")  # fmt: skip
     return Audit(found.title, tuple(audit_text(found)), tuple(count(c, given) for c in found.claims))
 

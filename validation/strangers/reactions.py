@@ -10,7 +10,8 @@ from strangers.dense import Reference
 from strangers.story import Said, Story
 
 FACTOR = 10.0  #: an error up to so many times the accuracy counts as right, as between two runs
-NO_FORCE = 1e-6  #: errors of the reference, over the force that moves the scene by its length in its characteristic time
+#: errors of the reference, over the force that moves the scene by its length in its characteristic time, or in the run
+NO_FORCE = 1e-6
 NEAR = 1e-9  #: part of the run beside jumps that is not looked at
 
 
@@ -34,7 +35,7 @@ def error_of_reactions(reference: Reference, times: Array, states: list[Array], 
             turned = (M[i] - m)[2:] if result.prepared.model.planar else M[i] - m
             gap = [float(np.linalg.norm(F[i] - f))] + [float(np.linalg.norm(turned)) / length] * (a.verb in JOINTS)
             apart += gap if sure else []
-    least = NO_FORCE * float(np.max(reference.w.mass)) * length / result.prepared.time**2
+    least = NO_FORCE * float(np.max(reference.w.mass)) * length / min(result.prepared.time, story.t_end) ** 2
     return max(apart) / max(*sizes, least)
 
 
