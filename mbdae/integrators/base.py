@@ -173,12 +173,12 @@ class Solver(ABC):
         with StepLoop(system, solver, asked.t_end, asked.times, asked.max_wall, asked.progress, asked.max_residuals,
                       asked.begin, asked.stop, record, asked.impacts) as loop, (
                           nullcontext() if record is None else record.guarding(loop)):  # fmt: skip
-            solver._between_breaks(loop, asked.h0, asked.share, asked.edges)
+            solver._between_breaks(loop, asked)
         return loop.solution()
 
-    def _between_breaks(self, loop: StepLoop, h0: float | None, share: float | None, further: Array | None) -> None:
+    def _between_breaks(self, loop: StepLoop, asked: Asked) -> None:
         """Integrate from break to break of the inputs of time, with consistent values at the beginning of each part."""
-        system = loop.system
+        system, h0, share, further = loop.system, asked.h0, asked.share, asked.edges
         line = None
         if system.timeline is not None:
             line = system.timeline(system.t0, loop.run_end, self.aimed(system.label))

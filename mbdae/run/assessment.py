@@ -101,7 +101,7 @@ def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tu
         return 0.0, []
     driven = any(c.prescribed for c in prepared.model.scene.joints)
     why = "prescribed motions may contradict each other later on" if driven else "the loops do not stay closed"
-    if m.rows[worst] in set(prepared.rank.dropped):
+    if m.rows[worst] in prepared.rank.dropped:
         why += " (it was left out as redundant at the start, and is not redundant all the way)"
     return float(off[worst]), [f"constraint {m.rows[worst].name} is violated by {off[worst]:.1e} of the scene's length, or rad: "
                                f"{why}; r.drift has its course, and falls with accuracy or rtol if it is numerical"]  # fmt: skip

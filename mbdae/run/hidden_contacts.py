@@ -16,7 +16,7 @@ import numpy as np
 
 from mbdae.deferred import distinct
 from mbdae.integrators.solution import Solution, systems_at
-from mbdae.integrators.watched.contact_steps import SLOPE
+from mbdae.integrators.watched.contact_steps import SLOPE, cubic, guard_name
 from mbdae.notation import counted
 from mbdae.system.base import Array, System
 
@@ -69,17 +69,15 @@ class _Intervals(NamedTuple):
 
     def halves(self, middle: Array, at: Array) -> _Intervals:
         """Both halves of every interval; at: gaps and rates (k, 2) in the middle (k,)."""
-        doubt = DOUBT * np.abs(at[:, 0] - _cubic(0.5, self.b - self.a, self.left, self.right))
+        doubt = DOUBT * _off_cubic(at[:, 0], 0.5, self.b - self.a, self.left, self.right)
         ends = np.concatenate([self.a, middle]), np.concatenate([middle, self.b])
         return _Intervals(np.tile(self.step, 2), np.tile(self.place, 2), *ends, np.concatenate([self.left, at]),
                           np.concatenate([at, self.right]), np.tile(doubt, 2))  # fmt: skip
 
 
-def _cubic(s: Any, h: Array, left: Array, right: Array) -> Array:
-    """Gap at the part s of intervals of width h (s), by the cubic polynomial with gaps and rates (..., 2) at the ends."""
-    bend = h * s * (1 - s) * ((1 - s) * left[..., 1] - s * right[..., 1])
-    value: Array = left[..., 0] + s * s * (3 - 2 * s) * (right[..., 0] - left[..., 0]) + bend
-    return value
+def _off_cubic(gap: Array, s: Any, h: Array, left: Array, right: Array) -> Array:
+    """Distance of gaps at the part s of intervals of width h (s) from the cubics with gaps and rates (..., 2) at their ends."""
+    return np.asarray(np.abs(gap - cubic(s, h, left[..., 0], right[..., 0], left[..., 1], right[..., 1])))
 
 
 def hidden_contacts(system: System, run: Solution, depth: float) -> list[Hidden]:
@@ -91,8 +89,7 @@ def hidden_contacts(system: System, run: Solution, depth: float) -> list[Hidden]
     for first in range(0, len(run.t) - 1, AT_ONCE):
         steps = run.t[first : first + AT_ONCE + 1]
         for place, a, middle, b in _in_steps(pairs, steps, _drawn(random, len(steps) - 1), depth):
-            names = system.guard_names
-            found.append(Hidden(names[place] if place < len(names) else f"contact[{place}]", a, middle, b))
+            found.append(Hidden(guard_name(system, place), a, middle, b))
     return sorted(found, key=lambda one: one.deepest)
 
 
@@ -157,7 +154,7 @@ def _first(times: Array, values: Array, is_open: Any) -> _Intervals:
     h = times[:, 2:, None] - times[:, :-2, None]
     s = (times[:, 1:-1, None] - times[:, :-2, None]) / h
     off = np.zeros(values.shape[:3])
-    off[:, 1:-1] = np.abs(values[:, 1:-1, :, 0] - _cubic(s, h, values[:, :-2], values[:, 2:]))
+    off[:, 1:-1] = _off_cubic(values[:, 1:-1, :, 0], s, h, values[:, :-2], values[:, 2:])
     step, part, place = (x.ravel() for x in np.indices((len(times), times.shape[1] - 1, values.shape[2])))
     kept = is_open[step, place]
     step, part, place = step[kept], part[kept], place[kept]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cached_property
 from math import inf, sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -54,6 +54,18 @@ class Contact(NamedTuple):
         return abs(self.gap / self.rate) if self.rate else inf
 
 
+def guard_name(system: System, i: int) -> str:
+    """Name of a contact."""
+    return system.guard_names[i] if i < len(system.guard_names) else f"contact[{i}]"
+
+
+def cubic(s: Any, h: Any, g0: Any, g1: Any, r0: Any, r1: Any) -> Any:
+    """The cubic polynomial at the part s of a step of width h (s), with the values g0, g1 and rates r0, r1 at its ends: of one
+    gap or, as arrays, of many."""
+    bend = h * s * (1 - s) * ((1 - s) * r0 - s * r1)
+    return g0 + s * s * (3 - 2 * s) * (g1 - g0) + bend
+
+
 class Cubic(NamedTuple):
     """Cubic polynomial of a gap over a step: width (s), gaps (m or rad) and their rates at both ends."""
 
@@ -65,8 +77,8 @@ class Cubic(NamedTuple):
 
     def value(self, s: float) -> float:
         """Gap at the part s of the step."""
-        bend = self.h * s * (1 - s) * ((1 - s) * self.r0 - s * self.r1)
-        return self.g0 + s * s * (3 - 2 * s) * (self.g1 - self.g0) + bend
+        found: float = cubic(s, *self)
+        return found
 
     def suspect(self, margin: float) -> bool:
         """Whether its minimum can be below margin times the smaller gap at the ends: a quick test, rarely true."""
@@ -278,8 +290,8 @@ class ContactSteps:
             return ""
         remaining = [c.gap if c.gap < 0 else c.calm if c.rate < 0 else inf for c in self._here]
         i = int(np.argmin(remaining))
-        names, units = self.system.guard_names, self.system.guard_units
-        name, unit = names[i] if i < len(names) else f"contact[{i}]", units[i] if i < len(units) else "m"
+        name, units = guard_name(self.system, i), self.system.guard_units
+        unit = units[i] if i < len(units) else "m"
         return f"; nearest contact: {name}, gap {self._here[i].gap:.2e} {unit}, changing by {self._here[i].rate:.2e} {unit}/s"
 
     def _cubic(self, i: int) -> Cubic:

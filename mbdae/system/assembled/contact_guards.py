@@ -124,14 +124,14 @@ class ContactGuards:
 
     def gaps(self, t: float, y: Array) -> Array:
         """Gaps (places,) alone, without the durations of impacts, which take ten times as long."""
-        return self._gaps.at_states(np.array([t]), y[None])[0, ::2]
+        return self.pairs(np.array([t]), y[None])[0, :, 0]
 
     def pairs(self, t: Array, y: Array) -> Array:
         """Gaps and their rates (k, places, 2) at times (k,) and unknowns y (k, n)."""
         return self._gaps.at_states(t, y).reshape(len(t), -1, 2)
 
     def _evaluated(self, t: float, y: Array) -> tuple[Array, Array, Array]:
-        pairs = self._gaps.at_states(np.array([t]), y[None]).reshape(-1, 2)
+        pairs = self.pairs(np.array([t]), y[None])[0]
         gap, rate = pairs[:, 0].copy(), pairs[:, 1].copy()
         duration = np.array([p.duration(v) for p, v in zip(self.places, rate, strict=True)])
         near = [n for n, p in enumerate(self.places)

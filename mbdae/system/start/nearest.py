@@ -234,7 +234,7 @@ class NearestPositions(ConsistentPositions):
     def _step(self, here: Look, curved: bool) -> tuple[Array, Array]:
         """Newton's step (n,) to positions that satisfy the conditions and have the joints nearest to their drawn places, without
         the curvature of both where the scene is large or it is not `curved`; weights of the conditions in the merit of steps."""
-        slope, W = here.D.T @ here.far, self.joints.weight(here.D, *self._masses(here))
+        slope, W = here.D.T @ here.far, self.joints.weight(here.D, self._masses(here.q), here.units)
         if self.mechanics.large:
             return cheapest(W, here.units, here.A, -here.g, -slope), 10 / row_lengths(here.A @ sp.diags(here.units))[:, 0]
         A = as_full(here.A)
@@ -265,11 +265,12 @@ class NearestPositions(ConsistentPositions):
         A = self._closure_jacobian(q)
         return units, *_decomposed(as_full(A @ self.rigid.basis(q) if self.model.lines else A) * units)[1][1:]
 
-    def _masses(self, here: Look) -> tuple[Any, Array]:
+    def _masses(self, q: Array) -> Any:
+        """Masses (n, n) of the coordinates of rigid motions."""
         if not self.model.lines:
-            return self.mechanics.weight, here.units
-        B = self.rigid.basis(here.q)
-        return B.T @ (self.mechanics.mass @ B), here.units
+            return self.mechanics.weight
+        B = self.rigid.basis(q)
+        return B.T @ (self.mechanics.mass @ B)
 
     def _follow(self, q: Array) -> None:
         """Read the joint coordinates, with the whole turns that are nearest to their last values."""
@@ -316,9 +317,8 @@ class NearestPositions(ConsistentPositions):
             turn, way = np.linalg.norm(free[name], axis=1)
             angle = f"{2 * asin(min(1.0, float(turn) / 2)):.3g} rad"
             said = f"joint '{name}' leaves its drawn place by {angle if turn >= way else f'{way * self.joints.extent:.3g} m'}, "
-        moved = {b.name: float(np.linalg.norm(n.position(q) - n.position(drawn))) for n, b in self.model.bodies}
-        most = max(moved, key=moved.__getitem__)
-        self.changes.append(f"to close the loops {said}body '{most}' by {moved[most]:.3g} m")
+        most, moved = self._most_moved(drawn, q)
+        self.changes.append(f"to close the loops {said}body '{most}' by {moved:.3g} m")
         if branching:
             self.changes.append("on their way from the drawing the loops pass a position from which they can go on in two ways: "
                                 "the one that ends nearer to the drawing is taken")  # fmt: skip

@@ -250,11 +250,16 @@ class ConsistentPositions:
             d[node.u : node.u + nu], column = x[column : column + nu], column + nu
         return self.rigid.moved(q, x, self.mechanics.integrate_positions(q, d))
 
-    def _report_positions(self, before: Array, after: Array) -> None:
+    def _most_moved(self, before: Array, after: Array) -> tuple[str, float]:
+        """Name of the body that moves most between two positions, and how far, m."""
         moved = {b.name: float(np.linalg.norm(n.position(after) - n.position(before))) for n, b in self.model.bodies}
         most = max(moved, key=moved.__getitem__)
-        if moved[most] > 1e-9 * self.model.length:
-            self.changes.append(f"to close the loops body '{most}' moved by {moved[most]:.3g} m")
+        return most, moved[most]
+
+    def _report_positions(self, before: Array, after: Array) -> None:
+        most, moved = self._most_moved(before, after)
+        if moved > 1e-9 * self.model.length:
+            self.changes.append(f"to close the loops body '{most}' moved by {moved:.3g} m")
 
     def check_branches(self, q: Array) -> None:
         """Refuse other branches of the constraints: axes reversed, or a driven angle wrong by pi."""
