@@ -37,7 +37,7 @@ from mbdae.run.choice import Choice, alternatives
 from mbdae.run.contact_tolerances import refuse_unresolved
 from mbdae.run.control import SHALLOW, UNTESTED, Controlled, cpu_of, run_controlled
 from mbdae.run.drift import joint_drift
-from mbdae.run.hidden_contacts import hidden_contacts, stepped_over
+from mbdae.run.hidden_contacts import hidden_contacts
 from mbdae.run.lost_vibrations import with_lost_vibrations
 from mbdae.run.recheck import Rechecked, rechecked
 from mbdae.run.reliability import Assessment
@@ -86,20 +86,15 @@ class Job:
                 with python_warnings.catch_warnings(record=True) as caught:
                     python_warnings.simplefilter("always", AccuracyWarning)
                     solution = solver.run(system, self.asked)
-                notes = tuple(dict.fromkeys([*(str(w.message) for w in caught), *self._stepped_over(system, solution, solver)]))
-                return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s, notes)
+                notes = tuple(dict.fromkeys(str(w.message) for w in caught))
+                exactly = self.accuracy if solver.rtol is None else solver.rtol
+                hidden = hidden_contacts(system, solution, SHALLOW * exactly * self.prepared.length)
+                return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s, notes, hidden=tuple(hidden))
             run = self._controlled(system, solver)
             if not system.numbering.stresses or self.form.waves:
                 return run
             with keeping(run.solution, UNTESTED):
                 return self._with_waves(run, solver, system)
-
-    def _stepped_over(self, system: SceneSystem, solution: Solution, solver: Solver) -> list[str]:
-        """A warning of contacts that come and go inside the steps of a single run; they are counted in its statistics."""
-        exactly = self.accuracy if solver.rtol is None else solver.rtol
-        hidden = hidden_contacts(system, solution, SHALLOW * exactly * self.prepared.length)
-        solution.stats.missed_dips = max(solution.stats.missed_dips, len(hidden))
-        return [stepped_over(hidden)] if hidden else []
 
     def _system(self, solver: Solver) -> SceneSystem:
         """The equations with the index that a solver takes, assembled once."""
