@@ -18,15 +18,17 @@ from mbdae.native.program import Operations, block
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.vectors import Expr
 
-#: number of operations below which LLVM optimises a kernel (small ones take milliseconds; large ones seconds, for a few per cent)
+#: number of operations below which LLVM optimises a kernel: this takes milliseconds for small kernels, but seconds for large
+#: ones, which then run only a few per cent faster
 _OPTIMISE_BELOW = 400
 
 
 class Kernel:
     """Evaluates `expressions` of `symbols` at N points at once: x (N, inputs) -> out (N, outputs), both C-contiguous.
 
-    width: number of expressions, needed where `expressions` is a function that is called when they are first needed; key: key of
-    the machine code on disk, None: it is made from the expressions."""
+    expressions may be a function that returns them, which is called when they are first needed; then width, their number, has to
+    be given. level: LLVM's level of optimisation, None: by size. key: key of the machine code on disk, None: a hash of the
+    expressions."""
 
     def __init__(self, symbols: Sequence[Expr], expressions: Sequence[Expr] | Callable[[], Sequence[Expr]],
                  level: int | None = None, width: int | None = None, key: str | None = None) -> None:  # fmt: skip
@@ -77,7 +79,7 @@ class Kernel:
         return Kernel([*self.symbols, *changes.values()], expressions, self.level, self.width, part_key(self.key, "tangent"))
 
     def straight(self) -> tuple[Program, list[Expr]]:
-        """The kernel as a straight-line program: the program and its outputs."""
+        """The kernel as a straight-line program (assignments one after the other, without branches), and its outputs."""
         program = Program()
         return program, [program.let(e) for e in self.expressions]
 
@@ -97,7 +99,7 @@ class Kernel:
     def __call__(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         if self.symbols:
             self.compiled(x, out=out)
-        else:  # LLVM takes no function without arguments
+        else:  # LLVM cannot compile a function without arguments
             out[...] = self.once(x)
 
     def emit(self, part: Operations, gather: NDArray[np.intp], first: int | None = None) -> NDArray[np.intp]:

@@ -14,16 +14,21 @@ from mbdae.symbolic.outputs import Target
 
 Array = NDArray[Any]
 
-GOLDEN = (5**0.5 - 1) / 2  #: its multiples, without their whole parts, have no regular distances
+#: golden ratio: the fractional parts of its multiples are spread irregularly over 0 to 1. They serve as a state at which no
+#: derivative is 0 by chance
+GOLDEN = (5**0.5 - 1) / 2
 
 
 class ElementKernel(ABC):
-    """A law over m elements of the same kind; emitted like a `Kernel` whose points are the elements.
+    """A law over m elements of the same kind, for example the strains of beam elements. In native programs it is used like a
+    `Kernel` that is evaluated once per element.
 
     inputs   columns of x: ("q", node, i), ("u", node, i), ("z", j) algebraic unknowns, ("p", name) prescribed values
-    targets  columns of the outputs: ("u", node, i) momentum rows, left-hand side, ("z", j) rows of the algebraic unknowns
+    targets  columns of the outputs: ("u", node, i) terms on the left-hand side of the equations of motion, ("z", j) rows of the
+             algebraic unknowns
 
-    Nodes are numbered within the element. x is (N, inputs), N a multiple of m: several states of all elements in order.
+    Nodes are numbered within the element. x is (N, inputs), where N is a multiple of m: the inputs of all elements in order for
+    the first state, then for the second one, ...
     """
 
     elements: int
@@ -44,11 +49,12 @@ class ElementKernel(ABC):
 
     @abstractmethod
     def emit_jacobian(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Append the derivatives to a native program. Returns their slots (elements, places)."""
+        """Append the derivatives to a native program. Returns their slots (elements, len(jacobian_places))."""
 
     @cached_property
     def _places(self) -> tuple[Array, Array]:
-        """Entries (outputs, inputs) of the Jacobian that do not vanish in an irregular state."""
+        """Row and column numbers (outputs, inputs) of the entries of the Jacobian that are not identically zero, found at a state
+        of irregular numbers."""
         x = 0.3 + 0.6 * (np.arange(1.0, self.elements * len(self.inputs) + 1) * GOLDEN % 1).reshape(self.elements, -1)
         outputs, inputs = np.nonzero(np.any(self.full_jacobian(x) != 0, axis=0))
         return outputs, inputs
@@ -59,16 +65,16 @@ class ElementKernel(ABC):
         return [(int(o), self.inputs[i]) for o, i in zip(*self._places, strict=True)]
 
     def jacobian(self, x: Array) -> Array:
-        """(N, places) derivatives, those that do not vanish."""
+        """(N, len(jacobian_places)) derivatives: the entries of `full_jacobian` that are not identically zero."""
         return self.full_jacobian(x)[:, *self._places]
 
 
 class ElementJacobian:
-    """The derivatives of an element kernel, emitted like a kernel."""
+    """The derivatives of an element kernel, with the method `emit` of a kernel, so that both are used alike."""
 
     def __init__(self, kernel: ElementKernel) -> None:
         self.kernel = kernel
 
     def emit(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Append the derivatives to a native program. Returns their slots (elements, places)."""
+        """As `ElementKernel.emit_jacobian`."""
         return self.kernel.emit_jacobian(part, gather)
