@@ -26,7 +26,7 @@ class OrderTable(ctypes.Structure):
                                                              "to")))  # fmt: skip
 
 
-#: the library with the function that finds what fills in
+#: opens the library with the function that finds the fill-in
 functions = declared(("lu_fill", Whole, (Whole, Pointer, Pointer, Whole, Pointer, Pointer, Pointer, Pointer)))
 
 
@@ -66,7 +66,7 @@ class Entries:
 
 
 class Order:
-    """An order of elimination, in which pivot i is in row rows[i] and column columns[i], and the pattern of L + U in it.
+    """An order of elimination: pivot i is in row rows[i] and column columns[i]; with the pattern of L + U for this order.
 
     work: number of multiplications of a factorisation; size: number of entries of L + U, fill-in included.
     """
