@@ -131,10 +131,10 @@ class Method:
                 left: float = np.inf) -> Steps:  # fmt: skip
         """Make steps from the last accepted point, `start` (t, y, y'), up to the time `stop`; end after `rows` steps, `left`
         evaluations, or SLICE seconds of wall time. last_step: length of the step before (s); toward: end of the run (s).
-        Exceptions of callbacks are raised by `raise_error` afterwards."""
+        `raise_error` afterwards raises exceptions of callbacks."""
         block, run = self._block, self.run
         if block is None or block.made == block.room:
-            self._before, self._block = block, Block(self.n, self.inner)  # the last step, which C still reads, is in the old block
+            self._before, self._block = block, Block(self.n, self.inner)  # C still reads the last step in the old block
             block = self._block
             run.inner, run.pieces = block.inner.ctypes.data, 0
         if self.inner and (run.from_y is None or start[0] != run.from_t):  # else C has this state already, as its last one
