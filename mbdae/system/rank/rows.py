@@ -1,8 +1,9 @@
 """Constraint rows that follow from each other: their rank, and which of them are integrated.
 
-An over-constrained mechanism has more rows than its motion needs. Which of them can be left out depends on the position: rows
-that determine the motion here may depend on each other there, although all rows together never lose their rank. So the rows
-in force are chosen from the geometry of the present position, and chosen again before they become dependent (`rows_in_force`).
+An over-constrained mechanism has more constraint rows than its motion needs. Which of them can be left out depends on the
+position: rows that determine the motion in one position may depend on each other in another, although the rank of all rows is the
+same. So the rows that are integrated, called rows in force, are chosen from the geometry of the present position, and chosen
+again before they become dependent (`rows_in_force`).
 """
 
 from __future__ import annotations
@@ -18,29 +19,33 @@ from mbdae.system.model.numbering import Row
 from mbdae.system.motion.constrained import row_lengths
 from mbdae.system.motion.mechanics import Mechanics, in_units
 
-DEPENDENT = 2e-6  #: independent part of a unit row below which it counts as dependent on the rows before it
-SHIFT = 1e-12  #: added to the diagonal of B B^T of sparse rows where that is singular; less than the square of `DEPENDENT`
-CLEAR = 0.1  #: independent part of a unit row above which rows are chosen in the order of the scene
+#: a row of unit length counts as dependent if its distance from the span of the rows before it (its independent part) is below
+#: this
+DEPENDENT = 2e-6
+SHIFT = 1e-12  #: added to the diagonal of a singular B B^T so that it can be factorised; less than the square of `DEPENDENT`
+CLEAR = 0.1  #: rows with an independent part above this are chosen in the order of the scene, others the best ones first
 Rows = tuple[Row, ...]
-#: smallest singular value of the rows in force, over that of the best choice, below which rows are chosen again
+#: other rows are chosen where the smallest singular value of the rows in force falls below this part of that of the best choice
 WORN = 0.2
 
 
 def unit_rows(mechanics: Mechanics, G: Any) -> Any:
-    """G over unit displacements (the scene's length, 1 rad), its rows scaled to unit length; sparse where G is."""
+    """The rows of G with columns in unit displacements (the scene's length, 1 rad), scaled to unit length; sparse where G is."""
     B = in_units(mechanics, G)
     return sp.diags(1 / row_lengths(B)[:, 0]) @ B if issparse(B) else np.asarray(B / row_lengths(B))
 
 
 def smallest(B: Any, rank: int) -> float:
-    """The smallest singular value of rows, without those that count as 0 by the rank; 1 where there are no rows."""
+    """The smallest singular value of rows B (m, n) that is not 0 because of their rank: number `rank` in descending order; 1
+    where there are no rows."""
     if issparse(B):
         return smallest_value(B, rank < B.shape[0]) if rank else 1.0
     return float(np.linalg.svd(B, compute_uv=False)[rank - 1]) if rank else 1.0
 
 
 def smallest_value(B: Any, singular: bool) -> float:
-    """The smallest singular value of sparse rows B (m, n) of unit length; singular: the smallest that is not 0."""
+    """The smallest singular value of sparse rows B (m, n) of unit length. singular: whether some are 0; then the smallest that is
+    not."""
     m, n = B.shape
     gram = sp.csc_matrix(B @ B.T)
     shift = SHIFT if singular else 0.0
@@ -68,7 +73,8 @@ def independent_parts(B: Array) -> Array:
 
 
 def rows_in_order(B: Array, rank: int, always: Sequence[int]) -> list[int]:
-    """Numbers (rank,) of rows that span all: `always`, then clearly independent ones in order, then by independent part."""
+    """Numbers (rank,) of independent rows: those in `always`, then in their order those with an independent part above CLEAR,
+    then always the one with the largest independent part."""
     chosen, basis = list[int](), np.zeros((0, B.shape[1]))
     left = B.copy()
 
@@ -92,7 +98,8 @@ def rows_in_order(B: Array, rank: int, always: Sequence[int]) -> list[int]:
 
 
 def best_rows(B: Array, rank: int, always: Sequence[int]) -> list[int]:
-    """Numbers (rank,) of well-conditioned rows that span all: those in `always`, then by QR with column pivoting."""
+    """Numbers (rank,) of independent, well-conditioned rows: those in `always`, then those that QR with column pivoting
+    chooses."""
     basis = np.linalg.qr(B[list(always)].T)[0] if len(always) else np.zeros((B.shape[1], 0))
     others = np.array([i for i in range(len(B)) if i not in set(always)], dtype=int)
     left = B[others] - (B[others] @ basis) @ basis.T
@@ -101,13 +108,15 @@ def best_rows(B: Array, rank: int, always: Sequence[int]) -> list[int]:
 
 
 def chosen_rows(B: Array, rank: int, always: Sequence[int]) -> list[int]:
-    """Numbers (rank,) of the rows at the start: in the order of the scene where these are well-conditioned enough."""
+    """Numbers (rank,) of the rows to be integrated from the start: by `rows_in_order`, in the order of the scene, if these are
+    conditioned well enough, else by `best_rows`."""
     ordered, other = rows_in_order(B, rank, always), best_rows(B, rank, always)
     return ordered if smallest(B[ordered], rank) >= WORN * smallest(B[other], rank) else other
 
 
 def _without(row: Array, basis: Array) -> Array:
-    """The part of a row orthogonal to an orthonormal basis (k, n); projected twice against rounding."""
+    """The component of a row (n,) orthogonal to an orthonormal basis (k, n); projected twice to remove round-off of the first
+    time."""
     for _ in range(2):
         row = row - basis.T @ (basis @ row)
     return row
