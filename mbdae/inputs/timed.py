@@ -133,8 +133,10 @@ def _with_plain_numbers(e: Expr) -> Expr:
         except (TypeError, ValueError, OverflowError, RuntimeError):
             size = math.inf
         if not math.isfinite(size):
-            raise BadValueError(f"{shown(e)} contains the number {shown(node)}, which is not a real number of double "
-                                f"precision (up to 1.8e308)")  # fmt: skip
+            import sympy
+
+            raise BadValueError(f"{shown(e)} contains the number {sympy.sympify(node).n(6)}, which is not a real number of "
+                                f"double precision (up to 1.8e308)")  # fmt: skip
         return se.RealDouble(float(node)) if type(node).__name__ == "RealMPFR" else None
 
     return rebuilt(e, rule)
