@@ -65,7 +65,7 @@ REACH = math.acos((1.5**2 + 2.0**2 - (COUPLER + 1.2) ** 2) / (2 * 1.5 * 2.0)) - 
 @pytest.mark.parametrize("recursive", [False, True])
 def test_a_value_beyond_the_reach_of_a_loop_is_named(given, recursive):
     scene = toggle().recursive() if recursive else toggle()
-    with pytest.raises(mb.SolverError, match="cannot follow the prescribed value of 'A'") as stopped:
+    with pytest.raises(mb.SolverError, match="cannot follow what is prescribed for 'A'") as stopped:
         scene.simulate(3.0, **given)
     assert "the loop closed by 'D'" in str(stopped.value)
     assert stopped.value.solution.t[-1] <= stopped.value.time == pytest.approx(REACH, abs=0.015)
