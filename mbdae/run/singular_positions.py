@@ -20,7 +20,7 @@ CHOSEN, REFINED = 5, 40  #: largest number of minima that are refined, and evalu
 NEAR = 0.3  #: ratio of the smallest singular value to its median below which a minimum is refined
 LAST, BEFORE = 5, 20  #: numbers of steps before a stop, and of times of the whole run they are compared with
 SINGULAR = 1e-3  #: ratio of the smallest singular value before a stop to its median over the run below which it is named
-RELEASED = 10.0  #: growth of the smallest singular value without the row of a prescribed value, above which this value causes it
+RELEASED = 3.0  #: growth of the smallest singular value without the row of a prescribed value, above which this value causes it
 UNCONTROLLED = 1e-6  #: violation that a run without a tolerance is assumed to resolve
 GOLDEN = (5**0.5 - 1) / 2
 
