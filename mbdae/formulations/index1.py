@@ -24,7 +24,8 @@ MULTIPLIERS = ("derivatives", "algebraic", "eliminated")
 
 
 def index1_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """q' = H u, M u' + G^T lambda = f, G u' + gamma + 2 alpha (G u + g_t) + beta^2 g = 0."""
+    """q' = H u, M u' + G^T lambda = f, G u' + gamma + 2 alpha (G u + g_t) + beta^2 g = 0; g: constraints, G: their Jacobian,
+    d2g/dt2 = G u' + gamma."""
     if isinstance(d.law, Element):
         return [*kinematics(d), *dynamics(d)]
     return [*dynamics(d), *stabilised(d), *state_rows(d)]

@@ -69,7 +69,8 @@ class Kernel:
 
     @cached_property
     def tangent(self) -> Kernel:
-        """A kernel of the changes of the values, linear in the changes of the inputs; these are its further inputs."""
+        """The kernel of the derivative along a direction: it returns the changes of the outputs for changes of the inputs, which
+        it reads after the inputs themselves."""
         changes = {s: se.Symbol(f"change_{s}") for s in self.symbols}
 
         def expressions() -> list[Expr]:
@@ -103,14 +104,15 @@ class Kernel:
             out[...] = self.once(x)
 
     def emit(self, part: Operations, gather: NDArray[np.intp], first: int | None = None) -> NDArray[np.intp]:
-        """Append the kernel to a native program, at points whose inputs are in slots gather (points, inputs). Returns the slots
-        of its values (points, outputs), which begin at `first` where that is given."""
+        """Append the evaluation of this kernel at points to a native program, whose numbers are in one array. gather (points,
+        inputs): slots, indices of the inputs in that array. Returns the slots (points, outputs) of the values, which begin at
+        `first` where that is given."""
         if gather.shape[1:] != (len(self.symbols),):
             raise ValueError(f"slots {gather.shape} of {len(self.symbols)} symbols")
         if self.symbols:
             return part.call(self, gather, first)
         first = part.slots(len(gather) * self.width) if first is None else first
-        part.load(first, np.tile(self._fixed, len(gather)))  # LLVM takes no function without arguments
+        part.load(first, np.tile(self._fixed, len(gather)))  # LLVM cannot compile a function without arguments
         return block(first, len(gather), self.width)
 
     def values(self, x: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -45,7 +45,8 @@ class ElementKernel(ABC):
 
     @abstractmethod
     def emit(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Append the kernel to a native program. Returns the slots of its values (elements, outputs)."""
+        """Append the evaluation of all elements to a native program, see `Kernel.emit`. gather: slots of the inputs (elements,
+        inputs). Returns the slots of the values (elements, outputs)."""
 
     @abstractmethod
     def emit_jacobian(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -61,7 +62,7 @@ class ElementKernel(ABC):
 
     @cached_property
     def jacobian_places(self) -> list[tuple[int, Target]]:
-        """(output, input) of every derivative `jacobian` returns."""
+        """Of every derivative that `jacobian` returns the number of the output and the input by which it is differentiated."""
         return [(int(o), self.inputs[i]) for o, i in zip(*self._places, strict=True)]
 
     def jacobian(self, x: Array) -> Array:

@@ -45,11 +45,11 @@ class Spread(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Number of its rows."""
+        """Number of rows of the sparse matrix."""
         return self.shape[0] * self.shape[1]
 
     def of(self, values: Array) -> Array:
-        """Its product (*shape, N) with derivatives (D, N)."""
+        """Product (*shape, N) of the sparse matrix with the derivatives (D, N) at the points of N elements."""
         found = np.zeros((self.size, values.shape[1]), values.dtype)
         rows, first = np.unique(self.rows, return_index=True)
         size = TOGETHER // max(len(self.rows), 1) + 1

@@ -36,8 +36,8 @@ class Nodes:
         """`turns`: (m, count, 4) rotations from node to section, or (m, count) angles in the plane; None: none."""
         self.flat, self.count = kind is NodeKind.PLANAR, count
         self.nq, self.nu = kind.sizes
-        self.offset: Array | None = None  #: (m, count) rotations in the plane, rad
-        self.T: Array | None = None  #: (m, count, 4, 4): P of the section = T P of the node
+        self.offset: Array | None = None  #: (m, count) in the plane: angle of the section less that of the node, rad
+        self.T: Array | None = None  #: (m, count, 4, 4) in space: quaternion of the section = T times that of the node
         if turns is not None and self.flat and np.any(turns):
             self.offset = turns
         elif turns is not None and not self.flat and np.any(turns != np.eye(4)[0]):
@@ -84,7 +84,7 @@ class Nodes:
         return np.concatenate([covector[..., :3], moments], axis=-1)
 
     def _spin_columns(self, q: Array) -> Array:
-        """Q(P) / 2 of every node, (N, count, 4, 3)."""
+        """Matrices Q(P) / 2 (N, count, 4, 3) of every node, with P' = Q(P) Omega / 2 for its quaternion P."""
         by_quaternion = kinematic_tensor().reshape(12, 4).T
         return np.asarray((q[..., 3:].reshape(-1, 4) @ by_quaternion).reshape(*q.shape[:2], 4, 3))
 

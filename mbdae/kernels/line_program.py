@@ -43,7 +43,8 @@ class LineProgram:
     # -- steps that values and derivatives share
 
     def move(self, to: Any, from_: Any, to_step: int, from_step: int) -> None:
-        """Copy within every element."""
+        """W[to] = W[from_] for slots of the first element, likewise in all others, to_step and from_step slots further on
+        each."""
         self.part.set(to, from_, self.elements, to_step, from_step)
 
     def products(self, to: int, from_: int, by: int, entries: Entries, steps: tuple[int, int, int]) -> None:

@@ -66,7 +66,7 @@ class ProgrammedTree:
         return [self._piece(self.rows)]
 
     def forward(self) -> list[Piece]:
-        """Kernel of q, u and u' of the loaded nodes."""
+        """Kernel of q, u and u' of the loaded nodes: the bodies of the tree on which laws outside of it act."""
         return [self._piece(self.motion)]
 
     def jacobian(self) -> list[Piece]:
@@ -98,11 +98,11 @@ class ProgrammedTree:
         return [Piece(tuple(self.places[s] for s in symbols), tuple(rows), Kernel([*symbols, *forces], outputs, 2))]
 
     def motion_of_all(self) -> list[Piece]:
-        """Kernel of q, u and u' of every carried node."""
+        """Kernel of q, u and u' of every body that the joints of the tree carry."""
         return [self._piece(self.tree.states(carried_nodes(self.structure)))]
 
     def velocities(self) -> list[Piece]:
-        """Kernels of the derivatives of the velocities of all carried nodes."""
+        """Kernels of the derivatives of the velocities of all carried bodies by the velocity unknowns of the tree."""
         nodes = carried_nodes(self.structure)
         motion = [(t, e) for t, e in self.tree.states(nodes, accelerations=False) if t[0] == "u"]
         seeds = [s for s, place in self.places.items() if place[0] == "u"]
@@ -181,7 +181,7 @@ class TreePlan:
 
     @cached_property
     def forward(self) -> Piece:
-        """Kernel of q, u and u' of the loaded nodes."""
+        """Kernel of q, u and u' of the loaded nodes: the bodies of the tree on which laws outside of it act."""
         return self._known("forward")[0]
 
     @cached_property
@@ -204,12 +204,13 @@ class TreePlan:
 
     @cached_property
     def motion_of_all(self) -> Piece:
-        """Kernel of q, u and u' of every carried node."""
+        """Kernel of q, u and u' of every body that the joints of the tree carry."""
         return self._known("motion_of_all")[0]
 
     @cached_property
     def velocities(self) -> list[Piece]:
-        """Kernels of the derivatives of the velocities of all carried nodes by those of the coordinates and the root."""
+        """Kernels of the derivatives of the velocities of all carried bodies by those of the joint coordinates and of the
+        root."""
         return self._known("velocities")
 
 

@@ -20,7 +20,7 @@ ARRAYS = ("y", "yp", "last", "weights", "power")
 
 
 class Table(ctypes.Structure):
-    """`Run` of radau.c."""
+    """The C struct `Run` of radau.c, with the same members in the same order."""
 
     _fields_ = (*((name, Pointer) for name in ("stages", "matrix", "rates", "atol", "order")),
                 *((name, Number) for name in ("rtol", "time", "target")), ("limit", Whole),
@@ -46,13 +46,13 @@ class Made(NamedTuple):
     code: int
 
     def then(self, more: Made) -> Made:
-        """These steps and those made after them."""
+        """These steps followed by those in `more`, as one object."""
         t, y, yp, inner, errors = (np.concatenate(both) for both in zip(self[:-1], more[:-1], strict=True))
         return Made(t, y, yp, inner, errors, more.code)
 
 
 class Run(Stepping):
-    """An integration at the state y, yp (n,); table: the present step and the step size control.
+    """An integration under way, which has reached y, yp (n,); table: the present step and the step size control.
 
     rates: y' = f(t, y), needed by a method whose last stage is not the end of the step, None: not needed; atol, order (n,):
     absolute tolerance and (differentiation index - 1) of each unknown; time: characteristic time of the motion, s; target: error

@@ -20,7 +20,7 @@ NUMBERS = ("impact", "approach", "rest", "margin", "slope", "change", "near", "r
 
 
 class Table(ctypes.Structure):
-    """`Contacts` of contacts.h."""
+    """The C struct `Contacts` of contacts.h, with the same members in the same order."""
 
     _fields_ = (("values", Pointer), ("scene", Pointer), ("count", Whole), ("positions", Whole),
                 *((name, Pointer) for name in ("logarithms", "by_joints", "known", "at")), ("reach", Number),

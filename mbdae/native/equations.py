@@ -30,14 +30,14 @@ RateJacobian = Callable[[Any, float, Any, Any], Any]
 
 
 class Table(ctypes.Structure):
-    """`Equations` of core.h."""
+    """The C struct `Equations` of core.h, with the same members in the same order."""
 
     _fields_ = (("self", Pointer), ("n", Whole), ("nnz", Whole), ("residual", Pointer), ("jacobian", Pointer),
                 ("rates", Pointer), ("rate_jacobian", Pointer))  # fmt: skip
 
 
 class Stretches(ctypes.Structure):
-    """`Stretches` of core.h."""
+    """The C struct `Stretches` of core.h, with the same members in the same order."""
 
     _fields_ = (("edges", Pointer), ("count", Whole), ("share", Number), ("kinks", Pointer), ("kink_count", Whole))
 

@@ -22,7 +22,7 @@ class _Coefficients(ctypes.Structure):
 
 
 class Table(ctypes.Structure):
-    """`Explicit` of explicit.c."""
+    """The C struct `Explicit` of explicit.c, with the same members in the same order."""
 
     _fields_ = (("e", Pointer), *((name, _Coefficients) for name in ("stages", "errors", "dense")),
                 *((name, Pointer) for name in ("c", "nodes", "atol")), ("inner", Whole),
@@ -96,12 +96,12 @@ class Steps(NamedTuple):
     code: int
 
     def then(self, more: Steps) -> Steps:
-        """These steps and those made after them."""
+        """These steps followed by those in `more`, as one object."""
         t, y, yp, inner = (np.concatenate(both) for both in zip(self[:-1], more[:-1], strict=True))
         return Steps(t, y, yp, inner, more.code)
 
 
-#: opens the library with the functions of explicit.c
+#: function that opens the library and states the types of the functions of explicit.c for ctypes
 _functions = declared(
     ("explicit_steps", ctypes.c_int, (Pointer, *[Number] * 4, Whole, *[Pointer] * 5)),
     ("explicit_begin", ctypes.c_int, (Pointer, Number, Number)), ("explicit_batch", ctypes.c_int, (Pointer, Pointer, Number)),
@@ -109,7 +109,7 @@ _functions = declared(
 
 
 class Runs(ctypes.Structure):
-    """`Batch` of explicit.c."""
+    """The C struct `Batch` of explicit.c, with the same members in the same order."""
 
     _fields_ = (*((name, Whole) for name in ("points", "width", "outputs", "point", "begun", "taken")),
                 *((name, Number) for name in ("from_", "end", "t")),

@@ -25,7 +25,7 @@ READ = 3  #: number of results of LOOKUP: the value of a table and its first two
 
 
 class Operation(ctypes.Structure):
-    """`Operation` of evaluation.c."""
+    """The C struct `Operation` of evaluation.c, with the same members in the same order."""
 
     _fields_ = (
         *((name, Whole) for name in ("kind", "times", "count", "first", "inputs", "outputs", "to_step", "from_step", "by_step",
@@ -35,7 +35,7 @@ class Operation(ctypes.Structure):
 
 
 class Part(ctypes.Structure):
-    """`Part` of evaluation.c: operations one after the other."""
+    """The C struct `Part` of evaluation.c: operations that are run one after the other."""
 
     _fields_ = (("first", Pointer), ("count", Whole))
 
@@ -71,12 +71,12 @@ class Operations:
         return self._room.size
 
     def slots(self, count: int) -> int:
-        """Reserve `count` slots; returns the first."""
+        """Reserve `count` consecutive entries (slots) of the array; returns the index of the first."""
         first, self._room.size = self.size, self.size + int(count)
         return first
 
     def zeros(self, count: int) -> int:
-        """Reserve `count` slots that are set to 0 whenever the operations run; returns the first."""
+        """Reserve `count` slots that are set to 0 whenever the operations run; returns the index of the first."""
         first = self.slots(count)
         self.load(first, np.zeros(count))
         return first
@@ -251,7 +251,7 @@ def _whole(ranges: Sequence[tuple[int, int]]) -> tuple[int, int]:
 
 
 class Scene(ctypes.Structure):
-    """`Scene` of evaluation.c."""
+    """The C struct `Scene` of evaluation.c, with the same members in the same order."""
 
     _fields_ = (
         ("W", Pointer), ("x", Pointer),
@@ -261,7 +261,7 @@ class Scene(ctypes.Structure):
     )  # fmt: skip
 
 
-#: opens the library with the functions of evaluation.c
+#: function that opens the library and states the types of the functions of evaluation.c for ctypes
 core = declared(
     ("scene_residual", ctypes.c_int, (Pointer, Number, Pointer, Pointer, Pointer)),
     ("scene_jacobian", ctypes.c_int, (Pointer, Number, Pointer, Pointer, Pointer, Pointer)),

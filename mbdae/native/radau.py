@@ -20,7 +20,7 @@ NAMES = ("c", "A_inv", "T", "T_inv", "V_inv", "end", "e")
 
 
 class Table(ctypes.Structure):
-    """`Radau` of radau.c."""
+    """The C struct `Radau` of radau.c, with the same members in the same order."""
 
     _fields_ = (("equations", Pointer), ("matrix", Pointer), ("s", Whole), ("n", Whole), ("reals", Whole), ("pairs", Whole),
                 *((name, Pointer) for name in NAMES), ("gamma0", Number),
@@ -29,7 +29,7 @@ class Table(ctypes.Structure):
                 ("residuals", Whole))  # fmt: skip
 
 
-#: opens the library with the functions of radau.c
+#: function that opens the library and states the types of the functions of radau.c for ctypes
 functions = declared(
     ("radau_slopes", None, (Pointer, Number)),
     ("radau_predict", None, (Pointer, Pointer, Number, Number, Pointer)),

@@ -38,7 +38,7 @@ class SingularMatrixError(Exception):
 
 
 class FactorsTable(ctypes.Structure):
-    """`Factors` of sparse.h."""
+    """The C struct `Factors` of sparse.h, with the same members in the same order."""
 
     _fields_ = (("n", Whole), ("nnz", Whole), ("complex", Whole), ("row_of", Pointer), ("column_of", Pointer),
                 ("order", Pointer), ("surely", Whole), ("least", Number), ("accurate", Number),
@@ -47,14 +47,14 @@ class FactorsTable(ctypes.Structure):
 
 
 class MatrixTable(ctypes.Structure):
-    """`Matrix` of sparse.h."""
+    """The C struct `Matrix` of sparse.h, with the same members in the same order."""
 
     _fields_ = (("n", Whole), ("nnz", Whole), ("reals", Whole), ("pairs", Whole), ("ready", Whole),
                 *((name, Pointer) for name in ("row_of", "column_of", "scale", "power", "eigenvalues", "fy", "fyp", "row",
                                                "column", "w", "factors")))  # fmt: skip
 
 
-#: opens the library with the functions of sparse.h
+#: function that opens the library and states the types of the functions of sparse.h for ctypes
 functions = declared(
     ("lu_factor", Whole, (Pointer,)),
     ("lu_solve", None, (Pointer, Pointer)),

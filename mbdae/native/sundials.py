@@ -316,7 +316,7 @@ def why_not(sparse: bool = False) -> str:
     return ""
 
 
-#: opens the library with the functions of sundials.c
+#: function that opens the library and states the types of the functions of sundials.c for ctypes
 core = declared(("sundials_steps", ctypes.c_int, (Pointer, Number, Number, Whole, *[Pointer] * 5)))
 
 

@@ -49,7 +49,7 @@ FUNCTIONS: dict[str, dict[str, tuple[Any, ...]]] = {
 
 
 class UnavailableError(Exception):
-    """The libraries cannot be used here."""
+    """The libraries of SUNDIALS cannot be used on this machine; the text says why."""
 
 
 class Functions:
@@ -116,7 +116,7 @@ def sundials() -> Functions:
 
 
 def files() -> dict[str, Path]:
-    """Files of the libraries by name ("core", "ida", ...)."""
+    """Name of a library of SUNDIALS, such as "core" or "ida" -> its file."""
     spec = find_spec("sksundae")
     if spec is None or spec.origin is None:
         raise UnavailableError("scikit-sundae is not installed")

@@ -18,7 +18,7 @@ MOST_ROWS, BLOCK_BYTES = 4096, 2**22
 
 
 class Run(ctypes.Structure):
-    """`Run` of sundials.c."""
+    """The C struct `Run` of sundials.c, with the same members in the same order."""
 
     _fields_ = (
         ("e", Pointer), ("array", Pointer), ("data", Pointer), ("columns", Pointer), ("rows", Pointer), ("ida", Pointer),
@@ -70,5 +70,5 @@ class Block:
         self._addresses = [(a.ctypes.data, a.strides[0]) for a in (self.t, self.y, self.yp, self.stored)]
 
     def addresses(self) -> list[int]:
-        """Addresses of the next row of t, y, yp and stored."""
+        """Addresses of the first rows of t, y, yp and stored that have no step yet, where C writes the next ones."""
         return [first + self.made * stride for first, stride in self._addresses]

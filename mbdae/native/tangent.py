@@ -26,7 +26,7 @@ class Tangent:
 
     @cached_property
     def part(self) -> Operations:
-        """Operations that compute the differentials, to run after the list itself."""
+        """The operations that compute the differentials; they have to be run after the list of operations they belong to."""
         part = self._of.part()
         for step in self._of.steps:
             self._add(part, step)

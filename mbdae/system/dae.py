@@ -1,4 +1,4 @@
-"""A textbook DAE F(t, y, y') = 0 as a System."""
+"""Equations F(t, y, y') = 0 that a user gives as functions, as a System."""
 
 from __future__ import annotations
 

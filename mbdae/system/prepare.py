@@ -170,7 +170,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
 
 
 def _closed(all_rows: Mechanics, t: Array, q: Array) -> bool:
-    """Whether positions q satisfy all joints up to rounding."""
+    """Whether positions q (nq,) satisfy all constraint rows up to round-off (PLACED)."""
     return bool(np.max(np.abs(all_rows.position_residual(t, q[None])), initial=0.0) <= PLACED * max(1.0, all_rows.model.length))
 
 

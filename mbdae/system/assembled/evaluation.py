@@ -39,7 +39,7 @@ class Scatter:
         self.kernels.append(kernel)
 
     def linear(self, rows: Index, columns: Index, weights: Array) -> None:
-        """Add linear terms: weight times the unknown in slot `columns`, to the row `rows`."""
+        """Add linear terms to rows of F: weights times the unknowns in the slots `columns`."""
         self._linear.append((rows, columns, weights))
 
     @property
@@ -233,13 +233,14 @@ class EquationsOfScene(Workspace):
             out[:] = found
 
     def jacobian(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        """dF/dy and dF/dy' as entries (nnz,)."""
+        """The entries (nnz,) of dF/dy and those of dF/dy', in the order of the sparsity pattern."""
         self.make("jacobian")
         self._y[:], self._yp[:] = y, yp
         self._c.scene_jacobian(self.address, t, self._at_y, self._at_yp, self._at_fy, self._at_fyp)
         return self._fy.copy(), self._fyp.copy()
 
     def right_hand_side(self, t: float, y: Array, out: Array) -> int:
-        """out[:] = y'. Returns the number of a velocity without inertia, or -1."""
+        """out[:] = y'. Returns the number of a velocity unknown without inertia, for which y' is not determined; -1: there is
+        none."""
         bad = self.solved(t, y, out)
         return int(self.order[bad]) if bad >= 0 else self._massless

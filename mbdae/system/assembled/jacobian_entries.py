@@ -37,11 +37,11 @@ class Entries:
         self._right: dict[int, list[tuple[int, int]]] = defaultdict(list)
 
     def varying(self, rows: Index, columns: Index) -> None:
-        """Add entries whose values a kernel of a law returns, in the order of its outputs."""
+        """Add entries of the Jacobian whose values a kernel of a law returns, in the order of its outputs."""
         self._varying.append((rows.ravel(), columns.ravel()))
 
     def constant(self, rows: Index, columns: Index, values: Array) -> None:
-        """Add entries with constant values."""
+        """Add entries of the Jacobian with constant values."""
         self._fixed.append((rows.ravel(), columns.ravel(), values.ravel()))
 
     def chain(self, piece: Piece, trees: int, slot: Callable[[int, tuple[object, ...]], int]) -> None:

@@ -140,7 +140,7 @@ class OrderedRates(OrderedEquations):
         return self.derivatives(t, 0, directions)
 
     def right_hand_side(self, t: float, y: Array, out: Array) -> int:
-        """out[:] = y'; the number of a velocity without inertia, or -1."""
+        """As `EquationsOfScene.right_hand_side`."""
         bad = self.solved(t, y, out)
         return int(self.order[bad]) if 0 <= bad < len(self.order) else -1
 

@@ -35,7 +35,8 @@ class Partition(NamedTuple):
 
 
 def partition_of(mechanics: Mechanics, all_bodies: AllBodies) -> Partition:
-    """The parts of a scene's equations of motion, for methods of second order."""
+    """The parts of a scene's equations of motion, for methods that integrate equations of second order, such as
+    generalised-alpha."""
     if all_bodies.moved.trees and not mechanics.model.lines:
         return _reduced_partition(mechanics, all_bodies)
 
@@ -107,7 +108,7 @@ class Rates:
         self._Y, self._Yp, self._R = np.zeros((3, full.n))
 
     def point(self, y: Array, yp: Array) -> None:
-        """Set the unknowns of the full equations to y, y' and the present multipliers."""
+        """Set the state at which the full equations are evaluated next: y, y' (yp), and the multipliers found last."""
         self._Y[: self.n], self._Y[self.n :], self._Yp[: self.n] = y, self.multipliers, yp
 
     def matrices(self, t: float, y: Array, yp: Array) -> tuple[sp.csc_matrix, sp.csc_matrix]:

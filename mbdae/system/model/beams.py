@@ -35,7 +35,8 @@ class Meshed(NamedTuple):
 
 
 def meshed(scene: SceneData, planar: bool = False) -> tuple[dict[Beam, Meshed], dict[tuple[str, str], Body]]:
-    """Meshes of all beams, with nodes where something attaches, and the station (node) of every (item, side) on a beam."""
+    """Meshes of all beams, with nodes where items of the scene attach; and (item, side) on a beam -> the station (node as a body)
+    to which it is attached."""
     wanted: dict[Beam, list[tuple[str, str, float, Array]]] = {b: [] for b in scene.bodies if isinstance(b, Beam)}
     for c in scene.connections:
         for side, body in (("k", c.k), ("l", c.l)):

@@ -108,7 +108,7 @@ class _Feeding:
         return joined(e, [self.shared(part, name) for part in parts])
 
     def _parameter(self, name: str, kind: str, e: Expr) -> Expr:
-        """A symbol for a number ("n") or for a value in time ("t")."""
+        """The symbol that replaces a number (kind "n") or a function of time (kind "t"), e; its name begins with `name`."""
         if (kind, e) not in self._given:
             symbol = f"{name}_{kind}{len(self._given) + 1}"
             if kind == "n":

@@ -49,7 +49,7 @@ class Timeline:
         return len(self.stretches.edges) > len(self.edges) or len(self.stretches.kinks) > 0
 
     def summary(self) -> str:
-        """A line for `check` on the breaks, kinks and finest change of the inputs."""
+        """A line for the output of `Scene.check`: breaks, kinks and the fastest change of the inputs."""
         found = []
         if len(self.breaks):
             found.append(f"{len(self.breaks)} break{'s' * (len(self.breaks) > 1)}, the first at t = {self.breaks[0]:.6g} s")

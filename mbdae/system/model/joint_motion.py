@@ -76,12 +76,12 @@ class JointMotion:
                 f"coordinates are 0, but l must be as drawn there; state the motion without this, or draw l there")  # fmt: skip
 
     def planar_turn(self, values: dict[str, float]) -> float:
-        """Rotation of l about z, whole turns included, rad."""
+        """Rotation of body l relative to k about z at these values of the coordinates, whole turns included, rad."""
         return sum(self._amount(s.amount, values) * float(self._direction(s)[2]) for s in self._steps if s.turns)
 
     def rates(self, values: dict[str, float], rates: dict[str, float]) -> tuple[Array, Array, Array]:
-        """Vector from k's joint point to l's, its velocity, and the angular velocity of l relative to k, (3,) each, in axes as
-        drawn and fixed to k."""
+        """Relative motion of the bodies k and l: vector from the joint's point on k to that on l, its velocity, and the angular
+        velocity of l relative to k, (3,) each, in axes fixed to k that were inertial as drawn."""
         P, way, v, w = NO_TURN, np.zeros(3), np.zeros(3), np.zeros(3)
         for step in self._steps:
             axis = rotation_matrices(P) @ self._direction(step)

@@ -55,7 +55,7 @@ class Group:
 
     @property
     def derived(self) -> Derived:
-        """The derivation that all instances share."""
+        """The expressions derived from the law, which all instances share."""
         return derive(*self.key)
 
     @cached_property
@@ -76,14 +76,15 @@ class Group:
         return np.array(rows, dtype=float).reshape(len(rows), len(names))
 
     def side(self, name: str) -> list[Node]:
-        """The nodes of one frame, of all instances."""
+        """Of every instance the node of the frame `name`."""
         n = self.side_numbers[name]
         return [i.nodes[n] for i in self.instances]  # type: ignore[misc]
 
 
 @dataclass(frozen=True)
 class Model:
-    """Nodes and groups of a scene in the plane or in space."""
+    """A scene in the plane or in space as nodes (what has unknowns: bodies, nodes of beams, joint coordinates) and laws between
+    them in groups."""
 
     scene: SceneData
     planar: bool

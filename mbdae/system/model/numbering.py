@@ -317,12 +317,12 @@ class Numbering:
 
     @property
     def of_positions(self) -> NDArray[np.intp]:
-        """(nq,) numbers of the position unknowns among the positions q of all nodes."""
+        """(nq,) of every position unknown its number among the positions q of all nodes, some of which are no unknowns."""
         return np.concatenate([np.arange(n.q + self._own(n, "q"), n.q + n.kind.sizes[0]) for n in self.free]).astype(np.intp)
 
     @property
     def of_velocities(self) -> NDArray[np.intp]:
-        """(nu,) numbers of the velocity unknowns among the velocities u of all nodes."""
+        """(nu,) of every velocity unknown its number among the velocities u of all nodes, some of which are no unknowns."""
         return np.concatenate([np.arange(n.u + self._own(n, "u"), n.u + n.kind.sizes[1]) for n in self.free]).astype(np.intp)
 
     def names(self) -> tuple[str, ...]:

@@ -115,8 +115,8 @@ class OrderedBodies(AllBodies):
         return self._by_order.of_all(W)
 
     def velocity_map(self, W: Array) -> Array:
-        """As `AllBodies.velocity_map`, column by column: one velocity unknown is 1 and the others 0, because the velocities of
-        all nodes are linear in the unknowns."""
+        """As `AllBodies.velocity_map`, column by column: velocities for one velocity unknown equal to 1 and the others 0, less
+        those for all 0, because velocities depend on the unknowns linearly."""
         first, columns = self.nq, np.zeros((len(W), self.model.nu, self.nu))
         still = W.copy()
         still[:, first : first + self.nu] = 0.0

@@ -29,7 +29,7 @@ Whole = NDArray[np.intp]
 PASSES, ROUND_OFF = 3, 1e-9
 AT_ONCE = 64  #: number of vectors that are projected together
 #: the independent part of a row of unit length is its distance from the span of the rows before it. Elimination leaves rows aside
-#: whose independent part is below the first of these limits; if then too many of them are independent all the same, the next one
+#: whose independent part is below the first of these limits; if too many of those turn out to be independent, the next is tried
 LIMITS = (1e-3, 1e-4, 1e-5)
 FEW = 500  #: number of independent rows among those left aside above which the next of `LIMITS` is tried
 DENSE = 3000  #: number of rows up to which dense matrices decide where sparse ones cannot

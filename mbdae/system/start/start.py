@@ -159,7 +159,9 @@ class Starter(ConsistentPositions):
         slight = 1e-9 * fastest, 1e-9 * fastest / self.model.length
         wrong = [item for item in given if any(np.linalg.norm(rows @ change) > size
                                                for rows, size in zip(_stated(item), slight, strict=True))]  # fmt: skip
-        if wrong and self.joints is None:  # with loops they stay as near as possible: without this the minimum would ignore them
+        # stated velocities that contradict the joints: dropped without loops, else still met as well as possible, because the
+        # least relative motion of all joints would not depend on them at all
+        if wrong and self.joints is None:
             projected, change = self._projected(q, u, [item for item in given if item not in wrong])
         for body, moves, turns in wrong:
             v, w = (float(np.linalg.norm(rows @ change)) for rows in (moves, turns))
@@ -242,7 +244,7 @@ class Starter(ConsistentPositions):
         return bool(np.max(np.abs(left), initial=0.0) > 1e-8 * speed * max(1.0, self.model.length))
 
     def states(self, q: Array, u: Array) -> Array:
-        """Start values of the internal states at q, u."""
+        """Start values (ns,) of the internal states of laws, at positions q (nq,) and velocities u (nu,)."""
         return np.asarray(self.mechanics.of_states(state_start_outputs, self.t, q[None], u[None])[0])
 
 
