@@ -1,4 +1,4 @@
-"""A form: which equations of a scene are integrated."""
+"""The base class of forms: a form is a set of equations in which a scene is integrated, such as GGL."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ class Form(ABC):
 
     @abstractmethod
     def spec(self) -> FormSpec:
-        """The equations, the unknowns and their index, as the assembly needs them."""
+        """What the form prescribes for the assembly of a scene: its equations, the blocks of unknowns, their index and
+        options."""
 
     def refusal(self, model: Model, rows: list[Row]) -> str | None:
         """Why this form cannot describe the scene, or None."""

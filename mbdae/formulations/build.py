@@ -1,4 +1,4 @@
-"""The equations of a prepared scene in a form."""
+"""Makes the System, the equations that a solver integrates, of a prepared scene in a form such as GGL."""
 
 from __future__ import annotations
 

@@ -77,5 +77,5 @@ class ElementJacobian:
         self.kernel = kernel
 
     def emit(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
-        """As `ElementKernel.emit_jacobian`."""
+        """Append the derivatives of all elements to a native program, by `ElementKernel.emit_jacobian`; returns their slots."""
         return self.kernel.emit_jacobian(part, gather)

@@ -156,14 +156,15 @@ class LineKernel(ElementKernel):
         return values[:, :, :n].reshape(N, -1), values[:, :, n:].reshape(N, -1)
 
     def _covector(self, duals: Array) -> Array:
-        """Generalised forces (N, count, nq) on the positions of the nodes, from the duals at the points."""
+        """Generalised forces (N, count, nq) on the positions of the nodes, from those on the fields at the points (`duals`)."""
         return self.nodes.back((duals @ self.duals.T).reshape(len(duals), self.nodes.count, self.nodes.nq))
 
     # -- derivatives
 
     @property
     def point_jacobian(self) -> Kernel:
-        """Kernel of the duals, then of the derivatives of duals and rows by the variables of the law, at one point."""
+        """Kernel of the duals (see `point`), then of the derivatives of duals and rows by the variables of the law, at one
+        integration point."""
         return _point_jacobian(self.derived, self.parameters)[0]
 
     @cached_property

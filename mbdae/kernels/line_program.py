@@ -120,8 +120,8 @@ class LineProgram:
         return found, self.a
 
     def covector(self, values: int, width: int) -> int:
-        """Slot of the generalised forces (count, nq) on the nodes' positions, from the duals at the points in the slots `values`,
-        where every point has `width` numbers."""
+        """Slot of the generalised forces (count, nq) on the nodes' positions, from those on the interpolated fields (duals),
+        which are the first of the `width` numbers of every integration point in the slots from `values` on."""
         kernel, n, found = self.kernel, self.nodes, self.part.zeros(self.elements * self.a)
         table = kernel.duals.reshape(self.a, kernel.points, -1)
         rows, g, d = np.nonzero(table)

@@ -170,7 +170,8 @@ class _Call:
         raise NotImplementedError
 
     def at(self, address: int, size: int | None = None) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """As the function `seen`; arrays are kept, because making one takes longer than evaluating a small residual."""
+        """The array of `size` numbers (None: n) at an address, a view without a copy. Arrays are stored for later calls, because
+        making one takes longer than evaluating a small residual."""
         key = address, self.n if size is None else size
         found = self._seen.get(key)
         if found is None:

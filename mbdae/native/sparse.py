@@ -168,7 +168,8 @@ class Factors:
         return out
 
     def snapshot(self) -> dict[str, Any]:
-        """A copy of the factors, their order and the shared order, as plain values."""
+        """A copy of the factors, of the order in which they were made, and of the order that matrices of this pattern share, as
+        plain values, for `go_back`."""
         arrays = (self.values, self._lu, self._swaps)
         return {"begun": bool(self.table.lu), "own": _pivots(self.order), "shared": _pivots(self.orders.present),
                 "accurate": self.table.accurate, "arrays": [array.copy() for array in arrays]}  # fmt: skip

@@ -43,7 +43,7 @@ class Method:
     """
 
     inner = 0  #: number of points inside a step at which dense output is stored, see `Steps.pieces`
-    prefix: str  #: prefix of the solver's functions in SUNDIALS
+    prefix: str  #: prefix of the names of the solver's functions in SUNDIALS: IDA or CVode
 
     def __init__(self, equations: Equations, settings: Settings, start: tuple[float, Array, Array]) -> None:
         self.equations, self.settings, self.signals = equations, settings, Signals()
@@ -89,7 +89,7 @@ class Method:
         raise NotImplementedError
 
     def _initialise(self, t: float) -> None:
-        """Set the initial values in the memory and the functions that SUNDIALS calls."""
+        """Give SUNDIALS the initial values at t (s), and the functions by which it evaluates the equations."""
         raise NotImplementedError
 
     # -- counts and the last point
@@ -137,7 +137,7 @@ class Method:
             self._before, self._block = block, Block(self.n, self.inner)  # C still reads the last step in the old block
             block = self._block
             run.inner, run.pieces = block.inner.ctypes.data, 0
-        if self.inner and (run.from_y is None or start[0] != run.from_t):  # else C has this state already, as its last one
+        if self.inner and (run.from_y is None or start[0] != run.from_t):  # else C still has this start itself
             y, yp = self._start = [np.ascontiguousarray(a, dtype=float) for a in start[1:]]
             run.from_y, run.from_yp = y.ctypes.data, yp.ctypes.data
         run.from_t, run.last_step, run.toward, first_piece = start[0], last_step, toward, run.pieces
@@ -236,7 +236,7 @@ class Method:
         return (self._y,)
 
     def _linear_solver(self) -> tuple[int, int]:
-        """A dense matrix and its linear solver."""
+        """Make a dense matrix and its linear solver; returns their addresses."""
         S, n = self.S, self.n
         matrix = self._owned(S.SUNDenseMatrix(n, n, self._context), S.SUNMatDestroy)
         return matrix, self._owned(S.SUNLinSol_Dense(self._y, matrix, self._context), S.SUNLinSolFree)
@@ -254,7 +254,8 @@ class Ida(Method):
         super().__init__(*args)
 
     def _linear_solver(self) -> tuple[int, int]:
-        """A dense matrix and solver, or a sparse matrix of the pattern and SuperLU_MT."""
+        """Make a dense matrix and its linear solver, or a sparse matrix of the pattern and SuperLU_MT; returns their
+        addresses."""
         S, n, run, pattern, nnz = self.S, self.n, self.run, self._pattern, int(self.equations.table.nnz)
         if not self._sparse:
             if nnz != n * n:  # the Jacobian has a pattern: where each of its entries is in the dense matrix, stored by columns

@@ -248,7 +248,7 @@ class Assembly:
 
     @cached_property
     def sparsity(self) -> Any:
-        """As `System.sparsity`."""
+        """Sparsity pattern of the Jacobian as a CSC matrix (n, n); None where the Jacobian is full."""
         places = np.ones(len(self.columns.rows)), self.columns.rows, self.columns.first
         return sp.csc_matrix(places, shape=(self.n, self.n)) if self.sparse else None
 
@@ -261,7 +261,7 @@ class Assembly:
 
     @cached_property
     def evaluation(self) -> EquationsOfScene:
-        """The native evaluation, whose parts are compiled when they are first asked for."""
+        """The evaluation of these equations in C; kernels are compiled when they are first needed."""
         made = self.operations()
         made.compile()
         return made
@@ -282,15 +282,15 @@ class Assembly:
         return {name: value for name, value in self.__dict__.items() if name != "evaluation"}
 
     def motion(self) -> Loaded:
-        """Kernels for the motion of loaded nodes, the slots they read and write."""
+        """Kernels of the motion of loaded nodes (bodies of trees on which other laws act), and the slots they read and write."""
         return self._loaded[0]
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
-        """As `System.residual`."""
+        """out[:] = F(t, y, yp), all arrays (n,)."""
         self.evaluation.residual(t, y, yp, out)
 
     def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
-        """As `System.residual_stages`."""
+        """out[i] = F(t[i], y[i], yp[i]) for s points at once: t (s,), the others (s, n)."""
         self.evaluation.residual_stages(t, y, yp, out)
 
     @cached_property
@@ -309,7 +309,7 @@ class Assembly:
         return M
 
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
-        """As `System.jacobian`."""
+        """out = dF/dy + cj dF/dy': (n, n) where `sparsity` is None, else (nnz,) CSC data."""
         fy, fyp = self.jacobian_values(t, y, yp)
         self._write(fy + cj * fyp, out)
 
@@ -322,7 +322,7 @@ class Assembly:
         out.reshape(-1)[self._dense] = data
 
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        """As `System.jacobian_values`."""
+        """The entries (nnz,) of dF/dy and those of dF/dy', in the order of `pattern`."""
         return self.evaluation.jacobian(t, y, yp)
 
     def dense_jacobian(self, t: float, y: Array, yp: Array) -> Array:
@@ -335,7 +335,7 @@ class Assembly:
         return dense.reshape(2, self.n, self.n)
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        """As `System.jacobian_parts`."""
+        """dF/dy and dF/dy' as two arrays, each (n, n) or (nnz,) as in `jacobian`."""
         fy, fyp = self.jacobian_values(t, y, yp)
         if self.sparse:
             return fy, fyp

@@ -77,7 +77,7 @@ class ContactGuards:
 
     @cached_property
     def _gaps(self) -> Values:
-        """Kernel of the gaps and their rates, compiled when it is first asked for."""
+        """The native program that evaluates all gaps and their rates, compiled when it is first needed."""
         return Values(*self._made_of)
 
     def native(self, numbers: Mapping[str, float]) -> Contacts:

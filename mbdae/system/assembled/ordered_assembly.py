@@ -90,7 +90,7 @@ class OrderedEquations(Workspace):
 
     @cached_property
     def _changes(self) -> Part:
-        """The operations of the derivative, compiled when they are first asked for."""
+        """The operations that compute the derivative along a direction, compiled when they are first needed."""
         part = self.change.part
         if part.widest >= len(self._x):
             self._x = np.zeros(part.widest + 1)
@@ -129,7 +129,7 @@ class OrderedRates(OrderedEquations):
         solve_alone(part, self._inertia, lambda k: first + k, sorted(set(range(nb.nu)) - set(self.order.tolist())))
 
     def compile(self) -> None:
-        """Make the workspace and the table that C reads."""
+        """Allocate the array of the program and make the table by which C calls y' = f(t, y)."""
         self.ready(rates=self.part, rates_at=self.rates)
         table = Table(self.address, self.n, 0, None, None, address_of("scene_rates"), None)
         self.equations = Equations(table, self, make=self.make)
@@ -140,7 +140,7 @@ class OrderedRates(OrderedEquations):
         return self.derivatives(t, 0, directions)
 
     def right_hand_side(self, t: float, y: Array, out: Array) -> int:
-        """As `EquationsOfScene.right_hand_side`."""
+        """out[:] = y'. Returns the number of a velocity unknown without inertia, so that y' is not determined; -1 for none."""
         bad = self.solved(t, y, out)
         return int(self.order[bad]) if 0 <= bad < len(self.order) else -1
 
@@ -189,7 +189,7 @@ class OrderedResidual(OrderedEquations):
                     part.add(self.F + q + n + np.arange(4), quaternion_rate().emit(part, gather[None])[0])
 
     def compile(self) -> None:
-        """Make the workspace and the table that C reads."""
+        """Allocate the array of the program, whose results are the rows of F; no operations can be added afterwards."""
         self.ready(residual=self.part, rows=self.F)
         self._rows, self._at_rows = self.view(self.F, self.n)
 
@@ -225,7 +225,7 @@ class OrderedAssembly(Assembly):
 
     @cached_property
     def constant_mass(self) -> Array:
-        """As `Assembly.constant_mass`."""
+        """Mass matrix (nu, nu) by the laws outside of the trees; the inertia of trees is in the passes alone."""
         M = np.zeros((self.numbering.nu,) * 2)
         for place, m in self._inertia.items():
             M[place] = m
@@ -237,7 +237,7 @@ class OrderedAssembly(Assembly):
         return not self.numbering.m
 
     def operations(self) -> Any:
-        """As `Assembly.operations`."""
+        """The native evaluation before it is compiled: of y' = f(t, y) without constraints, else of F(t, y, y')."""
         kind = OrderedRates if self.explicit else OrderedResidual
         return kind(self.numbering, self.moved, self._residual, self._offset, self._inertia)
 

@@ -51,7 +51,7 @@ class _Arguments:
 
     @cached_property
     def _values(self) -> Callable[[Array, Array], Array]:
-        """The kernels of all arguments, compiled when they are first asked for."""
+        """The function that evaluates all arguments; its kernels are compiled when it is first needed."""
         return values_at_states(self.model, self.moved, self.watched, switch_outputs)
 
     def __call__(self, t: Array, y: Array) -> Array:

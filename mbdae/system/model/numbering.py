@@ -263,7 +263,7 @@ class Numbering:
         return np.array([self._row.get((g, i, r), -1) for i in range(len(self.model.groups[g].instances))], dtype=np.intp)
 
     def velocity(self, target: Target, g: int, i: int) -> int:
-        """As `velocities`, of instance i alone."""
+        """Number among the velocity unknowns of the velocity of a target of instance i in group g; see `velocities`."""
         return self.place(("u", *target[1:]), g, i) - self.nq
 
     def slot(self, g: int, i: int, name: str) -> int:
@@ -311,7 +311,7 @@ class Numbering:
         return np.array([self.model.groups[r.group].instances[r.instance].numbers.get("scaling", 1.0) for r in self.rows])
 
     def rows_among(self, rows: list[Row]) -> NDArray[np.intp]:
-        """(m,) of every row in force its number in the list `rows`."""
+        """(m,) for every row in force: its position in the list `rows`."""
         at = {(r.group, r.instance, r.row): n for n, r in enumerate(rows)}
         return np.array([at[r.group, r.instance, r.row] for r in self.rows], dtype=np.intp)
 

@@ -132,7 +132,7 @@ class Mechanics(States):
         return np.asarray(np.einsum("ij,ij->i", rows, moved[:-1] - moved[-1]))
 
     def _sparse_mobility(self, t: float, q: Array, rows: Array) -> Array:
-        """As `mobility_with_joints`, for sparse matrices."""
+        """The result of `mobility_with_joints`, by one factorisation of sparse matrices."""
         at = np.array([t])
         G, places, give = self._entries_and_give(at, q[None])
         found = FixedPattern(self.mass, self.m, *places, None)
@@ -230,7 +230,7 @@ class Mechanics(States):
         return unique_multipliers(B if rows is None else rows * units, self.redundant, mass, np.linalg.norm(B, axis=2))
 
     def _sparse(self, t: Array, q: Array, u: Array) -> Solve:
-        """As `_constrained`, with sparse matrices that have one pattern for all states."""
+        """The function that solves the linear equations for u' and lambda at these states with sparse matrices of one pattern."""
         gamma = self.acceleration_bias(t, q, u)
         G, places, give = self._entries_and_give(t, q)
 

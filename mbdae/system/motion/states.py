@@ -177,7 +177,7 @@ class States:
         return out
 
     def _rows_of(self, g: int, r: int) -> Index:
-        """As `Numbering.row_numbers`; the results are stored."""
+        """(instances,) numbers among the rows in force of row r of the laws of group g, -1 for none; stored for later calls."""
         key = g, r
         if key not in self._of_row:
             self._of_row[key] = self.numbering.row_numbers(g, r)

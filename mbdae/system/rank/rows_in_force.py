@@ -16,8 +16,9 @@ from mbdae.system.rank.sparse_redundancy import numbers_of_joints
 
 #: an earlier choice of rows is used again if its smallest singular value is at least this part of that of the best choice
 GOOD = 0.5
-#: the rows are checked again after the positions have changed by this part of the margin to `WORN` that the last check found; a
-#: singular value changes by about as much as the positions
+#: margin: smallest singular value of the rows in force less the limit below which they are replaced (WORN). They are checked
+#: again after the positions have changed by this part of the margin at the last check, because a singular value changes by about
+#: as much
 SHARE = 0.5
 
 
@@ -33,7 +34,7 @@ class RowsInForce:
         self._number = {row: i for i, row in enumerate(all_rows.rows)}
         self.numbers = self._numbers(rows)
         self._units = all_rows.position_units
-        self.seen: tuple[Array, float] | None = None  # positions at the last check, and the margin to `WORN` there
+        self.seen: tuple[Array, float] | None = None  # positions at the last check, and the margin there, see SHARE
 
     def smallest(self, t: float, q: Array) -> float:
         """Smallest singular value of all rows that is not 0 by redundancy. Where it is near 0, the position is singular: no
