@@ -98,14 +98,14 @@ def _conservative(q: Quadratic, count: int, scale: float) -> tuple[Complex, Comp
         squares, vectors = found.real, shapes.real
     else:
         begin = np.random.default_rng(3).normal(size=n)
-        for _ in range(2):  # removes parts that have no inertia
+        for _ in range(2):  # removes from the start vector its components in unknowns without inertia
             begin = factors.solve(q.M @ begin)
         inverse = LinearOperator((n, n), matvec=factors.solve, dtype=float)
         squares, vectors = eigsh(q.K, k=count, M=q.M, sigma=shift, OPinv=inverse, v0=begin,
                                  ncv=min(q.freedoms - 1, max(2 * count + 1, 40)))  # fmt: skip
     squares = np.where(np.abs(squares) <= (ZERO * scale) ** 2, 0.0, squares)
     roots = np.where(squares >= 0, 1j, 1.0) * np.sqrt(np.abs(squares))
-    double = squares <= 0  # a double 0, or one growing and one decaying motion
+    double = squares <= 0  # such a square stands for two real roots: twice 0, or one growing and one decaying motion
     return np.r_[roots, -roots[double]], np.hstack([vectors[: q.nu], vectors[: q.nu, double]])
 
 
