@@ -27,7 +27,8 @@ Measured = tuple[str, float]  #: name of an entry and its relative error
 
 
 def statement(d: Derived) -> list[tuple[Target, Expr]]:
-    """The law as stated: energy V, dissipation function R, force, torque, point of l, length a thrust acts on, the thrust."""
+    """The law as stated: energy V, dissipation function R, force and torque on l, point of l; for a law that acts on a length or
+    angle ("thrust", such as friction in a joint) that length or angle and the generalised force on it."""
     v, law, zero = d.variation, d.law, se.Integer(0)
     if isinstance(law, Force):
         wrench, thrust = law.wrench(*d.sides), law.thrust(*d.sides)
@@ -53,7 +54,7 @@ def scalars(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def branches(d: Derived) -> list[tuple[Target, Expr]]:
-    """Expressions that must be positive, because the constraint rows alone admit a second solution."""
+    """Expressions of a joint that must be positive (its `positives`) to exclude a second solution of its constraint rows."""
     v, oriented = d.variation, all(f.kind.oriented for f in d.sides)
     found = d.law.positives(*d.sides) if oriented else {}
     return [(("positive", name), v.resolve(v.name(e))) for name, e in found.items()]
@@ -65,7 +66,7 @@ def starts(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def of_elements(d: Derived) -> list[tuple[Target, Expr]]:
-    """Kinematic rows."""
+    """Kinematic equations q' = H(q) u of a body's law; none for other laws."""
     return kinematics(d) if isinstance(d.law, Element) else []
 
 

@@ -32,7 +32,7 @@ BOUNDS = {
 
 
 def table(case: Case, outputs: Outputs, values: Values) -> dict[str, NDArray[Any]]:
-    """Outputs (points,) by name, of a group whose targets are one word each."""
+    """Outputs (points,) by name, of a group such as `scalars` in which each output has a single word as its target."""
     out = case.evaluate(outputs, values)
     return {t[0]: out[:, i] for i, t in enumerate(case.targets(outputs))}
 
@@ -111,7 +111,8 @@ def virtual_work(case: Case) -> Iterator[Measured]:
 
 
 def _row_forces(case: Case) -> Array:
-    """(points, rows) forces of the rows: lambda, or scaling lambda + 2 penalty c for a joint with these parameters."""
+    """(points, rows) generalised forces on the rows c: the multipliers lambda, or scaling lambda + 2 penalty c for a joint with
+    these parameters."""
     d, values = case.d, case.values
     lam = columns(d.multipliers, values)
     if getattr(d.law, "scaling", None) is not None:
@@ -183,7 +184,8 @@ def _same_sense(case: Case, values: Values) -> NDArray[np.bool_]:
 
 
 def _moved_multipliers(case: Case, values: Values) -> Values:
-    """The multipliers that have the same power after the rigid motion of `invariance`: rows may be resolved in inertial axes."""
+    """The multipliers with which the reactions have the same power after the rigid motion of `invariance` as before. They change
+    with it where rows are components along inertial axes."""
     d, m = case.d, len(case.d.rows)
     many = {name: np.tile(value, m) for name, value in values.items()}
     many |= {str(s): case.rng.normal(size=many[str(s)].shape) for f in d.frames for s in f.u}
@@ -213,7 +215,7 @@ def power(case: Case) -> Iterator[Measured]:
         expected = expected + np.sum(_row_forces(case) * case.slope(position, case.u), axis=1)
     yield from compared(["balance"], got[:, None], expected[:, None])
     dissipated = parts.get("dissipated", zero)
-    if "losses" in parts:  # their sum differs where they use another velocity than the forces
+    if "losses" in parts:  # losses by cause must add up to the dissipated power, which fails if a loss uses a wrong velocity
         yield from compared(["losses by cause"], parts["losses"][:, None], dissipated[:, None])
     if d.states:  # a state may hold energy and give it back
         return
