@@ -35,8 +35,8 @@ MARGIN = 10.0
 
 @dataclass(frozen=True)
 class Cell:
-    """A run at one value of the parameter. error: in the unit of the measure; estimated: the run's own error estimate; cpu_s: CPU
-    time of the run and its companions, s."""
+    """A run at one value of the parameter. error: difference from the reference, in the unit of the measure; estimated: the run's
+    own error estimate; cpu_s: CPU time of the run, with the runs that estimate its error, s."""
 
     value: float
     label: str

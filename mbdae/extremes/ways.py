@@ -81,7 +81,7 @@ def _models(problem: Problem) -> list[tuple[str, JointModel | dict[str, JointMod
 
 
 def stepped_ways(problem: Problem, h: float) -> list[Way]:
-    """Methods with constant steps h (s), as ODE where the scene has no constraints."""
+    """Runs with the constant step h (s), one for every method that has such a step; in the form ODE without constraints."""
     found: list[Way] = []
     for make in STEPPED:
         run = make(h)
