@@ -42,7 +42,8 @@ class Node(NamedTuple):
 
 
 class Enclosure:
-    """Bounds of an expression of `TIME` (an interval) and `SIDE` (a number); `nodes`: its subexpressions, inner ones first."""
+    """Bounds of expressions of `TIME` (an interval) and of `SIDE`, the time of conditions and floors (a number, `timed.sided`);
+    `nodes`: their subexpressions, inner ones first."""
 
     def __init__(self, *expressions: Expr) -> None:
         at: dict[Expr, int] = {}

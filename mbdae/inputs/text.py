@@ -40,7 +40,7 @@ _PARTS = {*FUNCTIONS, *ONE_SIDED, *_NUMBERS, "Pi", "Exp1", "GoldenRatio", "Euler
 _RELATIONS: dict[str, Any] = {"<": se.Lt, "<=": se.Le, ">": se.Gt, ">=": se.Ge, "==": se.Eq, "!=": se.Ne}
 _SIGNS = {"StrictLessThan": "<", "LessThan": "<=", "Equality": "==", "Unequality": "!="}
 _JOINED = {"and": se.And, "&": se.And, "or": se.Or, "|": se.Or}
-#: precedence of operators between two numbers or conditions; in the next line, of a sign before a number and of "not"
+#: precedence of operators between two numbers or conditions, higher ones binding closer; then of a sign before a number and "not"
 _STRENGTH = {"or": 1, "|": 1, "and": 2, "&": 2, **dict.fromkeys(_RELATIONS, 4), "+": 5, "-": 5, "*": 6, "/": 6, "**": 8}
 _BEFORE_NUMBER, _NOT = 7, 3
 #: functions with their numbers of arguments (None: two or more)

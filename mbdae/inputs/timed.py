@@ -179,7 +179,8 @@ def rate(e: Expr) -> Expr:
 
 
 def used(e: Expr, moves: bool) -> tuple[Expr, ...]:
-    """Expressions whose jumps steps have to follow: the input; moves: for a table that prescribes a motion, derivatives too."""
+    """Expressions at whose jumps steps have to end: the input itself; where it prescribes a motion (`moves`) by a table, also its
+    first two time derivatives."""
     e = se.sympify(e)
     return tuple(dict.fromkeys(derivatives(e))) if moves and any(map(tables.lookup_of, nodes(e))) else (e,)
 
