@@ -25,7 +25,8 @@ FACTOR = 1.25  #: factor by which a basic unit is scaled
 _KNOWN = {"m": (1, 0, 0), "kg": (0, 1, 0), "s": (0, 0, 1), "rad": (0, 0, 0), "1": (0, 0, 0), "N": (1, 1, -2), "J": (2, 1, -2),
           "W": (2, 1, -3), "Pa": (-1, 1, -2), "Hz": (0, 0, -1)}  # fmt: skip
 _POINTS = 5  #: number of random states from which a unit is found
-#: bound below which a value is taken as 0, allowing for smoothed reactions; values of random states are near 1
+#: bound below which a value is taken as 0: normal forces are smoothed by SLIGHT (N), so that values that should be 0 are of that
+#: size; other values in random states are near 1
 _NOTHING = 100 * SLIGHT
 
 

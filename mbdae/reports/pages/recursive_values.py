@@ -195,7 +195,8 @@ class RecursiveValues(LawPage):
         return change
 
     def _turn(self, turn_k: Any, symbols: dict[str, Any]) -> Any:
-        """Virtual rotation of l (points, 3): compiled velocities of the tree with virtual rates as input."""
+        """Virtual rotation of l (points, 3), inertial axes, from that of k and the virtual changes of the coordinates: the
+        compiled map of the tree from velocities of k and rates to velocities of l, with the virtual ones as its input."""
         st, s = self.state, self.s
         given = dict(st.given) | {f"k_v{i + 1}": np.zeros(POINTS) for i in range(3)}
         spin = np.einsum("pji,pj->pi", self.Rk, turn_k)

@@ -47,7 +47,7 @@ def arm_of(d: Derived, f: Frame) -> Vec:
 
 
 class Velocity(NamedTuple):
-    """A velocity of a body: index, letter of the position, letter of the inertia."""
+    """A velocity of a body: subscript, letter of the position, letter of the inertia."""
 
     below: str
     letter: str
