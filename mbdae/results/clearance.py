@@ -29,7 +29,7 @@ class ContactSensor(ConnectionSensor):
     """
 
     def at_times(self, t: Array) -> dict[str, Array]:
-        """All quantities of the contact at times t (nt,): (nt, parts) by name."""
+        """All quantities of the contact at times t (nt,), by name, (nt, places): a column for each place where it may touch."""
         columns: dict[str, list[Array]] = {}
         prepared = self._result.prepared
         for g, p, values in prepared.mechanics.evaluate(observed_outputs, t, *self._result.states(t)):

@@ -80,7 +80,7 @@ def _flag(value: Any, where: str) -> None:
 
 
 def _real(least: float = -math.inf, finite: bool = True, known: bool = True) -> Kind:
-    """A number; nan too where known=False."""
+    """A number, at least `least`; infinite too where finite=False, nan too where known=False."""
 
     def check(value: Any, where: str) -> None:
         number = isinstance(value, int | float) and not isinstance(value, bool) and (type(value) is float or abs(value) <= MOST)

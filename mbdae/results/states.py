@@ -45,7 +45,7 @@ class Instant:
     yp: Array = field(repr=False)
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Instant:
-        """An interpolant as this one, of other unknowns."""
+        """The same for other unknowns y (1, n) and yp (1, n); t and pieces, which interpolants of runs need, are not used."""
         return Instant(self.label, y, yp)
 
     def value(self, t: Array) -> Array:
