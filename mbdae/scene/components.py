@@ -23,7 +23,7 @@ from mbdae.values import BadValueError, array, number, shown
 
 Array = NDArray[np.float64]
 FINE = 2048  #: number of chords by which the length along a curve is measured
-MOVING = ("position", "rotation", "velocity", "angular_velocity")  #: what a body has in a run alone; refused before it
+MOVING = ("position", "rotation", "velocity", "angular_velocity")  #: sensors of a run that a body of a scene refuses to show
 
 
 @dataclass(eq=False)

@@ -37,7 +37,7 @@ from mbdae.symbolic.law import TwoBodyLaw
 OPTIONS = ("prescribed", "start", "start_rate", "spring", "damper", "load", "limits", "stop", "friction")
 BODIES = {"name": reading.name, "k": reading.body, "l": reading.body, "at": reading.point}
 PLACED = {**BODIES, "axis": reading.direction}
-#: law -> what to use instead of `joint`, where a statement of its own measures the parameters
+#: law -> remedy in the message about a missing parameter, where another statement takes the parameter from the drawing
 MEASURED: dict[type[Joint], str] = {Distance: "use s.distance(...), which measures it"}
 EACH = dict.fromkeys(OPTIONS, reading.as_given)  #: readers of options by coordinate: checked when the coordinates are known
 FURTHER = {"model": joint_model, **EACH, "further": reading.as_given}

@@ -143,7 +143,8 @@ def _expression(value: Any, scene: Any, known: Known) -> Any:
 
 
 def _as_given(value: Any, scene: Any, known: Known) -> AsGiven:
-    """The object that the scene repeated here keeps; one made from plain data where the scene comes from a file."""
+    """An object of the user's own, such as the memory of a controller: the object itself where a scene of this process is
+    repeated, else one made from the plain data of a file."""
     own = known.own.get(value["kept"]) if isinstance(value["kept"], str) else None
     return own if isinstance(own, AsGiven) else AsGiven(_decode(value["plain"], scene, known))
 

@@ -141,8 +141,9 @@ def _circles(scene: Any) -> list[str]:
 
 
 def keep_read_coordinates(scene: Any, read: Iterable[str]) -> None:
-    """Angles that are read by these paths, and coordinates that bodies do not show, become unknowns of their own: whole turns
-    count. A joint may be stated after what reads it: `_wanted` of the scene keeps what is read by name for `keep_wanted`."""
+    """Make unknowns of the angles that these paths read, so that whole turns are counted, and of the coordinates read that cannot
+    be computed from the bodies. A joint may be stated after the item that reads it: `_wanted` of the scene keeps what is read by
+    name of the joint, for `keep_wanted`."""
     names = dict[str, None]()
     for path in read:
         name, quantity, _ = parsed(path)
