@@ -87,7 +87,8 @@ class BodyShapes(Collected):
         return one
 
     def _contact(self, item: Connection) -> None:
-        """Draw the shapes of a contact on the ground, on beams, and planes, with its name beside a shape that only it has."""
+        """Draw those shapes of a contact that the drawing of the bodies lacks: shapes on the ground and on beams, and planes. A
+        shape on the ground gets the name of the contact."""
         first, second = item.shapes
         one: Any
         for body, other, one in ((item.k, item.l, first), (item.l, item.k, second)):
