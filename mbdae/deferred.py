@@ -1,5 +1,5 @@
-"""What costs more to import than the run of a pendulum. SciPy's modules and functions are imported when they are first used: most
-scenes need none of them. NumPy's masked arrays are never imported."""
+"""Modules that take longer to import than a pendulum to simulate. SciPy's are imported when they are first used, because most
+scenes need none of them; NumPy's masked arrays are never imported: functions here replace those of NumPy that would do so."""
 
 from __future__ import annotations
 
