@@ -177,7 +177,8 @@ class _Path:
         self.statics, self.progress = statics, progress
 
     def run(self) -> Equilibrium:
-        """Raises the loads where the scene has stiffness without them; otherwise, or for a stable state, searches."""
+        """The state at rest: found by raising the loads where the scene has stiffness without them; by a search under the full
+        loads otherwise, and where the state found is unstable."""
         s, begin = self.statics, self.statics.begin
         if s.soft_motions(s.tangent(begin)):
             self._refuse_free_motions(begin)

@@ -34,7 +34,7 @@ from mbdae.values import optional, shown, whole
 
 LARGEST = 1600  #: largest number of states for which all eigenvalues are found
 AT = "give a Result, (Result, t), an equilibrium, or None for the start of the scene"
-RESOLVED = 1e-7  #: eigenvalues below this part of the largest are rounding errors of a double 0
+RESOLVED = 1e-7  #: eigenvalues below this part of the largest count as 0: rounding errors split a double eigenvalue 0 that far
 
 
 class Linearization(OnMesh, Modes[Mode]):

@@ -75,7 +75,8 @@ def softest_beam(model: Model) -> float:
 
 
 def lowest(p: Pencil, count: int, scale: float) -> tuple[Complex, Complex]:
-    """The smallest eigenvalues (k,) with imaginary part >= 0 by rising frequency, and displacements (nu, k) of their modes."""
+    """The smallest eigenvalues (k,) with imaginary part >= 0 by rising frequency, and displacements (nu, k) of their modes.
+    scale: the lowest frequency of the softest beam, rad/s, near which eigenvalues are expected."""
     equations = quadratic(p)
     count = min(count, equations.freedoms - 2) if equations.freedoms > FEW else count
     values, vectors = (_conservative if equations.conservative else _general)(equations, count, scale)
@@ -134,7 +135,8 @@ def _general(q: Quadratic, count: int, scale: float) -> tuple[Complex, Complex]:
 
 
 def _of_inverse(inverse: Array, shift: float) -> tuple[Complex, Complex]:
-    """Eigenvalues and vectors from all of 1 / (w - shift); zeros belong to unknowns without inertia."""
+    """All eigenvalues w and their vectors from the matrix `inverse`, whose eigenvalues are 1 / (w - shift); those of its
+    eigenvalues that are zero belong to unknowns without inertia and are left out."""
     values, vectors = np.linalg.eig(inverse)
     keep = np.abs(values) > FINITE * np.max(np.abs(values), initial=0.0)
     return shift + 1 / values[keep], vectors[:, keep]

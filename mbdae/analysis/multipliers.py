@@ -45,7 +45,7 @@ GAIN = 8.0
 NEAR = 1e-3  #: relative distance of multipliers that may be one multiple root, whose mean is the most accurate
 LOST = 1e-9  #: multipliers below this part of the largest count as 0
 ROUND = 1e-6  #: changes below this may be rounding errors, where more steps do not reduce them
-ELASTIC = 10  #: multipliers of a scene with beams that are found without `count`
+ELASTIC = 10  #: number of multipliers that are found for a scene with beams where the user gives no `count`
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,8 @@ class Floquet(OnMesh, Modes[FloquetMode]):
 
     @cached_property
     def _frames(self) -> Array:
-        """(nu, nu) motions of all nodes along inertial axes from those in the components of their velocities."""
+        """(nu, nu) matrix that turns motions of all nodes into components along inertial axes; rotations of bodies in space are
+        components in body axes before."""
         start, blocks = self.prepared.start, []
         for node in self.prepared.model.nodes:
             blocks.append(np.eye(node.kind.translations if node.kind is NodeKind.SPATIAL else node.kind.sizes[1]))

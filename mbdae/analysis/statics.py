@@ -275,8 +275,8 @@ class Statics:
         return self.at_rest(replace(point, y=y, hold=hold, iterations=point.iterations + 1))
 
     def closed(self, point: Point) -> Point:
-        """The point with its joints closed again; raises StartError where they are too far apart. With beams nothing is done: the
-        next correction closes their joints, which rigid motions of deformed bodies could not."""
+        """The point with its joints closed again; raises StartError where they are too far apart. With beams the point is
+        returned unchanged: its joints cannot be closed by rigid motions of deformed bodies; the next correction closes them."""
         if self.elastic:
             return point
         y = point.y.copy()

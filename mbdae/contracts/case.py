@@ -173,7 +173,8 @@ class Case:
         return found[:, :count], G
 
     def solved(self, values: Values, fixed: str = "") -> Values:
-        """States from these on at which the rows vanish, where Gauss-Newton's method finds them. fixed: a side that stays."""
+        """States at which the rows vanish, found by Gauss-Newton's method from `values`; where it does not converge they do not
+        vanish. fixed: name of a side whose body is not moved."""
         still = [f.side == fixed for f in self.d.frames for _ in range(f.kind.sizes[1])]
         for _ in range(30):
             g, G = self.rows(values)

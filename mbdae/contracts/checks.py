@@ -123,7 +123,8 @@ def _row_forces(case: Case) -> Array:
 
 
 def _stated_power(case: Case, stated: dict[str, Array], f: Frame, i: int, unit: dict[str, Array]) -> Array:
-    """dV + dR/du - wrench - thrust on a unit velocity of one frame."""
+    """dV + dR/du - wrench - thrust (points,): the power of the stated forces on velocity number i of the frame f, with `unit`
+    these unit velocities by side and `stated` the outputs of `statement`."""
     symbol = str(f.u[i])
     names = [t[0] for t in case.targets(statement)]
     slopes = case.slope(statement, unit)
@@ -189,7 +190,7 @@ def _moved_multipliers(case: Case, values: Values) -> Values:
     d, m = case.d, len(case.d.rows)
     many = {name: np.tile(value, m) for name, value in values.items()}
     many |= {str(s): case.rng.normal(size=many[str(s)].shape) for f in d.frames for s in f.u}
-    speeds = []  # rates of the rows (points, velocities, rows), before and after
+    speeds = []  # rates of the rows for as many random velocities as rows, (points, velocities, rows), before and after
     for state in (many, rigidly_moved(d, many, np.random.default_rng(30))):
         still = state | {str(s): np.zeros_like(state[str(s)]) for f in d.frames for s in f.u}
         moving = case.evaluate(velocity, state).real - case.evaluate(velocity, still).real

@@ -61,7 +61,8 @@ class Cell:
 
 
 def verdict(error: float, accuracy: float, told: bool, uncertainty: float | None) -> str:
-    """The verdict on an error known to within `uncertainty` (None: unknown); UNKNOWN where the verdict depends on it."""
+    """The verdict on an error of a run that is known to within `uncertainty` (None: not known); UNKNOWN where it depends on this
+    uncertainty. told: whether the run gave a warning."""
     if not math.isfinite(error):
         return TOLD if told else SILENT
     doubt = math.inf if uncertainty is None else uncertainty if uncertainty > SURE * accuracy else 0.0

@@ -124,7 +124,8 @@ def _sizes(edges: Array) -> Array:
 
 
 def _merged(edges: Array, found: Array, same: float) -> Array:
-    """The edges and the times `found` between them, sorted, without duplicates up to `same`; both ends stay."""
+    """The edges and the times `found` between them, sorted; times whose difference relative to their size is at most `same` count
+    as one. First and last edge stay."""
     inside = found[(found > edges[0]) & (found < edges[-1])]
     if len(edges) + len(inside) > MOST:
         raise TooManyError(f"switches more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
@@ -132,8 +133,8 @@ def _merged(edges: Array, found: Array, same: float) -> Array:
 
 
 def distinct(times: Array, same: float = SAME) -> Array:
-    """Times (k,) sorted, without duplicates up to `same`, since no step between them would be long enough; the first and the
-    last stay."""
+    """Times (k,) sorted; those whose difference relative to their size is at most `same` count as one, because no step is that
+    short. The first and the last time stay."""
     both = np.sort(times)
     if len(both) < 2:
         return np.asarray(both)

@@ -72,7 +72,7 @@ class Enclosure:
         return [found[i] for i in self.roots]
 
     def at(self, t: Any, side: Any) -> list[Any]:
-        """Values (k,) of the expressions at times (k,)."""
+        """Values (k,) of the expressions at times t (k,), with conditions and floors evaluated at times side (k,)."""
         return [low for low, _ in self(t, t, side)]
 
     @staticmethod

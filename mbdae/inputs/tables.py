@@ -215,12 +215,12 @@ class Lookup(NamedTuple):
 
 
 def known(table: Table) -> Table:
-    """The table, which expressions may name from now on."""
+    """Register a table, so that expressions may contain it by its name; returns the table."""
     return _KNOWN.setdefault(table.name, table)
 
 
 def from_data(name: str, data: Any) -> None:
-    """Make a stored table known; BadValueError where the data cannot be read or gives another name."""
+    """Register a table from stored data; BadValueError where the data cannot be read or belongs to a table of another name."""
     if name in _KNOWN and data == _KNOWN[name].as_data:
         return
     try:

@@ -26,7 +26,8 @@ FUNCTIONS = (
     "floor",
 )  # fmt: skip
 LONGEST, DEEPEST = 100_000, 120  #: most characters of a text, most brackets inside each other
-MOST_BITS = 100_000  #: most bits of an integer that arises while a text is read; doubles as fractions have up to 1100
+#: most bits of an integer that arises while a text is read: far more than in doubles written as fractions, which have up to 1100
+MOST_BITS = 100_000
 
 _TOKEN = re.compile(r"\s*(?:(?P<float>(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)|(?P<integer>\d+)"
                     r"|(?P<sensor>sensor\(\"(?:[^\"\\]|\\.)*\"\))|(?P<name>[A-Za-z]\w*)"

@@ -143,7 +143,8 @@ def _with_plain_numbers(e: Expr) -> Expr:
 
 @lru_cache(maxsize=512)
 def sided(e: Expr) -> Expr:
-    """The expression with `SIDE` for the time in its conditions and floors, and as second argument of its tables."""
+    """The expression with the symbol `SIDE`, a time inside the interval of interest, in place of the time in its conditions and
+    floors and as second argument of its tables."""
     if not any(isinstance(node, se.Piecewise | se.FunctionSymbol) or type(node).__name__ == "floor" for node in nodes(e)):
         return e
 

@@ -336,5 +336,6 @@ def skewed(a: Array) -> Array:
 
 
 def _wide(a: Any, kind: int) -> Any:
-    """A number (points,) with further axes, to be multiplied by a vector or matrix."""
+    """A number (points,) with further axes of length 1, so that it can be multiplied by an array of `kind` axes; other values
+    unchanged."""
     return a[(..., *[None] * (kind - 1))] if np.ndim(a) == 1 and kind > 1 else a

@@ -147,7 +147,8 @@ class BeamStatements(SceneItems):
 
 
 def check_attachments(scene: SceneItems, item: Connection) -> None:
-    """Joints and forces must attach to a beam at a node, or far enough from the nodes for a further one."""
+    """Report a joint or force that attaches to a beam too near to a node: it must be at a node, or far enough from the nodes for
+    a further node at its place."""
     for side, beam in (("k", item.k), ("l", item.l)):
         if isinstance(beam, Beam):
             point = item.places.get(side, item.joint.point_on(side))

@@ -239,7 +239,8 @@ class JointStatements(ConnectionStatements):
 
 
 def _instead(kind: str, law: type[Joint], key: str, own: set[str]) -> str:
-    """An argument that a joint, stated by the word `kind` or by `joint`, does not have, and what to give in its place."""
+    """Part of a message: the name `key` of an argument that the joint does not have, and what to give in its place. kind: the
+    statement; own: parameters of the joint."""
     coordinate = key.removesuffix("_rate")
     if coordinate not in law.scalars():
         known = (set(signature(STATEMENTS.get(kind, STATEMENTS["joint"])).parameters) | {*OPTIONS, "model"}) - {"self", "further"}

@@ -113,7 +113,8 @@ def _looked_at(edges: Any, found: Stretches) -> tuple[Any, Any]:
 
 
 def _jumps(one: Input, parts: list[Expr], values: list[Any], edges: Any, before: list[float]) -> list[str]:
-    """Breaks at which a prescribed motion, or its rate, jumps; before: for a continued run, a time just before its start."""
+    """Messages about breaks at which a prescribed motion or its rate jumps. parts: the motion and its derivatives; values: theirs
+    at many times; edges: start, breaks and end, s; before: for a continued run, a time just before its start."""
     middle = np.r_[before, (edges[1:] + edges[:-1]) / 2]
     at = (edges if before else edges[1:])[:-1]
     if not len(at):

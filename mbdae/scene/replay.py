@@ -216,8 +216,8 @@ def _made(cls: Callable[..., Any], arguments: dict[str, Any]) -> Any:
 
 
 def _rebuilt(cls: type, base: type, arguments: dict[str, Any], equal: Callable[[Any], bool]) -> Any:
-    """A law or part with its values, made by its constructor. A user's own constructor may take other arguments or set other
-    values: then the constructor of the base class, which takes parameters and options by name."""
+    """A law or part with its values, made by its constructor. Where a user's own constructor takes other arguments, or sets other
+    values (equal(object) is false), it is made by the constructor of `base`, which takes parameters and options by name."""
     maker = next(c for c in cls.__mro__ if "__init__" in vars(c))
     if maker.__module__.split(".")[0] == "mbdae":
         return _made(cls, arguments)

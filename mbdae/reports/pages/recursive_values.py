@@ -76,7 +76,8 @@ class RecursiveValues(LawPage):
 
     def run(self, piece: Piece, load: Any = None, up: Any = None, state: State | None = None,
             stepped: bool = False) -> dict[Any, Any]:  # fmt: skip
-        """Values of a kernel of the tree by target; stepped: evaluated with NumPy after a complex step."""
+        """Values of a kernel of the tree by target. load: force and moment on l (points, 6); up: accelerations; both, and the
+        states, by default those of the page; stepped: evaluated with NumPy, for complex inputs of a complex step."""
         columns = [self._place(place, load, up, state or self.state) for place in piece.inputs]
         x = np.stack([np.broadcast_to(column, (POINTS,)) for column in columns], -1)
         values = piece.kernel.oracle(x.astype(complex)) if stepped else piece.kernel.values(x)

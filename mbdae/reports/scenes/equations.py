@@ -35,7 +35,7 @@ Row = dict[Any, Expr]  #: coefficients by multiplier; the constant term under No
 
 
 def symbols_of_rows(d: Derived) -> list[tuple[Target, Expr]]:
-    """Every symbol in the gradients of a law's rows and in its arms."""
+    """Every symbol in the gradients G of a law's rows and in the arms of its frames."""
     found = set().union(*(se.sympify(c).free_symbols for row in d.G for pair in row.values() for part in pair for c in part))
     found = found.union(*(se.sympify(c).free_symbols for f in d.frames if d.rows for c in arm_of(d, f)))
     return [(("symbol", str(s)), s) for s in sorted(found, key=str)]
