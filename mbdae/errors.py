@@ -192,12 +192,12 @@ def meant(name: str, known: Iterable[str]) -> str:
 
 
 def unknown_name(name: str, known: Iterable[str]) -> str:
-    """An unknown name in a sentence, with the known one that was probably meant; what follows says which are known."""
+    """Part of a message: an unknown name, and the known one that was probably meant; the caller adds which names are known."""
     return f"'{name}': {close}".rstrip() if (close := meant(name, known)) else f"'{name}';"
 
 
 def call_refused(function: Callable[..., Any], args: tuple[Any, ...], given: Mapping[str, Any], name: str = "") -> str:
-    """What is wrong with the arguments of a call: which are unknown, what was probably meant, which there are; "" where they fit.
+    """Message about wrong arguments of a call: which are unknown, what was probably meant, which there are; "" where they fit.
     args, given: as they are passed, with the object of a method first; name: of the function in the message."""
     known = signature(function)
     try:

@@ -256,7 +256,7 @@ def _float(value: Any) -> float:
 
 
 def _is_number(value: Any) -> bool:
-    """Real numbers of Python and NumPy, and expressions without symbols."""
+    """Whether a value is a real number of Python or NumPy, or an expression without symbols."""
     if isinstance(value, numbers.Real | Decimal | np.integer | np.floating):
         return True
     try:

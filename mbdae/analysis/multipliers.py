@@ -190,7 +190,8 @@ def _begun(scene: SceneData, at: Any, period: float) -> Prepared:
 
 
 def _of_all_nodes(prepared: Prepared, system: SceneSystem, directions: Departures) -> Array:
-    """(nu of all nodes, k) displacements at the start, in the components of velocities."""
+    """(nu of all nodes, k) displacements at the start that belong to the k directions, for all nodes, those of recursive joints
+    included; in the components of velocities (rotations of bodies in space in body axes)."""
     nu, e = directions.velocities, prepared.all_bodies
     p = (directions.units[:, None] * directions.Q)[:nu].T
     t, q, u = (np.repeat(x[None], len(p) + 1, axis=0) for x in (np.array(system.t0), *np.split(system.y0[: e.nq + nu], [e.nq])))

@@ -56,8 +56,8 @@ class _Blocks:
 
 
 def complete_system(mechanics: Mechanics, spec: FormSpec, sparse: bool | None = None) -> Assembly:
-    """The equations with absolute coordinates of all nodes and all constraint rows, also of recursive joints and shared
-    displacements, so that every reaction is an unknown."""
+    """The equations with absolute coordinates of all nodes and all constraint rows, also those that runs satisfy by fewer
+    unknowns (recursive joints, bodies that share the displacements of a point), so that every reaction is an unknown."""
     bodies = MovedBodies(mechanics.model, [])
     bodies.sharing = Sharing()
     return Assembly(mechanics.model, mechanics.rows, spec, sparse, bodies)
@@ -65,7 +65,8 @@ def complete_system(mechanics: Mechanics, spec: FormSpec, sparse: bool | None = 
 
 @dataclass(frozen=True)
 class Basis:
-    """T (n, nx), its rate T', the row transformation L (nx, n), and C (nu, nu): from velocities in the frame's axes to u."""
+    """The matrices of y = y0 + T x: T (n, nx), its rate T', the transformation L (nx, n) of the rows, and C (nu, nu), with
+    u = C w for velocities w along the frame's axes."""
 
     T: Any
     rate: Any

@@ -147,8 +147,9 @@ class Statics:
         return point
 
     def _with_stresses(self, point: Point) -> Point:
-        """The point with the multipliers and stresses of beams that balance its forces, by linear theory. Below load factor 1 the
-        strains of these stresses are part of the unbalanced terms: they develop as the loads are raised."""
+        """The point with the multipliers and stresses of beams that balance its forces, by linear theory. These stresses do not
+        fit the strains at the point; below load factor 1 this misfit is part of the unbalanced terms (see the module), so that
+        the strains develop as the loads are raised."""
         m, nu, n = self.mechanics, self.mechanics.nu, self.system.n
         still = replace(point, y=np.r_[point.y[: m.nq], np.zeros(n - m.nq)], yp=np.zeros(n))
         still.y[self.kinds == "s"] = self.s(point)

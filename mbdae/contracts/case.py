@@ -217,7 +217,8 @@ def label(d: Derived, target: Target) -> str:
 
 
 def rebuilt(case: Case, values: Values, index: dict[Target, int]) -> tuple[Array, Array]:
-    """Residual (points, outputs) and Jacobian (points, outputs, unknowns) as the assembly composes them."""
+    """Residual (points, outputs) and Jacobian (points, outputs, unknowns), composed of constant, linear and nonlinear parts as in
+    the assembly; index: number of each unknown by its target."""
     split = case.linearised
     constants = split.constants.once(columns(split.constant_inputs.symbols, values))
     count = len(split.constant_places)

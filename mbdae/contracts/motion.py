@@ -228,7 +228,7 @@ class _Moving:
 
     @property
     def prescribed(self) -> dict[str, str]:
-        """Prescribed coordinates with their parameters."""
+        """Prescribed coordinates, each with the name of the parameter that is its prescribed value."""
         return dict(self.law.prescribed)
 
     def count(self) -> Iterator[Measured]:

@@ -23,7 +23,8 @@ def turn(vector: Any) -> Array:
 
 
 def joint_axes(axes: Axes, rng: np.random.Generator) -> Array:
-    """Random joint axes (columns) with the structure a frame admits."""
+    """Random joint axes (3, 3), columns: any for Axes.GENERAL; for frames in the plane with z along its normal, against it
+    (REVERSED) or in the plane (IN_PLANE)."""
     a = rng.uniform(-3, 3)
     x, z = np.array([np.cos(a), np.sin(a), 0.0]), np.array([0.0, 0.0, 1.0])
     if axes is Axes.GENERAL:

@@ -95,7 +95,8 @@ def _short(text: str) -> str:
     return hashlib.blake2b(text.encode(), digest_size=20).hexdigest()
 
 def code_key(symbols: Sequence[Any], expressions: Sequence[Any], level: int | None) -> str | None:
-    """The key of compiled expressions from the expressions themselves; None where nothing is stored."""
+    """The key of compiled code, computed from symbols and expressions (not from a law) and from the compiler's optimisation
+    level; None where nothing is stored."""
     if not store().used:
         return None
     try:

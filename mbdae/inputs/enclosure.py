@@ -67,7 +67,8 @@ class Enclosure:
         return found
 
     def __call__(self, low: Any, high: Any, side: Any) -> list[Bounds]:
-        """Bounds of the expressions themselves."""
+        """Bounds (lower and upper ends, (k,) each) of the expressions, without those of their subexpressions; arguments as in
+        `all`."""
         found = self.all(low, high, side)
         return [found[i] for i in self.roots]
 

@@ -98,7 +98,7 @@ def _with_exponents(value: Any, exponents: dict[str, Any]) -> Expr:
 
 
 def _complete(piecewise: Any) -> bool:
-    """Whether one of the conditions always holds."""
+    """Whether a Piecewise has a value everywhere: one of its conditions is always true."""
     import sympy
 
     conditions = [condition for _, condition in piecewise.args]

@@ -82,13 +82,13 @@ class Table:
         return min(max(low, first), last), max(min(high, last), first)
 
     def lookup(self, x: Array, side: Array, order: int = 0) -> Array:
-        """Values, or derivatives of an order, (k,) at times x."""
+        """Values, or derivatives of an order, (k,) at times x (k,); side (k,) as in `segments`."""
         s, i = self.segments(np.asarray(x, dtype=float), np.asarray(side, dtype=float))
         c = self.of_order(order)
         return np.asarray(c[0, i] + s * (c[1, i] + s * (c[2, i] + s * c[3, i])))
 
     def of_order(self, order: int) -> Array:
-        """Coefficients (4, n+1) of a derivative."""
+        """Coefficients (4, n+1) of the derivative of an order (0: the table itself), lowest power first."""
         while order >= len(self._orders):
             c = self._orders[-1]
             self._orders.append(np.stack([c[1], 2 * c[2], 3 * c[3], np.zeros(c.shape[1])]))

@@ -15,7 +15,7 @@ from mbdae.system.base import Array
 
 
 def observed_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Quantities that the sensor of a law reads beside force, torque and power."""
+    """Quantities that the sensor of a law reads in addition to force, torque and power."""
     if not isinstance(d.law, Force):
         return []
     v = d.variation

@@ -114,7 +114,7 @@ def decoded(value: Any, scene: Any, known: Known) -> Any:
 
 
 def _decode(value: Any, scene: Any, known: Known) -> Any:
-    """The argument an encoded value stands for, in `scene`."""
+    """The argument for which an encoded value stands; names of bodies in it are those of `scene`."""
     if isinstance(value, list):
         return [_decode(v, scene, known) for v in value]
     if not isinstance(value, dict):
@@ -292,7 +292,7 @@ def _repeat(scene: Any, entry: Statement, known: Known) -> None:
 
 
 def _is_number(value: Any) -> bool:
-    """Numbers, expressions, places, and lists of these."""
+    """Whether a stored value is a number, an expression of time, a place, or a list of these."""
     if isinstance(value, list | tuple):
         return all(_is_number(v) for v in value)
     if isinstance(value, dict):

@@ -120,7 +120,7 @@ def problems(scene: Any) -> list[str]:
 
 
 def _circles(scene: Any) -> list[str]:
-    """Signals that depend on themselves."""
+    """Message about a signal that depends on itself, directly or through others; empty where there is none."""
     needs = {one.name: [p for p in one.reads() if p != one.name or one.kind == "signal"]
              for one in scene.signals if one.kind == "signal"}  # fmt: skip
 

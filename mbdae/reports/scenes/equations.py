@@ -42,7 +42,7 @@ def symbols_of_rows(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def arm_of(d: Derived, f: Frame) -> Vec:
-    """The arm of a frame with components that are known to be zero inserted."""
+    """The arm of a frame; components that are known to be zero for this scene are replaced by 0."""
     return Vec(*map(d.variation.resolve, f.arm))
 
 
