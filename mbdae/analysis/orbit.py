@@ -127,7 +127,8 @@ def _difference(prepared: Prepared, period: float, q: Array, u: Array, s: Array,
 
 
 def _moved(node: Node, before: Array, after: Array, length: float) -> tuple[float, str]:
-    """How far a node is from where it was, whole turns not counted."""
+    """Largest distance of a node from where it was (relative to `length` of the scene; rotations in rad without whole turns), and
+    what moved, in words."""
     if node.kind is NodeKind.COORDINATE:
         off = float(after[node.q] - before[node.q])
         off = abs(off - 2 * np.pi * round(off / (2 * np.pi))) if node.unit == "rad" else abs(off)

@@ -51,7 +51,8 @@ class States:
         return _stack([self._point(self.rng.uniform(-0.4, 0.4, 3), False) for _ in range(4 * self._count)])
 
     def special(self, rotation: float, together: bool) -> Values:
-        """One point with l (and further sides) turned by `rotation` about the joint axis; `together`: its points coincide."""
+        """One state with l (and further sides) turned by `rotation` (rad) about the joint axis; together: whether the points of
+        all sides coincide."""
         return _stack([self._point(rotation, together)])
 
     def _point(self, relative: Any, together: bool) -> dict[str, float]:

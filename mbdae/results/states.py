@@ -38,7 +38,8 @@ class States:
 
 @dataclass(frozen=True, eq=False)
 class Instant:
-    """Solver and interpolant of a run with one time: its unknowns y (1, n) and their derivatives yp (1, n) hold at every time."""
+    """Stands in for solver and interpolant where a Result has one instant only, such as an equilibrium: the unknowns y (1, n) and
+    their derivatives yp (1, n) are returned for every time."""
 
     label: str
     y: Array = field(repr=False)

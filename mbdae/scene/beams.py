@@ -192,7 +192,8 @@ def place_of(beam: Beam, place: float) -> Array:
 
 
 def _check_turning(beam: Beam) -> None:
-    """Neighbouring nodes must be turned by less than half a turn: rotations are interpolated the short way."""
+    """OptionError where neighbouring nodes of a curve are turned by nearly half a turn or more: rotations between them are
+    interpolated the short way, which is then not unique."""
     steps = np.diff(beam.outline, axis=0)
     first = steps / np.linalg.norm(steps, axis=1, keepdims=True)
     bends = 2 * np.arcsin(np.clip(np.linalg.norm(np.diff(first, axis=0), axis=1) / 2, 0, 1))

@@ -67,7 +67,7 @@ def _read_places(head: Argument, law: Joint | Force, found: Any) -> None:
 
 
 def _refuse_unhashable(arg: Argument, value: Any) -> None:
-    """Derived equations are cached by the options of their law, so options must be hashable."""
+    """Report a value of an option that is not hashable: derived equations are cached by the options of their law."""
     try:
         hash(value)
     except Exception:  # a hash of the user's own may raise anything

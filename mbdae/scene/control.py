@@ -56,7 +56,7 @@ FED = reading.driven("1", sensors=True)
 
 
 class ControlStatements(ConnectionStatements):
-    """`sensor`, `state`, `signal`: what loads, drives and controllers depend on beside the time."""
+    """`sensor`, `state`, `signal`, `controller`: what loads and drives can depend on in addition to the time."""
 
     def sensor(self, path: str) -> Any:
         """The symbol of a sensor, for expressions of loads, torques, forces and states: a coordinate of a joint ("J.angle",

@@ -40,7 +40,7 @@ def limits(unit: str) -> Reader:
 
 
 def _one(value: Any, without: float) -> float | None:
-    """A limit; None where there is none, which is said by None or by the infinite number `without`."""
+    """A limit as a number; None for no limit, which the user states by None or by the infinite number `without`."""
     if value is None:
         return None
     try:
@@ -81,7 +81,8 @@ def pairs_of(found: Mapping[str, Mapping[str, Any]], law: type[Joint]) -> dict[s
 
 def mistakes(found: Mapping[str, Mapping[str, Any]], law: type[Joint], words: Mapping[str, str],
              model: JointModel | None) -> list[str]:  # fmt: skip
-    """What is wrong with limits and stops beside their values, one sentence each. found: values by option and coordinate."""
+    """Mistakes in the combination of limits, stops and joint model, one sentence each; single values are checked by `limits` and
+    `stop`. found: values by option and coordinate; words: name of an option in the statement, where it differs."""
     limited, stops = found.get("limits", {}), found.get("stop", {})
     wrong = [f"limits = {_written(limited[c], law, c)} have no stop; {REMEDY}" for c in limited if c not in stops]
     wrong += [f"stop = {shown(stops[c])} does nothing without limits of its {c}; give limits=(lowest, highest), or omit it"

@@ -308,7 +308,8 @@ def _described(entry: Any) -> str:
 
 
 def refuse_losses(scene: Any, copy: Any) -> None:
-    """Raise SceneError where a user's own law in a copy of a scene lacks what an instance has beside parameters and options."""
+    """Raise SceneError where a user's own law in a copy of a scene lacks an attribute of the law in the scene that is neither a
+    parameter nor an option, or has another value of it."""
     for old, new in zip(scene.connections, copy.connections, strict=True):
         for law, again in zip(old.laws, new.laws, strict=False):
             if type(law) is not type(again) or _is_built_in(type(law)):
