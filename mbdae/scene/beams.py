@@ -210,7 +210,7 @@ def nearest_place(beam: Beam, point: Array) -> float:
     a, b = beam.outline[:-1], beam.outline[1:]
     d = b - a
     share = np.clip(np.einsum("ij,ij->i", point - a, d) / np.einsum("ij,ij->i", d, d), 0, 1)
-    # the first of equally near pieces, as where the line closes
+    # of several equally near pieces the first, such as at the point where a closed line begins and ends
     i = nearest(np.linalg.norm(a + share[:, None] * d - point, axis=1), float(np.max(np.abs(d))))
     if beam.curve is None:
         lengths = np.linalg.norm(d, axis=1)

@@ -236,7 +236,7 @@ class SceneEquations:
         return sorted((key for key in row if key is not None and key not in known), key=str)
 
     def _block(self, rows: dict[int, Row], known: set[Any]) -> tuple[list[int], list[Any]] | None:
-        """Fewest rows with as many multipliers not in `known`: places of rows, multipliers; of several the largest determinant."""
+        """Fewest rows with as many multipliers not in `known`: their places in u, and these; by determinant if several."""
         for size in range(1, LARGEST_BLOCK + 1):
             found = []
             for places in combinations(sorted(rows), size):
