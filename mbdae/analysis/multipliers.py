@@ -65,7 +65,7 @@ class Floquet(OnMesh, Modes[FloquetMode]):
     (Hz) and `angular_frequencies` (rad/s); these are known up to multiples of 1 / period and 2 pi / period, the principal
     ones are given. monodromy: (k, k); departure: relative distance of the motion from its start after the period;
     steps: of the period; unresolved: number of multipliers left out, vibrations of beams faster than the steps follow.
-    With beams `mesh` says on which mesh, and `mesh_error` (k,) measures what every multiplier is off by it.
+    With beams `mesh` names the mesh, and `mesh_error` (k,) is the error of the multipliers that this mesh causes.
     """
 
     axes = np.eye(3)

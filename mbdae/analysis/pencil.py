@@ -56,8 +56,8 @@ class _Blocks:
 
 
 def complete_system(mechanics: Mechanics, spec: FormSpec, sparse: bool | None = None) -> Assembly:
-    """The equations with absolute coordinates of all nodes and all constraint rows, also those that runs satisfy by fewer
-    unknowns (recursive joints, bodies that share the displacements of a point), so that every reaction is an unknown."""
+    """The equations with absolute coordinates of all nodes and all constraint rows, so that every reaction is an unknown; also
+    rows that runs replace by fewer unknowns (recursive joints, nodes of beams that share displacements at a joint)."""
     bodies = MovedBodies(mechanics.model, [])
     bodies.sharing = Sharing()
     return Assembly(mechanics.model, mechanics.rows, spec, sparse, bodies)

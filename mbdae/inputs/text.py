@@ -126,7 +126,7 @@ def whole(text: Any) -> Expr:
 
 
 class _Reader:
-    """Reads a text from left to right by precedence of its signs."""
+    """Reads a text from left to right, by the precedence of its operators (`_STRENGTH`)."""
 
     def __init__(self, text: str) -> None:
         self.tokens, at = list[tuple[str, str]](), 0
@@ -154,7 +154,7 @@ class _Reader:
         self.at += 1
 
     def _expression(self, strength: int) -> _Read:
-        """The expression from here to the next sign of the same or a lower precedence."""
+        """The expression from here to the next operator of the precedence `strength` or a lower one."""
         self.depth += 1
         if self.depth > DEEPEST:
             raise ValueError(f"its brackets are more than {DEEPEST} deep")

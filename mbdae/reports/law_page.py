@@ -241,9 +241,8 @@ class LawPage(Page):
                 for i, letter in enumerate("fm") if i or side in self.s.sides]  # fmt: skip
 
     def balance(self, pairs: dict[str, Pair], must: bool = False) -> tuple[list[Block], bool]:
-        """The sums of the forces and of the moments about the point of the first body, and whether both vanish at all states.
-
-        must: treat both as zero whatever their values."""
+        """Equations for the sums of the forces and of the moments about the point of the first body, and whether both sums vanish
+        at all states. must: print both as zero whatever their values; the check of the printed equations compares these."""
         record, w, (first, *others) = self.s.record, self.writer, self.s.sides
         force, moment = record.zero(), pairs[first][1]
         turning = rf"\mathbf{{m}}_{subscript(first)}"

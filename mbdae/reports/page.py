@@ -260,7 +260,7 @@ def short_hash(d: Derived) -> str:
 
 
 def made_from(cls: type, what: str = "law object") -> str:
-    """Sentence that names the object from which a report was made."""
+    """Sentence that names the class from which a report was made; what: noun for it."""
     return f"This report was made from the {what} that is integrated, `{cls.__module__}.{cls.__qualname__}`"
 
 
