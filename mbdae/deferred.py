@@ -75,12 +75,12 @@ def entries_of(matrix: Any) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray
 
 
 def distinct(values: Any) -> NDArray[Any]:
-    """Numbers without repetitions, rising: np.unique(values), which imports masked arrays first (15 ms)."""
+    """Numbers without repetitions, rising, in place of np.unique, which imports masked arrays first (15 ms)."""
     return np.asarray(np.unique(values, return_index=True)[0])
 
 
 def median(values: Any, axis: int | None = None) -> Any:
-    """np.median of finite numbers, which imports masked arrays too."""
+    """Median of finite numbers, in place of np.median, which imports masked arrays too."""
     ordered = np.sort(values, axis)
     count = ordered.shape[axis or 0]
     return (np.take(ordered, (count - 1) // 2, axis) + np.take(ordered, count // 2, axis)) / 2

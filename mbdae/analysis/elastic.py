@@ -55,7 +55,7 @@ def dynamics(system: Assembly, m: Mechanics, t: float, q: Array, u: Array, s: Ar
 
 
 def add_dead_loads(m: Mechanics, force: Array) -> Array:
-    """Forces (nu,) with the absolute values of the dead loads of beams added."""
+    """Forces (nu,) with the absolute values of the dead loads of beams added in place: a measure of the size of all forces."""
     for line in m.model.lines:
         np.add.at(force, line.places("u").ravel(), np.abs(line.dead).ravel())
     return force

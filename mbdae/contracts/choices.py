@@ -1,4 +1,4 @@
-"""Values of a law's options that the contracts try: every value once, beside the plain law."""
+"""Values of a law's options that the contracts try: the plain law, and every further value once."""
 
 from __future__ import annotations
 

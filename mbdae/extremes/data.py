@@ -21,7 +21,7 @@ class Block(NamesArguments):
 
     parameter: str
     values: tuple[float, ...]
-    references: tuple[str, ...]  #: for each value
+    references: tuple[str, ...]  #: for each value the methods of its reference, and their difference, in words
     cells: tuple[Cell, ...]
 
     @property

@@ -235,7 +235,8 @@ class LawPage(Page):
         return summed(self.s.record, parts)
 
     def letters(self, mark: str = "") -> list[tuple[str, str, int]]:
-        """Letters of force and moment of every frame: (LaTeX, side, 0 or 1); a free rotation has a moment only."""
+        """Letters of the force (0) and moment (1) of every frame that moves: (LaTeX, side, 0 or 1); a free rotation has a moment
+        only. mark: LaTeX after the letter."""
         sides = [side for side in self.s.record.sides if side not in self.s.still]
         return [(rf"\mathbf{{{letter}}}{mark}_{subscript(side)}", side, i) for side in sides
                 for i, letter in enumerate("fm") if i or side in self.s.sides]  # fmt: skip

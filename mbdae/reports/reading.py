@@ -38,7 +38,7 @@ class UnreadError(MbdaeError):
 
 
 def key_of(latex: str) -> Key:
-    """A formula as tokens without spaces; `\text{...}`, with its spaces, is one token."""
+    r"""A formula as tokens without spaces; `\text{...}`, with its spaces, is one token."""
     parts = re.split(r"(\\text\{[^{}]*\})", latex)
     split = (tokens(part) if i % 2 == 0 else [part] for i, part in enumerate(parts))
     return tuple(t for found in split for t in found if not t.isspace() and t not in _SPACES)

@@ -201,8 +201,8 @@ def units_of_coordinates(law: Any) -> dict[str, str]:
 
 
 def dimensions(d: Derived, coordinates: Mapping[str, str] | None = None) -> list[Dimensions]:
-    """Units of a law; both cases for coordinates that may be angles or lengths; empty where a unit is unknown or a quantity is an
-    input. coordinates: as in `Dimensions`."""
+    """Units of a law: one case, or two where coordinates may be angles or lengths; none where a unit is unknown, or where sensors
+    feed the law, whose units are not known here. coordinates: as in `Dimensions`."""
     known = units_of_coordinates(d.law) | dict(coordinates or {})
     either = [name for name, stated in known.items() if " or " in stated]
     try:

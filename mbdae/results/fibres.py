@@ -18,7 +18,7 @@ OUTSIDE = 1e-6  #: distance beyond the boundary of a section, relative to its si
 
 @dataclass(frozen=True)
 class Fibre(NamesArguments):
-    """A point of a section, x2 and x3 in m along its axes 2 and 3 from the centroid; called: the beam in messages."""
+    """A point of a section, x2 and x3 in m along its axes 2 and 3 from the centroid; called: name of the beam in messages."""
 
     section: Section
     x2: float

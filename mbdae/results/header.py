@@ -130,7 +130,8 @@ def _coordinates(value: Any, where: str) -> None:
 
 
 def _controllers(value: Any, where: str) -> None:
-    """Controllers under way: first instant, number of calls, and what they remember, which is read like arguments."""
+    """Controllers under way, by name: first instant, number of calls, and memory; the memory is not checked here, but where it is
+    read as the argument of a statement is."""
     _each(_row(_real(), _whole(), lambda memory, place: None))(value, where)
 
 

@@ -29,7 +29,7 @@ SAMPLES = 64  #: pieces of a curve for drawing and for finding the place nearest
 
 
 def _curve(arg: Argument, value: Any) -> Any:
-    """A function, or the word "arc"."""
+    """Reader of the curve of a beam: a function, or the word "arc"."""
     if callable(value) or (isinstance(value, str) and value == "arc"):
         return value
     arg.wrong(f"{shown(value)} is no curve", "give 'arc' and three points, or a function of a parameter from 0 to 1")
@@ -37,7 +37,7 @@ def _curve(arg: Argument, value: Any) -> Any:
 
 
 def _beam(arg: Argument, value: Any) -> Any:
-    """A beam of the scene, by itself or its name."""
+    """Reader of a beam of the scene, given by itself or its name."""
     before, found = len(arg.scene.problems), reading.body(arg, value)
     if not isinstance(found, Beam) and len(arg.scene.problems) == before:
         arg.wrong(f"{shown(found.name)} is not a beam of this scene", "give one, or use s.force for a rigid body")

@@ -326,7 +326,7 @@ class Connection:
         return bool(self.laws[0].own_coordinates) and self.is_joint
 
     def unit(self, coordinate: str) -> str:
-        """rad, m or rotation."""
+        """Unit of a coordinate: "rad", "m", or "rotation" for a free rotation."""
         return str(self.laws[0].coordinates[coordinate].unit)
 
     @property

@@ -53,7 +53,7 @@ def own_copy(arg: Argument, law: Any) -> Joint | Force | Coupling:
 
 
 def _read_places(head: Argument, law: Joint | Force, found: Any) -> None:
-    """Bodies, points and directions of a law into its copy."""
+    """Write the checked bodies, points and directions of a law into its copy `found`."""
     found.k, found.l = (reading.body(head.part(side), getattr(law, side)) for side in "kl")
     found.at = None if law.at is None else reading.point(head.part("at"), law.at)
     found.axis = reading.direction(head.part("axis"), law.axis)

@@ -16,7 +16,7 @@ Limits = tuple[float | None, float | None]  #: lowest and highest value, None wh
 
 
 def limits(unit: str) -> Reader:
-    """A pair (lowest, highest); None or an infinite number: no limit on that side. None where it cannot be used."""
+    """Reader of a pair (lowest, highest); None or an infinite number: no limit on that side. Returns None for a wrong value."""
     pair = f"give a pair (lowest, highest), {unit}; None for a side without limit"
 
     def read(arg: Argument, value: Any) -> Limits | None:
@@ -52,7 +52,7 @@ def _one(value: Any, without: float) -> float | None:
 
 
 def stop(stiffness: str, damping: str) -> Reader:
-    """An mb.Stop with numbers in these units; None where it cannot be used."""
+    """Reader of an mb.Stop with numbers in these units; returns None for a wrong value."""
 
     def read(arg: Argument, value: Any) -> Stop | None:
         if not isinstance(value, Stop):
