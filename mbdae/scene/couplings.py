@@ -154,7 +154,7 @@ class CouplingStatements(SceneItems):
         return item
 
     def _add_coupling(self, law: Coupling) -> Connection:
-        """A coupling of the user's own."""
+        """Enter a coupling that was given to `add` as an object, after its coordinates have been read."""
         kind, before = type(law).__name__.lower(), len(self.problems)
         arg = Argument(self, f"{kind} '{law.name}'", "of")
         of = {c: reference(_unit(law, c))(arg.part(f"of['{c}']"), value) for c, value in law.of.items()}

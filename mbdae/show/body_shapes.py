@@ -119,7 +119,7 @@ class BodyShapes(Collected):
             self._add(item, part.kind, part.points, body, GREY if body.is_ground else self.colours.get(body.name, INK))
 
     def _seen_from(self, body: Body, reach: list[Array]) -> list[Array]:
-        """Points over time (nt, n, 3), m, relative to a body, placed as that body is drawn."""
+        """Points over time (nt, n, 3), m, as seen from a moving body, in the inertial frame with this body where it is drawn."""
         if body.is_ground:
             return reach
         pose = self.poses[body.name]

@@ -102,7 +102,8 @@ class RecursiveValues(LawPage):
         return rows, np.einsum("pij,pj->pi", self.Rk, rows[:, 3:6])
 
     def rows(self, load: Any = None) -> Any:
-        """Rows (points, n) with the moment on k in inertial axes, about the centre of k."""
+        """Rows of k and of the coordinates (points, n) as in `_rows`, with the moment on k about its centre in inertial axes.
+        load: force and moment on l (points, 6), by default that of the page."""
         rows, moment = self._rows(self.run(self.plan.residual, load))
         return np.concatenate([rows[:, :3], moment, rows[:, 6:]], axis=1)
 
