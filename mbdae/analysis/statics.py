@@ -125,8 +125,8 @@ class Statics:
 
     def with_reactions(self, point: Point) -> Point:
         """The point with the multipliers that balance all forces, as far as constraints can; below load factor 1 they balance
-        only the inertial forces (centrifugal forces give a rotor its stiffness). There the preload of springs is left out: its
-        reactions, a start value of Newton's method, would lose their lever arms as bodies turn."""
+        only the inertial forces (centrifugal forces give a rotor its stiffness). There the preload of springs is one of the
+        unbalanced terms (see the module): reactions that balance its torques would lose their lever arms as bodies turn."""
         m = self.mechanics
         if not m.m:
             return point

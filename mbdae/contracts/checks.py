@@ -280,7 +280,7 @@ def planar(case: Case) -> Iterator[Measured]:
     kinds = {NodeKind.PLANAR: NodeKind.SPATIAL, NodeKind.PLANAR_POINT: NodeKind.POINT, NodeKind.PLANAR_GROUND: NodeKind.GROUND}
     try:
         other = case.variant(tuple((kinds.get(f.kind, f.kind), Axes.GENERAL) for f in d.frames))
-    except LawError:  # a law of the plane alone: `refused` says why
+    except LawError:  # the law exists in the plane only; `SelfTest.refused` has the reason
         return
     values = embedded(d, case.values, other.d)
     states = {f"state_{name}": start.real for name, start in table(other, starts, values).items()}
