@@ -63,7 +63,7 @@ def turns(mesh: LineMesh, kind: NodeKind) -> Array:
 
 
 def reference_positions(mesh: LineMesh, kind: NodeKind) -> Array:
-    """q (n, nq) of the nodes as drawn."""
+    """Positions q (n, nq) of the n nodes of a beam as drawn."""
     if kind is NodeKind.PLANAR:
         return np.column_stack([mesh.positions[:, :2], mesh.headings])
     return np.hstack([mesh.positions, mesh.quaternions])

@@ -55,7 +55,7 @@ class Kernel:
 
     @cached_property
     def _fixed(self) -> NDArray[np.float64]:
-        """The values of a kernel without inputs."""
+        """The constant outputs of a kernel without inputs, (outputs,)."""
         found = recall(self.key)
         if found is None:
             keep(self.key, found := tuple(float(e) for e in self.expressions))
@@ -116,7 +116,7 @@ class Kernel:
         return block(first, len(gather), self.width)
 
     def values(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Outputs (..., outputs) for inputs (..., inputs)."""
+        """Outputs (..., outputs) for inputs x (..., inputs), by the compiled kernel."""
         if not self.symbols:
             return self.once(x)
         x = np.ascontiguousarray(x, dtype=float)

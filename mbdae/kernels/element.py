@@ -37,7 +37,7 @@ class ElementKernel(ABC):
 
     @abstractmethod
     def values(self, x: Array) -> Array:
-        """Outputs (N, outputs)."""
+        """Outputs (N, outputs) for inputs x (N, inputs)."""
 
     @abstractmethod
     def full_jacobian(self, x: Array) -> Array:

@@ -215,7 +215,7 @@ def merged(kernels: Sequence[LineKernel]) -> LineKernel:
 
 @made_once("derive", 64)
 def _point(derived: LineDerived, parameters: tuple[str, ...]) -> Kernel:
-    """The kernel of a law at one point; made once per process."""
+    """The kernel of a law at one integration point; made once per process."""
     symbols = [*derived.variables, *map(se.Symbol, parameters)]
     return Kernel(symbols, derived.outputs, key=code_key(symbols, derived.outputs, None))
 

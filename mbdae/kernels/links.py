@@ -74,7 +74,7 @@ class ProgramKernel(Kernel):
 
     @cached_property
     def column(self) -> dict[Place, int]:
-        """The column of every target among the values."""
+        """Target (what an output belongs to) -> number of the output."""
         return {target: i for i, target in enumerate(self.targets)}
 
 

@@ -47,7 +47,7 @@ class Plan:
         return self._targets(), _kept(self.inputs(self.inserted))
 
     def _read(self, targets: list[Target], inputs: Any) -> None:
-        self.targets, self.all_inputs = targets, _inputs(*inputs)  #: inputs of all outputs
+        self.targets, self.all_inputs = targets, _inputs(*inputs)  #: inputs on which any output depends
 
     def _targets(self) -> list[Target]:
         return [target for target, _ in self._entries]
@@ -82,7 +82,7 @@ class Plan:
 
     @cached_property
     def kernel(self) -> Kernel:
-        """All outputs in one kernel."""
+        """One kernel that evaluates all outputs."""
         return Kernel(self.all_inputs.symbols, lambda: self.inserted, None, len(self.targets), part_key(self.key, "all"))
 
 
@@ -130,7 +130,7 @@ class LinearisedPlan(Plan):
 
     @cached_property
     def all_inputs(self) -> Inputs:  # type: ignore[override]
-        """Inputs of all outputs."""
+        """The inputs on which any of the outputs depends."""
         return self.inputs(self.inserted)
 
     def _kernel(self, part: str, inputs: Inputs, width: int) -> Kernel:
@@ -199,5 +199,5 @@ def plan(d: Derived, outputs: Outputs) -> Plan:
 
 @made_once("derive", 512)
 def linearised_plan(d: Derived, outputs: Outputs, sort: bool = True) -> LinearisedPlan:
-    """The plan with derivatives; made once per process."""
+    """The plan of a derived law for some outputs, with their derivatives; made once per process. sort: see `LinearisedPlan`."""
     return LinearisedPlan(d, outputs, sort)

@@ -148,7 +148,7 @@ class TreePlan:
 
     @cached_property
     def programmed(self) -> ProgrammedTree:
-        """The program of the tree, derived when it is first asked for."""
+        """The program of the tree, derived when it is first needed."""
         return ProgrammedTree(self.structure)
 
     def _cut(self, what: str, n: int) -> Kernel:

@@ -89,7 +89,7 @@ def is_zig(command: list[str]) -> bool:
 
 
 def flags(command: list[str]) -> list[str]:
-    """Flags of a shared library for this platform."""
+    """Flags with which a compiler command makes a shared library for this platform."""
     chosen = [*FLAGS, *([] if sys.platform == "win32" else ["-fPIC"])]
     if is_zig(command):
         target = ZIG_TARGETS[platform_name()]

@@ -72,7 +72,7 @@ class Equations:
 
     @property
     def address(self) -> int:
-        """Address of the table."""
+        """Address of the table, which C functions take as an argument."""
         return ctypes.addressof(self.table)
 
     def raise_error(self) -> None:
@@ -144,7 +144,7 @@ def rates_of(system: Any, rate_jacobian: RateJacobian | None = None) -> Equation
 
 
 def called(system: Any, rate_jacobian: RateJacobian | None = None) -> Equations:
-    """The equations of a System that is evaluated in Python."""
+    """The equations of a System that is evaluated in Python, with callbacks for C. rate_jacobian: as in `rates_of`."""
     caught, parts = Caught(), [_Residual(system), _Jacobian(system)]
     if system.rhs is not None:
         parts.append(_Rates(system))

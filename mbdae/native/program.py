@@ -89,7 +89,7 @@ class Operations:
         return first
 
     def fill(self, W: Array) -> None:
-        """Write the constants into the array."""
+        """Write the constants, for which `constant` reserved slots, into the array W."""
         for first, numbers in self._room.constants:
             W[first : first + len(numbers)] = numbers
 
@@ -126,7 +126,7 @@ class Operations:
         return block(first, points, width)
 
     def load(self, first: int, values: ArrayLike) -> None:
-        """Write numbers into consecutive slots."""
+        """Append an operation that writes these constants into consecutive slots from `first` on whenever the operations run."""
         numbers = np.asarray(values, dtype=float).ravel()
         self._add(LOAD, {"weight": numbers}, (first, len(numbers)), times=1, count=len(numbers), first=first)
 
@@ -172,7 +172,7 @@ class Operations:
         table, at which its derivatives may jump, the slot `side` holds another x, and a x + b tells on which side of the point to
         read. Returns the first of three slots: the value of the table and its first two derivatives."""
         first, points = self.slots(READ + 3), (len(packed) - 9) // 6
-        self._room.constants.append((first + READ, np.array([0.0, a, b])))  # number of the segment read last, a, b
+        self._room.constants.append((first + READ, np.array([0.0, a, b])))  # segment of the table read last, a, b
         if len(packed) != 9 + 6 * points or points < 2:
             raise ValueError(f"a table has {len(packed)} numbers: 9, and 6 for each of two or more points, are needed")
         self._add(LOOKUP, {"weight": packed}, (first, READ + 3), (at, 1), (side, 1), times=1, count=points, first=first,
@@ -208,7 +208,7 @@ class Operations:
 
     @property
     def widest(self) -> int:
-        """Largest number of inputs of a kernel."""
+        """Largest number of inputs of a kernel in this list, for which C needs room."""
         return max((f["inputs"] for f, *_ in self.steps if f["kind"] in (CALL, PASS)), default=0)
 
     @property

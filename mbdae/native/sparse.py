@@ -245,7 +245,7 @@ class Matrix:
         self._factor = functions().matrix_factor
 
     def factor(self, h: float) -> None:
-        """Scale and factorise for the step h."""
+        """Scale and factorise the iteration matrices of all lambda for a step of h (s)."""
         bad = self._factor(self.address, h, 0)
         while bad >= 0:
             self.factors[bad].renew()

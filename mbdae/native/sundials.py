@@ -26,7 +26,7 @@ from mbdae.native.sundials_steps import MOST_ROWS, Array, Block, Run, Settings, 
 #: wall time (s) after which a call of the step loop in C returns, so that Python handles Ctrl-C, limits and progress
 SLICE = 0.05
 STUCK = 1000
-CSC = 0  #: SUNSparseMatrix: compressed columns
+CSC = 0  #: argument of SUNSparseMatrix for matrices stored by columns (CSC)
 ADAMS, BDF = 1, 2
 SAID = {
     "ERR_FAIL": "the error test failed too many times", "CONV_FAIL": "Newton's iteration failed too many times",
@@ -230,7 +230,7 @@ class Method:
         self._call("SetJacFn", getattr(self.C, f"{self.prefix.lower()}_jacobian"))
         self._call("SetMaxOrd", settings.order)
         self._call("SetInitStep", settings.first_step)
-        self._call("SetMaxNumSteps", -1)  # no limit
+        self._call("SetMaxNumSteps", -1)  # a negative number: steps are not limited
 
     def _start_vectors(self) -> tuple[int, ...]:
         return (self._y,)
@@ -330,5 +330,5 @@ def _flag_name(prefix: str, code: int) -> str:
 
 
 def _pointer(function: Any) -> int:
-    """Address of a function."""
+    """Address of a function of a shared library."""
     return ctypes.cast(function, Pointer).value or 0

@@ -198,7 +198,7 @@ class System:
         return {}
 
     def remember(self, memory: dict[str, Any]) -> None:
-        """Restore what `memory` returned."""
+        """Restore the state of the equations that `memory` returned earlier in the run."""
 
     def forget(self) -> None:
         """Discard what `renewed` stored of earlier positions, so that it checks the next one."""

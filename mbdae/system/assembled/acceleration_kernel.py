@@ -107,10 +107,10 @@ class AccelerationKernel(Workspace):
         return entries
 
     def _by_cholesky(self, part: Operations, mass: Array) -> None:
-        """S lambda = G M^-1 f + c, then u' = M^-1 (f - G^T lambda)."""
+        """Append the solution of S lambda = G M^-1 f + c by Cholesky, then u' = M^-1 (f - G^T lambda)."""
         m, nu, rows, columns = self.m, self.nu, self._rows, self._columns
         inverse = _inverse(mass)
-        h = part.zeros(nu)  # M^-1 f
+        h = part.zeros(nu)  # first slot of M^-1 f
         i, j = np.nonzero(inverse)
         part.add(h + i, self._F + self.nq + j, -inverse[i, j])
         along = {int(k): np.flatnonzero(inverse[k]).tolist() for k in distinct(columns)}

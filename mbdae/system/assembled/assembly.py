@@ -254,7 +254,7 @@ class Assembly:
 
     @cached_property
     def pattern(self) -> Places | None:
-        """Sparsity pattern of the Jacobian."""
+        """Sparsity pattern of the Jacobian (n, n), also where `sparse` is False; None where it is full (`has_pattern`)."""
         return Places(self.columns.first, self.columns.rows)
 
     # -- evaluation

@@ -30,10 +30,11 @@ class Entries:
         self._fixed: list[tuple[Index, Index, Array]] = [(none, none, np.zeros(0))]
         #: (row, column) of every value of the kernels of trees; (n, -1) for a value that only is a factor in the chain rule
         self._tree_cells: list[tuple[int, int]] = []
-        #: row of a loaded node -> rows of F that contain this force, each with the number of the trees' value that is its factor
+        #: row of a loaded node (a force on it) -> rows of F that contain this force, each with the number of its factor among the
+        #: values of the trees' kernels
         self._left: dict[int, list[tuple[int, int]]] = defaultdict(list)
-        #: slot of q, u or u' of a loaded node -> unknowns on which it depends, each with the number of the trees' value that is
-        #: the derivative
+        #: slot of q, u or u' of a loaded node -> unknowns on which it depends, each with the number of the derivative among the
+        #: values of the trees' kernels
         self._right: dict[int, list[tuple[int, int]]] = defaultdict(list)
 
     def varying(self, rows: Index, columns: Index) -> None:

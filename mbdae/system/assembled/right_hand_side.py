@@ -91,7 +91,7 @@ def state_rate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def state_rates(mechanics: Mechanics, t: float, q: Array, u: Array, s: Array) -> Array:
-    """s' (ns,) of the internal states."""
+    """The rates s' (ns,) of the internal states of laws, at one state t, q (nq,), u (nu,), s (ns,)."""
     return np.asarray(mechanics.of_states(state_rate_outputs, np.array([t]), q[None], u[None], s[None])[0])
 
 

@@ -31,7 +31,7 @@ class JointMotion:
         self._axes = joint_axes(law, item.k)
 
     def _direction(self, step: Step) -> Array:
-        """Axis of an elementary motion as drawn (3,)."""
+        """Axis (3,) of a step of the chain as drawn, inertial components."""
         return np.asarray(self._axes @ [float(c) for c in step.axis])
 
     def _amount(self, e: Any, values: dict[str, float]) -> float:

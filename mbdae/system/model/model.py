@@ -88,7 +88,7 @@ class Model:
 
     scene: SceneData
     planar: bool
-    why: str  #: why the scene is planar, or not
+    why: str  #: reason why the scene is planar, or why it is not
     nodes: list[Node]
     groups: list[Group]
     length: float  #: size of the scene, m
@@ -139,7 +139,7 @@ class Model:
 
     @property
     def recursive(self) -> list[Connection]:
-        """Joints that are recursive in this model."""
+        """Joints that are recursive in this model: stated so, and not treated as kinematic."""
         return [c for c in self.scene.joints if c.recursive and c.name not in self.stay_kinematic]
 
     def instances(self) -> Iterator[tuple[int, int, Instance]]:

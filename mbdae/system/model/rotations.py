@@ -9,7 +9,7 @@ from mbdae.system.base import Array
 
 
 def quaternion_product(a: Array, b: Array) -> Array:
-    """Quaternion product a o b of arrays (..., 4)."""
+    """Quaternion product a o b of arrays (..., 4), scalar part first: the rotation b after a, in the axes that a has turned."""
     if a.ndim == b.ndim == 1:  # the formula below; for single quaternions Python numbers are much faster than arrays
         (s, x, y, z), (t, u, v, w) = a.tolist(), b.tolist()
         return np.array([s * t - (x * u + y * v + z * w), s * u + t * x + (y * w - z * v), s * v + t * y + (z * u - x * w),

@@ -60,7 +60,7 @@ class Tree:
         return tuple(name for name, link in zip(self.names, self.structure.links, strict=True) if not link.coordinates)
 
     def node(self, j: int) -> Node:
-        """A node by its number in the tree; -c stands for coordinate c."""
+        """A node by its number in the tree: 0 is the root, j the body that joint j moves, -c the joint coordinate c."""
         found = self.nodes[j] if j >= 0 else self.coordinates[-j - 1]
         assert found is not None
         return found

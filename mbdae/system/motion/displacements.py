@@ -27,7 +27,7 @@ class Displacements:
         self._q, self._u = np.delete(np.arange(nb.nq), self._P), np.delete(np.arange(nb.nu), self._turn)
 
     def __call__(self, q: Array, by: Array) -> Array:
-        """Displaced positions, a new array."""
+        """Positions q (nq,) after the virtual displacements `by` (nu,), a new array."""
         out = q.copy()
         if not len(self._P):
             out += by

@@ -111,7 +111,7 @@ class Mechanics(States):
 
     @cached_property
     def _inverse_weight(self) -> Any:
-        """Inverse of `weight` of rigid bodies, node by node."""
+        """Inverse (nu, nu) of `weight` in scenes of rigid bodies, computed node by node because `weight` couples none."""
         parts = []
         for _, _, by in self._kinds:
             rows, columns = np.broadcast_arrays(by[:, :, None], by[:, None, :])

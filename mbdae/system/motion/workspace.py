@@ -87,7 +87,7 @@ class Workspace:
 
 
 class Values(Workspace):
-    """Values of kernels at states, such as the gaps of contacts."""
+    """Evaluates kernels at given states, such as that of the gaps of contacts."""
 
     def __init__(self, numbering: Numbering, motion: Loaded, gathers: Sequence[Index], kernels: Sequence[Any]) -> None:
         super().__init__(numbering, motion)

@@ -183,7 +183,7 @@ def _newest(rows: Array) -> Whole:
 
 
 class NotResolvedError(Exception):
-    """Rows are too nearly dependent for projections to converge."""
+    """Constraint rows are so nearly dependent that the projections of `SparseRows` do not converge."""
 
 
 def too_many(m: int) -> SceneError:

@@ -31,7 +31,7 @@ def can_bend(mechanics: Mechanics) -> bool:
 
 
 class Bending:
-    """Stiffness, elastic forces and inertia, multiplied by a small weight, of a scene with beams at positions q (nq,)."""
+    """Of a scene with beams at positions q (nq,): stiffness matrix, elastic forces, and mass matrix times a small weight."""
 
     def __init__(self, mechanics: Mechanics, q: Array) -> None:
         self.units = mechanics.velocity_units

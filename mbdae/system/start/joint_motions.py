@@ -36,7 +36,7 @@ class JointMotions:
         self.names = list(ends)
         bodies = list(dict.fromkeys(body for pair in ends.values() for body in pair))
         self._number = {body: i for i, body in enumerate(bodies)}
-        self._of = np.array([[self._number[b] for b in pair] for pair in ends.values()], dtype=np.intp).reshape(-1, 2).T  # (2, j)
+        self._of = np.array([[self._number[b] for b in pair] for pair in ends.values()], dtype=np.intp).reshape(-1, 2).T
         drawn = np.array([[c.joint.point_on(side) for c in joints] for side in "kl"], dtype=float).reshape(2, -1, 3)
         points = [*drawn.reshape(-1, 3), *(b.drawn.position for _, b in model.bodies)]
         spread = np.array(points) - np.mean(points, axis=0)

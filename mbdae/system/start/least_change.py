@@ -44,7 +44,7 @@ def violations(g: Array, B: Any) -> Array:
 
 
 def largest_violation(g: Array, B: Any) -> float:
-    """The largest of the `violations`; 0 where there are no rows."""
+    """The largest of the violations of constraints g (m,), see `violations`; 0 where there are no constraints."""
     return float(np.max(violations(g, B), initial=0.0))
 
 

@@ -123,7 +123,7 @@ class NearestPositions(ConsistentPositions):
 
     def __init__(self, mechanics: Mechanics, t0: float, changes: list[str] | None = None) -> None:
         super().__init__(mechanics, t0, changes=changes)
-        self.tree = spanning_tree(self.scene, sorted(self.scene.joints, key=lambda c: c.name))  # does not depend on their order
+        self.tree = spanning_tree(self.scene, sorted(self.scene.joints, key=lambda c: c.name))  # by name: not by statement order
         self.joints = JointMotions(self.model)
         self.share = 0.0  #: present fraction of the stated values, and of the closing of loops that are drawn open (`open`)
         self.open = np.zeros(mechanics.m)
