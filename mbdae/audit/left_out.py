@@ -16,13 +16,13 @@ from mbdae.errors import MbdaeError
 from mbdae.symbolic.line import LineLaw
 from mbdae.symbolic.part import Part
 
-#: parameters of every constraint row, with the values that leave lambda as the force of the row
+#: parameters of every constraint row, with the values at which the force of the row is its multiplier lambda
 OF_ROWS = {"scaling": 1.0, "penalty": 0.0}
 
 
 @lru_cache(maxsize=256)
 def refuses_zero(parameter: str, of: str, own: Own = ()) -> bool:
-    """Whether a law accepts some values of a parameter but not zero."""
+    """Whether the law named `of` accepts 1 but not 0 as a value of a parameter. own: the user's laws."""
     cls: Any = part_class(of, own) or law_class(of, own)
 
     def taken(value: float) -> bool:

@@ -33,12 +33,12 @@ class Phrase:
     pattern: re.Pattern[str]
     rule: Rule
     vanishes: bool  #: whether the quantity may be zero in a state the text speaks of
-    #: side of the equations of motion of a force: "left", "applied", or "open" where texts differ; "" for other quantities
+    #: of a force, the side of the equations of motion: "left", "applied", or "open" where texts differ; "" for other quantities
     side: str
     wording: str
     #: (name, unit, meaning) of quantities that the derivation contains and a text may leave out
     needs: tuple[tuple[str, str, str], ...] = ()
-    given: bool = False  #: whether the text alone defines the quantity; its rule then gets the symbol's name too
+    given: bool = False  #: whether only the text knows the quantity (a number of its own); its rule draws it by the symbol's name
     drawn: bool = False  #: whether its rule draws a random value, seeded by the wording
 
 
@@ -47,7 +47,8 @@ PHRASES: list[Phrase] = []
 
 def register(rules: Mapping[str, Rule], vanishes: bool = True, side: str = "", needs: tuple[tuple[str, str, str], ...] = (),
              given: bool = False, drawn: bool = False) -> None:  # fmt: skip
-    """Register rules under their wordings: "axis {i} of {side}"; {side} is k or l, {i} 1 to 3, {name} a word, {...} any words."""
+    """Register rules under their wordings, "axis {i} of {side}"; {side} is k or l, {i} 1 to 3, {name} a word, {...} any words.
+    The further arguments are those of `Phrase`."""
     kinds = {"side": "(k|l)", "i": r"([123])", "name": rf"(\w+(?:{WITH_COORDINATES})?)"}
     for wording, rule in rules.items():
         plain = re.escape(wording).replace(r"\ ", " ")
@@ -106,7 +107,7 @@ def understand(text: str, units: tuple[Unit, ...], line: int = 0, name: str = ""
                      "from mbdae.audit import wordings; wordings()")  # fmt: skip
 
 
-#: phrase of a meaning that the text or the caller of `audit` defines
+#: stands in for the phrase of a symbol that the text (`let`) or the caller of `audit` defines
 OWN = Phrase(re.compile(""), lambda env: None, True, "", "")
 
 
@@ -155,7 +156,7 @@ class Scope:
         return frozenset(m.text for m in self.symbols.values())
 
     def printed_side(self, name: str, number: str) -> Node:
-        """The formula an earlier equation prints for a symbol."""
+        """The formula that the earlier equation `number` prints for the symbol `name`."""
         for statement in self.printed.get(number, ()):
             if str(statement.sides[0]) == name:
                 return statement.sides[-1]
@@ -189,7 +190,7 @@ class Env:
     #: wordings declared outside of this scope, which the formula of an earlier `let` may need
     stated: frozenset[str] = frozenset()
     names: Mapping[str, Value] = field(default_factory=dict)  #: values of names bound by a sum or an integral
-    #: cached values of symbols and pieces of formulas in this state; caches of states reached from it
+    #: cache: values of symbols and pieces of formulas in this state, and the caches of states that are reached from it by a step
     store: dict[Any, Any] = field(default_factory=dict)
 
     def value(self, name: str) -> Value:
@@ -247,7 +248,7 @@ class Env:
         return self.motion.stepped or (self.shift is not None and bool(np.imag(self.shift[2])))
 
     def size_of(self, what: str) -> float:
-        """Size of the unit of "time" (s) or "line" (m)."""
+        """Size of the unit of a step: s for "time", m for "line"; 1 for the others and unless units are checked."""
         return 1.0 if self.scale is None else {"time": self.scale["s"], "line": self.scale["m"]}.get(what, 1.0)
 
     def constant(self, number: float) -> Value:
@@ -296,7 +297,7 @@ class Env:
         return replace(base, motion=memory["touching"], store={})
 
     def bound(self, name: str, value: Value) -> Env:
-        """This state with a name that stands for a value."""
+        """This state with a value for a name that a sum or an integral binds."""
         return replace(self, names={**self.names, name: value})
 
     def drawn(self, key: str, draw: Callable[[str], Value]) -> Value:
@@ -322,7 +323,7 @@ class Env:
         return bool((self.stated | self.scope.texts) & set(wordings))
 
     def printed(self, name: str, number: str) -> Value:
-        """The value of the formula an earlier equation prints for a symbol."""
+        """The value of the formula that the earlier equation `number` prints for the symbol `name`."""
         return evaluate(self.scope.printed_side(name, number), self)
 
     def of(self, text: str) -> Value:
