@@ -78,7 +78,8 @@ class Document(NamesArguments):
             return write_file(file, (Path(folder) / "report.pdf").read_bytes())
 
     def _beside(self, file: Path) -> str:
-        """Text with its pictures in files beside it (LaTeX cannot read SVG: an SVG is replaced by its caption)."""
+        """Markdown or LaTeX text of the document, after its pictures were written to the same folder (LaTeX cannot include SVG:
+        such a picture is replaced by its caption)."""
         files = {}
         for i, picture in enumerate(self.pictures()):
             if picture.suffix == ".png" or file.suffix.lower() == ".md":

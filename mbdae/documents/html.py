@@ -105,7 +105,7 @@ class _Writer:
         self.ids: set[str] = set()
 
     def block(self, block: Block, level: int) -> str:
-        """HTML of one block; level: that of a heading in it."""
+        """HTML of one block; level: heading level (h2, h3, ...) if it is a section."""
         if isinstance(block, Section):
             return self.section(block, block.level or level)
         if isinstance(block, Paragraph):

@@ -44,8 +44,8 @@ FONTS = {"mathbf": "b", "boldsymbol": "bi", "bm": "bi", "mathrm": "n", "mathsf":
 _MATRICES = {"matrix": ("", ""), "bmatrix": ("[", "]"), "pmatrix": ("(", ")"), "cases": ("{", ""), "aligned": ("", ""),
              "array": ("", ""), "gathered": ("", "")}  # fmt: skip
 
-LEAST = 0.8  #: smallest scale of a formula in em, 12.8 px on the page
-NARROW, MARGIN = 14.0, 1.3  #: em: width that fits the narrowest windows; factor by which a font may exceed the estimate
+LEAST = 0.8  #: smallest font size of a formula, em of the text of the page (12.8 px)
+NARROW, MARGIN = 14.0, 1.3  #: width of a formula that fits any window, em; factor by which fonts may be wider than estimated
 _DISPLAY = '<math displaystyle="true">'
 _FENCE, _FIXED = ' stretchy="true" fence="true"', ' stretchy="false"'
 
@@ -69,8 +69,8 @@ def _line(line: list[str], opening: str) -> str:
 
 
 def _sized(opening: str, piece: str) -> str:
-    """A piece that cannot be broken is scaled down in a window narrower than it, to no less than a readable size; beyond that its
-    box scrolls."""
+    """Opening tag of the <math> element of a piece, which browsers cannot break: its font shrinks with a window that is narrower
+    than the piece, down to LEAST em; in narrower windows its box scrolls."""
     wide = MARGIN * extent(piece)
     if wide < NARROW:
         return opening
@@ -159,7 +159,8 @@ class _Reader:
         return self._operator("−" if token == "-" else "∗" if token == "*" else token, token, first)
 
     def _operator(self, text: str, token: str, first: bool) -> str:
-        """A sign; at the start of a continued line it keeps the spacing of a sign between two terms."""
+        """An operator; first in its row, it is a sign of what follows, or, on a continued line, keeps the spacing between
+        terms."""
         continues = first and token in RELATIONS | BINARY and self.latex.strip() != token
         prefix = first and token in BINARY and not (self.continued and self.latex.lstrip().startswith(token) and self.i <= 2)
         return _sign(text, ' form="infix" lspace="0.05em" rspace="0.28em"' if continues and not prefix else "")

@@ -10,9 +10,9 @@ from mbdae.symbolic.vectors import Expr
 
 
 class OnCoordinate(Force):
-    """A law on one coordinate of the joint it belongs to: as the frames show it, or, where it is kept, as an unknown of its own.
+    """A law on one coordinate of the joint it belongs to: computed from the frames, or an unknown of its own (kept).
 
-    options: joint (its class), coordinate (the name), kept."""
+    options: joint (its class), coordinate (its name), kept (whether the coordinate is an unknown of its own)."""
 
     options: ClassVar[tuple[str, ...]] = ("joint", "coordinate", "kept")
 
