@@ -35,7 +35,7 @@ def _further(d: Derived) -> list[Target]:
 
 
 def canonical(e: Expr, memo: dict[Expr, str] | None = None) -> str:
-    """A text of an expression that does not depend on the order of its terms and factors."""
+    """A hash of an expression that does not depend on the order of its terms and factors. memo: hashes made so far."""
     memo = {} if memo is None else memo
     e = se.sympify(e)
     if e not in memo:
@@ -48,7 +48,7 @@ def canonical(e: Expr, memo: dict[Expr, str] | None = None) -> str:
 
 
 def _reached(d: Derived) -> set[Expr]:
-    """Names the outputs depend on."""
+    """Names of the intermediate results on which the outputs depend."""
     outputs = [*position(d), *dynamics(d), *state_rows(d)]
     open_, found = symbols_of(e for _, e in outputs), set()
     while open_:

@@ -23,7 +23,7 @@ class Language:
 
 
 def called(name: str) -> Callable[..., str]:
-    """A function that is written as name(arguments)."""
+    """Writer of a function as name(arguments)."""
     return lambda *args: f"{name}({', '.join(args)})"
 
 

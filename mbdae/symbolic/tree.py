@@ -32,7 +32,7 @@ from mbdae.symbolic.rebuild import substituted
 from mbdae.symbolic.tree_motion import Coordinate, Link, Member, Moved, Numbers, State, TreeStructure, Way, moved, way
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
-OPERATIONS = 8500  #: steps of the Jacobian above which a tree is not built: compiling grows faster than the gain
+OPERATIONS = 8500  #: above this number of steps of its Jacobian a tree has no program: compiling it would cost more than it saves
 
 
 Wrench = tuple[Vec, Vec]  #: force and torque about the node, inertial components, left-hand side
@@ -127,7 +127,7 @@ class TreeProgram:
         return rotation, Moved(Step(True, ZERO, se.Integer(0), rotation), number=c, spin=Vec(*spin), change=Vec(*change))
 
     def _carried(self, j: int, link: Link) -> State:
-        """The node that a joint carries: relative kinematics from its parent."""
+        """Motion of the node that a joint carries, from that of its parent by relative kinematics."""
         vec, k = self.program.vec, self.nodes[link.parent]
         other = "l" if link.side == "k" else "k"
         s, axes = self._frame(j, link, link.side, k, link.axes[0])
@@ -151,7 +151,7 @@ class TreeProgram:
         return found.w, found.al
 
     def _arm(self, j: int, link: Link, side: str, node: State) -> Vec:
-        """Vector from a node to the joint's point on it, inertial."""
+        """Vector from a node to the point of joint j on it, inertial components."""
         offset, _ = self._in_body(j, link, side, link.axes[side != link.side])
         return self.program.vec(node.of_body([offset])[0])
 
@@ -191,7 +191,7 @@ class TreeProgram:
         return total
 
     def _meaning(self, m: int, member: Member, d: Derived) -> dict[Expr, Expr]:
-        """Symbols of a law in terms of the program."""
+        """Symbols of a law with their expressions in the program."""
         known = {name: self._number(f"member{m}", name, member.numbers) for name, _ in member.numbers}
         table: dict[Expr, Expr] = {se.Symbol(name): value for name, value in known.items()}
         for symbol in {*d.variation.clock, *d.variation.clock.values()}:
@@ -246,7 +246,8 @@ class TreeProgram:
     # -- inwards
 
     def _projected(self, role: str, wrenches: dict[int, Wrench]) -> dict[tuple[int, int], Expr]:
-        """Rows of the coordinates and of the root: the transpose of the outward velocities (virtual power)."""
+        """Rows of the joint coordinates and of the root for forces and moments on all nodes, by virtual power: the transpose of
+        the recursion of velocities. role: "wu" (equations of motion) or "wq" (corrections of position rates)."""
         vec = self.program.vec
         total = {j: wrenches.get(j, (ZERO, ZERO)) for j in range(len(self.nodes))}
         for j in self.structure.loaded:

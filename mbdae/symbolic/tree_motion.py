@@ -31,7 +31,7 @@ class Link:
     kind: NodeKind  #: kind of the node carried
     axes: tuple[Axes, Axes]  #: which entries of the joint's axes vanish, on its parent and on the node carried
     numbers: Numbers
-    moves: bool  #: False of a joint that only holds a point where it is
+    moves: bool  #: False for a joint that leaves its mass point no motion relative to the parent
     coordinates: tuple[str, ...]
     prescribed: tuple[bool, ...]  #: whether each coordinate is prescribed
     first: int  #: number of its first coordinate among those of the tree, from 1
@@ -39,7 +39,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Member:
-    """A law between nodes of the tree (None: the ground) that is part of its program."""
+    """A law between nodes of the tree (None: the ground) that is part of the tree's program. law: class, structure, sides."""
 
     law: tuple[Any, Structure, tuple[Side, ...]]
     nodes: tuple[int | None, ...]
@@ -104,7 +104,7 @@ class Moved:
 
 
 def moved(step: Step, coordinates: list[Coordinate], program: Program) -> Moved:
-    """The rates of an amount by those of the coordinates."""
+    """An elementary motion with the rates of its amount, which follow from those of the coordinates."""
     first = [se.diff(step.amount, c.value) for c in coordinates]
     rate = sum((d * c.rate for d, c in zip(first, coordinates, strict=True)), NONE)
     second = sum((d * c.second for d, c in zip(first, coordinates, strict=True)), NONE)
@@ -126,9 +126,9 @@ class Part(NamedTuple):
 
 @dataclass
 class Way:
-    """The way from a node to the next one in the tree: the elementary motions, the vector from the node to their end, and back
-    from there to the next node; at the end the axes, their angular velocity and its rate, velocity and acceleration relative to
-    the node, inertial components."""
+    """The way from a node to the next one in the tree. parts: the elementary motions; total: vector from the node to their end;
+    back: vector from the next node to that end. At the end: axes, their angular velocity w and its rate al, velocity v and
+    acceleration a less those of the node. Inertial components."""
 
     axes: Triad
     w: Vec
@@ -159,7 +159,8 @@ def way(program: Program, node: State, offset: Vec, axes: Triad, motions: list[M
 
 @dataclass
 class _Group:
-    """Displacements between two rotations: they turn together. Their sum, its rate along the axes, and the rate of that."""
+    """The displacements between two rotations, whose axes turn together. arm: their sum; speed, change: its first and second rate
+    by the amounts alone, as if the axes did not turn."""
 
     arm: Vec
     speed: Vec = ZERO
