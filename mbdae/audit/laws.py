@@ -29,7 +29,8 @@ WITH_COORDINATES = " with coordinates"  #: suffix of the name of a joint, for it
 
 
 def law_class(name: str, own: Own = ()) -> type[Law] | None:
-    """The class of a law by its name; None where there is none, or none with coordinates where the name asks for them."""
+    """The class of a law by its name; None where there is none, or none with coordinates where the name asks for them. own: laws
+    of the user."""
     plain = name.removesuffix(WITH_COORDINATES)
     known: dict[str, Any] = {n: getattr(m, n) for m in (joints, forces) for n in m.__all__}
     found = (known | {"JournalContact": JournalContact, "Beam": Beam} | dict(own)).get(plain)
@@ -39,7 +40,7 @@ def law_class(name: str, own: Own = ()) -> type[Law] | None:
 
 
 def part_class(name: str, own: Own = ()) -> type[Part] | None:
-    """The class of a normal law or friction law by its name."""
+    """The class of a normal law or friction law by its name; None where there is none. own: laws of the user."""
     found = ({n: getattr(m, n) for m in (contact, friction) for n in m.__all__} | dict(own)).get(name)
     return found if isinstance(found, type) and issubclass(found, Part) else None
 

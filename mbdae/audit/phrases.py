@@ -141,7 +141,7 @@ class Scope:
 
     @cached_property
     def letters(self) -> dict[str, str]:
-        """TeX of the symbols for which the text gives it, and of names whose default letter another symbol already has."""
+        """{symbol: TeX} as the text gives it; names in upright letters where their default TeX is that of another symbol."""
         found = {n: m.letter for n, m in self.symbols.items() if m.letter}
         taken = set(found.values())
         for n in sorted(self.symbols.keys() - found.keys(), key=len):
@@ -174,12 +174,12 @@ class Scope:
 
 @dataclass
 class Env:
-    """Values of the symbols of a scope in one state; formulas are evaluated in it."""
+    """Values of the symbols of a text (its `Scope`) in one state; formulas are evaluated in it."""
 
     motion: Motion
     scope: Scope
     inner: str = "l"  #: the body that carries the inner race
-    #: side of forces whose side is open: 1 applied to the bodies, -1 on the left-hand side of the equations of motion
+    #: forces whose side of the equations of motion is open count as applied to the bodies (1) or as on the left-hand side (-1)
     side: int = 1
     fill: int = 1  #: number of rows of a literal 0 where no neighbouring block gives it
     scale: Mapping[str, float] | None = None  #: sizes of the basic units, for the check of units
@@ -236,7 +236,7 @@ class Env:
         return self.scope.symbols[name]
 
     def _sign(self, phrase: Phrase) -> int:
-        """Sign of a force: that of the side declared by the text, else that of the rule, or of `side` where open."""
+        """Factor of a force: -1 where the rule gives it on the side that the text does not declare; `side` where none is."""
         if not phrase.side:
             return 1
         rule = -1 if phrase.side == "left" else 1  # the side on which the rule gives the force

@@ -1,5 +1,5 @@
-"""Rules of laws between two bodies: constraint rows and their forces by the virtual work of s lambda c + p c^2, springs and
-dampers; strains, stress resultants and energy of laws on a line.
+"""Rules of laws between two bodies: constraint rows c and their forces, which follow from the potential s lambda c + p c^2
+(s scaling, p penalty), springs and dampers; strains, stress resultants and energy of laws on a line.
 """
 
 from __future__ import annotations

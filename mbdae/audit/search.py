@@ -133,7 +133,7 @@ def _at_level(statement: Statement, states: States, known: Sequence[Edit], level
     for i, goal in _places(statement, states):
         least = (1, PLAIN) if statement.sides[i].kind != "symbol" else (1, NEAR) if misfit else (3, 0)
         if best is not None and (_extent(best[1]) <= least or goal.envs is not envs):
-            break  # a repair is found: a bare symbol is changed only if it ranks lower, and states of the joint are not tried
+            break  # the repair ranks low enough, or only the states of the joint are left to try
         envs = goal.envs
         candidates = Candidates(states.equation.scope, goal.envs[0])
         candidates.any_unit = misfit and level == 1

@@ -179,7 +179,7 @@ def _verdict(equation: Printed, states: States, search: bool) -> Row:
 
 
 def _open_sides(equation: Printed) -> set[str]:
-    """Sides ("open", "left", "applied") of the forces in a formula, where the text declares none."""
+    """Sides ("open", "left", "applied") on which the rules give the forces of a formula; none where the text declares a side."""
     symbols = equation.scope.symbols
     return set() if equation.scope.sides else {symbols[n].phrase.side for n in equation.used} - {""}
 

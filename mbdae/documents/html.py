@@ -72,7 +72,7 @@ figcaption { color: #444; font-size: .9rem; }
 
 
 def html(title: str, blocks: Sequence[Block]) -> str:
-    """The whole page."""
+    """HTML of the whole page."""
     writer = _Writer(symbols_of(blocks))
     body = "".join(writer.block(block, 2) for block in blocks)
     links = "".join(f'<a href="#{place}">{_text(title)}</a> ' for place, title in writer.places)

@@ -94,7 +94,7 @@ class _Reader:
         self.latex, self.tokens, self.i, self.continued = latex, tokens(latex), 0, continued
 
     def formula(self) -> str:
-        """The whole formula."""
+        """MathML of the whole formula."""
         found = self.row("", set())
         if self.i < len(self.tokens):
             raise FormulaError(f"formula '{self.latex}': '{self.tokens[self.i]}' closes nothing")
@@ -111,7 +111,7 @@ class _Reader:
         return token
 
     def row(self, font: str, stop: set[str]) -> str:
-        """The formula up to a token of `stop`, which is not consumed."""
+        """MathML of the formula up to a token of `stop`, which is not consumed. font: font of its letters, "" for the default."""
         out: list[str] = []
         while (token := self.peek()) and token not in stop and token not in ("}", r"\right", r"\end"):
             base = "<mrow></mrow>" if token in ("^", "_") else self.atom(font, first=not out)
@@ -119,7 +119,7 @@ class _Reader:
         return out[0] if len(out) == 1 else f"<mrow>{''.join(out)}</mrow>"
 
     def scripts(self, base: str, font: str) -> str:
-        """The base with the subscript and superscript that follow it."""
+        """MathML of the base with the subscript and superscript that follow it; base: its MathML."""
         found: dict[str, str] = {}
         while self.peek() in ("_", "^", "'"):
             sign = self.take()
@@ -159,8 +159,8 @@ class _Reader:
         return self._operator("−" if token == "-" else "∗" if token == "*" else token, token, first)
 
     def _operator(self, text: str, token: str, first: bool) -> str:
-        """An operator; first in its row, it is a sign of what follows, or, on a continued line, keeps the spacing between
-        terms."""
+        """MathML of an operator. First in its row it is a sign of what follows, or, where the row continues a broken line, it
+        keeps the spacing of an operator between terms."""
         continues = first and token in RELATIONS | BINARY and self.latex.strip() != token
         prefix = first and token in BINARY and not (self.continued and self.latex.lstrip().startswith(token) and self.i <= 2)
         return _sign(text, ' form="infix" lspace="0.05em" rspace="0.28em"' if continues and not prefix else "")

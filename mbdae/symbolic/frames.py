@@ -5,9 +5,9 @@ from the unknowns of the body's node is written once per kind of node:
 
     spatial   r = (r1, r2, r3), quaternion P; u = (v, Omega), v inertial, Omega in body components
     planar    r = (r1, r2, 0), R = Rz(theta);  u = (v1, v2, theta')
-    point     r only: a mass point has no orientation, rows that need one fall away
+    point     r only: a mass point has no orientation, rows that need one are left out
     joint coordinate   one scalar of a joint, without mass, in the first component of r
-    joint rotation     free rotation of a joint: quaternion P and Omega, components in the axes reached so far, without mass
+    joint rotation     free rotation of a joint, without mass: quaternion P from the axes before it, Omega in those after it
     ground    constants only
 
 One rule gives every variation: a vector a fixed to the frame changes by delta a = delta psi x a.

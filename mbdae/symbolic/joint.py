@@ -29,7 +29,7 @@ from mbdae.values import flag, shown, word
 
 OPTIONS = ("kept", "friction", "rubs")  #: options that every joint has, see `Joint`
 UNITS = ("rad", "m", "rotation")  #: units of coordinates; a rotation is a quaternion, its rates an angular velocity
-SENSORS = ("force", "torque", "power", "rate", "reaction_is_unique", "contacts")  #: sensors of joints beside their coordinates
+SENSORS = ("force", "torque", "power", "rate", "reaction_is_unique", "contacts")  #: further sensors of joints
 SLIGHT = 1e-9  #: N, a reaction below which the normal force is smoothed: sqrt(F.F + SLIGHT^2)
 
 

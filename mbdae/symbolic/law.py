@@ -9,7 +9,7 @@ A law declares its parameters with units and states one or more of
     wrench(k, l)       -> (force, torque)          applied on l at l.r, the opposite on k at the same point
     thrust(k, l)       -> (expression, force)      a generalised force on what the expression measures
     resistance(k, l, reactions) -> (force, torque) joints only: as `wrench`, by the joint's own reactions; it dissipates
-    observed(k, l)     -> {name: expressions}      further sensor values beside force, torque and power
+    observed(k, l)     -> {name: expressions}      sensor values in addition to force, torque and power
     losses(k, l)       -> {cause: power}           its dissipated power by cause, W
     gaps(k, l)         -> [(gap, rate)]            one-sided laws: distances (m or rad) that act where negative, and rates
     kinetic_energy(b)  -> expression               elements only, J
@@ -168,7 +168,7 @@ class Law:
         return {}
 
     def read(self, *frames: Frame) -> dict[str, Expr]:
-        """Values of the coordinates of a joint, by name."""
+        """The coordinates of a joint as expressions of its frames, by name."""
         return {}
 
     def positives(self, *frames: Frame) -> dict[str, Expr]:

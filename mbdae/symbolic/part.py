@@ -64,7 +64,7 @@ class PartStructure:
     options: tuple[tuple[str, Any], ...]
 
     def symbolic(self, prefix: str) -> Part:
-        """The part with symbols for its values."""
+        """The part with symbols for its values; prefix: name of the law's option, with which the symbols of parameters begin."""
         part = object.__new__(self.cls)
         for p in self.cls.params:
             setattr(part, p, None if p in self.absent else se.Symbol(f"{prefix}_{p}"))

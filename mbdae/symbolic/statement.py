@@ -22,7 +22,7 @@ from mbdae.symbolic.variation import Variation, rate
 from mbdae.symbolic.vectors import Expr, Vec
 
 _TIME = se.Symbol("t")
-#: methods of a law that derivations call with its frames; joints have `resistance`, `rubbing` and `pressing` besides
+#: methods of a law that derivations call with its frames; of joints also `resistance`, `rubbing` and `pressing`
 QUESTIONS = ("rows", "read", "positives", "energy", "dissipation", "wrench", "thrust", "gaps", "approach", "observed", "losses",
              "rates", "initial", "kinetic_energy")  # fmt: skip
 
@@ -100,7 +100,7 @@ NO_FEEDS = Feeds()
 
 
 class Statement:
-    """A law on its frames. Errors are LawError with the name of the law."""
+    """What a law states on its frames, with checks that name the law in a LawError."""
 
     def __init__(self, law: Any, variation: Variation) -> None:
         self.law, self.variation, self.frames = law, variation, variation.frames

@@ -42,7 +42,8 @@ class TreeProgram:
     """The program of a tree. Nodes: 0 the root, j the one carried by link j; -c is coordinate c of the tree.
 
     inputs: symbol -> its place: ("q" | "u" | "up", node, i), ("clock", c, 0 | 1 | 2) a prescribed coordinate and its
-    rates, ("number", owner, name), ("timed", owner, name) parameters, ("wu" | "wq", j, i) rows of laws outside.
+    rates, ("number", owner, name), ("timed", owner, name) parameters, ("wu" | "wq", j, i) terms of laws
+    outside of the tree in the equations of motion ("wu") and in the kinematic equations ("wq") of node j.
     """
 
     def __init__(self, structure: TreeStructure) -> None:
@@ -247,7 +248,8 @@ class TreeProgram:
 
     def _projected(self, role: str, wrenches: dict[int, Wrench]) -> dict[tuple[int, int], Expr]:
         """Rows of the joint coordinates and of the root for forces and moments on all nodes, by virtual power: the transpose of
-        the recursion of velocities. role: "wu" (equations of motion) or "wq" (corrections of position rates)."""
+        the recursion of velocities. role: "wu" (equations of motion) or "wq" (kinematic equations, whose
+        stabilising terms G^T mu transform like forces)."""
         vec = self.program.vec
         total = {j: wrenches.get(j, (ZERO, ZERO)) for j in range(len(self.nodes))}
         for j in self.structure.loaded:
@@ -263,8 +265,8 @@ class TreeProgram:
         return {place: e for place, e in rows.items() if e != 0}
 
     def _joint_rows(self, role: str, found: Way, F: Vec, M: Vec) -> dict[tuple[int, int], Expr]:
-        """Rows of a joint's coordinates for a force and its moment about the end of the joint's motion; corrections of position
-        rates of a free rotation in terms of its quaternion."""
+        """Rows of a joint's coordinates for a force F and its moment M about the end of the joint's motion. For role "wq" the
+        rows of a free rotation are those of its quaternion."""
         rows: dict[tuple[int, int], Expr] = {}
         left = found.total  # from the parent's node to the place of the motion
         for part in reversed(found.parts):
@@ -292,7 +294,7 @@ class TreeProgram:
         return {(0, i): self.program.let(e) for i, e in enumerate(entries)}
 
     def _load(self, role: str, j: int) -> Wrench:
-        """Terms of laws outside the program in the rows of a node: dynamics ("wu"), or corrections of position rates ("wq")."""
+        """Force and moment on node j from the inputs that hold the terms of laws outside of the tree, of role "wu" or "wq"."""
         state = self.nodes[j]
         rows = [self._input(role, j, i) for i in range(state.kind.sizes[1 if role == "wu" else 0])]
         if role == "wu" or state.kind is not NodeKind.SPATIAL:

@@ -141,8 +141,8 @@ class Way:
 
 
 def way(program: Program, node: State, offset: Vec, axes: Triad, motions: list[Moved], turns: bool) -> Way:
-    """The way from a node through the offset of the joint on it and its elementary motions; turns: whether the next node has
-    axes."""
+    """The way from a node to the next one. offset: vector from the node to the joint's point on it; axes: the joint's axes there;
+    motions: the elementary motions of the joint; turns: whether the next node has axes."""
     found, group = Way(axes, node.w, node.al), _Group(offset)
     for m in motions:
         if not m.step.turns:
@@ -173,7 +173,7 @@ class _Group:
         self.change = self.change + e * m.second
 
     def end(self, program: Program, found: Way) -> None:
-        """Velocity and acceleration at the end of the displacements."""
+        """Add the displacements to the way `found`: vector, velocity and acceleration at their end."""
         arm, w = program.vec(self.arm), found.w
         along = program.vec(w.cross(arm) + self.speed)
         found.v, found.total = found.v + along, found.total + arm
@@ -181,7 +181,7 @@ class _Group:
 
 
 def _turn(program: Program, found: Way, m: Moved) -> None:
-    """The axes after a rotation, with their angular velocity and its rate."""
+    """Continue the way `found` by a rotation m: its axes, their angular velocity and its rate."""
     vec, before, w = program.vec, found.axes, found.w
     after = program.axes(turned(before, m.step))
     if m.step.rotation is None:

@@ -27,7 +27,7 @@ def let(e: Expr, name: str = "") -> Expr:
 
 
 def rate(e: Expr) -> Expr:
-    """Time derivative of an expression in positions and attached vectors, by the motion of both frames."""
+    """Time derivative of an expression in positions and in vectors fixed to the bodies, by the motion of all frames."""
     return _RATE(se.sympify(e))
 
 

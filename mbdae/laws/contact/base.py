@@ -75,7 +75,7 @@ class Contact(Force):
 
     @property
     def one_direction(self) -> bool:
-        """Whether bodies slide along the tangents alone."""
+        """Whether friction acts along the tangents of the places only, not against the whole sliding velocity."""
         return True
 
     @staticmethod

@@ -37,7 +37,7 @@ class LineMesh:
     elements: NDArray[np.intp]  #: (m, p + 1) nodes of every element
     turns: Array  #: (m, p + 1, 4) rotation from the node's axes to the section's; (1, 0, 0, 0) where they are equal
     offsets: Array  #: (m, p + 1) angle from the node's axes to the section's in the plane z = 0, rad
-    places: Array  #: (n,) of the nodes on the line as it is stated: length along the polyline, m, or parameter of the curve
+    places: Array  #: (n,) where the nodes are on the line: length along the polyline, m, or parameter of the curve
 
     @property
     def curve(self) -> Array:

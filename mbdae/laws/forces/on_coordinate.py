@@ -22,7 +22,7 @@ class OnCoordinate(Force):
 
     @property
     def name_of_coordinate(self) -> str:
-        """The coordinate it acts on: that stated, or the first of the joint."""
+        """Name of the coordinate on which it acts: the option `coordinate`, by default the first of the joint."""
         return str(self.coordinate or next(iter(self.joint.coordinates)))
 
     @property
