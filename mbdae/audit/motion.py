@@ -24,7 +24,7 @@ _E3 = np.array([[0.0], [0.0], [1.0]])
 #: independent vectors of each body: position, velocity, acceleration, angular velocity, angular acceleration
 VECTORS = ("x", "v", "a", "w", "alpha")
 T = TypeVar("T")
-_TERMS = 24  #: number of terms of the series of a rotation
+_TERMS = 24  #: number of terms of the series of a rotation: round-off for the angles drawn, at most 2.1 rad
 
 
 def turned(vector: Value) -> Value:

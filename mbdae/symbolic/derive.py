@@ -264,7 +264,7 @@ class _Derivation(Statement):
         return sign * force, sign * (torque + (self.frames[1].r - f.center).cross(force))
 
     def _states(self, used_in: list[Expr]) -> tuple[tuple[str, ...], tuple[Expr, ...], tuple[Expr, ...]]:
-        """Internal states on which the law depends for these frames, their rates and start values."""
+        """Internal states that some of the expressions `used_in` contain, with their rates and start values."""
         used = set().union(*(e.free_symbols for e in used_in))
         names = tuple(n for n in self.law.states if self.law.keeps_states or se.Symbol(f"state_{n}") in used)
         rates, starts = (self.law.rates(*self.sides), self.law.initial(*self.sides)) if names else ({}, {})

@@ -133,7 +133,8 @@ class Derived:
 
     @cached_property
     def read_frames(self) -> tuple[Frame, ...]:
-        """The frames on which anything of the law depends: of a force on a joint coordinate that is an unknown only its frame."""
+        """The frames whose symbols the terms of the law contain: a force on a joint coordinate that is an unknown depends on the
+        frame of this coordinate, and not on those of the bodies."""
         stated = [*self.g, self.energy, self.dissipated_power, self.work_power, *self.coordinates.values(), *self.state_rates,
                   *self.state_starts, *self.variation.values.values()]  # fmt: skip
         stated += [c for pair in self.force.values() for part in pair for c in part]

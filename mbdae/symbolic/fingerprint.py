@@ -60,7 +60,7 @@ def _reached(d: Derived) -> set[Expr]:
 
 
 def program_fingerprint(program: Program, outputs: Sequence[Expr]) -> str:
-    """sha256 of a straight-line program up to some outputs."""
+    """sha256 of some outputs of a straight-line program and of the steps on which they depend."""
     memo: dict[Expr, str] = {}
     parts = [f"{name}={canonical(program.steps[name], memo)}" for name in program.needed(outputs)]
     return hashlib.sha256("\n".join([*parts, *(canonical(e, memo) for e in outputs)]).encode()).hexdigest()

@@ -41,7 +41,7 @@ class Joint(TwoBodyLaw):
     name of the coordinate against which it acts, by default the first)."""
 
     coordinates: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})  #: of the motion left free, with units; 0 as drawn
-    loose: ClassVar[type[Joint] | None] = None  #: class of the joint that remains where pin and race have clearance
+    loose: ClassVar[type[Joint] | None] = None  #: class that replaces this one where pin and race have clearance
     optional: ClassVar[tuple[str, ...]] = ()  #: parameters that a statement may leave out
     kept: Any  #: None or False: its coordinates are no unknowns
     _derived: ClassVar[frozenset[str]] = frozenset()  #: parameters made from the coordinates: drives, friction radius

@@ -63,7 +63,7 @@ class Law:
     frames: ClassVar[tuple[str, ...]] = ()  #: names of the bodies' frames on which the law is stated
     axes_of: ClassVar[str] = "axis"  #: source of the frames' axes: z along the item's "axis", or the axes of body "k" or "l"
     timeless: ClassVar[bool] = False  #: whether its parameters may not depend on time
-    at_nodes: ClassVar[bool] = False  #: whether it acts at its bodies' nodes along inertial axes: no other axes matter
+    at_nodes: ClassVar[bool] = False  #: whether it acts at its bodies' nodes along inertial axes, so that axis is not used
     loads: ClassVar[bool] = False  #: whether it is a load, which an equilibrium applies step by step
     dissipative: ClassVar[bool] = False  #: whether the power of `wrench` counts as dissipated rather than as work
     #: whether bodies may stick by it, as by friction (the equations are then stiff); None: they may if it has internal states
@@ -154,7 +154,7 @@ class Law:
         return ()
 
     def rows(self, *frames: Frame) -> dict[str, Expr]:
-        """The rows of the law in its equations, by name."""
+        """All constraint rows of the law, expressions that vanish, by name."""
         return {}
 
     @classmethod

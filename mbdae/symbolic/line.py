@@ -159,7 +159,7 @@ def derive_line(cls: type[LineLaw], structure: Structure, kind: NodeKind, mixed:
 
 
 class _Strains:
-    """The strains of a law with their stresses: Pi and its derivatives."""
+    """The strains of a law, their stresses, and the derivatives of the functional Pi of the module's text."""
 
     def __init__(self, law: Any, x: LinePoint, strains: dict[str, Expr]) -> None:
         self.x, self.strains = x, strains

@@ -41,7 +41,7 @@ class Variation:
 
     def __init__(self, frames: tuple[Frame, ...], clock: dict[Expr, Expr]) -> None:
         self.frames, self.clock = frames, clock
-        self.values: dict[Expr, Expr] = {}  #: name -> value, inner names first
+        self.values: dict[Expr, Expr] = {}  #: name -> value, after the names that the value contains
         self.constant: set[Expr] = set()  #: names that are not differentiated
         self._defined: list[Expr] = []
         self._names: dict[Expr, Expr] = {}

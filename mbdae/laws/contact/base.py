@@ -16,7 +16,7 @@ from mbdae.symbolic.variation import let
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
 DEEP = 10.0  #: a start is refused where bodies penetrate by more than 1/DEEP of the radius; a run that gets there has a warning
-RESTING = 1e-24  #: added to the square of the sliding speed, m^2/s^2 (and of distances, m^2): differentiable at 0
+RESTING = 1e-24  #: added to squares of sliding speeds, m^2/s^2, and of distances, m^2: their roots have derivatives at 0 then
 CENTRED = 1e-40  #: added to the square of a distance, m^2, which keeps it differentiable where it is 0
 
 

@@ -56,7 +56,7 @@ class Pass:
         return symbol
 
     def symmetric(self, name: str, n: int) -> list[list[Expr]]:
-        """A symmetric matrix by its lower triangle."""
+        """A symmetric matrix (n, n) whose inputs are the entries of its lower triangle."""
         return [[self.number(name, max(i, j), min(i, j)) for j in range(n)] for i in range(n)]
 
     def matrix(self, name: str, n: int, m: int) -> list[list[Expr]]:

@@ -121,7 +121,7 @@ class MemberProgram(PieceProgram):
         self.wrenches = self._members()
 
     def forces(self) -> Entries:
-        """Forces and moments on every body."""
+        """Components i of force and moment of the law on every body j, entries ("p", j, i)."""
         return [(("p", j, i), e) for j, F in self.wrenches.items() for i, e in enumerate(along(self.nodes[j].kind, *F))]
 
 
