@@ -123,7 +123,8 @@ def _values(sides: Sequence[Node], env: Env) -> list[Value]:
 
 
 def _in_states(statement: Statement, equation: Printed, envs: Sequence[Env]) -> Compared:
-    """Compare the sides of a statement, and the quantity its meaning names, in some states."""
+    """Compare the sides of a statement with each other in some states, and with the quantity that an equation of the form
+    `NUMBER (MEANING): STATEMENT` names."""
     sides = statement.compared
     said = equation.quantity if equation.statements and statement is equation.statements[0] else None
     rows: list[list[Value]] = []

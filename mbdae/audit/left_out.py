@@ -46,7 +46,8 @@ def may_vanish(meaning: Meaning, own: Own) -> bool:
 
 def left_out(equation: Printed, states: States, laws: set[str]) -> Mapping[str, float]:
     """The smallest set of parameters ("damping of PointSpring") that the text declares nowhere and without whose effect both
-    sides agree, each with the value at which it has no effect; empty if none. No quantity of the text may vanish there.
+    sides agree, each with the value at which it has no effect; empty if none. A set with
+    which a quantity of the text vanishes does not count, since the agreement then says nothing.
 
     laws: words of the meanings, among them the names of laws."""
     open_ = _open(equation, laws)

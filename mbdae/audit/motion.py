@@ -131,7 +131,7 @@ class Motion:
         return self.origin or self
 
     def without(self, name: str) -> Motion:
-        """A copy of this state in which that vector is zero."""
+        """A copy of this state in which the vector `name` is zero, one of those drawn by `ingredient`."""
         other = copy(self)
         other.absent, other.memory = self.absent | {name}, {}
         return other

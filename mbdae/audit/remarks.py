@@ -1,4 +1,4 @@
-"""Remarks beside a verdict: other solutions, resultants away from the joint, tensile contact, energy gain, redefined letters."""
+"""Remarks to a verdict: other solutions, resultants away from the joint, tensile contact, energy gain, redefined letters."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ def repair(equation: Printed, states: States) -> Repair | None:
 
 
 def _other_roles(equation: Printed, states: States) -> Repair | None:
-    """The equation with the other body in the role of the inner race."""
+    """The equation with the other body in the role of the inner race, if it is right then; None otherwise."""
     if equation.inner is None:
         return None
     inner = "l" if equation.inner == "k" else "k"

@@ -67,7 +67,8 @@ class Program:
 
     def add(self, name: str, meaning: str, arguments: Sequence[str], outputs: Sequence[Entry], at: Any,
             part: Operations) -> None:  # fmt: skip
-        """Add a function by its operations; those without influence on its outputs are left out."""
+        """Add a function. at: slots of its outputs; part: operations that compute them, of which those without influence on the
+        outputs are left out."""
         at, W = np.asarray(at, dtype=np.int64), filled(self.operations, self.numbers)
         steps, live = _needed(part.steps, at, len(W))
         for vector in arguments:

@@ -177,7 +177,7 @@ class _Derivation(Statement):
         return rows, vanished, undefined, g, G
 
     def _vanishes(self, e: Expr) -> bool:
-        """Whether an expression is zero for every value of its symbols (three random points)."""
+        """Whether an expression is zero for every value of its symbols, tested at three random points."""
         if e == 0:
             return True
         if not any(f.kind.flat for f in self.frames):

@@ -129,7 +129,7 @@ class Frame:
 
     @cached_property
     def symbols(self) -> frozenset[Expr]:
-        """Every symbol by which a law may read the frame, or that follows from it."""
+        """Every symbol of the frame: those that laws read, unknowns, parameters, and symbols between these."""
         seen, node = (self.r, self.v, self.x, self.y, self.z, self.w), (self.center, self.center_velocity, self.arm, self.spin)
         scalars = (c for vector in (*seen, *node, *self.body) for c in vector)
         named = {*self.q, *self.u, *self.parameters, *self.structure, *self.meaning}

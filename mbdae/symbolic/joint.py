@@ -97,7 +97,8 @@ class Joint(TwoBodyLaw):
         raise LawError(f"joint law {type(self).__name__} states neither `motion(self, from_k)` nor `constraints(self, k, l)`")
 
     def coordinate(self, *frames: Any, **_: Any) -> Any:
-        """The coordinates as the frames show them, by name (an expression where there is one); None: they cannot be read."""
+        """{coordinate: expression of the frames}, or the expression alone where there is one coordinate; None: the coordinates
+        cannot be computed from the frames."""
         return None
 
     def ties(self, *frames: Any, **_: Any) -> dict[str, Any]:
@@ -288,7 +289,8 @@ class Joint(TwoBodyLaw):
         return let(self.lever() * rate(self.read(*frames)[self.rubbed]))
 
     def rubbing(self, force: Vec, *frames: Frame) -> tuple[Expr, Expr] | None:
-        """The rubbed coordinate and the friction on it (N or N m), for a reaction force on l (N); None: there is none."""
+        """The coordinate against which friction acts, as an expression, and the friction on it (N or N m), for a reaction force
+        on l (N); None without friction."""
         if self.friction is None:
             return None
         k, *others = frames

@@ -46,7 +46,8 @@ AUGMENTED = params(scaling=("1", "factor of the rows and their multipliers"), pe
 
 @dataclass(frozen=True)
 class Structure:
-    """What distinguishes two statements of one law class apart from numbers: options, absent and timed parameters, feedback."""
+    """What distinguishes two statements of one law class apart from numbers: options, parameters that are
+    absent or depend on time, feedback."""
 
     absent: frozenset[str] = frozenset()
     timed: frozenset[str] = frozenset()
@@ -314,7 +315,7 @@ class Force(TwoBodyLaw):
 
     def refuses_start(self, depth: float, size: float, continued: bool) -> str:
         """Why a start that penetrates by a depth (m or rad) is refused, and the remedy; "" where it is not. size: the scene's
-        length (m), or 1 rad; continued: another run ended there."""
+        length (m), or 1 rad; continued: whether the start is the end of another run."""
         return ""
 
     def doubtful_depth(self) -> tuple[float, str, str]:

@@ -68,7 +68,7 @@ def foreign(symbol: str) -> str:
 
 @dataclass(frozen=True)
 class Feeds:
-    """The sensors that a law reads: readings, and names with their expressions in the symbols of readings, of names before, of
+    """The sensors that a law reads: readings, and names with their expressions in the symbols of readings, of earlier names, of
     numbers and of values prescribed in time. Names that are parameters of the law are the parameters that follow from sensors."""
 
     readings: tuple[Reading, ...] = ()

@@ -90,9 +90,11 @@ class Coordinate(NamedTuple):
 
 @dataclass
 class Moved:
-    """An elementary motion in a program: first and second rate of its amount, and derivatives of that by the free coordinates.
+    """An elementary motion in a program: first and second rate of its amount, and derivatives of the amount (`slopes`) by the
+    free coordinates, by their numbers.
 
-    Of a free rotation: its number among the coordinates, its angular velocity and the rate of that, along its own axes."""
+    Of a free rotation: its number among the coordinates, its angular velocity (spin) and the rate of that (change), in components
+    along the axes it leads to."""
 
     step: Step
     rate: Expr = NONE
@@ -116,7 +118,8 @@ def moved(step: Step, coordinates: list[Coordinate], program: Program) -> Moved:
 
 
 class Part(NamedTuple):
-    """An elementary motion on the way to a body: its direction and displacement; of a free rotation the axes of its rates."""
+    """An elementary motion on the way to a body, inertial components: its direction, its displacement (zero for rotations), and
+    of a free rotation the three axes along which its angular velocity has its components."""
 
     moved: Moved
     direction: Vec

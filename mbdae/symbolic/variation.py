@@ -141,7 +141,7 @@ class Variation:
                 yield se.diff(e, name), name
 
     def diff(self, e: Expr, symbol: Expr) -> Expr:
-        """Partial derivative by an unknown or a parameter, through names."""
+        """Partial derivative by an unknown or a parameter, by the chain rule through names."""
         total = _by(e)(symbol)
         for factor, name in self._chain(e):
             if (name, symbol) not in self._partials:

@@ -33,7 +33,8 @@ def motion_names(kind: NodeKind, quaternion: bool = False) -> tuple[str, ...]:
 
 
 def state_of(kind: NodeKind, number: Callable[[str], Expr]) -> State:
-    """The motion of a node from its numbers by name, accelerations included."""
+    """The motion of a node, accelerations included. number: function that returns the expression for a name of `motion_names` or
+    `directions`."""
     if not kind.moves:
         return State(kind, ZERO, UNIT, se.Integer(0), ZERO, ZERO, ZERO, ZERO, [se.Integer(i == 0) for i in range(4)])
 
