@@ -226,7 +226,7 @@ def _partial(e: Node, by: Node, at: Source) -> Value:
     return np.hstack(columns)
 
 
-#: nodes and weights of the tanh-sinh rule on (-1, 1), accurate also for integrands with roots at the ends
+#: nodes and weights of the tanh-sinh rule on (-1, 1), accurate also for integrands with steep ends, as sqrt(x) at 0
 _T = np.arange(-62, 63) * 0.05
 _NODES = np.tanh(np.pi / 2 * np.sinh(_T))
 _WEIGHTS = 0.05 * np.pi / 2 * np.cosh(_T) / np.cosh(np.pi / 2 * np.sinh(_T)) ** 2

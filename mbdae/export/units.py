@@ -74,8 +74,9 @@ def parameter_entries(nb: Numbering, baked: set[tuple[str, str]]) -> tuple[list[
     """Entries of the input vector "p": parameters of laws and of the formulation, and points of items on their bodies; with pairs
     (entry, slot) that say where each is written in the work array.
 
-    Laws of one item that share a number, such as the mass of a body and of its weight, share an entry; numbers of one law and
-    name at several coordinates of an item get a number in their name. baked: (item, name) of numbers that are no inputs."""
+    Laws of one item that share a value, such as the mass of a body and of its weight, share an entry; where an item has several
+    parameters of one name, such as dampers on two coordinates, the second and later ones end in #2, #3, ...
+    baked: (item, name) of parameters that are no inputs."""
     entries: list[Entry] = []
     pairs: list[tuple[int, int]] = []
     seen: dict[tuple[str, float], tuple[int, set[type]]] = {}

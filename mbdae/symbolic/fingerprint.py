@@ -16,7 +16,8 @@ from mbdae.symbolic.vectors import Expr
 
 
 def fingerprint(d: Derived, rates: bool = False) -> str:
-    """sha256 of the terms of a law: rows, their forces, states; rates: those of its rows, its coordinates and branches too."""
+    """sha256 of the terms of a law: rows, their forces, states. rates: whether to include the rates of the rows, the coordinates
+    of a joint, and the expressions that must be positive (`Joint.branches`)."""
     further, reached = _further(d) if rates else [], _reached(d)
     memo: dict[Expr, str] = {}
     parts = [f"{type(d.law).__name__} {' '.join(f.kind.value for f in d.frames)} {' '.join(d.rows)}"]
@@ -27,7 +28,7 @@ def fingerprint(d: Derived, rates: bool = False) -> str:
 
 
 def _further(d: Derived) -> list[Target]:
-    """Rates of rows, coordinates and branches, in terms of the unknowns."""
+    """Rates of rows, coordinates, and expressions that must be positive (`Joint.branches`), in terms of the unknowns."""
     branches = {name: d.variation.name(e) for name, e in d.law.positives(*d.sides).items()} if isinstance(d.law, Joint) else {}
     stated = [*velocity(d), *acceleration(d), *d.coordinates.items(), *branches.items()]
     table = d.variation.insertion(shared=True)

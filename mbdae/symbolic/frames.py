@@ -117,7 +117,7 @@ class Frame:
     center_velocity: Vec
     arm: Vec  #: from the node to the point, m
     body: tuple[Vec, Vec, Vec]  #: columns of R
-    heading: Expr  #: planar: rotation since the drawing, rad
+    heading: Expr  #: of a planar node: rotation from the attitude as drawn, rad
     spin: Vec  #: angular velocity in body components
     q: list[Expr]
     u: list[Expr]
