@@ -1,4 +1,5 @@
-"""A beam over a mesh: its strain kernel with the reference strains, its constant mass, gyroscopic and load kernels."""
+"""Kernels of a meshed beam: internal forces, gyroscopic moments and distributed loads of its elements, and their constant
+masses."""
 
 from __future__ import annotations
 

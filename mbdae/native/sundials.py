@@ -1,4 +1,4 @@
-"""IDA and CVODE in the shared libraries that scikit-sundae brings, over `Equations`.
+"""IDA and CVODE of SUNDIALS, in the shared libraries that scikit-sundae brings, for equations given as an `Equations` table.
 
 Only functions of SUNDIALS are called and no members of its structures are read: the layout of structures differs between
 releases, the functions are the same in all of 7.x. Linear systems are solved by solvers of the same libraries: dense LU, or

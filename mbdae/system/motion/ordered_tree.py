@@ -112,7 +112,7 @@ class OrderedTree:
 
     def at(self, j: int, place: Place) -> int:
         """Slot of a result of the outward pass for body j: its motion ("x", name), inertia ("M", i, j), forces ("p", i), or an
-        entry of X, S and c, see `LinkProgram.outward`."""
+        entry of X, S and c, by which its acceleration follows from that of its parent, see `LinkProgram.outward`."""
         return self._base[j] + self.bodies[j].kernels.outward.column[place]
 
     def unknown(self, j: int, place: Place) -> int:
