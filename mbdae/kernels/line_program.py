@@ -20,7 +20,7 @@ from mbdae.native.program import Operations, block
 
 Index = NDArray[np.intp]
 Array = NDArray[Any]
-Entries = Sequence[tuple[Any, ...]]  #: terms of a sum of products: slot of the sum, slots of the factors, a constant factor
+Entries = Sequence[tuple[Any, ...]]  #: terms of sums: slot of the sum, then slots or numbers of the factors of the term
 
 
 class LineProgram:

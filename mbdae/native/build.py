@@ -109,7 +109,7 @@ def refusal(command: list[str]) -> str:
 
 def run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
     """Run a command in a folder and capture its output. Libraries that are preloaded into this process (those of a sanitizer) are
-    not preloaded into the compiler, which would fail with them."""
+    not preloaded into the compiler too."""
     env = {name: value for name, value in os.environ.items() if name not in ("LD_PRELOAD", "DYLD_INSERT_LIBRARIES")}
     return subprocess.run(command, cwd=folder, env=env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                           stderr=subprocess.STDOUT, encoding="utf-8", errors="replace")  # fmt: skip

@@ -26,7 +26,7 @@ def is_small(entries: Entries) -> bool:
 
 
 def largest_pivots(entries: Entries, values: NDArray[Any]) -> Order | None:
-    """The order with the largest pivot in every column for the present values: full partial pivoting."""
+    """The order in which every pivot is the largest entry of its column for the present values: partial pivoting."""
     if is_small(entries):
         return by_counts(entries, values)
     return pivoted(entries, entries.matrix(values), np.arange(entries.n), permc_spec="COLAMD")

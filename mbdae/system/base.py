@@ -163,7 +163,8 @@ class System:
     guard_jumps: bool = False  #: whether a contact force jumps when the bodies touch: the error of a step over that is of order 1
     #: arguments of functions in the equations that switch or vary within a narrow range; None: there are none
     switches: Switches | None = None
-    #: function that returns the name of the beam that vibrates fastest, and its angular frequency times `time` (rad)
+    #: function that returns the name of the beam that vibrates fastest, and its angular frequency times the characteristic time
+    #: of the motion (rad)
     vibration: Callable[[], tuple[str, float]] | None = None
 
     #: function of begin and end of a run (s) and its accuracy that returns where inputs of time jump or have kinks, and how long

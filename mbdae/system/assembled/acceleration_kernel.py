@@ -169,8 +169,8 @@ class AccelerationKernel(Workspace):
         return max(bad - self.nu, 0) if self.whole else int(self._order[bad])
 
     def shares(self, t: float, y: Array) -> Array:
-        """(m,) of every constraint row: the squared part that is independent of other rows, over the squared length of the row;
-        by Cholesky factors of the rows before it, in the metric of the inverse mass matrix."""
+        """(m,) of every constraint row: the squared part that is independent of other rows, over the squared length of the row.
+        With Cholesky factors: independent of the rows eliminated before it, in the metric of M^-1; else as in `row_shares`."""
         dependent = self.y_rates(t, y, np.empty(self.differential))
         if self.whole:
             G = np.zeros((self.m, self.nu))

@@ -25,8 +25,8 @@ class Timeline:
     """What the inputs of time require of the steps of a run. A break is an instant at which an input or one of its derivatives
     jumps: a step has to end there.
 
-    edges (k+2,): start, breaks and end of the run, s; stretches: intervals that a step must not exceed, because an input goes
-    through one of its features (a period, a pulse, a segment of a table) in each."""
+    edges (k+2,): start, breaks and end of the run, s; stretches: consecutive intervals, each about as long as the shortest change
+    of an input in it; a step must not exceed them."""
 
     edges: Array
     stretches: Stretches

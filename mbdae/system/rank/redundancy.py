@@ -31,7 +31,7 @@ from mbdae.system.start.start import Starter
 #: redundant: it is reported, whether it is kept or left out
 CERTAIN, DOUBTFUL = 1e-8, 1e-3
 STEPS = (0.3, 0.1, 0.03)  #: displacements (rad, or over the scene's length) tried in turn to reach another consistent position
-#: positions that are found without the rows that are dependent at the start count only if the largest violation of these rows is
+#: positions that are found without the rows that are dependent at the start count only if the largest violation of any row is
 #: below this part of the scene's length; else they belong to another branch of the motion
 NEARBY = 1e-3
 

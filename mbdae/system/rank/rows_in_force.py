@@ -17,8 +17,8 @@ from mbdae.system.rank.sparse_redundancy import numbers_of_joints
 #: an earlier choice of rows is used again if its smallest singular value is at least this part of that of the best choice
 GOOD = 0.5
 #: margin: smallest singular value of the rows in force less the limit below which they are replaced (WORN). They are checked
-#: again after the positions have changed by this part of the margin at the last check, because a singular value changes by about
-#: as much
+#: again after the positions have changed by this part of the margin at the last check, assuming that a singular value changes by
+#: about as much
 SHARE = 0.5
 
 
