@@ -21,7 +21,7 @@ from mbdae.errors import OptionError, SolverError
 from mbdae.system.base import Array
 
 BLOCK = 1000  #: number of single rows that are collected before they become part of a block
-SPARE = 8  #: a block grows by 1 / SPARE of its rows in advance
+SPARE = 8  #: a block that is full grows by 1 / SPARE of its rows more than needed, so that it is not resized for every row
 FEW = 8  #: largest number of rows that `extend` adds one by one instead of to a block
 IN_MEMORY = 2**24  #: bytes of memory that each array of a run (y, y', ...) may take before its rows are written to disk
 
@@ -136,7 +136,7 @@ class Rows:
         path = self._folder / f"{len(self._chunks) + 1:06d}.npy"
         part = path.with_suffix(".part")
         try:
-            with part.open("wb") as file:  # nothing waits until the disk has it: it is removed when this process ends
+            with part.open("wb") as file:  # not flushed to the disk (fsync), because the file is removed when this process ends
                 np.save(file, rows)
             part.replace(path)
         except OSError as error:
@@ -197,8 +197,8 @@ class Rows:
 
 
 def leave(*arrays: Array) -> None:
-    """Give back the memory of what was read of arrays that are mapped from a file, where the system can; it is read again where
-    it is asked for."""
+    """Give back the memory of pages that were read of arrays mapped from a file, where the operating system allows it; pages are
+    read again when they are needed."""
     for array in arrays:
         base: Any = array
         while isinstance(base, np.ndarray):
@@ -208,7 +208,7 @@ def leave(*arrays: Array) -> None:
 
 
 def _nothing() -> None:
-    """No folder is to be removed."""
+    """In place of the function that removes a folder, where there is none."""
 
 
 def read_chunk(path: Path, shape: tuple[int, ...]) -> Array:

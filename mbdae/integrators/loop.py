@@ -21,7 +21,7 @@ from mbdae.system.base import Array, System
 from mbdae.threads import one_thread
 
 PROGRESS_PERIOD = 0.1
-FIRST_LOOK = 16  #: number of steps after which it is checked for the first time whether a run may stop
+FIRST_LOOK = 16  #: number of steps after which `stop` is asked for the first time whether a run may end early
 
 
 class StepLoop:
@@ -44,7 +44,7 @@ class StepLoop:
         record: Record | None = None,
         impacts: float = 1.0,
     ) -> None:
-        #: factor of the part of the duration of an impact that one step may cover
+        #: factor on the longest step during an impact
         self.impacts = impacts
         self.record = record
         self._planned, self._before = False, (0.0, 0.0)  # CPU and wall time (s) of this run in earlier processes
@@ -65,7 +65,8 @@ class StepLoop:
         self._systems: list[tuple[float, System]] = [(float(system.t0), system)]
         self._restarted = 0  # number of the step at which the run was restarted last
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the restart there
-        #: kinks whose arguments change their sign again and again, see `watched.chattering`
+        #: number of a kink -> sign changes of its argument and time of the first, counted by `watched.chattering` over the whole
+        #: run
         self.switched: dict[int, tuple[int, float]] = {}
         # number of a step -> y and yp after the restart there, of restarts in an earlier process
         self._anew: dict[int, tuple[Array, Array]] = {}
@@ -158,11 +159,12 @@ class StepLoop:
 
     @property
     def evaluations_left(self) -> float:
-        """Number of evaluations until the limit is reached."""
+        """Number of residual evaluations left until `max_residuals` is reached."""
         return self._max_residuals - self.stats.residuals
 
     def renew(self) -> bool:
-        """Continue with other equations where constraints are about to depend on each other; returns whether they changed."""
+        """Continue with other equations where constraint rows are about to become dependent, or after a planned restart; returns
+        whether the system was replaced."""
         if self._renewed is None and len(self._t) == 1:
             self._renewed = self.system.renewed(self.t, self.state[0])
         if self._renewed is None and self._planned:
@@ -179,12 +181,12 @@ class StepLoop:
         return True
 
     def consistent(self, y: Array) -> tuple[Array, Array]:
-        """y and yp (n,) to restart with from y at a break. After a restart in an earlier process its values are used, because the
-        last digit of iterated rates depends on the evaluations before."""
+        """Consistent y and yp (n,) to restart with at a break, from y before it. Where an earlier process has restarted there,
+        its values are used: the last digit of values found by iteration depends on the evaluations before."""
         return self._anew[self.count] if self.count in self._anew else self.system.restarted(self.t, y)
 
     def restart(self, y: Array, yp: Array) -> None:
-        """Continue from the last step with other values: accelerations and multipliers jump at a break of the inputs."""
+        """Replace the values at the end of the last step, since accelerations and multipliers jump at a break of the inputs."""
         self._restarted = len(self._t) - 1
         if len(self._t) > 1:
             self._breaks.setdefault(self._restarted, self.state)
@@ -231,7 +233,7 @@ class StepLoop:
 
     @property
     def room(self) -> int:
-        """Number of steps until the method is restarted; practically unlimited where it is not."""
+        """Number of steps until the method is restarted for a checkpoint; sys.maxsize where it is not restarted."""
         return sys.maxsize if self.record is None or not self.record.restarts else max(self.record.room - self.count, 1)
 
     def goes_on(self, method: Any) -> None:

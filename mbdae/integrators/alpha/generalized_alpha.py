@@ -22,7 +22,7 @@ from mbdae.system.base import Array, System
 from mbdae.values import number, set_option
 
 SECOND = (2, 2, 2)  #: order of positions, velocities and multipliers
-GAINS = 0.9  #: spectral radius at high frequencies from which long steps gain energy
+GAINS = 0.9  #: smallest spectral radius at high frequencies with which a warning says that long steps may gain energy
 
 
 class _Alpha(Stepped):
@@ -146,8 +146,9 @@ class HHT(_Alpha):
 
 
 def _begin(step: AlphaStep, h: float, stats: Stats) -> None:
-    """Set the algorithmic rates, which belong to times near the start, from one short step of Radau IIA; with the rates at the
-    start instead multipliers oscillate at first and lose their order. Where that step fails the rates at the start are used."""
+    """Set the algorithmic rates a and w at the start, which belong to times slightly off t0 (`Alphas.lead`), by a short step of
+    Radau IIA. With y'(t0) in their place multipliers would oscillate at first and converge with a lower order than 2. Where the
+    short step fails, y'(t0) is used all the same."""
     lead = min(step.A.lead, step.B.lead if step.size[2] else 0.0)
     if lead == 0:
         return

@@ -22,7 +22,7 @@ from mbdae.integrators.matrices.iteration import keep_order, kept_order
 from mbdae.integrators.solution import Stats
 from mbdae.system.base import System
 
-#: reasons for the end of a stretch: end of a part, new equations, planned restart of the method
+#: why a stretch ended: end of a part of the run (a break), replaced equations, planned restart of the method
 END, RENEWED, PLANNED = "end", "renewed", "planned"
 
 
@@ -68,7 +68,8 @@ class StepLoop(Protocol):
 
 
 class Record:
-    """One run in the folder of a keeper. restarts: whether checkpoints restart its method; what: description of the run."""
+    """One run in the folder of a keeper. restarts: whether the method begins anew at checkpoints; what: description of the run in
+    words, by which a stored run is recognised."""
 
     def __init__(self, keeper: Keeper, restarts: bool, what: str) -> None:
         self.keeper, self.restarts, self.what = keeper, restarts, what
@@ -156,7 +157,7 @@ class Record:
 
     @property
     def room(self) -> int:
-        """Number of accepted steps after which the method is restarted."""
+        """Number of accepted steps, counted from the start of the run, after which the method is restarted next."""
         begin = self._ends[-1][0] if self._ends else 0
         return begin + self.keeper.every
 

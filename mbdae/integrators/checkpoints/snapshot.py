@@ -41,7 +41,8 @@ def _of_object(thing: Any, seen: set[int]) -> Tree:
 
 
 def _of_value(value: Any, seen: set[int], native: bool) -> Tree:
-    """A value as part of the tree; Ellipsis where it is not part of the state."""
+    """A value as part of the tree; Ellipsis where it is not part of the state. seen: ids of objects that are in the tree already;
+    native: whether the value belongs to an object of `native`."""
     if id(value) in seen:
         return ...
     if isinstance(value, ctypes.Structure):
@@ -98,7 +99,7 @@ def _put(thing: Any, name: str, value: Tree) -> None:
 
 
 def _like(value: Tree, there: Any) -> Any:
-    """A value with its lists turned into named tuples where `there` has named tuples."""
+    """A stored value in the types of `there`, the value of a new object: lists become named tuples where `there` has them."""
     if isinstance(value, list) and isinstance(there, list) and there:
         return [_like(part, there[0]) for part in value]
     if isinstance(value, tuple) and hasattr(there, "_fields"):

@@ -55,13 +55,14 @@ class Batch(ListsAttributes):
 
 
 def is_watched(s: System, t_end: float) -> bool:
-    """Whether contacts, switches, controllers or inputs have to be watched in a run to t_end, s."""
+    """Whether a run to t_end (s) has contacts, switches, controllers or inputs for which its steps are shortened or end early."""
     line = s.timeline(s.t0, t_end) if s.timeline is not None else None
     return any(part is not None for part in (line, s.guards, s.switches, s.longest_step, s.sampled))
 
 
 def refuse_watched(system: System, t_end: float) -> None:
-    """Raise OptionError where numbers of laws may not vary in a batch of runs to t_end, s."""
+    """Raise OptionError for a batch of runs to t_end (s) with different numbers of laws where `is_watched`: contacts, switches
+    and inputs are watched with the numbers of the scene."""
     if is_watched(system, t_end):
         raise OptionError("numbers: a run that watches contacts, switching laws, sampled controllers or breaks of inputs does "
                           "so with the numbers of its scene; build a scene for every value, and solve them one by one")
@@ -73,8 +74,9 @@ def solve_batch(system: System, t_end: float, solver: Any = None, *, starts: Any
     """Integrate the same equations at k points, one after the other, from system.t0 to t_end (s).
 
     solver: mb.DOP853 with its tolerances, which hold at all points; starts: y (k, n) or (n,) at t0, by default that of the
-    system; numbers: values (k,) or one of numbers of laws by name ("elbow.mass", those of all laws of the item); outputs: number
-    of equally spaced times, or the times, by default the end; max_wall: s of wall time of all points before a WallClockError;
+    system; numbers: {name: values (k,), or one value} of parameters of laws, such as "elbow.mass" (in all laws of that item);
+    outputs: number of equally spaced times, or the times, by default the end; max_wall: wall time (s) of all points, after which
+    a WallClockError is raised;
     progress(done, all): called at most 10 times per second.
     A point that fails has its message in `errors`; all others are run. Ctrl-C, and the end of max_wall, raise
     exceptions whose attribute `solution` is the Batch so far. OptionError where the system has no right-hand side, or a number
@@ -94,7 +96,7 @@ def solve_batch(system: System, t_end: float, solver: Any = None, *, starts: Any
 
 @dataclass(frozen=True)
 class _Points:
-    """Starts (k, n), and values (k, m) of numbers of laws, with their slots in an array that the equations read."""
+    """Starts (k, n), and values (k, m) of parameters of laws; at: where these are in the array that the equations read."""
 
     starts: Array
     values: Array
@@ -135,7 +137,7 @@ class _Points:
                 self.at.W[self.at.slots] = before
 
     def take(self, i: int) -> None:
-        """Set the numbers of laws for point i."""
+        """Write the parameters of laws of point i to the array that the equations read."""
         if self.at is not None and i < len(self):
             self.at.W[self.at.slots] = self.values[i]
 
@@ -148,7 +150,7 @@ class _Points:
 
 
 class _Run:
-    """A batch while it runs, with the arrays of its result; C fills one row per point."""
+    """A batch while it runs, with the arrays of its result, of which the native method fills one row per point."""
 
     def __init__(self, system: System, solver: DOP853, asked: Asked, points: _Points, tell: Progress | None) -> None:
         self.system, self.solver, self.asked, self.points, self.tell = system, solver, asked, points, tell
@@ -181,7 +183,8 @@ class _Run:
         return Batch(self.times, self.y, self.last, tuple(self.errors), steps, rejected, evaluations, cpu, wall)
 
     def _plain(self) -> bool:
-        """Whether nothing has to be watched between the steps of a run, so that C makes all points."""
+        """Whether nothing has to be watched between the steps of a run, so that the native method can run all points by
+        itself."""
         if self.points.at is not None:
             refuse_watched(self.system, self.asked.t_end)
         return not (is_watched(self.system, self.asked.t_end) or self.system.looks_at_steps)
@@ -207,7 +210,7 @@ class _Run:
             self.errors[i] = None
             if self.kept.code[i]:
                 self._alone(i)
-        self.points.take(done)  # the point to continue with
+        self.points.take(done)  # running a point alone has overwritten the parameters of the point to continue with
         self.done = done
         if raised is not None and stops:
             raise raised

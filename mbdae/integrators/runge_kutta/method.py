@@ -23,7 +23,7 @@ from mbdae.integrators.runge_kutta.tables import CollocationTable
 from mbdae.integrators.solution import Interpolant
 from mbdae.system.base import Array, System
 
-#: constant step: last correction of the stage equations is TARGET times ROUND times each unknown
+#: with a constant step Newton's method ends where its correction of every unknown is below TARGET times ROUND times the unknown
 ROUND, TARGET = 1e-10, 1e-5
 
 

@@ -18,7 +18,7 @@ from mbdae.errors import OptionError
 from mbdae.system.base import Array
 from mbdae.values import array, option, whole
 
-EXACT = 1e-11  #: largest error of a condition on the coefficients that counts as fulfilled
+EXACT = 1e-11  #: a condition on the coefficients counts as fulfilled up to this error
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,8 @@ def _roots(p: Polynomial) -> Array:
 def _real_transformation(
     vectors: NDArray[Any], is_real: NDArray[np.bool_], upper: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Real T and T_inv with the complex pairs written as (Re, Im): Z = t_r w_r + 2 Re(t w)."""
+    """Real T and T_inv from the eigenvectors (s, s) of A_inv, in columns. is_real (s,): which are real; upper (s,): which have an
+    eigenvalue with positive imaginary part. Every complex pair t, conj(t) becomes two real columns: Z = t_r w_r + 2 Re(t w)."""
     inverse = np.linalg.inv(vectors)
     columns = [vectors[:, j].real for j in np.flatnonzero(is_real)]
     rows = [inverse[j].real for j in np.flatnonzero(is_real)]
