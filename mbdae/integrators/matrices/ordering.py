@@ -39,10 +39,9 @@ def searches(kinds: Sequence[str]) -> Searches:
     """Functions that seek an order of elimination for a matrix with unknowns of `kinds`; each is called where the order of the
     one before loses too many digits:
 
-    1. for a small matrix an order by counts of entries, among the largest pivots (with stresses: those above LARGE), since
-    smaller
-       ones lose digits that runs need near singular positions; for a large matrix the cheapest of the order with stresses and
-       positions first, the largest pivots and, with many loops, nested dissection;
+    1. for a small matrix an order by counts of entries, among the largest pivots (with stresses: those above LARGE), because
+       smaller ones lose digits that runs need near singular positions; for a large matrix the cheapest of the order with stresses
+       and positions first, the largest pivots and, with many loops, nested dissection;
     2. for a large matrix the cheaper of the first two of these;
     3. pivots above LARGE: on the diagonal (above FEW unknowns only with stresses), in a small matrix by counts;
     4. the largest pivots."""

@@ -118,7 +118,7 @@ class CollocationStep:
         table.jacobians = table.factorisations = table.iterations = table.residuals = table.rejections = 0
 
     def advance(self, h: float, t1: float) -> tuple[float, Array, Array, Array | None]:
-        """Move to t1 = t + h; returns (t1, y, yp, increments (s-1, n) of y at inner stages), None in place of the increments where
+        """Move to t1 = t + h; returns (t1, y, yp, increments (s-1, n) of y at inner stages), with None for the increments where
         the last stage is not the end of the step."""
         inner = self.newton.Z[:-1].copy() if self.table.stiffly_accurate else None
         if self.run.advance(self.t, h):

@@ -25,7 +25,8 @@ Method: TypeAlias = "native.Method | PythonMethod"  #: IDA or CVODE with its mem
 
 
 class SundialsRun(ABC):
-    """One run with SUNDIALS. last: the method, which knows the last point evaluated."""
+    """One run with SUNDIALS. last: IDA or CVODE with its memory, from which the last point evaluated can be read after a
+    failure."""
 
     last: Method
 
@@ -46,7 +47,7 @@ class SundialsRun(ABC):
         """The error that names the unknown or equation which prevented a step."""
 
     def accepted(self, watch: SundialsWatch) -> None:
-        """Called before a step of a watched run is stored."""
+        """Called before a step of a run with contacts or switches is stored; here without effect."""
         return
 
     def settings(self, order: int) -> Settings:
@@ -64,10 +65,11 @@ class SundialsRun(ABC):
                 self._steps()
         finally:
             self.__dict__.pop("last", None)
-            del self.watch  # it refers to this object; without it memory is freed at once
+            del self.watch  # it refers to this object: such a circle would keep the memory until the next garbage collection
 
     def _steps(self) -> None:
-        """Many steps per call where nothing is checked between them, else one per call; output times do not interrupt them."""
+        """Step to the end: many steps per call where nothing is checked between steps, else one per call. Steps do not end at
+        output times."""
         loop, watch, last = self.loop, self.watch, self.last
         together = watch is None and loop.system.longest_step is None and not loop.system.looks_at_steps
         rows, going = MOST_ROWS if together else 1, True
@@ -83,7 +85,7 @@ class SundialsRun(ABC):
                 raise not_finite(loop, self, message) or self.diagnosis(message)
 
     def _keep(self, made: Steps, watch: SundialsWatch | None) -> bool:
-        """Store a step, or have it repeated; returns whether the run goes on."""
+        """Store the step `made`, or restart the method to repeat it; returns whether the run goes on."""
         loop, t, y, yp = self.loop, float(made.t[0]), made.y[0], made.yp[0]
         if watch is not None:
             if watch.refuses(t, y, yp):
