@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -125,7 +126,13 @@ def run_controlled(system: System, prepared: Prepared | None, solver: Solver, ac
             distance = second.distance(run.solution, run.estimate)
             second.tell(run.estimate, distance, accuracy)
             run = replace(run, estimate=distance).after(second.runs, second.cpu_s)
-    return replace(run, notes=tuple(dict.fromkeys([*run.notes, *(str(w.message) for w in caught)])))
+    return replace(run, notes=_last_of_each_kind([*run.notes, *(str(w.message) for w in caught)]))
+
+
+def _last_of_each_kind(notes: Sequence[str]) -> tuple[str, ...]:
+    """Of notes that differ from the time they name onwards ("at t = ...") the last: every run of a search may say the same of
+    another time."""
+    return tuple({note.split(" at t = ")[0]: note for note in notes}.values())
 
 
 def _with_hidden_contacts(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,

@@ -24,7 +24,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
-from mbdae.errors import FINAL, AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError, keeping
+from mbdae.errors import FINAL, AccuracyWarning, ChatteringError, MbdaeError, OptionError, SolverError, WallClockError, keeping
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.checkpoints.keeper import keeping_runs
@@ -41,6 +41,7 @@ from mbdae.run.hidden_contacts import hidden_contacts
 from mbdae.run.lost_vibrations import with_lost_vibrations
 from mbdae.run.recheck import Rechecked, rechecked
 from mbdae.run.reliability import Assessment
+from mbdae.run.singular_positions import singular_stop
 from mbdae.run.verification import accuracy_of, nothing_known, verified
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
@@ -163,7 +164,8 @@ class Job:
             except (SolverError, OptionError) as error:
                 said = str(error)
                 runs, cpu = runs + 1, cpu + (cpu_of(error) if isinstance(error, SolverError) else 0.0)
-                failure, why = failure or error, said if solver.label in said else f"{solver.label} stopped: {said}"
+                failure = error if failure is None or isinstance(solver, RadauIIA) else failure  # it passes more than the others
+                why = said if solver.label in said else f"{solver.label} stopped: {said}"
                 continue
             runs, cpu = runs + run.runs, cpu + run.cpu_s
             if best is None or run.estimate < best[0].estimate:
@@ -226,6 +228,9 @@ class Job:
                 info = RunInfo(solver, self.form.label, known, stats, 1, stats.cpu_s, (str(error),))
                 made = Result(self.prepared, solution, info, self.times[self.times <= solution.t[-1]])
                 error.solution = made  # type: ignore[union-attr]
+                stopped = isinstance(error, SolverError) and not isinstance(error, WallClockError | ChatteringError)
+                if stopped and (place := singular_stop(made)):
+                    error.args = (f"{error}; {place}",)
             raise
 
 
