@@ -1,7 +1,8 @@
 """The tolerance that a run with contact or friction needs.
 
-Measured: with a tolerance below a hundredth (IDA) or a tenth (Radau) of the penetration over the scene's length, clearance and
-penetration are accurate to a few per cent; above ten times the penetration the motion is wrong although solvers report success.
+Measured: with a tolerance below a hundredth (IDA) or a tenth (Radau IIA) of the penetration, both relative to the scene's length,
+clearance and penetration are accurate to a few per cent. With a tolerance above ten times the penetration the motion is wrong
+although solvers report success.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ from mbdae.results.contacts import contacts_of
 from mbdae.system.motion.states import gaps_of
 from mbdae.system.prepare import Prepared
 
-#: largest ratio of velocity tolerance to the velocity over which friction changes; above it sticking is not resolved
+#: largest ratio of the tolerance of velocities to the velocity over which friction changes sign with which sticking is resolved
 RESOLVED = 0.01
-SLOW = 10.0  #: ratio of sliding velocity to that velocity above which the change of friction has no effect
+SLOW = 10.0  #: ratio of the sliding velocity to that velocity, above which friction does not depend on the velocity any more
 WRONG = 10.0  #: ratio of position tolerance to penetration above which the motion is wrong
 
 
@@ -50,8 +51,8 @@ def largest_tolerance(prepared: Prepared, solver: Solver) -> float:
 
 
 def resolving(prepared: Prepared | None, solver: Solver, run: Solution, ceiling: float) -> float:
-    """The largest rtol that resolves the contacts of a run (by their median penetrations) and friction where sliding reverses;
-    `ceiling` where there was no contact."""
+    """The largest rtol that resolves the contacts of a run, by the median of the largest penetrations of every contact, and
+    friction where sliding reverses; `ceiling` where no contact closed."""
     if prepared is None or not prepared.contacts:
         return ceiling
     q, u, _ = prepared.states(run.t, run.y)

@@ -4,7 +4,7 @@ If a tolerance smaller by the factor r makes the error smaller by r**fall or mor
 obey e <= x E with x = r**fall. They differ by at least E - e, so that e <= x / (1 - x) times their difference.
 
 Sequences of impacts violate this assumption: the time of each impact depends on all before, errors at neighbouring tolerances
-may be nearly equal, and at large tolerances they hardly fall. Measured on a slider-crank with clearance at tolerances from 1e-4
+may be nearly equal, and at large tolerances they hardly fall. Measured with a slider-crank with clearance at tolerances from 1e-4
 to 3e-10 (errors from 3e-6 to 2e-2): with one companion at 10 times the tolerance and the exponent of smooth motion, the estimate
 of Radau IIA is too small by more than a factor of 3 in 11 % of 104 pairs, by 13 at worst. With FALL_WITH_IMPACTS and two
 companions this happens never in 94 cases (at 3 and 30 times the tolerance; factor 2.2 at worst) and in 2 % of 83 (at 10 and 100
@@ -31,7 +31,7 @@ from mbdae.integrators.solution import Solution
 from mbdae.system.base import Array, System
 
 FALL_WITH_IMPACTS = 0.5
-LEAST = 0.05  #: smallest ratio of error to difference that is assumed, even for very different tolerances
+LEAST = 0.05  #: smallest ratio that is assumed of the error of a run to its difference from a companion
 
 Run = tuple[float, Solution]  #: tolerance and solution of a run
 
@@ -48,23 +48,26 @@ def fall_of(system: System, solver: Solver) -> float:
 
 
 def share_of(system: System, solver: Solver, ratio: float) -> float:
-    """Ratio of the error of a run to its difference from one at a tolerance larger by 1 / ratio."""
+    """Assumed ratio of the error of a run to its difference from a companion; ratio: tolerance of the run over the
+    companion's."""
     x = ratio ** fall_of(system, solver)
     return float(max(x / (1 - x), LEAST))
 
 
 def contradicted(gaps: Sequence[float], ratios: Sequence[float], fall: float) -> bool:
-    """Whether the differences of a run from its companions show errors that fall more slowly than r**fall.
+    """Whether the differences of a run from its two companions show that errors fall more slowly than with the power `fall` of
+    the tolerance.
 
-    gaps, ratios: differences, and tolerances of the companions over that of the run, the largest first."""
+    gaps: differences from the companions; ratios: tolerances of these over that of the run; both for the looser companion
+    first."""
     (wide, near), (far, close) = gaps, ratios
     return bool(wide * (close**fall - 1) < near * (far**fall - 1))
 
 
 def estimated(system: System, solver: Solver, runs: Sequence[Run], measure: Measure, outputs: Array) -> float:
-    """Estimated error of the last of several runs with falling tolerances: the largest estimate from its companions, which are
-    the runs before it, as many as `companions` has; at least their largest difference, where two companions show that errors fall
-    more slowly than assumed."""
+    """Estimated error of the last of several runs with falling tolerances. Its companions are the runs before it, one or, with
+    contacts, two (`companions`). The largest of their estimates is taken; where two show that errors fall more slowly than
+    assumed, at least the larger difference."""
     tolerance, fine = runs[-1]
     gaps, ratios, found = [], [], 0.0
     for before, coarse in runs[-1 - len(companions(system, solver)) : -1]:

@@ -50,9 +50,10 @@ from mbdae.system.without_multipliers import WithoutMultipliers
 
 UNRESOLVED = ("of it, part are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with solver=mb.RadauIIA(3) "
               "follows them")  # fmt: skip
-#: ratio of the accuracy of a run that only locates an event to that of the run that ends there, and its largest accuracy
+#: a run that only locates an event has an accuracy LOOSER times as large as that of the run that then ends there, but at most
+#: MOST
 LOOSER, MOST = 10.0, 1e-3
-NEARLY = 10.0  #: largest ratio of estimate to accuracy for which a tighter run is tried before one that resolves all vibrations
+NEARLY = 10.0  #: up to this ratio of estimate to accuracy a tighter run is tried before one that resolves all vibrations of beams
 
 
 def _same(value: Any) -> Any:
@@ -109,8 +110,9 @@ class Job:
         return run_controlled(system, self.prepared, solver, accuracy, replace(self.asked, begin=self.begin), self.times)
 
     def _with_waves(self, run: Controlled, solver: Solver, system: SceneSystem) -> Controlled:
-        """The run if the elastic vibrations that its long steps damp away are small enough; else a tighter run if they are nearly
-        small enough (shorter steps damp less away), or one that resolves them all."""
+        """The run itself where the vibrations of beams that its long steps damp away are below the accuracy. Where they are above
+        it by at most the factor NEARLY, a tighter run, whose shorter steps damp less away; else one that resolves all
+        vibrations."""
         resolving = system_for(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
         run = with_lost_vibrations(self.prepared, resolving, run)
         if self.accuracy < run.estimate < NEARLY * self.accuracy and not self.prepared.contacts:
@@ -124,7 +126,8 @@ class Job:
         return _better(run, lambda: replace(self._controlled(resolving, solver), waves=True))
 
     def until(self, solver: Solver, ends: Callable[[Prepared, Solution], Any]) -> float | None:
-        """Time (s) of the event that ends a run, found by a run at a larger tolerance that stops after it; None without event."""
+        """Time (s) of the event that ends a run, found by a run at a larger tolerance that stops soon after it; None without
+        event. ends: function of a scene and a solution that returns the first event, or None."""
         looser = min(LOOSER * self.accuracy, MOST)
         if not solver.fixed and solver.rtol is None:
             solver = solver.at_accuracy(looser, self._system(solver).label)
@@ -133,14 +136,14 @@ class Job:
         return found
 
     def _found(self, solver: Solver, asked: Asked, ends: Callable[[Prepared, Solution], Any]) -> float | None:
-        """Time (s) of the event on one run, which is not stored in a checkpoint because it is short."""
+        """Time (s) of the event in one run of the solver; the run is not stored in a checkpoint, because it is short."""
         try:
             with python_warnings.catch_warnings(), keeping_runs(None):
                 python_warnings.simplefilter("ignore", AccuracyWarning)
                 found = solver.run(self._system(solver), asked)
         except WallClockError:
             raise
-        except SolverError as error:  # after the event the motion may end
+        except SolverError as error:  # the motion may break down soon after the event, which is then on the solution so far
             if not isinstance(error.solution, Solution):
                 return None
             found = error.solution
@@ -180,8 +183,8 @@ class Job:
         return replace(best[0], runs=runs, cpu_s=cpu), best[1]
 
     def _missed(self, run: Controlled) -> str:
-        """Why another method should be tried, "" where it need not: the accuracy is missed, or joints held by their accelerations
-        only drift."""
+        """Why another method should be tried: the accuracy is missed, or joints drift because constraints are imposed on
+        accelerations only; "" where none need be tried."""
         if not run.estimate <= self.accuracy:
             return f"came to {run.estimate:.1e}"
         doubts = [*run.notes, *joint_drift(self.prepared, run, self.accuracy)] if self.form.label == "Index1" else []
@@ -235,7 +238,7 @@ class Job:
 
 
 def _better(run: Controlled, attempt: Callable[[], Controlled]) -> Controlled:
-    """The run, or that of an attempt if its estimate is smaller; with the cost of both."""
+    """The run, or that which `attempt` returns if its estimate is smaller; with the cost of both."""
     try:
         again = attempt()
     except FINAL:

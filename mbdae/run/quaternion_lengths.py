@@ -1,6 +1,7 @@
 """Quaternions of different length along a beam, which make interpolated rotations and strains wrong.
 
-A length common to all does not matter. Measured: lengths from 1 to 1.08 within an element change its strains by 1e-4."""
+A length other than 1 that is common to all does not matter. Measured: lengths from 1 to 1.08 within an element change its strains
+by 1e-4."""
 
 from __future__ import annotations
 

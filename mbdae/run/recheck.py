@@ -24,10 +24,10 @@ from mbdae.system.scene_system import SceneSystem
 from mbdae.system.start.start import Start
 
 FINER = 10.0  #: ratio of the accuracy of the run to that of the fine run
-BUDGET = 3000  #: largest number of residual evaluations between two points of the step
-BETWEEN = 8  #: number of instants compared between two points
+BUDGET = 3000  #: largest number of residual evaluations of the fine run between two points at which it stops
+BETWEEN = 8  #: number of times, between two such points, at which the run and the fine run are compared
 MOST = 5  #: largest number of suspicious steps of a run that are integrated again
-SHORTER = 0.8  #: ratio of the step proposed in the warning to the longest one that would resolve what acts
+SHORTER = 0.8  #: ratio of the step proposed in the warning to the longest one that would resolve the short event
 WARNED = 3.0  #: ratio of a difference to the allowed one above which there is a warning
 UNCONTROLLED = 1e-6  #: accuracy assumed for runs with constant steps
 
@@ -68,7 +68,7 @@ class FineRun:
         a, multipliers = p.mechanics.accelerations(at, q, u, s)
         start = Start(t, q[0], u[0], s[0], a[0], multipliers[0])
         system = system_for(replace(p, start=start), self.form, self.solver.highest_index)
-        return system.sampling(None)  # controllers hold their outputs inside of a step
+        return system.sampling(None)  # without sampling instants, since sampled controllers hold their outputs inside a step
 
     def _stops(self, suspect: Suspect) -> Array:
         """Times (s) at which the fine run stops: points with a large defect, their neighbours, the end of the step."""
@@ -79,8 +79,9 @@ class FineRun:
 
 @dataclass(frozen=True)
 class Contradiction:
-    """Something that acts from about begin to end (s) inside a step of `step` s and that the step missed: name of the equation
-    with the largest defect, resulting difference (as `motion_distance`), and longest step (s) that resolves it."""
+    """A short event that a step missed: it acts from about `begin` to `end` (s) inside the step of length `step` (s). equation:
+    name of the equation with the largest defect; difference: of the motion, as `motion_distance`; longest: longest step (s) that
+    would resolve the event."""
 
     begin: float
     end: float
@@ -99,7 +100,8 @@ class Contradiction:
 
 @dataclass(frozen=True)
 class Rechecked:
-    """Contradictions between the equations of motion and a run, worst first; number of suspicious steps; CPU time, s."""
+    """Contradictions between the equations of motion and a run, worst first; suspects: number of suspicious steps; cpu_s: CPU
+    time of the check, s."""
 
     contradictions: tuple[Contradiction, ...] = ()
     suspects: int = 0

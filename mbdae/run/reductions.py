@@ -42,7 +42,7 @@ class Size:
 
 @dataclass(frozen=True)
 class Reduction:
-    """The size of the system after a reduction, and why the reduction is possible."""
+    """A step by which the equations become fewer: the size of the system after it, and why it is possible."""
 
     reason: str
     size: Size

@@ -25,14 +25,16 @@ from mbdae.system.start.contacts import ExpectedContact
 
 COARSE = 0.1  #: ratio of position tolerance to penetration above which a result is doubtful
 ALARM = 0.1  #: ratio of energy error to dissipated energy above which a result is not reliable
-MOVING = 1e-3  #: fraction of the largest kinetic energy that replaces a smaller dissipated energy in this ratio
-STORED = 0.1  #: fraction of the largest energy stored in a contact that replaces a smaller dissipated energy
+MOVING = 1e-3  #: in this ratio the dissipated energy is taken as this fraction of the largest kinetic energy at least
+STORED = 0.1  #: and as this fraction of the largest energy stored in a contact at least
 FEW_STEPS = 3  #: number of steps in the shortest contact below which it is not resolved
-#: least values for a backward whirl: ratio of whirl to spin rate, fraction of time in contact, turns around the race
+#: a motion is reported as a backward whirl from these values on: ratio of whirl rate to spin rate, fraction of the time in
+#: contact, number of turns of the pin around the race
 WHIRL_RATE, WHIRL_CONTACT, WHIRL_TURNS = 5.0, 0.9, 2.0
-#: largest step times angular frequency for which an unstable oscillation grows in a run as it does in the equations
+#: a step resolves an unstable oscillation, so that it grows in the run as in the equations, where step times angular frequency
+#: is at most this; longer steps damp it away
 RESOLVED_STEP = 1.0
-GROWN = 5.0  #: logarithm of the growth damped away by the steps above which there is a warning
+GROWN = 5.0  #: smallest logarithm of the growth that steps have damped away, summed over the run, for which there is a warning
 
 
 class Assessment(NamedTuple):

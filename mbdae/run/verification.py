@@ -23,8 +23,9 @@ CONTINUED = "not measured: the run continues another one on the same mesh, whose
 
 @dataclass(frozen=True)
 class Verified:
-    """motion: largest difference from the other method; mesh: from the run on a finer mesh; reactions, finer: states of these two
-    runs, to compare reactions; unknown: {error: why it is not known}; runs: number of runs made."""
+    """What verify=True found. motion: largest difference from a run of another method; mesh: from a run on a finer mesh of the
+    beams; reactions, finer: states of these two runs, by which reactions are compared; unknown: {error: why it is not known};
+    runs: number of runs made."""
 
     motion: float | None = None
     reactions: tuple[OtherRun, ...] = ()

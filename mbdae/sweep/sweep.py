@@ -1,4 +1,5 @@
-"""A job at every point of a grid, in processes, in a cluster or in any executor; failures are rows, results resumable."""
+"""A job at every point of a grid, in processes, in a cluster or in any executor. A point that fails has a row with its error; an
+interrupted sweep can be continued."""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ Progress = Callable[[int, int], None]  #: called with the number of points done 
 
 @dataclass(frozen=True)
 class SweepRow:
-    """A point and the values that the job returned there, or its error (type and text). died: the worker process ended."""
+    """A point and the values that the job returned there, or its error (type and text). died: whether its worker process
+    ended."""
 
     point: dict[str, Any]
     values: dict[str, Any] | None
@@ -56,12 +58,12 @@ class Sweep(ListsAttributes):
 
     @property
     def rows(self) -> list[SweepRow]:
-        """Rows of the points done."""
+        """Rows of the points that are done, as a list of SweepRow."""
         return [self.done[i] for i in sorted(self.done)]
 
     @property
     def failures(self) -> list[SweepRow]:
-        """Rows without values."""
+        """Rows of points that failed."""
         return [row for row in self.rows if row.values is None]
 
     @property
@@ -110,14 +112,14 @@ class Sweep(ListsAttributes):
 def sweep(job: SceneData, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, Any]], executor: Executor | None = None, *,
           workers: int | None = None, resume: Any = None, again: bool = False, progress: Progress | None = None, t_end: float,
           accuracy: float = 1e-6, outputs: Any = None) -> SceneSweep:  # fmt: skip
-    """Runs of a scene."""
+    """Signature where `job` is a scene."""
 
 
 @overload
 def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, Any]], executor: Executor | None = None, *,
           workers: int | None = None, resume: Any = None, again: bool = False,
           progress: Progress | None = None) -> Sweep:  # fmt: skip
-    """A function of the user's."""
+    """Signature where `job` is a function of the user's own."""
 
 
 @naming_arguments
@@ -201,7 +203,7 @@ def _listed(values: Any) -> Any:
 
 
 def _scalars(point: Mapping[str, Any]) -> dict[str, Any]:
-    """Plain numbers instead of NumPy's, so that a point reads the same from a file."""
+    """The point with plain numbers instead of NumPy's, so that it is equal to the point read from a file."""
     wrong = [name for name in point if not (isinstance(name, str) and name.isidentifier())]
     if wrong:
         raise OptionError(f"grid: {shown(wrong[0])} is not the name of an argument: {GRID}")
@@ -264,7 +266,7 @@ def _cell(value: Any) -> str:
 
 
 class _Kept:
-    """The file of a sweep: a line with job and grid, then a line per row; no file where no path is given."""
+    """The file of a sweep: a JSON line with job and grid, then one for every row. path None: no file."""
 
     def __init__(self, path: Any, statement: dict[str, Any], points: list[dict[str, Any]], again: bool) -> None:
         self.statement, self.points, self.again = statement, points, again
@@ -301,7 +303,7 @@ class _Kept:
             try:
                 data = json.loads(line)
             except (ValueError, RecursionError):
-                continue  # the run was stopped while it was written
+                continue  # the line is incomplete, because the process ended while it was written
             with damage_refused(path):
                 number = whole(data["number"], least=0, most=len(self.points) - 1)
                 row = SweepRow(self.points[number], *(data[key] for key in ("values", "error", "died")))

@@ -1,7 +1,7 @@
 """A worker process: it answers one message at a time, and ends when the process that started it ends.
 
 A thread of the worker waits on a handle of its parent that the operating system signals however the parent ends, and then ends
-the worker. The thread does not run while C code holds the interpreter; on Linux the kernel kills the worker also then.
+the worker. While C code holds Python's global lock the thread cannot run; on Linux the kernel kills the worker even then.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mbdae.threads import keep_one_thread
 READY = b""
 PR_SET_PDEATHSIG = 1  #: of prctl(2): the signal a process gets when the thread that started it ends
 SAFE_PATH = "PYTHONSAFEPATH"
-LOOK = 1.0  #: s between two checks whether the parent still runs, where its handle is not signalled
+LOOK = 1.0  #: time (s) between two checks whether the parent still runs, in case its end does not signal its handle
 
 
 class WorkerDiedError(Exception):

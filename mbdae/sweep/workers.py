@@ -1,4 +1,4 @@
-"""Points of a sweep in worker processes, or in any executor. A worker that ends costs only the point it was computing."""
+"""Points of a sweep in worker processes, or in any executor. Where a worker process ends, only its present point is lost."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ Done = Generator[tuple[int, Outcome], None, None]  #: number and outcome of a po
 
 
 def answer(payload: bytes) -> bytes:
-    """The pickled outcome of a pickled job and point. What cannot be unpickled or pickled is a failure."""
+    """The pickled outcome of a pickled (job, point). Where one of these cannot be pickled or unpickled the outcome is a
+    failure."""
     try:
         job, point = pickle.loads(payload)
     except Exception as error:
@@ -99,7 +100,7 @@ class _Workers:
         if len(self.busy) >= self.count:
             return None
         worker = Worker(answer)
-        if not self._begun:  # the first one alone: an error that keeps workers from starting is printed once
+        if not self._begun:  # wait for the first one: an error that prevents workers from starting is then printed once
             self._wait_for_first(worker)
         return worker
 
@@ -114,7 +115,7 @@ class _Workers:
         self._begun = True
 
     def give(self, worker: Worker, i: int, payload: bytes) -> None:
-        """Send a point to a worker; where that has ended in the meantime, `answers` reports it."""
+        """Send point number i to a worker; where the worker has ended in the meantime, `answers` reports it."""
         self.busy[worker.connection] = worker, i
         worker.send(payload)
 

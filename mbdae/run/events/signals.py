@@ -27,16 +27,16 @@ from mbdae.system.prepare import Prepared
 from mbdae.values import BadValueError
 
 MANY = 50_000  #: most times that are evaluated at once
-#: quantities of joints, forces and contacts that results show beside their coordinates
+#: quantities of joints, forces and contacts that results have in addition to their coordinates
 SHOWN = ("force", "torque", "power", "gap", "gap_rate", "penetration", "normal_force", "friction_force", "slip", "length", "rate",
          "friction_power", "wear_rate", "orbit")  # fmt: skip
-#: quantities of bodies that results show beside their coordinates
+#: quantities of bodies that results have in addition to their coordinates
 MOTION = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration", "rotation", "strain",
           "stress_resultants", "fibre_stress", "von_mises")  # fmt: skip
 
 
 def check(scene: Any, path: str) -> None:
-    """Raise BadValueError where a path names nothing that results show."""
+    """Raise BadValueError where a path such as "J.angle" names no quantity of the scene that results have."""
     try:
         sensed(scene, path)
     except BadValueError as refused:
@@ -125,7 +125,7 @@ class Signals:
 
 
 def _between_nodes(model: Any, moved: Any, one: Expr) -> bool:
-    """Whether a sensor lies between the nodes of a beam, where results interpolate."""
+    """Whether a sensor is at a place between the nodes of a beam, where only results can interpolate its value."""
     try:
         Observer(model, moved, [one])
     except SceneError:
@@ -134,7 +134,8 @@ def _between_nodes(model: Any, moved: Any, one: Expr) -> bool:
 
 
 def probe(prepared: Prepared, paths: Sequence[str]) -> None:
-    """Raise OptionError where a sensor that only results show is no single number at the start."""
+    """Raise OptionError where a sensor that loads may not read, so that it is read from results, is not a single number at the
+    start."""
     paths = [path for path in paths if not may_be_observed(prepared.model.scene, path)]
     result = started(prepared) if paths else None
     for path in paths:
