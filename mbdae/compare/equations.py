@@ -61,7 +61,7 @@ class Equations:
 
     @property
     def recursive(self) -> tuple[int, int]:
-        """Number of joints that are recursive, and number of those asked to be."""
+        """Number of joints that are recursive, and number of joints that the user asked to be recursive."""
         if self.prepared is None:
             return 0, 0
         model = self.prepared.model
