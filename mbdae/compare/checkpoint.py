@@ -61,7 +61,7 @@ class Checkpoint(ResumeFile):
 
 
 def packed(values: Array) -> dict[str, Any]:
-    """An array (float64) as plain data for JSON."""
+    """An array (float64) as plain data for JSON: its shape and its compressed bytes as text, so that no digit is lost."""
     content = zlib.compress(np.ascontiguousarray(values, dtype="<f8").tobytes(), 1)
     return {"shape": list(np.shape(values)), "zlib_float64": base64.b64encode(content).decode("ascii")}
 

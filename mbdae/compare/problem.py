@@ -186,7 +186,7 @@ class Problem:
 
 
 def with_models(scene: Any, run: Run) -> Any:
-    """The scene with the joint models of a run."""
+    """The scene with the joint models that a run names."""
     for name, model in run.models.items():
         spanning = not name and isinstance(model, Recursive)
         scene = scene.recursive() if spanning else scene.replace(*([name] if name else []), model=model)

@@ -105,8 +105,7 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
         share = _share(h / coarse[1], order)
         estimate, coarser = gap * share, (coarse[0], times, share)
         estimate = inf if fine.stats.unresolved else estimate
-        # a vibration may look slow (aliasing) in a run with a far longer step, so the last comparison is with a step of 2 h
-        if estimate <= accuracy and h < NEARBY * coarse[1]:
+        if estimate <= accuracy and h < NEARBY * coarse[1]:  # a far longer step may alias a vibration: compare with step 2 h
             with keeping(fine, COARSER.format(h)):
                 near = solver.with_step(2 * h).run(system, replace(asked, share=2 * SHARE * h / first))
             runs, spent = runs + 1, spent + near.stats.cpu_s

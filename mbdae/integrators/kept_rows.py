@@ -50,7 +50,7 @@ class Block:
         self.count = count
 
     def _resize(self, count: int) -> None:
-        """Make room for `count` rows, in place unless other objects read the array."""
+        """Make room for `count` rows: in place, or in a new array where other objects hold the present one."""
         shape = count, *self._own.shape[1:]
         if not self._given:
             try:
@@ -87,9 +87,10 @@ class Block:
 
 
 class Rows:
-    """Arrays of one shape, stored in a block, because many small arrays take several times the memory of their numbers.
+    """A growing list of arrays of one shape (y of every step, for example), stored as rows of large blocks, because many small
+    arrays take several times the memory of their numbers.
 
-    Rows that are not arrays (None: a step without a polynomial of its own) stay in a list."""
+    Rows that are not arrays (None: a step without a polynomial of its own) stay in a list. name: for the folder of its files."""
 
     def __init__(self, name: str, *first: Array) -> None:
         self.name = name
@@ -177,7 +178,7 @@ class Rows:
         return sum(shape[0] for _, shape in self._chunks) + sum(map(len, (*self._blocks, self.tail)))
 
     def _joined(self) -> Array:
-        """All rows as one file mapped into memory."""
+        """All rows as an array that is mapped from one file, which takes the place of all files and blocks."""
         assert self._folder is not None
         parts = [block.rows for block in self._blocks]
         rows = sum(shape[0] for _, shape in self._chunks) + sum(map(len, parts))

@@ -254,7 +254,7 @@ class StepLoop:
         return self.record is not None and self.record.made_before(self)
 
     def ended(self) -> None:
-        """To be called when a call of `integrate` has ended."""
+        """To be called when a call of `integrate` has ended; tells the record why, where the run is stored on disk."""
         if self.record is not None:
             self.record.ended(self, self._renewed is not None, self._planned)
 
@@ -275,7 +275,7 @@ class StepLoop:
         return self.stats
 
     def go_on_counting(self, counts: dict[str, Any]) -> None:
-        """Add the counts of an earlier process."""
+        """Add the counts (`Stats`) of an earlier process, which has made the first steps of this run."""
         for field in fields(Stats):
             setattr(self.stats, field.name, counts[field.name])
         self._before = self.stats.cpu_s, self.stats.wall_s
@@ -298,7 +298,7 @@ class StepLoop:
                 "anew": anew, "after": after}  # fmt: skip
 
     def give_back(self, parts: Sequence[dict[str, Any] | None], count: int) -> None:
-        """Append steps of an earlier process, up to `count` steps in all."""
+        """Append steps of an earlier process, up to `count` steps in all. parts: their arrays, as of `steps_between`."""
         begin = 0
         for part in parts:
             if part is None:

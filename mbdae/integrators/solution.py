@@ -61,7 +61,7 @@ class Interpolant(Protocol):
 
 
 class Method(Protocol):
-    """The members of a solver that the loop of a run needs."""
+    """The interface of a solver that the loop of a run needs (`Solver` is defined above the loop)."""
 
     @property
     def label(self) -> str:

@@ -42,7 +42,7 @@ DEGREE = 5  #: degree of the polynomial, fitted to the defect in a step, that is
 #: BLOCK: number of neighbouring steps for which one iteration matrix J is used; DOUBTFUL: ratio of the effect to its limit above
 #: which a step gets a J of its own
 BLOCK, DOUBTFUL = 8, 0.25
-LARGE = 0.1  #: ratio of the defect at a point to the largest in its step above which it counts as large
+LARGE = 0.1  #: a defect of at least this fraction of the largest in its step is large: `recheck` ends a short step at that point
 #: with constant steps a step is suspect if its effect is above ALIKE times the quantile QUARTER of the effects of all steps
 ALIKE, QUARTER = 30.0, 0.25
 #: bounds of memory: AT_ONCE points in one call, at most LARGEST unknowns at these points together; STORED numbers at a time

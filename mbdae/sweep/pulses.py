@@ -82,7 +82,7 @@ class Varying:
     number: str
 
     def at(self, value: float) -> Pulse:
-        """The pulse with the varied number at a value."""
+        """The pulse whose varied number has the given value."""
         return replace(self.pulse, **{self.number: value})
 
     def set(self, arguments: dict[str, Any], value: float) -> None:
@@ -138,5 +138,5 @@ def _expression(stated: Any) -> Any:
 
 
 def _exact(value: float) -> Any:
-    """A number as a fraction, so that moved times lose no digit."""
+    """A float as an exact fraction of symengine, so that times that are shifted and scaled lose no digit."""
     return se.Rational(*float(value).as_integer_ratio())

@@ -233,7 +233,7 @@ def _name(job: Any) -> str:
 
 
 def _row(point: dict[str, Any], found: Outcome) -> SweepRow:
-    """The row with plain values, as it would be read from a file."""
+    """The row of a point, with plain values as they would be read from a file."""
     if found.values is None:
         return SweepRow(point, None, found.error, found.died)
     try:
@@ -313,7 +313,7 @@ class _Kept:
                 self.rows[number] = row
 
     def add(self, i: int, row: SweepRow) -> None:
-        """Append a row."""
+        """Append the row of point number i to the file, so that it is there if the process ends."""
         if self.file is not None:
             self.file.write(_json(_line(i, row)) + "\n")
             self.file.flush()

@@ -38,12 +38,12 @@ class _Alpha(Stepped):
 
     @property
     def rho_infinity(self) -> float:
-        """Spectral radius for high frequencies."""
+        """Spectral radius of a step at high frequencies: factor by which such vibrations are damped per step, 0 to 1."""
         raise NotImplementedError
 
     @property
     def coefficients(self) -> Alphas:
-        """Coefficients for accelerations."""
+        """Coefficients (alpha_m, alpha_f, gamma, beta) of the method for accelerations."""
         raise NotImplementedError
 
     def check(self, system: System) -> None:

@@ -52,7 +52,7 @@ class Alphas:
 
     @property
     def kappa(self) -> float:
-        """Derivative da1/du1'."""
+        """da1/du1', by the equation of the algorithmic accelerations."""
         return (1 - self.f) / (1 - self.m)
 
     @property
@@ -107,7 +107,7 @@ class AlphaStep:
     # -- the equations of a step
 
     def _begin(self, h: float) -> None:
-        """Parts of the step that do not depend on its unknowns."""
+        """Compute the terms of the equations of a step of h (s) that do not depend on its unknowns."""
         A, B, y, yp, self._h = self.A, self.B, self.y, self.yp, h
         part = (A.f * yp[self.u] - A.m * self.a) / (1 - A.m)
         self._part = part
@@ -199,7 +199,7 @@ class AlphaStep:
         return blocks
 
     def _pattern(self) -> tuple[Entries, Searches]:
-        """Sparsity pattern of dF/dx, and how pivots are sought."""
+        """Sparsity pattern of dF/dx, and the functions that seek an order of elimination."""
         m, pattern = len(self._x), self.system.sparsity if self.system.pattern is None else self.system.pattern
         if pattern is None:
             return Entries.full(m), ()

@@ -28,7 +28,7 @@ OBJECT = "object"
 
 
 def snapshot(method: Any) -> Tree:
-    """The state of a method as a tree of plain values."""
+    """The state of a method (an object that makes steps) as plain values and arrays in nested dictionaries and lists."""
     return _of_object(method, set())
 
 
@@ -62,7 +62,7 @@ def _of_value(value: Any, seen: set[int], native: bool) -> Tree:
 
 
 def go_back(method: Any, state: Tree) -> None:
-    """Set the state of a new method to a stored one."""
+    """Set the state of a new method to a stored one, so that it makes the same steps as the method that was stored."""
     kept = state[OBJECT]
     if hasattr(method, "snapshot"):
         method.go_back(kept)
@@ -88,7 +88,7 @@ def _go_back_inside(there: Any, kept: Tree) -> None:
 
 
 def _put(thing: Any, name: str, value: Tree) -> None:
-    """Set an attribute; arrays are filled in place, because C and other objects have their address."""
+    """Set an attribute of `thing`; arrays are filled in place, because C code and other objects have their address."""
     there = getattr(thing, name, None)
     if isinstance(there, np.ndarray) and isinstance(value, np.ndarray) and there.shape == value.shape and there.flags.writeable:
         there[...] = value

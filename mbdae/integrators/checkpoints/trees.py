@@ -21,7 +21,7 @@ class DamagedError(Exception):
 
 
 class NotPlainError(Exception):
-    """A value that a tree cannot hold."""
+    """A value is none of the plain values and arrays that a tree can hold."""
 
 
 def write_tree(path: Path, tree: Tree) -> None:

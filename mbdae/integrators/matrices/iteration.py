@@ -48,7 +48,7 @@ class IterationMatrix(Matrix):
         return found
 
     def refresh(self, t: float, y: Array, yp: Array) -> None:
-        """Evaluate dF/dy and dF/dy'."""
+        """Evaluate dF/dy and dF/dy' at (t, y, y')."""
         values = self.system.jacobian_parts if self.system.pattern is None else self.system.jacobian_values
         self.fy[:], self.fyp[:] = (part.ravel(order="F") for part in values(t, y, yp))
 

@@ -105,7 +105,8 @@ class Adaptive:
         return made
 
     def _kept(self, watch: StepWatch, made: Made, before: Any) -> int:
-        """Number of steps that can be stored; the others are undone."""
+        """Number of the steps `made` that can be stored; the method goes back to the end of the last of these. before: state of
+        the step control before these steps."""
         loop, closely = self.loop, self.rows == 1
         count, calm = len(made.t), len(made.t) - (made.code == LOOK)
         times, states = np.concatenate([[loop.t], made.t]), np.concatenate([loop.state[0][None], made.y])

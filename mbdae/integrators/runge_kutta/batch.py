@@ -128,7 +128,7 @@ class _Points:
 
     @contextmanager
     def restored(self) -> Iterator[None]:
-        """Context after which the system has its own numbers again."""
+        """Context after which the laws of the system have their own parameters again."""
         before = None if self.at is None else self.at.W[self.at.slots]
         try:
             yield
@@ -142,7 +142,7 @@ class _Points:
             self.at.W[self.at.slots] = self.values[i]
 
     def system(self, system: System, i: int) -> System:
-        """The system with the start and the numbers of point i."""
+        """The system with the start and the parameters of laws of point i."""
         self.take(i)
         rate = np.empty(system.n)
         system.rhs(system.t0, self.starts[i], rate)
@@ -216,7 +216,7 @@ class _Run:
             raise raised
 
     def _alone(self, i: int) -> None:
-        """Run one point by itself."""
+        """Run point i as a single run; its values, or the message of its failure, are stored."""
         self.y[i], self.last[i] = np.nan, np.nan
         left = None if self.asked.max_wall is None else self.asked.max_wall - (time.perf_counter() - self.wall)
         try:
@@ -231,7 +231,7 @@ class _Run:
         self.counts[:, i] = found.stats.steps, found.stats.rejected, found.stats.residuals
 
     def _look(self, done: int, ended: bool = False) -> None:
-        """Check the wall time, and report progress."""
+        """Check the wall time, and report that `done` points are done; ended: whether the time is known to be used up."""
         self.done, spent = done, time.perf_counter() - self.wall
         if ended or (self.asked.max_wall is not None and spent > self.asked.max_wall and done < len(self.points)):
             how_far = f"{done} of {len(self.points)} points are done"

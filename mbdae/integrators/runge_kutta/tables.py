@@ -80,7 +80,7 @@ class CollocationTable:
         return np.eye(len(self.c))[-1] if self.stiffly_accurate else np.asarray(self.b @ self.A_inv)
 
     def _blocks(self) -> Array:
-        """(s, s) real block-diagonal form of A_inv."""
+        """Real block-diagonal form (s, s) of A_inv, a block of 2 by 2 for every complex pair: A_inv = T blocks T_inv."""
         blocks = np.diag(np.concatenate([self.real, np.repeat(self.pairs.real, 2)]))
         for j, value in enumerate(self.pairs):
             k = len(self.real) + 2 * j

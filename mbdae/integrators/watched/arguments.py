@@ -22,7 +22,7 @@ FLAT, STEEP, SATURATED = 25.0, 40.0, 9.0
 LOGARITHMS = (-90.0, 40.0)
 #: an extremum between points may exceed the value at the nearest point by this fraction of the difference to the point beside it
 BEYOND = 0.5
-#: smallest possible change of PHI between the nearest point and an extremum for which the extremum is located
+#: an extremum is located where the scaled argument PHI may differ by more than this between it and the nearest point
 MATTERS = 0.25
 #: an extremum nearer to a kink (argument 0) than this fraction of the argument's change over the step may cross the kink
 MARGIN = 1e-2
@@ -31,7 +31,7 @@ MARGIN = 1e-2
 SECTIONS, ROUNDS, PLACES = 9, 20, 9
 #: a place in the step is located to this fraction of its distance from the start of the step
 EXACT = 1e-3
-SMALL = 1e-3  #: the rate of PHI is its difference quotient over twice this fraction of the step
+SMALL = 1e-3  #: the rate of a scaled argument PHI is its difference quotient over twice this fraction of the step
 ROUND_OFF = 1e-10  #: relative change of an argument up to which the change may be round-off
 TINIEST = 1e-300  #: added to a magnitude before its logarithm is taken, so that it is finite
 
@@ -152,18 +152,18 @@ class StepArguments:
         return self.switches.arguments(self.t + parts * self.h, self.inside(parts))
 
     def stretched(self, U: Array) -> Array:
-        """PHI (k, na) of arguments (k, na)."""
+        """Arguments U (k, na) on their scales PHI, in widths of their functions."""
         out = np.empty_like(U)
         for stretch, columns in self._by_kind:
             out[:, columns] = stretch(U[:, columns])
         return np.asarray(out * self._weights)
 
     def stretch(self, i: int, u: Any) -> Any:
-        """PHI of values of argument i."""
+        """Values u of argument i on its scale PHI, in widths of its function."""
         return STRETCHES[self.switches.kinds[i]](u) * self._weights[i]
 
     def rate(self) -> float:
-        """Largest rate of a PHI at the end of the step, 1/s."""
+        """Largest rate of a scaled argument PHI at the end of the step, in widths per second."""
         return float(np.max(np.abs(self._ends[2] - self._ends[3]))) / (2 * SMALL * self.h)
 
     def suspects(self, limit: float) -> Any:

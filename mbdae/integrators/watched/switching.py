@@ -16,8 +16,8 @@ from mbdae.integrators.solution import Stats
 from mbdae.integrators.watched.arguments import MARGIN, Course, Inside, StepArguments
 from mbdae.system.base import Array, System
 
-#: largest variation of PHI: LIMIT over an accepted step, REACH over the next step (predicted by the rate of PHI), AGAIN over a
-#: step that is repeated
+#: largest variation of a scaled argument PHI: LIMIT over an accepted step, REACH over the next step (predicted by the rate of
+#: PHI), AGAIN over a step that is repeated
 LIMIT, REACH, AGAIN = 2.5, 1.0, 1.25
 #: number of times a step is repeated with a shorter length at one place before it is accepted
 RETRIES = 10
@@ -69,7 +69,7 @@ class SwitchingSteps:
         return part * h
 
     def keep(self) -> None:
-        """Accept the step, and bound the next one."""
+        """Accept the step, and bound the next one by the rate at which arguments vary at its end."""
         self._retries, self._reached, self._goal = 0, self._goal, -1
         rate, U = self.arguments.rate(), self.arguments.at_nodes
         self._bound = REACH / rate if rate > 0 else inf

@@ -92,7 +92,7 @@ class StepWatch:
         return 1, inf
 
     def keep(self) -> None:
-        """Accept the step."""
+        """To be called when a step is accepted."""
         for part in (self.contacts, self.switching):
             if part is not None:
                 part.keep()

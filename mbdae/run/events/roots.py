@@ -64,7 +64,7 @@ def zeros(function: Callable[[Array], Array], edges: Array, touch: float = 0.0, 
     near = max(pieces.noise, touch * pieces.size)
     found = sorted(_inside(pieces, near) + _at_edges(pieces, near))
     begin, end = float(edges[0]), float(edges[-1])
-    found = [root for root in found if root.before or root.after or root.time in (begin, end)]  # not inside of stretches of 0
+    found = [root for root in found if root.before or root.after or root.time in (begin, end)]  # none inside a stretch of zeros
     alone = np.isin([root.time for root in found], np.zeros(0) if switched is None else switched)
     return Zeros(_merged(found, alone, function, SAME * (end - begin), near if merge else pieces.noise), pieces.noise)
 
@@ -119,7 +119,7 @@ def _shortened(c: Array, part: float) -> Array:
 
 
 def _sign(signs: Array) -> int:
-    """The first sign that is not 0."""
+    """The first of the signs (-1, 0, 1) that is not 0; 0 where all are."""
     return next((int(s) for s in signs if s), 0)
 
 
