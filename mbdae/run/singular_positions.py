@@ -21,9 +21,8 @@ NEAR = 0.3  #: ratio of the smallest singular value to its median over the run b
 #: the singular values of the LAST steps before a run stopped are compared with those at BEFORE times of the whole run
 LAST, BEFORE = 5, 20
 SINGULAR = 1e-3  #: ratio of the smallest singular value before a stop to its median, below which the position counts as singular
-#: a prescribed value counts as the cause where, without its row, the smallest singular value is more than this many times as
-#: large
-RELEASED = 10.0
+#: a prescribed value counts as the cause where, without its row, the smallest singular value is this many times as large
+RELEASED = 3.0
 UNCONTROLLED = 1e-6  #: violation that a run without a tolerance is assumed to resolve
 GOLDEN = (5**0.5 - 1) / 2
 

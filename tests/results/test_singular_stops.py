@@ -78,5 +78,5 @@ def test_a_value_beyond_reach_in_a_large_scene(count):
     for i in range(count):
         linkage(s, f"L{i} ", 1.0, 1.3, 2.0, 5.0 * i)
     linkage(s, "T ", 1.5, 1.2, 2.0, -5.0, angle=mb.t)
-    with pytest.raises(mb.SolverError, match="the loop closed by 'T D' .* cannot follow what is prescribed for 'T A'"):
+    with pytest.raises(mb.SolverError, match=r"the loop closed by 'T D' .* cannot follow what is prescribed for 'T A'"):
         s.simulate(2.0, 1e-4, solver=mb.RadauIIA(3))
