@@ -19,7 +19,7 @@ class TightestRun:
     label: str
     asked: str
     rtol: float | None
-    values: Array  #: compared values (nt, ...)
+    values: Array  #: values (nt, ...) of the run that are compared
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ FURTHER = ("#882255", "#999933", "#44AA99", "#661100", "#6699CC", "#AA4499", "#7
 PANELS = (("cpu_s", "CPU time [s]"), ("residuals", "residual evaluations"))
 FRONT = "filled: no other run is both cheaper in CPU time and more accurate, and the error is above the reference's uncertainty"
 BELOW = "below the reference's own uncertainty"
-LETTERS = 13.5  #: number of letters of small text per inch
+LETTERS = 13.5  #: number of characters of small text per inch, by which legend entries are wrapped
 
 
 def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -> Any:
@@ -49,7 +49,8 @@ def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -
 
 
 def inline_svg(w: ComparisonData, stacked: bool, title: str, name: str) -> str:
-    """The diagram as an <svg> element for a page; title: its text for screen readers; name: start of the ids in it."""
+    """The diagram as an <svg> element for a page. stacked: whether its panels are one below the other; title: its text for screen
+    readers; name: prefix of the ids in it, so that two diagrams on a page have different ones."""
     import matplotlib
 
     out = io.StringIO()

@@ -23,7 +23,8 @@ FLOOR = 1e-11
 
 @dataclass(frozen=True)
 class Reference:
-    """The run against which errors are measured. `difference`: of the second method from it, in the unit of the measure."""
+    """The run against which errors are measured. difference: largest difference of the second method's run from it, in the unit
+    of the measure; None without a second method."""
 
     label: str
     accuracy: float | None

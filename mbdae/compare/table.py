@@ -84,7 +84,7 @@ def pairwise_cells(w: ComparisonData) -> list[tuple[str, ...]]:
 
 
 def environment_line(w: ComparisonData) -> str:
-    """Sentence on CPU time spent, versions and machine."""
+    """A sentence on the CPU time that the comparison took, versions and machine."""
     versions = ", ".join(f"{name} {value}" for name, value in w.environment.items() if name not in ("machine", "cpus"))
     return (f"{w.total_cpu_s:.1f} s of CPU time, {w.cpu_s:.1f} s of it in solvers; {versions}; "
             f"{w.environment['machine']}, {w.environment['cpus']} CPUs")  # fmt: skip

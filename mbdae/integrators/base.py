@@ -105,7 +105,8 @@ class Solver(ABC):
 
     @abstractmethod
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
-        """Interpolant over the accepted steps t (m+1,), y and yp (m+1, n), with one piece per step."""
+        """Interpolant over the accepted steps t (m+1,), y and yp (m+1, n), with one piece per step: what `integrate` gave to
+        `loop.accept`."""
 
     def factor(self, form_label: str) -> float:
         """rtol over accuracy in a form; where that was not measured, the smallest ratio measured."""
@@ -225,7 +226,7 @@ class Solver(ABC):
             self._stretch(loop, None)
 
     def _stretch(self, loop: StepLoop, h0: float | None) -> None:
-        """Call `integrate` once, unless an earlier process has made these steps."""
+        """Call `integrate` once, unless the steps of this call were made by an earlier process and stored on disk."""
         if not loop.made_before():
             self.integrate(loop.system, loop, h0)
             loop.ended()
@@ -313,7 +314,7 @@ def set_tolerances(solver: Any) -> None:
 
 
 def _magnitudes(value: Any) -> float | tuple[float, ...]:
-    """One positive number, or several."""
+    """Read atol: one positive number, or a sequence of them as a tuple."""
     if not several(value):
         return number(value, above=0)
     return tuple(sequence(value, number, above=0)) or number(value)

@@ -43,7 +43,7 @@ class Collocation:
         """y (k, n) at times (k,)."""
         i, theta = self._locate(times)
         found = self._combine(i, self.table.values(theta), self.y)
-        last = theta == 1  # the exact end of a step, where polynomials of high degree have round-off
+        last = theta == 1  # at the end of a step the stored value is returned, because a polynomial of high degree adds round-off
         if last.any() and len(self.t) > 1:
             found[last] = self.ends[i[last]]
         return found
@@ -97,7 +97,8 @@ def inside_of(table: CollocationTable, starts: Array, increments: Array) -> Call
 
 
 def cubic(stages: int, h: float, start: tuple[Array, Array], end: tuple[Array, Array]) -> Array:
-    """Increments (stages - 1, n) at the inner nodes, on the cubic through y and y' at both ends of a step of h."""
+    """Increments (stages - 1, n) of y from the start of a step of h (s) to the inner nodes of Radau IIA, on the cubic through y
+    and y' at both ends; start, end: (y, y')."""
     c = radau_table(stages).c[:-1, None]
     (y0, rate0), (y1, rate1) = start, end
     return np.asarray(c**2 * (3 - 2 * c) * (y1 - y0) + h * c * (1 - c) * ((1 - c) * rate0 - c * rate1))

@@ -77,7 +77,7 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
     first = h
     best: Halved | None = None
     failures, confirmed = 0, inf
-    most = 1 if system.guard_jumps else solver.order  # steps across a jump of the force are of order 1
+    most = 1 if system.guard_jumps else solver.order  # where contact forces jump, steps across the jump are of order 1
     order, earlier = float(min(most, BELIEVED)), (inf, inf)
     while runs - failures < RUNS:
         now = solver.with_step(h)
@@ -169,6 +169,6 @@ def _too_dear(best: Halved, h: float, span: float, accuracy: float) -> SolverErr
 
 
 def _up(value: float) -> str:
-    """A positive number with one digit, rounded up."""
+    """A positive number rounded up to one significant digit, as text."""
     power = 10.0 ** floor(log10(value))
     return f"{ceil(value / power * (1 - 1e-12)) * power:.0e}"

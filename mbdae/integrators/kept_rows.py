@@ -22,7 +22,7 @@ from mbdae.system.base import Array
 
 BLOCK = 1000  #: number of single rows that are collected before they become part of a block
 SPARE = 8  #: a block that is full grows by 1 / SPARE of its rows more than needed, so that it is not resized for every row
-FEW = 8  #: largest number of rows that `extend` adds one by one instead of to a block
+FEW = 8  #: up to this number of rows `extend` adds rows one by one to `tail`, not as a block
 IN_MEMORY = 2**24  #: bytes of memory that each array of a run (y, y', ...) may take before its rows are written to disk
 
 
@@ -170,7 +170,7 @@ class Rows:
 
     @property
     def _of_arrays(self) -> bool:
-        """Whether there are rows, all of them arrays."""
+        """Whether there are rows, and all of them are arrays."""
         rows = [row for block in (*self._blocks, self.tail) if isinstance(block, list) for row in block]
         return bool(self._chunks or self._blocks or rows) and all(isinstance(row, np.ndarray) for row in rows)
 
@@ -192,7 +192,7 @@ class Rows:
             for part in parts:
                 part.tofile(file)
         found = np.load(whole, mmap_mode="r")
-        self._remove()  # the mapped file remains readable
+        self._remove()  # the folder is removed here where the system allows that (Linux); the mapped file remains readable
         self._chunks, self._folder = [], None
         return np.asarray(found)
 

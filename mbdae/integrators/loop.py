@@ -47,7 +47,8 @@ class StepLoop:
         #: factor on the longest step during an impact
         self.impacts = impacts
         self.record = record
-        self._planned, self._before = False, (0.0, 0.0)  # CPU and wall time (s) of this run in earlier processes
+        # whether the present stretch ends for a planned restart; CPU and wall time (s) of this run in earlier processes
+        self._planned, self._before = False, (0.0, 0.0)
         self.system, self.solver, self.t_end, self.run_end = system, solver, t_end, t_end
         self.stats = Stats()
         self._output_times = output_times
@@ -110,7 +111,7 @@ class StepLoop:
 
     def _interrupted(self, error: KeyboardInterrupt | SystemExit) -> None:
         """Attach the solution so far to an exception that ends the process (Ctrl-C, or one raised by a user's handler)."""
-        whole = len(self._pieces) + 1  # without a step that was stored only in part
+        whole = len(self._pieces) + 1  # a step of which only t or y was stored when the exception came is dropped
         del self._t[whole:]
         where = f"{self.solver.label} was interrupted at t = {self.t:.9g} of {self.run_end:.9g}"
         interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", self.solution())
@@ -120,7 +121,8 @@ class StepLoop:
         self.stats.cpu_s = time.process_time() - self._cpu + self._before[0]
 
     def accept(self, t: float, y: Array, yp: Array, piece: Any = None) -> bool:
-        """Store a step (arrays are not copied); False where the loop has to end."""
+        """Store a step that ends at (t, y, yp), arrays that are not copied; False where the method has to stop. piece: data of
+        the step for `Solver.dense`."""
         h = t - self._t[-1]
         stats = self.stats
         if t < self.t_end or stats.steps == 0:
@@ -153,7 +155,8 @@ class StepLoop:
         return self.t < self.t_end and not self._may_stop() and not self._begins_anew()
 
     def _may_stop(self) -> bool:
-        """Whether the run may end early; checked whenever the number of steps has grown by a third."""
+        """Whether the run may end early, by the function `stop` of `Asked`; called whenever the number of steps has grown by a
+        third."""
         if self._stop is not None and not self.stopped and len(self._t) >= self._next_look:
             self._next_look = len(self._t) * 4 // 3
             self.stopped = self._stop(self.solution())
@@ -329,7 +332,7 @@ class StepLoop:
         return Solution(t, y, yp, outputs, self.stats, self.solver, names, complete, interpolant, tuple(self._systems))
 
     def _interpolant(self, t: Array, y: Array, yp: Array, pieces: Any) -> Interpolant:
-        """The polynomials of all steps; a step that ends at a break has the values before the break at its end."""
+        """The interpolant over all steps; a polynomial that ends at a break has the values before the break there."""
         ends = [*self._breaks, len(t) - 1]
         parts, first = [], 0
         for last in ends:

@@ -52,7 +52,8 @@ class SecondMethod:
         return float(np.max(self._measure(times, a(times), b(times))))
 
     def tell(self, estimate: float, distance: float, accuracy: float) -> None:
-        """Warn where the second method contradicts an estimate, and where it failed to confirm it."""
+        """Warn where the `distance` of a run from the second method contradicts its `estimate`, and where the second method
+        failed."""
         name = self._solver.label
         if self._failed:
             warnings.warn(f"{name}: its runs agree with each other, but no second method could confirm them ({self._failed})",

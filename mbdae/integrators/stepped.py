@@ -30,7 +30,7 @@ class Stepped(Solver):
 
     @property
     def by_steps(self) -> bool:
-        """True: an accuracy is reached by shorter steps."""
+        """True: these methods reach an accuracy by shorter constant steps."""
         return True
 
     def _set_step(self) -> None:

@@ -32,7 +32,7 @@ def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
     """All warnings about a run, and whether it is reliable; drifts: whether its constraints are imposed on accelerations only
     (index 1)."""
     known, timed = found.info.accuracy, bool(expressions_of(found.prepared.model))
-    times = run.solution.t if timed else found.t  # a short input may act between two outputs
+    times = run.solution.t if timed else found.t  # at all steps, since a short input of time may act between outputs
     few = times is found.t and len(times) <= ENERGY_SAMPLES
     contact = reliability(found if few else found(times[:: len(times) // ENERGY_SAMPLES + 1]), run)
     singular = singular_passages(found, known.asked)

@@ -1,4 +1,4 @@
-"""Runs of one scene from many starts, or with many values of its numbers, each with an estimate of its error."""
+"""Runs of one scene from many starts, or with many values of parameters of laws, each with an estimate of its error."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ COMPARED = 32  #: number of times, besides the outputs, at which a run is compar
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """names (n,): of the unknowns; batch: the runs at the outputs; estimate (k,): estimated error of each, nan where it failed;
-    warnings: by point number, a sentence where the accuracy is missed or the run failed."""
+    """Runs of k points. names (n,): of the unknowns; batch: values at the outputs; estimate (k,): estimated error of each run,
+    nan where it failed; warnings: {number of a point: sentence} where the accuracy is missed or the run failed."""
 
     names: tuple[str, ...]
     batch: Batch
@@ -107,7 +107,7 @@ class Batches:
         begin, accuracy = time.perf_counter(), self.accuracy
 
         def solved(rtol: float, some: NDArray[np.intp] | None = None) -> Batch:
-            """Run some of the points at a tolerance."""
+            """Run the points `some` (None: all) at a tolerance."""
             left = None if max_wall is None else max(max_wall - (time.perf_counter() - begin), 1e-9)
             given = {name: _some(np.atleast_1d(v), some) for name, v in (numbers or {}).items()}
             own = None if starts is None else _some(np.atleast_2d(starts), some)
@@ -141,13 +141,13 @@ def _some(values: Any, some: NDArray[np.intp] | None) -> Any:
 
 
 def _rows(batch: Batch, some: NDArray[np.intp]) -> Batch:
-    """A batch with some of the points only."""
+    """The points `some` (indices) of a batch."""
     rows = {name: getattr(batch, name)[some] for name in ("y", "last", "steps", "rejected", "evaluations")}
     return replace(batch, errors=tuple(batch.errors[i] for i in some), **rows)
 
 
 def _with(batch: Batch, other: Batch, some: NDArray[np.intp]) -> Batch:
-    """A batch with some points replaced by those of another batch."""
+    """A batch whose points `some` (indices) are replaced by those of another batch, in their order."""
     rows = {name: getattr(batch, name).copy() for name in ("y", "last", "steps", "rejected", "evaluations")}
     errors = list(batch.errors)
     for j, i in enumerate(some):

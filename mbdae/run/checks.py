@@ -27,7 +27,7 @@ from mbdae.system.prepare import FORESIGHT, Prepared, prepare
 
 #: a joint whose point is off a rigid link that it holds by more than this fraction of the link's length is reported
 OFF = 0.01
-#: what `Check.unknowns` counts, in the singular
+#: singular of the words for what `Check.unknowns` counts, for the printed check
 _ONE = {"positions": "position", "velocities": "velocity", "states": "state", "multipliers": "multiplier", "stresses": "stress"}
 
 
@@ -99,7 +99,7 @@ class Check(ListsAttributes):
 
     @property
     def recursive(self) -> tuple[str, ...]:
-        """Names of joints whose coordinates are the only unknowns of the body they carry."""
+        """Names of recursive joints: the body that such a joint carries has no unknowns but the joint's coordinates."""
         return tuple(c.name for c in self.prepared.model.recursive)
 
     @property
@@ -120,7 +120,8 @@ class Check(ListsAttributes):
 
     @property
     def kept_coordinates(self) -> dict[str, str]:
-        """Kinematic joints whose coordinates are unknowns nevertheless, each with the reason."""
+        """Joints with the kinematic model, which has no coordinates as unknowns, that have them all the same, each with the
+        reason."""
         found = {}
         for c in self.prepared.model.scene.joints:
             if c.kept and not isinstance(c.model, Classical | Recursive):

@@ -80,7 +80,7 @@ def reversing(prepared: Prepared, run: Solution) -> Iterator[tuple[str, float]]:
 
 
 def refuse_unresolved(prepared: Prepared, solver: Solver) -> None:
-    """OptionError for a tolerance that cannot resolve contact or friction, with the value that can."""
+    """Raise OptionError where the rtol of a solver is too large to resolve contact or friction, with the largest that does."""
     wanted, rtol = largest_tolerance(prepared, solver), solver.rtol
     tightest = solver.tightest.get("GGL", solver.tightest[""])
     for contact in prepared.contacts:

@@ -49,8 +49,8 @@ CLOSER = 0.4
 CLOSER_IMPACTS = 0.5
 UNKNOWN = "the run attached (rtol = {:g}) is complete, its error is not known"
 UNTESTED = "the run attached is complete; whether its steps leave out fast vibrations was not tested"
-CRAWL = 10  #: a run is stopped above this many times the residual evaluations of its companion
-CUT = 100  #: residual evaluations allowed in addition for every step that inputs of time cut short
+CRAWL = 10  #: a run is stopped, as too expensive, after this many times the residual evaluations of its companion
+CUT = 100  #: number of residual evaluations allowed in addition for every step that inputs of time make shorter
 CHAOTIC = 2.0  #: with contact: a run is not repeated after two repeats lowered its estimate by less than this factor
 CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic and not predictable beyond "
          "some time; rely on energies, forces and statistics, or on a shorter run")  # fmt: skip
@@ -86,7 +86,7 @@ class Controlled:
     hidden: tuple[Hidden, ...] = ()
 
     def after(self, runs: int, cpu_s: float) -> Controlled:
-        """The run with the number and CPU time (s) of other runs added to its own."""
+        """The same run, with a number of other runs and their CPU time (s) added to `runs` and `cpu_s`."""
         return replace(self, runs=self.runs + runs, cpu_s=self.cpu_s + cpu_s)
 
 
@@ -96,7 +96,7 @@ def cpu_of(error: SolverError) -> float:
 
 
 def measure_of(system: System, prepared: Prepared | None) -> Measure:
-    """The function that measures the distance between two trajectories of a system."""
+    """The function that measures the distance between two trajectories of a system: of motions for a scene, else of unknowns."""
     if prepared is not None and isinstance(system, SceneSystem):
         return partial(distance, prepared)
     return lambda t, a, b: scaled_distance(system, a, b)
@@ -156,7 +156,7 @@ def _with_hidden_contacts(system: System, prepared: Prepared | None, solver: Sol
 
 def _controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
                 outputs: Array, made: list[Run]) -> Controlled:  # fmt: skip
-    """`run_controlled` by one method; the last runs and their tolerances are kept in `made`."""
+    """`run_controlled` without the search for hidden contacts; the last runs and their tolerances are left in the list `made`."""
     measure = measure_of(system, prepared)
     if solver.by_steps:
         found = halved(solver, system, asked, accuracy, measure, second_method(solver, system, asked, accuracy, measure))
@@ -237,8 +237,8 @@ def _cuts(system: System, solver: Solver, end: float) -> int:
 
 
 def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controlled, list[Run]]:
-    """Companions of the first run at a tolerance: the last one, and all with their tolerances, the largest first. A companion
-    that fails is left out, unless it is the last."""
+    """Make the companions of the run `tight`, with larger tolerances. Returns the last one, and all with their tolerances, the
+    largest first. A companion that fails is left out; the last one must not fail."""
     rtols = [min(tight.tolerance * multiple, LOOSEST) for multiple in companions(system, tight)]
     made: list[Run] = []
     cpu = 0.0

@@ -102,8 +102,9 @@ class Defect:
         return (np.arange(count) + 0.5 + JITTER * (by - 0.5)) / count
 
     def _outstanding(self, limit: float) -> Any:
-        """Steps in which the defect at a single point stands out, for scenes without possible short events: half of the points
-        are spread evenly over time, so that long steps get more, the other half over the steps."""
+        """Numbers of the steps in which the defect at a single point is far larger than elsewhere (OUTSTANDING) and its effect is
+        above the limit; for scenes without possible short events. Half of the points are spread evenly over time, so that long
+        steps get more, the other half evenly over the steps."""
         t, budget = self.run.t, SHARE * self.run.stats.residuals
         count = min(int(budget * SINGLE), MOST)
         if count < FEWEST:
@@ -144,7 +145,8 @@ class Defect:
         F, y, yp = (a.reshape(*times.shape, -1) for a in self._residual(times.ravel()))
         smooth, rest = integrals(inside)
         right = (rest if self.rough else smooth + rest) @ F
-        if not self.rough or len(inside) == 1:  # rows without derivatives hold at every point, so their defect is not integrated
+        # rows without derivatives must hold at every point: their defect itself counts, not its integral
+        if not self.rough or len(inside) == 1:
             right[..., self._algebraic] = F[..., self._algebraic]
         moved = np.empty_like(y)
         for first in range(0, len(steps), BLOCK):

@@ -26,7 +26,7 @@ SAMPLES = 200  #: number of steps of a run at which constraint rows are evaluate
 
 
 def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[str]:
-    """A warning where the energy balance drifts; none if the run met its accuracy and has dissipation or drives.
+    """A warning where the energy balance drifts; none if the run met its accuracy and energy is dissipated or supplied.
 
     Constant steps, contacts and friction have a check of their own (`reliability`). Beams lose the energy of vibrations that long
     steps damp away (`lost_vibrations`), so that with beams only BDF is checked."""

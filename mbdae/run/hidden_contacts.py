@@ -58,7 +58,7 @@ class _Intervals(NamedTuple):
     b: Array
     left: Array
     right: Array
-    doubt: Array  #: distance (k,) by which a gap may differ from its cubic
+    doubt: Array  #: distance (k,) by which the gap in an interval may differ from the cubic through both ends
 
     def chosen(self, which: Any) -> _Intervals:
         """The intervals that a mask or an array of indices selects."""

@@ -83,7 +83,7 @@ class Job:
             system = system.strictly(strict)
         with self._attaching(solver):
             if not solver.fixed and solver.rtol is None and getattr(solver, "atol", None) is not None:
-                solver = solver.at_accuracy(self.accuracy, system.label)  # the user set atol: run once, with rtol chosen to match
+                solver = solver.at_accuracy(self.accuracy, system.label)  # atol is the user's: one run, with the usual rtol
             if solver.fixed or solver.rtol is not None:
                 with python_warnings.catch_warnings(record=True) as caught:
                     python_warnings.simplefilter("always", AccuracyWarning)
@@ -205,7 +205,7 @@ class Job:
             made = Result(self.prepared, run.solution, info, times)
             found = kept_value(lambda: assessed(made, run, self.form.label == "Index1"), tuple, lambda kept: Assessment(*kept))
             known = found.within(known)
-            if found.reliable and not found.singular:  # otherwise the run has a warning already
+            if found.reliable and not found.singular:  # else a warning already says that the run is not to be relied on
                 missed = kept_value(lambda: rechecked(self.prepared, self.form, self._system(run.solver), run, known.asked),
                                     asdict, Rechecked.again)  # fmt: skip
                 info, known = replace(info, cpu_s=info.cpu_s + missed.cpu_s), missed.within(known)
@@ -217,7 +217,8 @@ class Job:
 
     @contextmanager
     def _attaching(self, solver: Solver) -> Iterator[None]:
-        """Where a run fails or is interrupted inside, attach its computed part to the error as a Result."""
+        """Context in which a run is made: where it fails or is interrupted, what was computed is attached to the error as a
+        Result."""
         try:
             yield
         except (SolverError, KeyboardInterrupt, SystemExit) as error:

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbdae.results.result import Result
 
-UNEQUAL = 1e-3  #: bound of largest over smallest length within an element, minus 1, above which there is a warning
+UNEQUAL = 1e-3  #: largest relative difference of the quaternion lengths in one element without a warning
 SAMPLES = 200  #: number of steps of the run at which lengths are compared
 
 

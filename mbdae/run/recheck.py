@@ -28,7 +28,7 @@ BUDGET = 3000  #: largest number of residual evaluations of the fine run between
 BETWEEN = 8  #: number of times, between two such points, at which the run and the fine run are compared
 MOST = 5  #: largest number of suspicious steps of a run that are integrated again
 SHORTER = 0.8  #: ratio of the step proposed in the warning to the longest one that would resolve the short event
-WARNED = 3.0  #: ratio of a difference to the allowed one above which there is a warning
+WARNED = 3.0  #: a warning is given where a difference is more than this many times the accuracy of the run
 UNCONTROLLED = 1e-6  #: accuracy assumed for runs with constant steps
 
 
@@ -62,7 +62,8 @@ class FineRun:
         return worst
 
     def _system(self, t: float, y: Array) -> SceneSystem:
-        """The equations with a consistent start at a state of the run."""
+        """The equations that start at the time t (s) with the state y (n,) of the run, and with consistent accelerations and
+        multipliers."""
         p, at = self.prepared, np.array([t])
         q, u, s = p.states(at, y[None])
         a, multipliers = p.mechanics.accelerations(at, q, u, s)
@@ -92,7 +93,7 @@ class Contradiction:
 
     @classmethod
     def of(cls, run: Solution, suspect: Suspect, difference: float) -> Self:
-        """A contradiction from a suspect and the difference that its fine run showed."""
+        """The contradiction in a suspect step; difference: that of the motion from the fine run."""
         times, step = suspect.times[suspect.large], float(run.t[suspect.step + 1] - run.t[suspect.step])
         begin, end = float(times[0]), float(times[-1])
         return cls(begin, end, step, suspect.equation, difference, (end - begin + step / len(suspect.times)) / 2)
@@ -136,7 +137,8 @@ class Rechecked:
 
 
 def rechecked(prepared: Prepared, form: Form, system: SceneSystem, run: Controlled, asked: float | None) -> Rechecked:
-    """What a run missed between the points at which its solver evaluated the equations; system: the equations it solved."""
+    """Short events that a run missed because its solver did not evaluate the equations there; system: the equations it solved;
+    asked: the accuracy, None where none was asked."""
     begin, solution, solver = time.process_time(), run.solution, run.solver
     if len(solution.t) < 2:
         return Rechecked()

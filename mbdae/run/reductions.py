@@ -30,8 +30,8 @@ from mbdae.system.without_multipliers import WithoutMultipliers
 
 @dataclass(frozen=True)
 class Size:
-    """Size of a system: numbers of unknowns, equations, multipliers (of positions and of velocities), kernels, and operations of
-    kernels for residual and derivatives."""
+    """Size of a system: numbers of unknowns, of equations, of multipliers (lambda and mu), of kernels (compiled functions of
+    laws), and of the arithmetic operations of all kernels for one residual with its derivatives."""
 
     unknowns: int
     equations: int
@@ -100,7 +100,7 @@ def absent(scene: SceneData) -> list[str]:
 
 
 def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, Assembly]]:
-    """Reason of each reduction and the system after it; every system includes the reductions before it."""
+    """(reason of a reduction, system after it) in order; every system includes the reductions before it."""
     spec, model = GGL().for_index(1).spec(), prepared.model
     by_rows = {c.name: "" for c in scene.joints if c.recursive or c.rigid}
 

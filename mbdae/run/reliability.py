@@ -128,9 +128,10 @@ def _of_contact(result: Result, run: Controlled, expected: ExpectedContact) -> l
 
 
 def _finer(run: Controlled, form: str, wanted: float, else_do: str) -> str:
-    """Advice to take a smaller rtol, or another one where the solver does not take so small a tolerance."""
+    """Advice in words to take the rtol `wanted`, or, where round-off does not allow so small a one, the smallest allowed or
+    `else_do`."""
     least = run.solver.tightest.get(form, run.solver.tightest[""])
-    if least <= 3 * wanted:  # there is no warning up to three times what is wanted
+    if least <= 3 * wanted:  # with a tolerance of up to three times the wanted one the warning does not come again
         return f"use rtol = {max(wanted, least):.1g}"
     return f"rtol = {least:.1g}, the smallest it takes, does not resolve that either; {else_do}"
 

@@ -30,7 +30,7 @@ def may_have_short_events(prepared: Prepared, system: SceneSystem) -> bool:
 
 def _inputs(prepared: Prepared, system: SceneSystem) -> bool:
     if system.timeline is not None:
-        return False  # steps are bounded by the width of every input and end at every break
+        return False  # no step is longer than the time scale of an input, and steps end at all breaks
     inputs = prepared.mechanics.numbering.clock.expressions
     return any(se.diff(se.diff(se.diff(se.sympify(e), TIME), TIME), TIME) != 0 for e in inputs)
 

@@ -44,7 +44,7 @@ _NAME = re.compile(r"part(\d+)-(\d+)\.npz")
 
 @dataclass(frozen=True)
 class Points:
-    """The points of a grid: the outer product of the values (of `axes`), or a list (points, names)."""
+    """The points of a grid: all combinations of the values in `axes`, one for each name, or an array `listed` (points, names)."""
 
     names: tuple[str, ...]
     axes: tuple[Array, ...] | None
@@ -142,12 +142,12 @@ class SceneSweep(ListsAttributes):
 
     @property
     def failures(self) -> dict[int, str]:
-        """Why points failed, by their number."""
+        """{number of a point: why it failed}."""
         return {first + i: error for (first, _), part in self._all() for i, error in enumerate(part["errors"]) if error}
 
     @property
     def warnings(self) -> dict[int, str]:
-        """Warnings of points, by their number."""
+        """{number of a point: its warnings}."""
         return {first + int(i): said for (first, _), part in self._all() for i, said in part["warnings"].items()}
 
     def point(self, i: int) -> dict[str, float]:
@@ -243,7 +243,7 @@ def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers:
 
 
 def _check_sent(job: SceneJob) -> None:
-    """Refuse a scene that cannot be sent to other processes."""
+    """Raise OptionError for a scene that cannot be sent (pickled) to other processes."""
     advice = ("define functions and classes of your own at the top level of a file, or pass "
               "executor=concurrent.futures.ThreadPoolExecutor()")  # fmt: skip
     try:

@@ -1,7 +1,9 @@
-"""A sweep over numbers of a scene: native batches where nothing but numbers of laws varies, else a run of its own per point.
+"""A sweep over numbers of a scene: points run in native batches where only parameters of laws vary, else each by a run of its
+own.
 
-Names are those of `mb.extremes` ("crank.mass"): arguments of statements. What a law then reads is found by modelling the scene at
-some of the values: a mass brings the inertia with it. So a point means the same in a batch and as a scene of its own.
+Names ("crank.mass") are arguments of statements of the scene, as for `mb.extremes`. Which parameters of laws ("numbers of laws")
+follow a name is found by modelling the scene at some of its values: a mass changes the inertia too, for example. So a point has
+the same meaning in a batch and as a scene of its own.
 """
 
 from __future__ import annotations

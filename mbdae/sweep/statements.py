@@ -1,4 +1,5 @@
-"""A scene with another number in one of its statements: a scene is data (`mbdae.scene.record`), changed and replayed."""
+"""A scene with another number in one of its statements: the recorded statements (`mbdae.scene.record`) are changed and
+repeated."""
 
 from __future__ import annotations
 
@@ -88,7 +89,7 @@ def _set(call: dict[str, Any], method: str, keys: list[str], value: float, name:
 
 
 def _set_mass(call: dict[str, Any], method: str, value: float) -> None:
-    """Set the mass, and the inertia in proportion: the same body with another density."""
+    """Set the mass of a body, and its inertia in proportion, as for the same body with another density."""
     if method == "rigid_body" and call["mass"]:
         call["inertia"] = (np.asarray(call["inertia"], dtype=float) * (value / call["mass"])).tolist()
     call.pop("mass_per_length", None)
@@ -96,7 +97,8 @@ def _set_mass(call: dict[str, Any], method: str, value: float) -> None:
 
 
 def _set_stiffness(call: dict[str, Any], value: float, name: str) -> None:
-    """Set the spring of a joint, the contact stiffness of a clearance, or EA of a beam with the others in proportion."""
+    """Set the spring stiffness of a joint, the contact stiffness of a clearance, or EA of a beam with its other stiffnesses in
+    proportion."""
     if call.get("spring") is not None:
         holder, key = _alone(_by_coordinate(call, "spring"), name, "spring")
         holder[key] = value
@@ -121,7 +123,7 @@ def _fields(call: Mapping[str, Any], key: str, wanted: Sequence[str], name: str)
 
 
 def _by_coordinate(call: dict[str, Any], option: str) -> list[tuple[dict[str, Any], str]]:
-    """(mapping, key) of every value of a joint's option: one value, or values by coordinate."""
+    """(mapping, key) of every value that a joint's option has: of one value, or of one for each coordinate."""
     stated = call.get(option)
     holder = stated["by"] if isinstance(stated, dict) and "by" in stated else call
     return [(holder, key) for key in ([option] if holder is call else holder) if holder.get(key) is not None]

@@ -47,9 +47,9 @@ class SweepRow:
 
 @dataclass(frozen=True)
 class Sweep(ListsAttributes):
-    """Rows of a sweep in the order of its points; those of a sweep that was interrupted are fewer than `points`.
+    """Rows of a sweep in the order of its points; after an interruption there are fewer rows than `points`.
 
-    axes: name -> values of the outer product, None where a list of points was given.
+    axes: {name: values} where the grid is all combinations of values, None where a list of points was given.
     """
 
     points: tuple[dict[str, Any], ...]
@@ -126,20 +126,21 @@ def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, An
 def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int | None = None, resume: Any = None,
           again: bool = False, progress: Progress | None = None, t_end: float | None = None, accuracy: float = 1e-6,
           outputs: Any = None) -> Sweep | SceneSweep:  # fmt: skip
-    """job(**point) -> dict at every point of a grid; where the job is a scene, its runs to t_end (s) with other numbers.
+    """Call job(**point), which returns a dict, at every point of a grid; where `job` is a scene, run it to t_end (s) at every
+    point.
 
     grid: name -> values (their outer product), or a list of points. executor: None for processes of this machine (`workers`
     of them, one per core by default, each with one BLAS thread), or any executor with the interface of concurrent.futures,
     such as dask.distributed's Client(...).get_executor(). What a job returns are numbers, texts, lists and arrays.
-    An error of a point is kept in its row. Where a worker process ends, its point is computed once more; where that one ends
-    too, the point is a failure. resume: a file that gets every row as it comes; with the same job and grid
-    only what is missing is computed, points whose worker died among it, and with again=True all that failed.
-    progress(done, all) is called after every point. Ctrl-C comes out as KeyboardInterrupt, whose attribute `solution` is the
-    Sweep of the points done. The worker processes end with this one, however it ends.
+    An error at a point is stored in its row. Where a worker process ends, its point is computed once more by another one; where
+    that ends too, the point has failed. resume: a file to which every row is written as soon as it is known. A later call with
+    the same job and grid computes only missing points, those whose worker died, and with again=True all that failed.
+    progress(done, all) is called after every point. Ctrl-C raises KeyboardInterrupt, whose attribute `solution` is the Sweep of
+    the points done. Worker processes end with this process, however it ends.
 
-    Of a scene the names are those of `mb.extremes` ("crank.mass"), accuracy and outputs those of `simulate`, and `resume` is a
-    folder; the result is a SceneSweep, of the unknowns at the outputs. Points are made in native batches where they can be; its
-    `why` says where they cannot.
+    Where `job` is a scene, names are those of `mb.extremes` ("crank.mass"), accuracy and outputs those of `simulate`, and
+    `resume` is a folder; the result is a SceneSweep with the unknowns at the outputs. Points run in native batches where
+    possible; else its `why` has the reason.
     """
     workers = optional("workers", workers, whole, "give the number of processes, 1 or more, or None for one per core",
                        least=1, most=MOST_WORKERS)  # fmt: skip
@@ -215,7 +216,7 @@ def _scalar(value: Any) -> Any:
 
 
 def _check_job(job: Any, points: list[dict[str, Any]]) -> None:
-    """Refuse a job or points that cannot be sent to another process."""
+    """Raise OptionError for a job or points that cannot be sent (pickled) to another process."""
     advice = "move it to the top level of a file, or pass executor=concurrent.futures.ThreadPoolExecutor()"
     inner = job.func if isinstance(job, functools.partial) else job
     if getattr(inner, "__module__", None) == "__main__" and not hasattr(sys.modules["__main__"], "__file__"):

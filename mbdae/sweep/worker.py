@@ -27,7 +27,7 @@ LOOK = 1.0  #: time (s) between two checks whether the parent still runs, in cas
 
 
 class WorkerDiedError(Exception):
-    """A worker ended before it answered; own_fault: by an error or exit of its own, not by a signal."""
+    """A worker process ended before it answered; own_fault: whether by an error or exit of its own, not by a signal."""
 
     def __init__(self, text: str, own_fault: bool) -> None:
         super().__init__(text)
@@ -89,7 +89,8 @@ def _ended(code: int) -> str:
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """Start Python without the working directory on its path: a file random.py there would replace Python's module random."""
+    """Context in which new Python processes start without the working directory on their path, where a file random.py would
+    replace Python's module of this name."""
     before = os.environ.get(SAFE_PATH)
     _set(SAFE_PATH, "1")
     try:
@@ -108,7 +109,7 @@ def _set(name: str, value: str | None) -> None:
 
 @contextmanager
 def _not_interrupted() -> Iterator[None]:
-    """Delay Ctrl-C while a process starts, which would print a traceback of Python's start-up."""
+    """Context that delays Ctrl-C while a process starts, because it would make Python print a traceback of its start-up."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

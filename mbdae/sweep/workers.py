@@ -65,7 +65,8 @@ def _text(error: BaseException) -> str:
 
 
 def with_processes(job: Job, points: dict[int, dict[str, Any]], workers: int | None) -> Done:
-    """Points in worker processes. One whose worker ends is computed once more by another; after that it is a failure."""
+    """Compute points in worker processes. A point whose worker ends is computed once more by another one; if that ends too, the
+    point has failed."""
     payloads = {i: pickle.dumps((job, point)) for i, point in points.items()}
     pool = _Workers(min(workers or os.cpu_count() or 1, len(points)))
     waiting, tried = list(payloads), set[int]()
@@ -144,7 +145,7 @@ class _Workers:
 
 
 def with_executor(executor: Executor, job: Job, points: dict[int, dict[str, Any]]) -> Done:
-    """Points in an executor that the user started and ends."""
+    """Compute points in an executor, which the user has started and will end."""
     waiting = list(points)
     inside: dict[Future[Outcome], int] = {}
     broken = False
@@ -176,7 +177,7 @@ def _found(future: Future[Outcome]) -> Outcome:
 
 
 def _broken(future: Future[Outcome]) -> bool:
-    """Whether the executor broke."""
+    """Whether a future failed because its executor broke, not because of its job."""
     return not future.cancelled() and isinstance(future.exception(), BrokenExecutor)
 
 

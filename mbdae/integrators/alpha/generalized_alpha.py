@@ -47,7 +47,8 @@ class _Alpha(Stepped):
         raise NotImplementedError
 
     def check(self, system: System) -> None:
-        """Refuse systems that are not equations of motion with multipliers as algebraic unknowns."""
+        """Raise OptionError for systems that are not equations of motion, or whose multipliers enter by their derivatives (as GGL
+        for IDA has them)."""
         kinds = [ORDER.index(k) if k in ORDER else -1 for k in system.kinds]
         if "v" not in system.kinds or -1 in kinds or kinds != sorted(kinds):
             raise OptionError(
@@ -61,7 +62,7 @@ class _Alpha(Stepped):
                               f"use the variant with algebraic multipliers, such as mb.GGL(algebraic=True)")  # fmt: skip
 
     def doubts(self, system: System) -> list[str]:
-        """Warnings on these options: known weaknesses of the method with them."""
+        """Warnings about known weaknesses of the method with the present options."""
         if self.rho_infinity < GAINS:
             return []
         less = "rho = 0.6 to 0.8, or HHT with alpha = 0.1 to 0.25"
@@ -121,7 +122,8 @@ class GeneralizedAlpha(_Alpha):
 class HHT(_Alpha):
     """Hilber, Hughes and Taylor: the member of the generalised-alpha family with alpha_m = 0, alpha_f = alpha.
 
-    alpha     0 (Newmark's trapezoidal rule, whose multipliers do not converge in index 3) to 1/3, or -1/3 to 0.
+    alpha     0 (Newmark's trapezoidal rule, whose multipliers do not converge in index 3) to 1/3 (most damping); -1/3 to 0 are
+              the same values with Hughes's sign.
               Its spectral radius for high frequencies is (1 - alpha) / (1 + alpha): 0.74 for 0.15
     step, accuracy  as in GeneralizedAlpha
     """

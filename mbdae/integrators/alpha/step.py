@@ -100,7 +100,8 @@ class AlphaStep:
         self._states, self._straight = ns > 0, np.arange(system.n) >= ends[2]
 
     def revive(self, kept: dict[str, Any]) -> None:
-        """Create the factors, where a stored state `kept` has some, before `go_back` fills them."""
+        """Create an object for the LU factors where the stored state `kept` has factors; `checkpoints.snapshot.go_back` then
+        fills it."""
         if kept["_factors"] is not None:
             self._factors = Factors(Orders(*self._pattern()), float)
 

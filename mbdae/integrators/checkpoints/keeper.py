@@ -21,7 +21,7 @@ PAUSE = 1.0  #: shortest wall time (s) between two checkpoints
 
 
 class Stopping(BaseException):
-    """Ends a process that was asked to end, after its run has been stored."""
+    """Raised to end the process after it was asked to end (SIGTERM) and its run has been stored."""
 
 
 class Keeper:
@@ -67,7 +67,7 @@ class Keeper:
 
     @property
     def due(self) -> bool:
-        """Whether a checkpoint is due."""
+        """Whether a checkpoint is due: PAUSE after the last one, or because the process was asked to end."""
         return self.stop or time.perf_counter() - self._kept_at >= PAUSE
 
     def written(self) -> None:
@@ -100,7 +100,8 @@ class RunFiles:
         self.keeper.written()
 
     def write_chunk(self, i: int, steps: Tree) -> None:
-        """Store steps in file i; `read` returns them only after the next `write`."""
+        """Store steps in the numbered file i. `read` returns them only after the next `write`, which states the number of
+        files."""
         write_tree(self._chunk(i), steps)
 
     def _chunk(self, i: int) -> Path:
@@ -111,13 +112,13 @@ _active: ContextVar[Keeper | None] = ContextVar("keeper", default=None)
 
 
 def active() -> Keeper | None:
-    """The keeper of the present call in this thread, or None."""
+    """The `Keeper` of the present call of `Scene.simulate` in this thread; None where its runs are not stored."""
     return _active.get()
 
 
 @contextmanager
 def keeping_runs(keeper: Keeper | None) -> Iterator[None]:
-    """Context in which every run is stored by the keeper; None: no run is stored."""
+    """Context in which every run of a solver is stored by the keeper; None: no run is stored."""
     token = _active.set(keeper)
     try:
         yield

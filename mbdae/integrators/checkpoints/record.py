@@ -62,7 +62,7 @@ class StepLoop(Protocol):
         """Counts (`Stats`) until now."""
 
     def steps_between(self, first: int, last: int) -> dict[str, Any]:
-        """Steps with numbers from `first` to `last` - 1."""
+        """The arrays of the steps with numbers from `first` to `last` - 1, for a file."""
 
     def solution(self) -> Any:
         """The steps accepted so far."""

@@ -115,7 +115,7 @@ def _is_object(value: Any) -> bool:
 
 
 def _is_loop(value: Any) -> bool:
-    return hasattr(value, "run_end")  # the loop is stored by itself
+    return hasattr(value, "run_end")  # a StepLoop is no part of the state of a method, since `Record` stores its steps
 
 
 def _holds_object(value: Tree) -> bool:

@@ -42,7 +42,7 @@ def dissected(kinds: Sequence[str], entries: Entries) -> Order | None:
     bodies = _pattern(group[joint], np.flatnonzero(joint), n)[: len(seen)] @ touched
     step = np.empty(len(seen))
     step[_divided(bodies @ bodies.T, np.bincount(group[joint]))] = np.arange(len(seen))
-    first = np.full(n, -1.0)  # a body is eliminated just before its first multiplier
+    first = np.full(n, -1.0)  # when a body is eliminated: just before the first of its multipliers; -1 (first of all) without any
     by_body = bodies.tocsc()
     filled = np.flatnonzero(np.diff(by_body.indptr))
     first[filled] = np.minimum.reduceat(step[by_body.indices], by_body.indptr[filled])

@@ -21,7 +21,8 @@ EARLY = 1e-2  #: an order of elimination is sought for a step of this fraction o
 
 
 class IterationMatrix(Matrix):
-    """The iteration matrix for given real and complex lambda: `refresh` sets the point, `factor` sets the step and factorises."""
+    """The iteration matrix for given real and complex lambda (eigenvalues of A^-1 of a collocation method): `refresh` evaluates
+    the Jacobian at a point, `factor` sets the step and factorises."""
 
     def __init__(self, system: System, real: Array, pairs: NDArray[np.complex128]) -> None:
         pattern = system.sparsity if system.pattern is None else system.pattern

@@ -53,7 +53,7 @@ class Adaptive:
         self.rows = min(self.most, ROWS if self.watch is None else FEW)
 
     def run(self, h0: float | None) -> None:
-        """Step until the end, or until the loop stops the run."""
+        """Step to `loop.t_end`, or until the loop ends the run; h0: first step (s), None: chosen here."""
         self.control.h = self.first_step() if h0 is None else h0
         self.control.smallest = 1e-12 * self.control.h
         self.loop.goes_on(self)

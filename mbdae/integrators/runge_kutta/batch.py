@@ -1,4 +1,4 @@
-"""Many runs of the same equations in one native call: from many starts, or with many values of their numbers.
+"""Many runs ("points") of the same equations in one native call: from many starts, or with many values of parameters of laws.
 
 Every point makes the same steps as a single run of DOP853; stages of the interpolant are evaluated only in steps with an output.
 """
@@ -162,7 +162,7 @@ class _Run:
         self.done, self.told = 0, 0.0
 
     def result(self) -> Batch:
-        """Run all points."""
+        """Run all points, and return the batch."""
         self.wall, self.cpu = time.perf_counter(), time.process_time()
         try:
             if self._plain():

@@ -69,7 +69,7 @@ class DOP853(Solver):
 
 
 class _Run:
-    """A run: blocks of steps, or single steps where blocks hide contacts or switches."""
+    """A run with DOP853, in blocks of steps; where a block passed over a contact or switch, in single steps."""
 
     def __init__(self, solver: DOP853, loop: StepLoop, h0: float | None) -> None:
         self.loop, self.system, rtol = loop, loop.system, solver.tolerance
@@ -158,7 +158,7 @@ class _Run:
         loop, (y, yp) = self.loop, self.loop.state
         where, F = "" if self.watch is None else self.watch.nearest(), np.empty(self.system.n)
         text = f"the step fell below the round-off of the time; where the motion is stiff, use mb.RadauIIA(3){where}"
-        for h in (0.0, 1e-9 * (loop.run_end - float(loop.system.t0))):  # at the last state, and just after it
+        for h in (0.0, 1e-9 * (loop.run_end - float(loop.system.t0))):  # F at the last state, and just after it
             self.system.residual(loop.t + h, y + h * yp, yp, F)  # raises an error where accelerations are not determined
             if not np.isfinite(F).all():
                 culprit = self.system.equations[int(np.argmax(~np.isfinite(F)))]

@@ -27,7 +27,7 @@ class Outcome:
 
 
 class StageNewton(Stages):
-    """The `Stages` of a system with counts of the work, and Newton's method with a Jacobian for every stage."""
+    """The stages of a step (`native.collocation.Stages`), to which Newton's method with a Jacobian for every stage is added."""
 
     def __init__(self, system: System, table: CollocationTable, matrix: IterationMatrix, stats: Stats) -> None:
         super().__init__(equations_of(system), table, matrix)

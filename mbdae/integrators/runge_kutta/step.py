@@ -27,8 +27,8 @@ DEPTH = 6
 class Demand:
     """Required accuracy of a step.
 
-    rtol, atol (n,): one unit of every norm is rtol |y| + atol; target: error of Newton's method in this unit;
-    limit: largest number of iterations.
+    rtol, atol (n,): errors are measured in units of rtol |y| + atol; target: largest error that Newton's method may leave, in
+    these units; limit: largest number of its iterations.
     """
 
     rtol: float
@@ -38,9 +38,9 @@ class Demand:
 
 
 class CollocationStep:
-    """The state (t, y, yp) of a run with a collocation method, and everything that one step needs.
+    """The state (t, y, yp) of a run with a collocation method, and the iteration matrix, stages and counts that a step needs.
 
-    estimate: whether error estimates are needed.
+    estimate: whether error estimates are needed; a method without a real eigenvalue then gets a further real factorisation.
     """
 
     def __init__(self, system: System, table: CollocationTable, stats: Stats, demand: Demand, estimate: bool) -> None:
@@ -128,7 +128,7 @@ class CollocationStep:
         return t1, self.y.copy(), self.yp.copy(), inner
 
     def no_rates(self, t: float) -> None:
-        """Raise the system's error where y' at the end of a step cannot be computed."""
+        """Call the right-hand side at the end of a step, where y' could not be computed, so that the system raises its error."""
         self.system.rhs(t, self.y, self.yp)
 
     def renew(self) -> None:

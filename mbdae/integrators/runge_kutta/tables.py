@@ -134,7 +134,7 @@ def radau_table(s: int) -> CollocationTable:
 def _roots(p: Polynomial) -> Array:
     """Real roots of a polynomial, in rising order."""
     x = np.sort(np.asarray(p.roots()).real)
-    for _ in range(3):  # Newton's method improves the eigenvalues of the companion matrix
+    for _ in range(3):  # Newton's method reduces the round-off of the roots, which NumPy finds as eigenvalues of a matrix
         x = x - p(x) / p.deriv()(x)
     return x
 

@@ -23,7 +23,8 @@ REPORT = re.compile(r"\s*\[\w+, Error: -?\d+\]")
 
 
 class PythonMethod(ABC):
-    """The interface of `native.sundials.Method`. Functions called by SUNDIALS use `with self`, which stores their exceptions."""
+    """Base of IDA and CVODE by scikit-sundae, with the interface of `native.sundials.Method`. Functions that SUNDIALS calls run
+    inside `with self`, which stores their exceptions, because they cannot pass through C."""
 
     def __init__(self, system: System, settings: Settings, start: tuple[float, Array, Array]) -> None:
         self.system, self.settings, self.error = system, settings, None
@@ -56,7 +57,7 @@ class PythonMethod(ABC):
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """Numbers of evaluations, of rejected steps, and of Jacobians so far."""
+        """Numbers so far of evaluations of the equations, of rejected steps, and of evaluations of the Jacobian."""
         return self._residuals, self._rejected, self._jacobians
 
     def newest(self) -> tuple[float, Array] | None:
@@ -200,7 +201,7 @@ class CvodeByPython(PythonMethod):
             self.y[:], self.values[:] = y, out
 
     def jacobian(self, t: float, y: Array, yp: Array, out: Array) -> None:
-        """df/dy, as called by CVODE; its first call belongs to the first attempt of a step."""
+        """df/dy, as called by CVODE. Its first call shows that the first step is chosen, and that CVODE now attempts it."""
         with self:
             self._choosing = False
             self._jacobians += 1

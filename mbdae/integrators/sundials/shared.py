@@ -106,7 +106,8 @@ class SundialsRun(ABC):
         stats.newton_iterations, stats.factorisations = stats.residuals, stats.jacobians
 
     def probe(self, t: float, y: Array, yp: Array) -> list[Array]:
-        """The functions of the equations that SUNDIALS calls, evaluated at a point, arrays (n,): here F(t, y, y')."""
+        """Values (n,) at a point of the functions that SUNDIALS calls, to find out which equation is not finite; here F(t, y,
+        y')."""
         out = np.empty(self.system.n)
         self.system.residual(t, y, yp, out)
         return [out]
@@ -115,7 +116,8 @@ class SundialsRun(ABC):
 def not_finite(loop: StepLoop, run: SundialsRun, why: str) -> SolverError | None:
     """The error that names the equation which is not finite at the last point, or just after the last step.
 
-    Predicted states are checked first: later iterates are not finite themselves, and every row would seem wrong.
+    States predicted by y and y' at the last accepted step are checked first. The last iterates of SUNDIALS may not be finite
+    themselves, and then no row would be.
     """
     y, yp = loop.state
     soon = loop.t + 1e-9 * (loop.t_end - float(run.system.t0))

@@ -63,7 +63,7 @@ class Chattering:
             count, since = counts.pop(i, (0, arguments.t))
             leaves = largest > STAYS * noise
             count = count // 2 if leaves else count + int(crossed[i] and largest > LEAST * noise)
-            if count >= MOST:  # the last step had a change of sign
+            if count >= MOST:  # counts grow only by a change of sign in the last step, so that it has one
                 if arguments.t + arguments.h - since < PART * span and self._jumps(i):
                     return Endless(arguments.switches.names[i], count, arguments.t + arguments.h - since)
             elif count:

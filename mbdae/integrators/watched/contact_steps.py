@@ -125,7 +125,7 @@ class ContactSteps:
         self._inside = [0] * len(self._here)  # accepted steps in the present contact, if it began in this run
         # time (s) for each contact after which it counts as lasting
         self._lasting = [self._t + LASTING * c.duration for c in self._here]
-        self._stiff = [min(c.gap, 0.0) for c in self._here]  # gaps for which the present Jacobian was evaluated
+        self._stiff = [min(c.gap, 0.0) for c in self._here]  # gaps (0 where open) at which the present Jacobian was evaluated
         self._retries = 0
 
     def _contacts(self, t: float, y: Array) -> list[Contact]:
@@ -164,7 +164,8 @@ class ContactSteps:
                                                "slope": SLOPE, "change": CHANGE, "round": ROUND})  # fmt: skip
 
     def given(self) -> Contacts | None:
-        """`native` after the state at the last accepted step has been written to it."""
+        """The tables `native`, after the contacts at the last accepted step have been written to them; None for guards in
+        Python."""
         native = self.native
         if native is not None:
             native.here[:], native.before[:] = self._here, self._before
@@ -245,7 +246,7 @@ class ContactSteps:
         part, gaps = None, None
         for i in crossed:
             if gaps is not None and (gaps[i] < 0) == (self._here[i].gap < 0):
-                continue  # it opens or closes later than the first contact found
+                continue  # where the first one found closes or opens, this one has not done so yet: it does later
             found = self._zero(i, h, inside)
             if MET < found < 1 - MET and (part is None or found < part):
                 part, gaps = found, self._gaps(self._t + found * h, inside(found))
@@ -265,7 +266,7 @@ class ContactSteps:
         return 0.0 if gap(0.0) == 0.0 else zero_between(gap, 0.01 * MET)
 
     def keep(self) -> None:
-        """Accept the last step, and count its contacts."""
+        """To be called when the last step is accepted: counts its contacts."""
         self._before, self._here, self._t, self._retries = self._here, self._end, self._t_end, 0
         for i, (before, here) in enumerate(zip(self._before, self._here, strict=True)):
             if here.gap < 0:

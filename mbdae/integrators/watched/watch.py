@@ -48,7 +48,7 @@ class StepWatch:
         return max(min(bounds), ROUND * abs(self.loop.t))
 
     def bound_of_switches(self) -> float:
-        """Largest step (s) because of switches alone, where native methods watch the contacts."""
+        """Largest step (s) by switches and not by contacts, for native methods, which bound the step by contacts themselves."""
         return inf if self.switching is None else max(self.switching.bound(), ROUND * abs(self.loop.t))
 
     def look(self, t: float, y: Array, inside: Inside) -> None:
@@ -106,7 +106,8 @@ class StepWatch:
             raise loop.failure(found.told(), "", ChatteringError)
 
     def count_hidden(self, inner: Callable[[], list[tuple[float, Array]]]) -> None:
-        """Count what a constant step hides; inner: times (s) and states inside it."""
+        """Count contacts, kinks and peaks that a constant step passes over; inner: function that returns times (s) and states
+        inside the step."""
         if self.contacts is not None:
             self.contacts.count_hidden(inner())
         if self.switching is not None:
@@ -123,7 +124,7 @@ class StepWatch:
         return of_contacts or (self.switching is not None and self.switching.crossed)
 
     def nearest(self) -> str:
-        """Part of a message: the contact that is closed, or will close first."""
+        """A clause for messages: the contact that is closed, or will close first."""
         return "" if self.contacts is None else self.contacts.nearest()
 
 

@@ -28,8 +28,8 @@ LEVELS = 42  #: halvings of a step at most: a kink or jump inside is then locate
 #: function; its round-off is then taken as AMPLIFIED times these coefficients
 ROUGH, AMPLIFIED = 1e-5, 8.0
 MOST = 200_000  #: where more intervals than this would have to be halved at once, none is halved any more
-WIDTHS = 2.5  #: largest change of an argument over an interval, in widths of its function
-POOR = 1e-3  #: the polynomial of an argument is good enough where its last coefficients are below this share of its change
+WIDTHS = 2.5  #: an interval is halved where an argument changes by more than this many widths of its function over it
+POOR = 1e-3  #: the polynomial of an argument is accurate enough where its last coefficients are below this fraction of its change
 NODES = np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
 FIT = np.linalg.inv(chebyshev.chebvander(NODES, DEGREE))
 
@@ -39,8 +39,8 @@ _SCALES = {**scales(19.0, 745.0), "decaying": limited(-745.0, 745.0)}
 
 
 class Pieces(NamedTuple):
-    """Intervals (m,) with the coefficients (m, DEGREE + 1) of the polynomials on them; size: sum of the largest terms of the
-    function, noise: its round-off."""
+    """Intervals of time from `low` to `high` (m,), with the Chebyshev coefficients c (m, DEGREE + 1) of the polynomials on them;
+    size: largest sum of the magnitudes of the coefficients; noise: round-off of the function."""
 
     low: Array
     high: Array
@@ -133,7 +133,9 @@ def resolved(function: Callable[[Array], Array], edges: Array, steep: Steep | No
 
 
 def _stays(tail: Array, before: Array, size: float) -> Any:
-    """(2n,) whether halving n intervals reduced the last coefficients of neither half, so that they may be round-off."""
+    """For the 2 n halves of n intervals: whether halving reduced the last coefficients in neither half, so that these are
+    round-off. tail (2 n,): largest of the last coefficients of each half; before (2 n,): that of the interval it comes from;
+    size: of the function."""
     n = len(tail) // 2
     same = (tail > 0.25 * before) & (tail <= ROUGH * size)
     both = same[:n] & same[n:]

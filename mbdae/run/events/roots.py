@@ -84,7 +84,7 @@ def _inside(pieces: Pieces, near: float) -> list[Root]:
 
 
 def _with_extremes(pieces: Pieces, chosen: NDArray[np.intp]) -> list[tuple[int, Array]]:
-    """Numbers of intervals with the places in (-1, 1) of the extremes of their polynomials."""
+    """(number of an interval, places in (-1, 1) of the extremes of its polynomial) for the chosen intervals."""
     if not len(chosen):
         return []
     d = chebyshev.chebder(pieces.c[chosen].T).T

@@ -90,14 +90,14 @@ class Seen:
         edges = np.concatenate([[self._begin], self._instants, [self._end]])
         atoms = self._atoms((edges[1:] + edges[:-1]) / 2)
         found = [self.condition.holds(row) for row in atoms]
-        if edges[1] == edges[0] and len(found) > 1:  # an instant at the start: nothing is before it
+        if edges[1] == edges[0] and len(found) > 1:  # an instant at the start, before which there is no time to evaluate
             found[0] = found[1]
         if edges[-1] == edges[-2] and len(found) > 1:
             found[-1] = found[-2]
         return found
 
     def _values(self, t: Array) -> Array:
-        """Values (k, functions) at times (k,)."""
+        """Values of the condition's functions, (k, number of functions), at times (k,)."""
         return np.stack([course(t) for course in self._courses], axis=1)
 
     def _atoms(self, t: Array) -> NDArray[np.bool_]:

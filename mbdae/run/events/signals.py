@@ -1,4 +1,5 @@
-"""Values of sensors over a run, for conditions: sensors that loads may read as loads read them, all others from results."""
+"""Values of sensors over a run, for conditions. Sensors that loads may read are evaluated as for loads; all others are read from
+results."""
 
 from __future__ import annotations
 
@@ -61,7 +62,7 @@ def may_be_observed(scene: Any, path: str) -> bool:
 
 
 def in_sensors(scene: Any, e: Expr) -> Expr:
-    """An expression with the expressions of named signals put in for their symbols."""
+    """An expression in which the symbols of named signals are replaced by the expressions of these signals."""
     named = {symbol(one.name): se.sympify(one.value) for one in scene.signals if one.kind == "signal"}
     while e.free_symbols & named.keys():
         e = substituted(e, named)
@@ -69,7 +70,8 @@ def in_sensors(scene: Any, e: Expr) -> Expr:
 
 
 class Signals:
-    """The time, sensors and tables of time that some expressions read, as `symbols`, and their values over a solution."""
+    """The time, the sensors and the tables of time that some expressions contain, as `symbols`, and their values over a
+    solution."""
 
     def __init__(self, prepared: Prepared, solution: Solution, expressions: Sequence[Expr]) -> None:
         self._prepared, self.solution = prepared, solution
@@ -91,7 +93,7 @@ class Signals:
         return Observer(model, moved, [read[n] for n in observed]) if observed else None, shown
 
     def plain(self, e: Expr) -> Expr:
-        """The expression with symbols for its tables."""
+        """The expression with a symbol in place of every table."""
         return e.subs(dict(zip(self._tables, self.symbols[len(self.symbols) - len(self._tables) :], strict=True)))
 
     @property
@@ -103,7 +105,7 @@ class Signals:
         return distinct(np.concatenate([t, *(times for part in found for times in part)]))
 
     def __call__(self, t: Array) -> Array:
-        """Values (k, symbols) at times (k,)."""
+        """Values of `symbols`, (k, number of symbols), at times (k,)."""
         return np.concatenate([self._some(part) for part in np.array_split(t, max(1, -(-len(t) // MANY)))])
 
     def _some(self, t: Array) -> Array:

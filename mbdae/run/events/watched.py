@@ -121,7 +121,8 @@ class Watched:
 
     def events(self, prepared: Prepared, solution: Solution, end: Event | None,
                accuracy: float) -> tuple[tuple[Event, ...], list[str]]:  # fmt: skip
-        """Recorded events in the order of time, with the one that ended the run; notes on conditions left undecided."""
+        """Recorded events in the order of time, with `end`, the one that ended the run; and notes on conditions that the accuracy
+        leaves undecided."""
         found, notes = _events(self.record, prepared, solution, accuracy)
         notes += _events(self.until, prepared, solution, accuracy, until=True)[1]
         same = 0.0 if end is None else SAME * (solution.t[-1] - solution.t[0])
