@@ -94,7 +94,7 @@ class Rows:
 
     def __init__(self, name: str, *first: Array) -> None:
         self.name = name
-        self._blocks: list[Any] = []  # blocks, or lists where a row is no array
+        self._blocks: list[Any] = []  # each a Block, or a list where rows are not arrays
         self.tail: list[Any] = list(first)  #: rows that are not in a block yet; always includes the last row
         self._chunks: list[tuple[Path, tuple[int, ...]]] = []
         self._folder: Path | None = None

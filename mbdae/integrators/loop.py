@@ -62,7 +62,7 @@ class StepLoop:
         self._y = Rows("y", np.array(system.y0, dtype=float))
         self._yp = Rows("yp", np.array(system.yp0, dtype=float))
         self._pieces = Rows("inner")
-        self._renewed: System | None = None  # the system to continue with, where it was replaced
+        self._renewed: System | None = None  # where the last step ended with new equations: the system to continue with
         self._systems: list[tuple[float, System]] = [(float(system.t0), system)]
         self._restarted = 0  # number of the step at which the run was restarted last
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the restart there

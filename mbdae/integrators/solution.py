@@ -61,7 +61,7 @@ class Interpolant(Protocol):
 
 
 class Method(Protocol):
-    """The interface of a solver that the loop of a run needs (`Solver` is defined above the loop)."""
+    """The interface of a solver that the loop of a run needs. (It cannot import `base.Solver`, whose module imports the loop.)"""
 
     @property
     def label(self) -> str:

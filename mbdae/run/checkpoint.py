@@ -67,7 +67,7 @@ def kept(keeper: Keeper | None, statement: Callable[[], dict[str, Any]]) -> Iter
         yield
         return
     _check(keeper.folder, json.loads(json.dumps(statement())))
-    for left in keeper.folder.glob(".*.npz"):  # left by a process that was killed while it wrote
+    for left in keeper.folder.glob(".*.npz"):  # files that a process had not finished when it was killed
         left.unlink(missing_ok=True)
     try:
         with _ended_by_sigterm(keeper), keeping_runs(keeper):

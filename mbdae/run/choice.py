@@ -74,7 +74,7 @@ def with_recursive_joints(scene: SceneData, start: Result | None = None, t_end: 
     variant = with_open_tree(scene)
     try:
         found = prepared_from(variant, start, t_end) if variant is not None else None
-    except MbdaeError:  # errors of the scene are raised when it is prepared as stated
+    except MbdaeError:  # an error of the scene itself is raised later, when the scene is prepared as the user stated it
         return None
     if found is None or found.model.stay_kinematic:
         return None

@@ -169,7 +169,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     tight = _with_rtol(tight, min(tight.tolerance, LOOSEST / 2, max(ceiling, limit)))
     best, made[:] = companions_of(system, tight, asked)
     most, count, kept = ATTEMPTS - 1 + best.runs, len(made), len(companions(system, solver))
-    told: list[tuple[float, float]] = []  # tolerances and estimates
+    told: list[tuple[float, float]] = []  # tolerance and estimated error of every run after the companions
     while best.runs < most:
         loose, coarse = made[-1]
         try:
@@ -190,7 +190,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
                 return best
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
-        made[:], count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are large and no longer needed
+        made[:], count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are dropped: they take much memory
         told.append((tight.tolerance, estimated(system, solver, made, measure, outputs)))
         estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(

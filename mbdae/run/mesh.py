@@ -36,7 +36,7 @@ def with_finer_beams(scene: SceneData) -> SceneData:
     """A copy of the scene with beams of one order more, or with twice as many elements where there is no higher order."""
     try:
         finer = copy.deepcopy(scene)
-    except TypeError as error:  # a law of the user contains an open file, a lock, ...
+    except TypeError as error:  # a law of the user's contains what cannot be copied: an open file, a lock, ...
         raise OptionError(f"scene '{scene.name}' cannot be copied ({error}): keep such objects out of its laws") from error
     for beam in (body for body in finer.bodies if isinstance(body, Beam)):
         if beam.order < max(ORDERS):

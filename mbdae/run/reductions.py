@@ -115,7 +115,7 @@ def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, Assembl
         try:
             of = build(replaced(spatial, classical, Classical()) if classical else spatial, by_rows)
             yield reason, whole(of, constraint_rows(of))
-        except MbdaeError:  # some laws exist only in the plane
+        except MbdaeError:  # this reduction is left out: some laws of the scene exist only in the plane
             continue
     of = build(scene, by_rows)
     rows = constraint_rows(of)

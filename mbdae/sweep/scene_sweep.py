@@ -224,7 +224,7 @@ def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers:
     times = np.array([end]) if outputs is None else output_times(0.0, end, outputs)
     job = SceneJob(scene, points.names, end, plausible(accuracy), times)
     for name, value in zip(points.names, points.values(0, 1)[0], strict=True):
-        replace(job, names=(name,)).at([value])  # refuses unknown names before anything is computed
+        replace(job, names=(name,)).at([value])  # raises OptionError for an unknown name, before anything is computed
     job = planned(job, points.extent())
     if executor is None:
         _check_sent(job)

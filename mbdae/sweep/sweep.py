@@ -96,7 +96,7 @@ class Sweep(ListsAttributes):
             rows.append([*(_cell(row.point.get(name)) for name in names), *values])
         cells = [rows[0], *(line for line, row in zip(rows[1:], self.rows, strict=True) if row.error is None)]
         widths = [max(len(line[j]) for line in (cells if j >= len(names) else rows)) for j in range(len(rows[0]))]
-        widths += [0] * (len(names) + 1 - len(widths))  # for the errors, where every point failed
+        widths += [0] * (len(names) + 1 - len(widths))  # columns for the errors, where all points failed and there are no values
         return "\n".join("  ".join(f"{c:>{w}}" for c, w in zip(line, widths, strict=False)) for line in rows)
 
     def to_json(self, path: Any = None) -> str:
@@ -289,7 +289,7 @@ class _Kept:
         if lines:
             self._read(path, lines, json.loads(head))
         rows = [_json(_line(i, row)) for i, row in self.rows.items()]
-        write_file(path, "\n".join([head, *rows]) + "\n")  # drops an incomplete line, and rows to be computed again
+        write_file(path, "\n".join([head, *rows]) + "\n")  # without an incomplete last line and rows to be computed again
         self.file = path.open("a", encoding="utf-8")
 
     def _read(self, path: Path, lines: list[str], meant: dict[str, Any]) -> None:

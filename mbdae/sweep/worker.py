@@ -124,7 +124,7 @@ def _serve(connection: Connection, answer: Callable[[bytes], bytes], parent: int
     """The main loop of a worker."""
     _die_with(parent)
     _set(SAFE_PATH, safe_path)
-    signal.signal(signal.SIGINT, lambda *_: None)  # Ctrl-C goes to all; the parent ends its workers where it ends itself
+    signal.signal(signal.SIGINT, lambda *_: None)  # Ctrl-C reaches all processes; it is the parent that ends workers
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     keep_one_thread()

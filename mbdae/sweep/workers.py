@@ -129,7 +129,7 @@ class _Workers:
             except WorkerDiedError as error:
                 found = Outcome(None, f"{DIED}: {error}", True)
             else:
-                if found is None:  # the worker has only started
+                if found is None:  # the message says that the worker has started, and is no answer
                     continue
                 self.idle.append(worker)
             del self.busy[connection]  # type: ignore[arg-type]

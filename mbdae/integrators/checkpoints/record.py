@@ -191,7 +191,7 @@ class Record:
             raise Stopping
 
     def _finish(self, loop: StepLoop, error: SolverError | None = None) -> None:
-        if self._stored is not None:  # the run was complete already
+        if self._stored is not None:  # no step was made here: an earlier process had completed the run
             self._take_over(loop)
         elif not self._failed_before:
             failure = None if error is None else (str(error), error.time, error.culprit, error.solution is not None)

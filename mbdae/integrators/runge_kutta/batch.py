@@ -203,7 +203,7 @@ class _Run:
         done = self.kept.done
         raised, equations.caught.error = equations.caught.error, None
         stops = raised is not None and not isinstance(raised, Exception)
-        if stops:  # the last point was interrupted
+        if stops:  # Ctrl-C came while the last of these points was run, which is not complete
             done -= 1
             self.y[done] = self.last[done] = np.nan
         for i in range(self.done, done):

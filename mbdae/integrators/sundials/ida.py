@@ -99,7 +99,7 @@ class _Run(SundialsRun):
         if correction is None:
             worst = largest(np.abs(last.values))
             return self.loop.failure(f"{message}; the iteration matrix is singular", self.system.equations[worst])
-        if np.max(np.abs(correction) * weights) < 1.0:  # Newton's method converges, so the error test fails
+        if np.max(np.abs(correction) * weights) < 1.0:  # Newton's method converges, so the error test failed
             y, yp = self.loop.state
             correction = last.y - y - (last.t - self.loop.t) * yp
         return self.loop.failure(message, self.system.names[largest(np.abs(correction) * weights)])

@@ -43,9 +43,9 @@ def _next(before: float, step: float, half: float, a: tuple[float, float], c: tu
     (to_a, ratio_a), (to_c, ratio_c) = a, c
     if abs(before) <= within or abs(ratio_a) <= 1:
         return half, half
-    if to_a == to_c:  # the straight line through both points
+    if to_a == to_c:  # a and c are the same point: the straight line through b and c
         found = to_c / (1 - ratio_c)
-    else:  # the parabola in the values through all three
+    else:  # the parabola through a, b and c, position as a function of the value
         found = to_a * ratio_c / ((1 - ratio_a) * (ratio_c - ratio_a)) - to_c * ratio_a / ((1 - ratio_c) * (ratio_c - ratio_a))
     inside = found / half > 0 and 2 * abs(found) < min(abs(before), 3 * abs(half) - within)
     return (step, found) if inside else (half, half)

@@ -94,7 +94,7 @@ def _condition_of(scene: Any, given: Any) -> Expr:
     else:
         try:
             e = se.sympify(given)
-        except Exception:  # SymPy and symengine may raise anything
+        except Exception:  # SymPy and symengine raise errors of many types
             raise BadValueError(f"it is no condition; {EXAMPLE}") from None
     if not is_condition(e):
         raise BadValueError(f"it is no condition; {EXAMPLE}")
@@ -109,7 +109,7 @@ def _sides(scene: Any, given: Any) -> tuple[Any, Any] | None:
     if isinstance(given, str):
         try:
             left, right = (text.read(_with_symbols(scene, part)) for part in given.split("=="))
-        except ValueError:  # several conditions, or a sign other than ==
+        except ValueError:  # the text is not of the form left == right
             return None
         return left, right
     return (given.lhs, given.rhs) if type(given).__name__ == "Equality" and hasattr(given, "lhs") else None
@@ -154,7 +154,7 @@ class _Atoms:
         less, more = e.args
         if kind == "Unequality":
             return "not", [self._atom(more - less, True)]
-        return self._atom(more - less, kind == "Equality", kind == "LessThan")  # a > b is kept as b < a
+        return self._atom(more - less, kind == "Equality", kind == "LessThan")  # symengine stores a > b as b < a
 
     def equation(self, left: Any, right: Any) -> int:
         """Add the equation left = right, whose function left - right rises where the left side does; returns its index."""
