@@ -27,8 +27,8 @@ IN_MEMORY = 2**24  #: bytes of memory that each array of a run (y, y', ...) may 
 
 
 class Block:
-    """Rows (count, ...) in one array that grows in place: the memory of many small arrays would not be reused after they are
-    joined."""
+    """Rows (count, ...) in one array that grows in place. Joining many small arrays instead would leave their memory free, but in
+    pieces too small to be used again."""
 
     def __init__(self, row: Array) -> None:
         """row: an array with the shape and type of all rows."""

@@ -22,9 +22,9 @@ from mbdae.results.contacts import contacts_of
 from mbdae.system.motion.states import gaps_of
 from mbdae.system.prepare import Prepared
 
-#: largest ratio of the tolerance of velocities to the velocity over which friction changes sign with which sticking is resolved
+#: sticking is resolved where the tolerance of velocities is at most this fraction of the velocity over which friction changes
 RESOLVED = 0.01
-SLOW = 10.0  #: ratio of the sliding velocity to that velocity, above which friction does not depend on the velocity any more
+SLOW = 10.0  #: friction need not be resolved in a joint whose sliding stays faster than this many times that velocity
 WRONG = 10.0  #: ratio of position tolerance to penetration above which the motion is wrong
 
 

@@ -28,7 +28,7 @@ BUDGET = 3000  #: largest number of residual evaluations of the fine run between
 BETWEEN = 8  #: number of times, between two such points, at which the run and the fine run are compared
 MOST = 5  #: largest number of suspicious steps of a run that are integrated again
 SHORTER = 0.8  #: ratio of the step proposed in the warning to the longest one that would resolve the short event
-WARNED = 3.0  #: a warning is given where a difference is more than this many times the accuracy of the run
+WARNED = 3.0  #: a warning is given where the motions differ by more than this many times what is allowed in the step
 UNCONTROLLED = 1e-6  #: accuracy assumed for runs with constant steps
 
 

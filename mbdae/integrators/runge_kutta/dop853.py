@@ -87,7 +87,7 @@ class _Run:
         code = self.method.start(loop.t, loop.state[0], loop.t_end - loop.t, self.h0)
         loop.stats.residuals += 2
         self.equations.raise_error()
-        if code:  # the rates are not finite at the start: rhs raises the error that says why
+        if code:  # y' does not exist or is not finite at the start: the call of rhs raises the error that says why
             self.system.rhs(loop.t, loop.state[0], np.empty(self.system.n))
 
     def steps(self) -> None:
