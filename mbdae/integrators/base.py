@@ -331,8 +331,8 @@ def absolute_tolerance(system: System, rtol: float, atol: Any) -> Array:
 
 
 def _with_edges(longest: LongestStep | None, edges: Array, share: float = 1.0) -> LongestStep:
-    """A bound of the steps by further intervals between `edges` (s); with no bound before, `share` is the longest step as a
-    fraction of an interval."""
+    """A bound of the steps by the intervals between `edges` (s), in addition to those of `longest`. Without `longest` a step may
+    be at most the fraction `share` of the interval in which it begins."""
     if longest is None:
         return LongestStep(distinct(edges), share)
     return longest._replace(edges=distinct(np.concatenate([longest.edges, edges])))

@@ -66,8 +66,7 @@ class StepLoop:
         self._systems: list[tuple[float, System]] = [(float(system.t0), system)]
         self._restarted = 0  # number of the step at which the run was restarted last
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the restart there
-        #: number of a kink -> sign changes of its argument and time of the first, counted by `watched.chattering` over the whole
-        #: run
+        #: number of a kink -> sign changes of its argument in the whole run, and time of the first (`watched.chattering`)
         self.switched: dict[int, tuple[int, float]] = {}
         # number of a step -> y and yp after the restart there, of restarts in an earlier process
         self._anew: dict[int, tuple[Array, Array]] = {}

@@ -171,8 +171,7 @@ class Defect:
         (k,), y, yp (k, n): points in this step; given (m, k, n): mean defect up to each point of m steps."""
         k, h = len(times) // 2, float(self.widths[step])
         system = systems_at(self.run, times[k : k + 1], self.system)[0]
-        # y' = f with eliminated multipliers is used only where nothing is stiff, so that J is close to 1 / h times the unit
-        # matrix
+        # y' = f with eliminated multipliers is used only where nothing is stiff, so that J is close to the unit matrix over h
         if not system.has_pattern and system.rhs is not None:
             return -h * given
         right = given.reshape(-1, system.n)

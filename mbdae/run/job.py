@@ -50,8 +50,7 @@ from mbdae.system.without_multipliers import WithoutMultipliers
 
 UNRESOLVED = ("of it, part are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with solver=mb.RadauIIA(3) "
               "follows them")  # fmt: skip
-#: a run that only locates an event has an accuracy LOOSER times as large as that of the run that then ends there, but at most
-#: MOST
+#: a run that only locates an event is made to LOOSER times the accuracy of the run that then ends there, but at most to MOST
 LOOSER, MOST = 10.0, 1e-3
 NEARLY = 10.0  #: up to this ratio of estimate to accuracy a tighter run is tried before one that resolves all vibrations of beams
 

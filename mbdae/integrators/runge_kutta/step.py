@@ -54,8 +54,7 @@ class CollocationStep:
                        system.time, demand.target, demand.limit)  # fmt: skip
         self.y, self.yp = self.run.y, self.run.yp
         self.y[:], self.yp[:] = system.y0, system.yp0
-        # with contacts the Jacobian is evaluated at the start of a step, since at the predicted state other contacts may be
-        # closed
+        # with contacts the Jacobian is evaluated at the start of a step: at the predicted state other contacts may be closed
         self.run.table.here = system.guards is not None
 
     def solve(self, h: float, full: bool = True) -> None:

@@ -60,8 +60,7 @@ TO_FINE = _interpolation(NODES, FINE)
 #: the differences between neighbouring points of FINE, and the slope at the end
 TO_SLOPES = np.diff(_interpolation(NODES, np.array([0.0, 1e-6, 1.0 - 1e-6, 1.0])), axis=0)[::2] * 1e6
 TO_RISES = np.vstack([TO_SLOPES[:1], np.diff(TO_FINE, axis=0), TO_SLOPES[1:]])
-#: matrix that turns the values at `NODES` into those at start and end, and at two points on the tangent just after and before the
-#: end
+#: matrix that turns the values at `NODES` into those at start and end, and just after and before the end on the tangent there
 TO_ENDS = np.vstack([np.eye(8)[[0, -1]], np.eye(8)[-1] + SMALL * TO_SLOPES[1], np.eye(8)[-1] - SMALL * TO_SLOPES[1]])
 
 
@@ -92,7 +91,7 @@ class Course(NamedTuple):
     u: Array
 
     def changes(self) -> Any:
-        """Numbers of the intervals in which the argument changes its sign."""
+        """Indices of the intervals, between neighbouring points, in which the argument changes its sign."""
         return np.flatnonzero((self.u[1:] < 0) != (self.u[:-1] < 0))
 
 
