@@ -114,8 +114,8 @@ def _fields(call: Mapping[str, Any], key: str, wanted: Sequence[str], name: str)
     """The fields of an object that is an argument."""
     fields = (call.get(key) or {}).get("fields", {}) if isinstance(call.get(key), dict | None) else {}
     if not all(isinstance(fields.get(w), float | int | dict) for w in wanted):
-        raise OptionError(f"vary: '{name}' needs a {key} with {' and '.join(wanted)}, which this item does not have; "
-                          f"it has {_listed(call)}")  # fmt: skip
+        raise OptionError(f"vary: '{name}' needs a {key} with {' and '.join(wanted)}, which this item was not given; "
+                          f"it was given {_listed(call)}")  # fmt: skip
     return dict.__getitem__(call[key], "fields") if isinstance(call[key], dict) else fields
 
 
@@ -176,7 +176,7 @@ def _descend(holder: Any, keys: list[str], value: float, name: str) -> None:
         law = next((v for v in holder.values() if isinstance(v, dict) and "law" in v), None) if isinstance(holder, dict) else None
         if law is not None:
             return _descend(law, keys, value, name)
-        raise OptionError(f"vary: '{name}': there is no number '{key}' stated; there is {_listed(holder)}")
+        raise OptionError(f"vary: '{name}': no number '{key}' is stated there; stated are {_listed(holder)}")
     if len(keys) > 1:
         return _descend(holder[key], keys[1:], value, name)
     old = holder[key]
