@@ -97,7 +97,7 @@ class _Reader:
         """The whole formula."""
         found = self.row("", set())
         if self.i < len(self.tokens):
-            raise FormulaError(f"formula '{self.latex}': '{self.tokens[self.i]}' closes nothing")
+            raise FormulaError(f"formula '{self.latex}': '{self.tokens[self.i]}' closes no bracket or group that is open")
         return found
 
     def peek(self) -> str:
@@ -203,7 +203,7 @@ class _Reader:
     def raw(self) -> str:
         """The text of a group, unchanged."""
         if self.take() != "{":
-            raise FormulaError(f"formula '{self.latex}': text without braces")
+            raise FormulaError(f"formula '{self.latex}': a command with a text or a name lacks its braces {{...}}")
         start, depth = self.i, 1
         while self.i < len(self.tokens) and depth:
             depth += (self.tokens[self.i] == "{") - (self.tokens[self.i] == "}")
@@ -239,7 +239,7 @@ class _Reader:
             if token == r"\\":
                 rows.append([])
             elif token != "&":
-                raise FormulaError(f"formula '{self.latex}': '{kind}' is not closed")
+                raise FormulaError(f"formula '{self.latex}': \\begin{{{kind}}} has no \\end{{{kind}}}")
         cells = "".join(f"<mtr>{''.join(f'<mtd>{cell}</mtd>' for cell in row)}</mtr>" for row in rows)
         opening, closing = _MATRICES[kind]
         table = f'<mtable class="{kind}">{cells}</mtable>'
