@@ -111,7 +111,7 @@ def _tie(found: Any) -> Any:
 
 def _motion(found: Any) -> Any:
     if not callable(getattr(found, "along", None)):
-        raise _WrongError(f"{shown(found)}, which is no motion")
+        raise _WrongError(f"{shown(found)}, which is no motion of l relative to k")
     return found
 
 
