@@ -114,7 +114,7 @@ def _lines(base: SceneData, name: str, values: Array, t_end: float) -> dict[str,
                 raise OptionError(f"a batch varies numbers of laws linearly; {number} is not linear in '{name}'")
             lines[number] = float(begin), float(slope)
     if not lines:
-        raise OptionError(f"a batch varies only numbers of laws; '{name}' changes none")
+        raise OptionError(f"a batch varies only numbers of laws; '{name}' changes none of them")
     return lines
 
 

@@ -176,7 +176,7 @@ def _descend(holder: Any, keys: list[str], value: float, name: str) -> None:
         law = next((v for v in holder.values() if isinstance(v, dict) and "law" in v), None) if isinstance(holder, dict) else None
         if law is not None:
             return _descend(law, keys, value, name)
-        raise OptionError(f"vary: '{name}': no number '{key}' is stated there; stated are {_listed(holder)}")
+        raise OptionError(f"vary: '{name}': there is no number '{key}' stated; there is {_listed(holder)}")
     if len(keys) > 1:
         return _descend(holder[key], keys[1:], value, name)
     old = holder[key]

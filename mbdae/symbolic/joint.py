@@ -217,7 +217,7 @@ class Joint(TwoBodyLaw):
         """Raise LawError where coordinates would be unknowns that no row contains."""
         if self.coordinates and type(self).coordinate is not Joint.coordinate:
             raise LawError(f"{type(self).__name__} states neither its motion nor rows that tie {', '.join(self.coordinates)} to "
-                           f"the bodies (`ties`), so that they cannot be unknowns: use model=mb.Kinematic()")  # fmt: skip
+                           f"the bodies (`ties`), one of which this joint model needs: use mb.Kinematic()")  # fmt: skip
 
     def positives(self, *frames: Frame) -> dict[str, Expr]:
         stated = dict(self.branches(*frames)) if self.states_rows() else {}

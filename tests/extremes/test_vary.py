@@ -94,7 +94,7 @@ def test_arguments_of_the_scene_and_options_of_the_run():
     ({}, "give {parameter"),
     ({"width": [1.0]}, "nothing named 'width'; arguments of scene.*length.*accuracy, step, t_end.*'crank'"),
     ({"hub.mass": [1.0]}, "no item 'hub' in scene 'machine'; it has 'crank', 'disc'"),
-    ({"disc.colour": [1.0]}, "'disc.colour': no number 'colour' is stated there; stated are mass, inertia"),
+    ({"disc.colour": [1.0]}, "'disc.colour': there is no number 'colour' stated; there is mass, inertia"),
     ({"A.angle": [1.0]}, "'A.angle' stands for an expression, .* not for a number: vary the speed of a motion \\('A.speed'\\)"),
     ({"A.clearance": [1.0]}, "needs a model with outer and inner"),
     ({"mount.speed": [1.0]}, "'mount.speed': the item has no speed at the start"),
@@ -160,7 +160,7 @@ def test_a_pulse_of_a_scene_with_arguments():
 def test_what_is_no_pulse_is_refused():
     with pytest.raises(mb.OptionError, match=r"'A.width': only a pulse has this number, and what is stated there is none"):
         varied(machine, 1.0, asked_values({"A.width": [1e-3]}))
-    with pytest.raises(mb.OptionError, match=r"'drag.width'.*no number 'width' is stated there"):
+    with pytest.raises(mb.OptionError, match=r"'drag.width'.*there is no number 'width' stated"):
         varied(kicked, 1.0, asked_values({"drag.width": [1e-3]}))
 
 
@@ -223,7 +223,7 @@ def test_speeds_of_coordinates():
     ("E.speed", "this joint has a speed in several coordinates; name one: 'E.speed.x' or 'E.speed.angle'"),
     ("C.stiffness", "this joint has a spring in several coordinates; name one: 'C.spring.displacement' or 'C.spring.angle'"),
     ("C.spring", "has values by coordinate; say 'C.spring.displacement' or 'C.spring.angle'"),
-    ("C.spring.turn", "no number 'turn' is stated there; stated are displacement, angle"),
+    ("C.spring.turn", "there is no number 'turn' stated; there is displacement, angle"),
     ("C.speed.angle", "the item has no speed at the start"),
 ])  # fmt: skip
 def test_a_coordinate_has_to_be_named_where_there_are_several(name, message):
