@@ -82,16 +82,17 @@ def damage_refused(path: Path) -> Iterator[None]:
 
 def record(cls: type[T], data: Any, **further: Any) -> T:
     """A dataclass from its plain data, every entry of the type its class declares; further: entries that are no plain data."""
+    what = f"the record '{cls.__name__}'"
     if not isinstance(data, dict):
-        raise BadValueError(f"{shown(data)} stands where the entries of a {cls.__name__} should stand")
+        raise BadValueError(f"{shown(data)} stands where the entries of {what} should stand")
     declared = {f.name: str(f.type) for f in fields(cls)}  # type: ignore[arg-type]
     needed = {f.name for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING}  # type: ignore[arg-type]
     wrong = sorted((set(data) - set(declared)) | (needed - set(data) - set(further)))
     if wrong:
-        raise BadValueError(f"the entry {shown(wrong[0])} of a {cls.__name__} is {'unknown' if wrong[0] in data else 'missing'}")
+        raise BadValueError(f"the entry {shown(wrong[0])} of {what} is {'unknown' if wrong[0] in data else 'missing'}")
     for name, value in data.items():
         if name not in further and not _fits(value, declared[name]):
-            raise BadValueError(f"the entry {name} = {shown(value)} of a {cls.__name__} is not of type {declared[name]}")
+            raise BadValueError(f"the entry {name} = {shown(value)} of {what} is not of type {declared[name]}")
     return cls(**(data | further))
 
 

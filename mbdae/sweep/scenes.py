@@ -66,8 +66,8 @@ class SceneJob:
         for name, value in zip(self.names, values, strict=True):
             scene, factor = changed(scene, name, float(value), self.t_end)
             if factor != 1:
-                raise OptionError(f"grid: '{name}' sets a speed, for which t_end would have to change; sweep a function of your "
-                                  f"own, mb.sweep(job, grid)")  # fmt: skip
+                raise OptionError(f"grid: '{name}' changes a speed, and with it the end of a run of as many turns, but all points "
+                                  f"end at t_end; sweep a function of your own, mb.sweep(job, grid)")  # fmt: skip
         return scene
 
     def numbers(self, values: Array) -> dict[str, Array]:
