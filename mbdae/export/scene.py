@@ -138,9 +138,8 @@ class _Made:
         """Operations that compute u', the other rates and the multipliers: the equations are linear in them, so that one Newton
         step from 0 is exact. Raises OptionError where they are not linear."""
         if self.reactive():
-            raise OptionError("form: in one without multipliers they are solved for, and friction that follows from the joint "
-                              "forces makes that nonlinear, for which there is no formula; export with form=mb.GGL() or "
-                              "mb.Index1()")  # fmt: skip
+            raise OptionError("form: one without multipliers solves for the joint forces by a formula, and there is none where "
+                              "friction follows from these forces; export with form=mb.GGL() or mb.Index1()")  # fmt: skip
         nb, e, n = self.numbering, self.e, self.assembly.n
         first = nb.start["lambda"]
         loaded = bool(self.assembly.motion())  # the derivatives then begin with the residual

@@ -66,8 +66,8 @@ class SceneJob:
         for name, value in zip(self.names, values, strict=True):
             scene, factor = changed(scene, name, float(value), self.t_end)
             if factor != 1:
-                raise OptionError(f"grid: '{name}' changes a speed, and with it the end of a run of as many turns, but all points "
-                                  f"end at t_end; sweep a function of your own, mb.sweep(job, grid)")  # fmt: skip
+                raise OptionError(f"grid: '{name}' is a speed, with which t_end would change from point to point; sweep a "
+                                  f"function of your own, mb.sweep(job, grid)")  # fmt: skip
         return scene
 
     def numbers(self, values: Array) -> dict[str, Array]:
@@ -130,7 +130,7 @@ def _law_numbers(scene: SceneData) -> tuple[list[Any], list[float], dict[str, fl
         places += [v for n, v in instance.numbers.items() if n not in law.params]
         for n, v in instance.numbers.items():
             if n in law.params and found.setdefault(f"{instance.item}.{n}", v) != v:
-                raise OptionError(f"a batch needs one {n} for all laws of '{instance.item}', which have different ones")
+                raise OptionError(f"a batch varies one {n} of an item; the laws of '{instance.item}' have different ones")
     return shape, places, found
 
 

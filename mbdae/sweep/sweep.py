@@ -308,7 +308,7 @@ class _Kept:
                 number = whole(data["number"], least=0, most=len(self.points) - 1)
                 row = SweepRow(self.points[number], *(data[key] for key in ("values", "error", "died")))
                 if not (isinstance(row.values, dict | None) and isinstance(row.error, str | None) and isinstance(row.died, bool)):
-                    raise BadValueError(f"the values, error or died of a point are of another type: {shown(data)}")
+                    raise BadValueError(f"values, error or died has a wrong type in the row of a point: {shown(data)}")
             if not (row.died or (self.again and row.error)):
                 self.rows[number] = row
 
