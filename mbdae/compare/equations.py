@@ -88,7 +88,7 @@ def _columns(own: Prepared, wanted: Prepared) -> list[int]:
             continue
         twin = twins.get(node.body.name)
         if twin is None or twin.kind is not node.kind:
-            raise OptionError(f"body '{node.body.name}' is missing here or has other unknowns than in the reference, so that "
+            raise OptionError(f"body '{node.body.name}' is missing in this run or has other unknowns than in the reference: "
                               f"motions cannot be compared; name a sensor to compare by, such as measure='C.angle'")  # fmt: skip
         positions += range(twin.q, twin.q + node.kind.sizes[0])
         velocities += range(own.mechanics.nq + twin.u, own.mechanics.nq + twin.u + node.kind.sizes[1])

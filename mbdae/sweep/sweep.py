@@ -79,7 +79,7 @@ class Sweep(ListsAttributes):
             raise OptionError(f"key = '{key}' is no value of any row; they have {', '.join(names) or 'none, every point failed'}")
         shapes = {value.shape for value in known.values()}
         if len(shapes) > 1:
-            raise OptionError(f"key = '{key}' has different shapes from point to point: {sorted(shapes)}; read it from the rows")
+            raise OptionError(f"key = '{key}' has different shapes from point to point: {sorted(shapes)}; read it from `rows`")
         out = np.full((len(self.points), *shapes.pop()), np.nan)
         for i, value in known.items():
             out[i] = value
