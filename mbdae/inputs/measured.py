@@ -19,7 +19,7 @@ from mbdae.inputs.timed import after
 from mbdae.values import BadValueError, option, path, shown, text
 
 TIME_UNITS = ("s", "sec", "second", "seconds")
-#: factor from a unit that files state to the SI unit before it
+#: SI unit -> other units of the same quantity that files may state, each with its size in the SI unit
 FACTORS: dict[str, dict[str, float]] = {
     "s": {"ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
     "m": {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048},
@@ -121,11 +121,13 @@ def _factor(place: Path, head: str, wanted: str | None, is_time: bool) -> float:
     if wanted is not None and stated in FACTORS.get(wanted, ()):
         return FACTORS[wanted][stated]
     states = f"is in {stated!r}" if stated else "states no unit"
-    if wanted is None:
+    if not stated:
+        told = f"leave unit= out to take its numbers as they stand, or name the column '{head} [...]', with their unit"
+    elif wanted is None:
         told = f"give unit={SI[stated]!r} to have it converted, or unit={stated!r} to take its numbers as they stand"
     else:
         told = f"it cannot be converted to {wanted!r}: convert the column yourself" + (
-            "" if is_time or not stated else f", or give unit={stated!r} to take its numbers as they stand")  # fmt: skip
+            "" if is_time else f", or give unit={stated!r} to take its numbers as they stand")  # fmt: skip
     raise OptionError(f"column {head!r} of '{place}' {states}; {told}")
 
 

@@ -14,7 +14,7 @@ from mbdae.values import BadValueError, shown
 
 #: functions that are rewritten with Piecewise and floor
 REWRITTEN = ("Abs", "sign", "Heaviside", "Max", "Min", "Mod", "ceiling", "frac")
-HUGE = 100.0  #: magnitude of the logarithm of a factor above which the factor is kept in the exponent
+HUGE = 100.0  #: magnitude of the logarithm of an exponential's factor above which it is put into the exponent, see `_exponents`
 
 
 def rewritten(value: Any) -> Expr:
@@ -25,7 +25,7 @@ def rewritten(value: Any) -> Expr:
 
     value = sympy.sympify(value)
     if value.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
-        raise BadValueError(f"{shown(value)} is not finite")
+        raise BadValueError(f"{shown(value)} contains an infinite number or a division by zero")
     used = {type(f).__name__ for f in value.atoms(sympy.core.function.Application)}
     unknown = sorted(name for name in used - {*FUNCTIONS, *REWRITTEN, *LOGIC, "ITE"} if tables.named(name) is None)
     if unknown:
@@ -35,7 +35,7 @@ def rewritten(value: Any) -> Expr:
         if not _complete(piecewise):
             raise BadValueError(f"{shown(piecewise)} has no value where none of its conditions holds; end it with (value, True)")
     if value.has(sympy.I):
-        raise BadValueError(f"{shown(value)} is not real")
+        raise BadValueError(f"{shown(value)} contains the imaginary unit: give a real expression")
     return without_overflow(_with_exponents(*_exponents(_without_steps(value))))
 
 
@@ -98,7 +98,7 @@ def _with_exponents(value: Any, exponents: dict[str, Any]) -> Expr:
 
 
 def _complete(piecewise: Any) -> bool:
-    """Whether one of the conditions always holds."""
+    """Whether a Piecewise has a value everywhere: one of its conditions is always true."""
     import sympy
 
     conditions = [condition for _, condition in piecewise.args]

@@ -26,7 +26,8 @@ Array = NDArray[np.float64]
 KINDS, OUTSIDE = ("linear", "cubic", "step"), ("hold", "periodic", "error")
 MOST_POINTS = 5_000_000
 CLOSEST = 1e-11  #: smallest distance of two points, relative to the largest time: no step is shorter
-#: times this near to a point, relative to the largest time of the table, count as the point, where the side decides the segment
+#: distance of a time from a point of the table, relative to the largest time of the table, below which it counts as that point:
+#: then the argument `side` decides which of the two segments is used
 SIDED = 1e3 * float(np.finfo(float).eps)
 _NAME = re.compile(r"(table_[0-9a-f]{20})(?:_d(\d+))?", re.ASCII)
 
@@ -81,13 +82,13 @@ class Table:
         return min(max(low, first), last), max(min(high, last), first)
 
     def lookup(self, x: Array, side: Array, order: int = 0) -> Array:
-        """Values, or derivatives of an order, (k,) at times x."""
+        """Values, or derivatives of an order, (k,) at times x (k,); side (k,) as in `segments`."""
         s, i = self.segments(np.asarray(x, dtype=float), np.asarray(side, dtype=float))
         c = self.of_order(order)
         return np.asarray(c[0, i] + s * (c[1, i] + s * (c[2, i] + s * c[3, i])))
 
     def of_order(self, order: int) -> Array:
-        """Coefficients (4, n+1) of a derivative."""
+        """Coefficients (4, n+1) of the derivative of an order (0: the table itself), lowest power first."""
         while order >= len(self._orders):
             c = self._orders[-1]
             self._orders.append(np.stack([c[1], 2 * c[2], 3 * c[3], np.zeros(c.shape[1])]))
@@ -117,7 +118,8 @@ class Table:
             return self.t[(self.t > x0) & (self.t < x1)]
         turns = np.arange(np.floor((x0 - self.t[0]) / self.period), np.ceil((x1 - self.t[0]) / self.period))
         if len(turns) * len(self.t) > MOST_POINTS:
-            raise BadValueError(f"has more than {MOST_POINTS} points with its repetitions between {x0:g} and {x1:g} s")
+            raise BadValueError(f"the periodic table in it has more than {MOST_POINTS} points, repetitions included, from {x0:g} "
+                                f"to {x1:g} s")  # fmt: skip
         all_points = (self.t[:-1] + self.period * turns[:, None]).ravel()
         return all_points[(all_points > x0) & (all_points < x1)]
 
@@ -131,7 +133,7 @@ def _checked(t: Any, values: Any, outside: str) -> tuple[Array, Array]:
     falling = np.flatnonzero(~(np.diff(t) > CLOSEST * max(abs(t[0]), abs(t[-1]))))
     if len(falling):
         i = int(falling[0])
-        why = "equal" if t[i] == t[i + 1] else "not in rising order" if t[i] > t[i + 1] else "too close for any step"
+        why = "equal" if t[i] == t[i + 1] else "not in rising order" if t[i] > t[i + 1] else "closer than any time step"
         raise BadValueError(f"t[{i}] = {float(t[i])!r} and t[{i + 1}] = {float(t[i + 1])!r} are {why}: sort the points by time, "
                             f"one for every time (a jump: kind=\"step\")")  # fmt: skip
     if outside == "periodic" and values[0] != values[-1]:
@@ -214,21 +216,21 @@ class Lookup(NamedTuple):
 
 
 def known(table: Table) -> Table:
-    """The table, which expressions may name from now on."""
+    """Register a table, so that expressions may contain it by its name; returns the table."""
     return _KNOWN.setdefault(table.name, table)
 
 
 def from_data(name: str, data: Any) -> None:
-    """Make a stored table known; BadValueError where the data cannot be read or gives another name."""
+    """Register a table from stored data; BadValueError where the data cannot be read or belongs to a table of another name."""
     if name in _KNOWN and data == _KNOWN[name].as_data:
         return
     try:
         t, values = (np.frombuffer(base64.b64decode(data[key], validate=True), dtype="<f8") for key in ("t", "values"))
         table = Table(t, values, data["kind"], data["outside"])
     except (KeyError, TypeError, ValueError) as error:
-        raise BadValueError(f"the stored table {shown(name)} cannot be read: {error}") from None
+        raise BadValueError(f"the points of its table cannot be read ({type(error).__name__}: {error})") from None
     if table.name != name:
-        raise BadValueError(f"the stored table {shown(name)} has other points than its name says")
+        raise BadValueError("the points of its table are not those with which it was stored: the data were changed or damaged")
     known(table)
 
 
@@ -238,6 +240,11 @@ def named(name: str) -> Lookup | None:
     if found is None or found[1] not in _KNOWN:
         return None
     return Lookup(_KNOWN[found[1]], int(found[2] or 0))
+
+
+def readable(text: str) -> str:
+    """The text of an expression for a message, with "table" for the names of tables, which are digests."""
+    return _NAME.sub("table", text)
 
 
 def lookup_of(node: Expr) -> Lookup | None:

@@ -19,8 +19,8 @@ NOBODY = ""  #: used for a coordinate that was not found, after the mistake has 
 
 
 def reference(unit: str = "") -> reading.Reader:
-    """Reader of one coordinate, with this unit where one is given: of the name of its joint, or of "joint.coordinate"; returns
-    "joint.coordinate"."""
+    """Reader of a reference to a coordinate: the name of a joint that has one coordinate, or "joint.coordinate". Returns
+    "joint.coordinate". unit: the coordinate has to have this unit, where it is given."""
 
     def read(arg: Argument, value: Any) -> str:
         joint, name = found_joint(arg, value)
@@ -31,7 +31,7 @@ def reference(unit: str = "") -> reading.Reader:
             return f"{joint.name}.{name or known[0]}"
         what = {"rad": "angle", "m": "displacement"}.get(unit, "coordinate")
         if not known:
-            arg.wrong(f"{shown(value)}: {joint.kind} '{joint.name}' has no {what}", f"name a joint that has; {_has(joint)}")
+            arg.wrong(f"{shown(value)}: {joint.kind} '{joint.name}' has no {what}", f"name a joint that has one; {_has(joint)}")
         else:
             arg.wrong(shown(value), f"say which {what}: {' or '.join(repr(f'{joint.name}.{c}') for c in known)}")
         return NOBODY
@@ -48,8 +48,8 @@ def found_joint(arg: Argument, value: Any) -> tuple[Connection | None, str]:
     for c in scene.joints:
         if text == c.name or text in [f"{c.name}.{name}" for name in c.coordinates]:
             return c, text[len(c.name) + 1 :]
-    arg.wrong(f"{shown(value)} is no joint's coordinate of this scene", f"it has {', '.join(_known(scene)) or 'none'}; state the "
-              f"joints before the coupling")  # fmt: skip
+    arg.wrong(f"{shown(value)} is no joint's coordinate of this scene", f"there are {', '.join(_known(scene)) or 'none'}; "
+              f"state the joints before the coupling")  # fmt: skip
     return None, ""
 
 
@@ -57,9 +57,9 @@ def _has(joint: Connection) -> str:
     """What coordinates a joint has, as a sentence."""
     turns = [c for c in joint.coordinates if joint.unit(c) == "rotation"]
     others = [c for c in joint.coordinates if c not in turns]
-    found = [f"its coordinates are {', '.join(others)}"] if others or not turns else []
-    found += [f"its {' and '.join(turns)} has no value that can be coupled"] if turns else []
-    return "; ".join(found) if joint.coordinates else "this one has no coordinates"
+    found = [f"'{joint.name}' has {', '.join(others) or 'no coordinates'}"] if others or not turns else []
+    found += [f"its {' and '.join(turns)} is no single number that could be coupled"] if turns else []
+    return "; ".join(found)
 
 
 def _known(scene: Any) -> list[str]:
@@ -67,7 +67,7 @@ def _known(scene: Any) -> list[str]:
 
 
 def _terms(arg: Argument, value: Any) -> dict[str, float]:
-    """Factors by coordinate."""
+    """Reader of the factors of a coupling, by "joint.coordinate"."""
     if not isinstance(value, Mapping) or not value:
         arg.wrong(shown(value), "give factors by coordinate, such as {'A.angle': 2, 'B.angle': 1}")
         return {}
@@ -81,16 +81,16 @@ def _terms(arg: Argument, value: Any) -> dict[str, float]:
         except BadValueError as refused:
             arg.part(f"{arg.option}[{shown(key)}]").wrong(refused, "give a number")
     if found and not any(found.values()):
-        arg.wrong(shown(value), "every factor is 0, so that it couples nothing; give factors")
+        arg.wrong(shown(value), "every factor is 0, so that nothing is coupled; give factors other than 0")
     return found
 
 
 def _ratio(arg: Argument, value: Any) -> float:
-    """A number that is not 0."""
+    """Reader of a number that is not 0."""
     before = len(arg.scene.problems)
     found = reading.quantity("1")(arg, value)
     if found == 0 and len(arg.scene.problems) == before:
-        arg.wrong("0: the driven wheel would not turn", "give the ratio of both angles")
+        arg.wrong("0: the driven wheel would not turn", "give angle(driven)/angle(driving)")
     return found or 1.0
 
 
@@ -144,7 +144,7 @@ class CouplingStatements(SceneItems):
         for joint in joints:
             if joint.loose:
                 self.problems.append(f"{kind} '{law.name}': joint '{joint.name}' has clearance, where whole turns of its "
-                                     f"angle are not counted; give it another model")  # fmt: skip
+                                     f"angle are not counted; give that joint another model")  # fmt: skip
             for part in (*joint.laws, *joint.as_kinematic):
                 if hasattr(part, "kept"):
                     part.kept = True
@@ -154,7 +154,7 @@ class CouplingStatements(SceneItems):
         return item
 
     def _add_coupling(self, law: Coupling) -> Connection:
-        """A coupling of the user's own."""
+        """Enter a coupling that was given to `add` as an object, after its coordinates have been read."""
         kind, before = type(law).__name__.lower(), len(self.problems)
         arg = Argument(self, f"{kind} '{law.name}'", "of")
         of = {c: reference(_unit(law, c))(arg.part(f"of['{c}']"), value) for c, value in law.of.items()}
@@ -167,6 +167,6 @@ class CouplingStatements(SceneItems):
 def _unit(law: Coupling, coordinate: str) -> str:
     """Unit of a coordinate, rad or m, where the law states one of them; else ""."""
     if coordinate not in law.coordinates:
-        raise LawError(f"{type(law).__name__} has no coordinate {coordinate!r}")
+        raise LawError(f"{type(law).__name__} has no coordinate {coordinate!r}; it has {', '.join(law.coordinates)}")
     unit = law.coordinates[coordinate].unit
     return unit if unit in ("rad", "m") else ""

@@ -37,7 +37,7 @@ from mbdae.symbolic.law import TwoBodyLaw
 OPTIONS = ("prescribed", "start", "start_rate", "spring", "damper", "load", "limits", "stop", "friction")
 BODIES = {"name": reading.name, "k": reading.body, "l": reading.body, "at": reading.point}
 PLACED = {**BODIES, "axis": reading.direction}
-#: law -> what to use instead of `joint`, where a statement of its own measures the parameters
+#: law -> remedy in the message about a missing parameter, where another statement takes the parameter from the drawing
 MEASURED: dict[type[Joint], str] = {Distance: "use s.distance(...), which measures it"}
 EACH = dict.fromkeys(OPTIONS, reading.as_given)  #: readers of options by coordinate: checked when the coordinates are known
 FURTHER = {"model": joint_model, **EACH, "further": reading.as_given}
@@ -239,12 +239,12 @@ class JointStatements(ConnectionStatements):
 
 
 def _instead(kind: str, law: type[Joint], key: str, own: set[str]) -> str:
-    """An argument that a joint, stated by the word `kind` or by `joint`, does not have, and what to give in its place."""
+    """Part of a message: the name `key` of an argument that the joint does not have, and what to give in its place. kind: the
+    statement; own: parameters of the joint."""
     coordinate = key.removesuffix("_rate")
     if coordinate not in law.scalars():
         known = (set(signature(STATEMENTS.get(kind, STATEMENTS["joint"])).parameters) | {*OPTIONS, "model"}) - {"self", "further"}
-        return (f"{unknown_name(key, {*own, *known})} its parameters are {sorted(own) or 'none'}, its other arguments "
-                f"{', '.join(sorted(known - own))}")  # fmt: skip
+        return (f"{unknown_name(key, {*own, *known})} it takes {', '.join(sorted({*own, *known}))}")  # fmt: skip
     if coordinate != key:
         return f"'{key}'; to start with a rate of its coordinate give start_rate={{'{coordinate}': ...}}"
     return f"'{key}'; to prescribe its coordinate give prescribed={{'{key}': ...}}, to start there start={{'{key}': ...}}"
@@ -260,9 +260,9 @@ def pins(arg: Argument, shaft: Any, other: Any, pin: Any) -> Any:
     found = reading.unit(pin)
     if abs(found @ shaft) > 1e-9:
         arg.wrong(f"{np.asarray(pin).tolist()} is not normal to axis = {shaft.tolist()}",
-                  "give a direction normal to the shaft of k")  # fmt: skip
+                  "give a direction normal to axis, the shaft of k")  # fmt: skip
         return pins(arg, shaft, other, None)
     if np.linalg.norm(np.cross(found, other)) < 1e-9:
-        arg.wrong(f"{np.asarray(pin).tolist()} is along axis_l", "give a direction that is not that of the shaft of l")
+        arg.wrong(f"{np.asarray(pin).tolist()} is along axis_l, the shaft of l", "give a direction at an angle to it")
         return pins(arg, shaft, other, None)
     return found

@@ -71,15 +71,16 @@ class Section:
             E, a, b = (number(x, least=0) for x in (self.E, first, second))
             A, I2, I3 = {"tube": _of_tube, "rectangle": _of_rectangle}[kind](a, b)
         except (BadValueError, ValueError, TypeError, KeyError):
-            raise OptionError(f"section: shape = {shown(self.shape)}, E = {shown(self.E)}: use mb.Section.circular, tube or "
-                              f"rectangular") from None  # fmt: skip
+            raise OptionError(f"section: shape = {shown(self.shape)}, E = {shown(self.E)}: a section made by hand has neither; "
+                              f"leave both out, or use mb.Section.circular, tube or rectangular") from None  # fmt: skip
         stated = (self.EA, self.EI2, self.EI3)
         if not all(math.isclose(x, E * y, rel_tol=1e-9) for x, y in zip(stated, (A, I2, I3), strict=True)):
             object.__setattr__(self, "E", None)
             object.__setattr__(self, "shape", ())
 
     def _read(self, name: str, unit: str, **bounds: float) -> list[str]:
-        """Replace a field by a plain number; a list with the mistake in it, or an empty one."""
+        """Replace the value of a field by a plain number; returns the message where it is no number within the bounds, in a list,
+        else an empty list."""
         try:
             object.__setattr__(self, name, number(getattr(self, name), **bounds))
         except BadValueError as refused:

@@ -22,7 +22,7 @@ _PLACE = re.compile(r"(?P<item>.+)\.at\((?P<where>[^()]*)\)")
 _ENTRY = re.compile(r"(?P<path>.+?)(?P<entry>(\[\s*\d+\s*(,\s*\d+\s*)?\])*)", re.DOTALL)
 
 
-_PLAIN = re.compile(r"[A-Za-z_]\w*", re.ASCII)  #: names that expressions hold as they are
+_PLAIN = re.compile(r"[A-Za-z_]\w*", re.ASCII)  #: names of items that an expression in Python's syntax can contain unchanged
 _QUOTED = r'sensor\("(?:[^"\\]|\\.)*"\)'
 
 
@@ -44,8 +44,8 @@ def parsed(text: str) -> SensorName:
 
 
 def spelled(scene: Any, text: str) -> tuple[str, dict[str, str]]:
-    """A text with plain names in place of those of items that have spaces, signs or other letters ("my joint"), and their names
-    by these; BadValueError where a name may be an expression of others too."""
+    """A text in which names of items with spaces, signs or other letters ("my joint") are replaced by plain ones ("item_0_"), and
+    a mapping plain name -> name; BadValueError where a name can also be read as an expression of other items ("a-b")."""
     odd = sorted((name for name in scene._by_name if not _PLAIN.fullmatch(name) or iskeyword(name)), key=len, reverse=True)
     if not any(name in text for name in odd):
         return text, {}
@@ -57,7 +57,8 @@ def spelled(scene: Any, text: str) -> tuple[str, dict[str, str]]:
             return name
         parts = re.findall(r"\w+", name)
         if len(parts) > 1 and re.search(r"[-+*/]", name) and all(part in scene._by_name for part in parts):
-            raise BadValueError(f"'{name}' is an item, and an expression of {', '.join(parts)}: give the item another name")
+            raise BadValueError(f"'{name}' is the name of an item, and also an expression of the items {', '.join(parts)}: give "
+                                f"it another name")  # fmt: skip
         return plain[name]
 
     names = "|".join(re.escape(name) for name in odd)
@@ -84,7 +85,8 @@ def placed(scene: Any, key: str) -> tuple[Any, Any]:
     except ValueError:
         where = []
     if not isinstance(item, Body) or len(where) not in (1, 2, 3):
-        raise SceneError([f"there is no place '{key}'; give a body and a number from 0 to 1, or a point of 2 or 3 coordinates"])
+        raise SceneError([f"there is no place '{key}'; give a body and a number from 0 to 1 or a point of 2 or 3 coordinates, "
+                          f"as in 'rod.at(0.5)' or 'rod.at(1, 0)'"])  # fmt: skip
     return item, where[0] if len(where) == 1 else where
 
 
