@@ -127,7 +127,7 @@ class Reader:
             term = term if sign == "+" else -term
             self.largest = max(self.largest, float(np.max(np.abs(term), initial=0.0)))
             if total is not None and np.ndim(total) != np.ndim(term) and not (isinstance(total, int) or isinstance(term, int)):
-                raise self._unread("a number, a vector or a matrix is added to another of these")
+                raise self._unread("two terms of a sum are not both numbers, both vectors or both matrices")
             total = term if total is None else total + term
         return total
 
