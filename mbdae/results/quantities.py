@@ -122,7 +122,7 @@ def _applied(result: Any, node: Any, function: Callable[..., Any], parts: Sequen
     given = [_evaluated(result, part, names) for part in parts]
     wanted = getattr(function, "nin", 1)
     if len(given) != wanted:
-        raise OptionError(f"'{_said(node, names)}' has {counted(len(given), 'argument')}, takes {wanted}")
+        raise OptionError(f"'{_said(node, names)}' has {counted(len(given), 'argument')}, but takes {wanted}")
     lengths = function is FUNCTIONS["norm"] and any(np.ndim(value) == 1 for value in given)
     if lengths or len({np.shape(value) for value in given if np.ndim(value)}) > 1:
         said = ", ".join(f"{_said(part, names)} has {_components(value)}" for part, value in zip(parts, given, strict=True))
