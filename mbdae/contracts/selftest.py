@@ -36,8 +36,8 @@ from mbdae.symbolic.part import Part, PartStructure
 from mbdae.values import number, option, shown
 
 #: how the lines of a LawError read, and how many there are at most of every contract
-LINES = ("Each line: the check, the bodies k - l (spatial: a rigid body in space) and the options of the first variant that fails, "
-         "and what is wrong.")  # fmt: skip
+LINES = ("Each line: the check, the bodies k - l (spatial: a rigid body in space) and the options of the first variant that "
+         "fails, and what is wrong.")  # fmt: skip
 MOST_LINES = 20
 
 
