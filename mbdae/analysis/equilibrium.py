@@ -318,7 +318,7 @@ class _Path:
         force = T.right[: s.mechanics.nu] if s.elastic else T.N @ (T.N.T @ T.right[: s.mechanics.nu])
         soft = s.soft_motions(T)
         return f"nothing resists {soft[0]}" if soft else (
-            f"the largest force that is not balanced yet acts on {motion_in_words(s.mechanics.model, force, s.units)}")
+            f"the forces have no balance along this motion: {motion_in_words(s.mechanics.model, force, s.units)}")
 
 
 def _eigenvalues(K: Array, metric: Array) -> Array:

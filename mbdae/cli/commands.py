@@ -314,7 +314,7 @@ def _report_path(a: argparse.Namespace, format_: str) -> Path:
         _folder(a.out)
         return path / f"{Path(a.what).stem}.{format_}"
     if a.format is not None and path.suffix != f".{a.format}":
-        raise UsageError(f"--out {a.out}: the ending says {path.suffix}, --format {a.format}; give one of the two")
+        raise UsageError(f"--out {a.out}: its ending says {path.suffix}, and --format says {a.format}; give one of the two")
     if path.is_dir():
         raise UsageError(f"--out {a.out}: that is a folder; give a file, or a folder whose name does not end in {path.suffix}")
     _folder(str(path.parent))
