@@ -23,7 +23,7 @@ class Normal(Part):
                        f"elastic energy (J) of a penetration p (m)")
 
     def damping_force(self, p: Expr, rate: Expr) -> Expr:
-        """Force beside the elastic one, N."""
+        """Damping force, which is added to the elastic one, N."""
         return se.Integer(0)
 
     def elastic_force(self, p: Expr) -> Expr:
