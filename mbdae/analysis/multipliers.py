@@ -108,7 +108,8 @@ class Floquet(OnMesh, Modes[FloquetMode]):
 
     def __str__(self) -> str:
         head = (f"scene '{self.prepared.model.scene.name}', period {self.period:.9g} s from t = {self.t:g} s, {self.steps} "
-                f"steps; frequencies are known up to multiples of {2 * np.pi / self.period:.5g} rad/s")  # fmt: skip
+                f"steps; errors are those of the multipliers, relative; frequencies are known up to multiples of "
+                f"{2 * np.pi / self.period:.5g} rad/s")  # fmt: skip
         lines = [head, f"{'mode':>4}  {'growth 1/s':>11}  {'error':>8}  {'rad/s':>11}  {'multiplier':>24}  bodies"]
         for i, mode in enumerate(self.modes):
             mu = f"{mode.multiplier.real:.6g}" + (f"{mode.multiplier.imag:+.6g}i" if mode.multiplier.imag else "")
