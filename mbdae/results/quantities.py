@@ -35,7 +35,7 @@ def value(result: Any, quantity: Quantity) -> Array:
         try:
             found = np.asarray(quantity(result), dtype=float)
         except (TypeError, ValueError) as error:
-            raise OptionError(f"{named(quantity)}: {error}; {REMEDY}") from error
+            raise OptionError(f"{named(quantity)} gives no numbers: {error}; {REMEDY}") from error
     elif isinstance(quantity, str):
         found = _of_text(result, quantity)
     else:
