@@ -116,12 +116,13 @@ class BodySensor(ListsAttributes):
 
     @cached_property
     def angular_acceleration(self) -> Array:
-        """Angular acceleration (nt, 3), rad/s^2, inertial frame, from the equations of motion."""
+        """Angular acceleration (nt, 3), rad/s^2, inertial frame, from the equations of motion; 0 for a point mass, which has no
+        axes that could turn."""
         return self._turning(self._result.acceleration)
 
     @cached_property
     def angular_velocity(self) -> Array:
-        """Angular velocity (nt, 3), rad/s, inertial frame."""
+        """Angular velocity (nt, 3), rad/s, inertial frame; 0 for a point mass, which has no axes that could turn."""
         return self._turning(self._result.u)
 
     def _turning(self, values: Array) -> Array:
