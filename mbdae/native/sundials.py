@@ -174,13 +174,15 @@ class Method:
         function = getattr(self.S, self.prefix + name)
         code = function(*args) if name == "Free" else function(self.memory, *args)
         if checked and code < 0:
-            raise RuntimeError(f"{self.prefix}{name} of SUNDIALS returned {self.reason(code)}")
+            raise RuntimeError(f"SUNDIALS refused a call of its function {self.prefix}{name}: {self.reason(code)}. This is an "
+                               "error in mbdae, not in what you stated: please report it with the scene; mb.RadauIIA(3) does "
+                               "without")  # fmt: skip
         return code
 
     def _owned(self, made: int | None, free: Callable[..., Any]) -> int:
         """An object that SUNDIALS allocated, to be freed by `close`."""
         if not made:
-            raise MemoryError("SUNDIALS could not allocate its memory")
+            raise MemoryError(f"no memory is left for {self.prefix} of SUNDIALS: end other programs, or take fewer unknowns")
         self._free.callback(free, made)
         return made
 
