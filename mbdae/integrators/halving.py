@@ -161,9 +161,9 @@ def _too_dear(best: Halved, h: float, span: float, accuracy: float) -> SolverErr
     solution, steps = best.solution, span / h
     cpu = solution.stats.cpu_s * steps / max(solution.stats.steps, 1)
     reached = best.estimate * (solution.stats.steps / MOST_STEPS) **best.solver.order
-    text = (f"{best.solver.label}: accuracy {accuracy:g} needs steps of {h:.1e} s, {steps:.1e} steps and {cpu:.0f} s of CPU; "
-            f"the run attached has {best.estimate:.1e}. Ask for {_up(reached / SAFETY)} or more, or use "
-            f"mb.RadauIIA(3)")  # fmt: skip
+    text = (f"{best.solver.label}: accuracy {accuracy:g} needs about {steps:.1e} steps of {h:.1e} s and {cpu:.0f} s of CPU, more "
+            f"than the {MOST_STEPS:.0e} steps allowed; the finest run made, attribute `solution` of this error, has an estimated "
+            f"error of {best.estimate:.1e}. Ask for an accuracy of {_up(reached / SAFETY)} or more, or use mb.RadauIIA(3)")
     return SolverError(text, float(solution.t[-1]), "", solution)
 
 

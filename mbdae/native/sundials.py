@@ -162,7 +162,7 @@ class Method:
     def reason(self, code: int) -> str:
         """Meaning of a return code, for messages."""
         if code == STUCK:
-            return "the step fell below the round-off of the time"
+            return "the step became smaller than the round-off of the time t"
         name = _flag_name(self.prefix, code)
         word = name.partition("_")[2].replace("FAILURE", "FAIL")
         return f"{SAID[word]} ({name})" if word in SAID else name

@@ -190,7 +190,8 @@ class Check(ListsAttributes):
         lines += _by_joint("  constraint equations left out because they hold in every position", always)
         lines += _by_joint("  constraint equations left out because a point mass has no axes", undefined)
         for row in p.rank.singular_here:
-            lines.append(f"  dependent on others at the start only: {row.name}; the scene starts in a singular position")
+            lines.append(f"  constraint equation dependent on others at the start only: {row.name}; the scene starts in a "
+                         "singular position")  # fmt: skip
         lines += [f"  {note}" for note in doubts(p)]
         if p.rows:
             lines.append(f"  smallest singular value of the constraints (rows of unit length): {p.rank.smallest:.2g}")
@@ -262,7 +263,7 @@ class Check(ListsAttributes):
         if not bodies.moved.ordered:
             return f"{tree_plan(tree.structure).operations} operations in one program"
         kernels, operations = ordered_size(bodies.moved, bodies.numbering, tree)
-        return f"{operations} operations by {kernels} kernels of single joints"
+        return f"{operations} operations by {kernels} functions of single joints"
 
     def _of_recursive_joints(self) -> list[str]:
         """Lines on the trees of recursive joints with operation counts, and on joints that keep their constraint equations."""
@@ -271,8 +272,8 @@ class Check(ListsAttributes):
             root = tree.nodes[0].name if tree.nodes[0] is not None else "ground"
             names = _listed([c.name for c in tree.coordinates]) or "none"
             welded = f"; rigid: {_listed(list(tree.rigid))}" if tree.rigid else ""
-            lines.append(f"  recursive, from '{root}': {names}{welded}; "
-                         f"no unknowns for {_listed([n.name for n in tree.nodes[1:] if n])} "
+            lines.append(f"  recursive joints, from '{root}' outwards: {names}{welded}; "
+                         f"their bodies have no unknowns: {_listed([n.name for n in tree.nodes[1:] if n])} "
                          f"({self._kernels_of(tree)})")  # fmt: skip
         reasons: dict[str, list[str]] = {}
         for name, why in self.kept_kinematic.items():
@@ -292,7 +293,7 @@ def why_kept(c: Connection, couplings: list[Connection]) -> str:
         return "the joint states no row that prescribes a coordinate without them"
     acting = [type(part).__name__.removeprefix("Joint").lower() for part in c.laws if isinstance(part, OnCoordinate)]
     acting += ["friction"] if c.rubs else []
-    return f"the joint does not read from the bodies the coordinate of its {_listed(list(dict.fromkeys(acting)))}"
+    return f"no method `coordinate` of the joint computes from the bodies that of its {_listed(list(dict.fromkeys(acting)))}"
 
 
 def _coordinates(c: Connection) -> str:

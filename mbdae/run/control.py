@@ -46,7 +46,7 @@ CLOSER = 0.4
 #: the same factor for the part of the duration of an impact that a step may cover. The run after the first companions covers the
 #: part that a single run does, the companions cover more
 CLOSER_IMPACTS = 0.5
-UNKNOWN = "the run attached (rtol = {:g}) is complete, its error is not known"
+UNKNOWN = "the run attached (attribute `solution`, rtol = {:g}) is complete, its error is not known"
 UNTESTED = "the run attached is complete; whether its steps leave out fast vibrations was not tested"
 CRAWL = 10  #: a run is stopped above this many times the residual evaluations of its companion
 CUT = 100  #: residual evaluations allowed in addition for every step that inputs of time cut short

@@ -223,8 +223,8 @@ class Job:
         except (SolverError, KeyboardInterrupt, SystemExit) as error:
             solution, singular = getattr(error, "solution", None), self.prepared.rank.singular_here
             if isinstance(error, SolverError) and singular and error.time <= self.prepared.start.t:
-                error.args = (f"{error}; the scene starts in a singular position, where {singular[0].name} depends on the other "
-                              f"rows: start it slightly away from that position",)  # fmt: skip
+                error.args = (f"{error}; the scene starts in a singular position, where constraint {singular[0].name} depends on "
+                              "the others: start it slightly away from that position",)  # fmt: skip
             if isinstance(solution, Solution):
                 why = "the run failed before its end" if isinstance(error, SolverError) else "the run was interrupted"
                 known, stats = nothing_known(self.prepared, why), solution.stats

@@ -34,9 +34,9 @@ def singular_passages(result: Result, asked: float | None) -> list[str]:
     resolved = max(asked or 0.0, result.info.solver.rtol or 0.0) or UNCONTROLLED
     if value**2 > resolved:
         return []
-    return [f"passes a singular position of the loop closed by '{loops[0].name}' at t = {when:.6g} s (smallest singular value "
-            f"of its rows {value:.1e}): two branches of the motion meet there, closer than {resolved:.0e} resolves, and the run "
-            f"may have changed branch; compare with runs at smaller accuracies, or avoid that position"]  # fmt: skip
+    return [f"the run passes a singular position of the loop closed by '{loops[0].name}' at t = {when:.6g} s (smallest singular "
+            f"value of its rows {value:.1e}): two branches of the motion meet there, closer than {resolved:.0e} resolves, and "
+            "the run may have changed branch; compare with runs at smaller accuracies, or avoid that position"]  # fmt: skip
 
 
 def _smallest(result: Result, times: Array) -> tuple[float, float]:

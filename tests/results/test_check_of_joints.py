@@ -38,8 +38,8 @@ def test_the_reason_why_coordinates_are_kept_is_what_needs_them() -> None:
     s.gear("mesh", "wheel", "T", ratio=-1.0)
     found = s.check()
     assert found.kept_coordinates == {
-        "sprung": "the joint does not read from the bodies the coordinate of its spring, damper",
+        "sprung": "no method `coordinate` of the joint computes from the bodies that of its spring, damper",
         "driven": "the joint states no row that prescribes a coordinate without them",
-        "rubbed": "the joint does not read from the bodies the coordinate of its friction",
+        "rubbed": "no method `coordinate` of the joint computes from the bodies that of its friction",
         "wheel": "whole turns count in mesh", "T": "whole turns count in mesh"}  # fmt: skip
     assert "7 joints, 1 coupling, 0 force elements" in str(found)

@@ -215,7 +215,7 @@ def out_of_plane(scene: SceneData) -> str | None:
         if load.law.f3 is not None:
             return f"load '{load.name}' has a component 3, out of the plane"
         if load.law.following and not _upright(load.beam):
-            return f"load '{load.name}' follows a section whose axis 3 is not z"
+            return f"load '{load.name}' turns with the sections of beam '{load.beam.name}', whose axis 3 is not z"
     for c in scene.connections:
         for law in c.laws:
             for point in (law.at, law.point_on("l")):
@@ -272,7 +272,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
                                f"use s.rigid_body")  # fmt: skip
         except LawError as error:
             if planar:
-                raise LawError(f"{item}: {error}") from error
+                raise LawError(f"'{item}': {error}") from error
             refused.append(f"'{item}': {error}")
         groups.setdefault(key, Group(key)).instances.append(instance)
     length = scene_length(scene)
