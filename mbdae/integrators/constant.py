@@ -26,7 +26,7 @@ SINGULAR = "the iteration matrix is singular: the position is singular, or the e
 
 def not_finite(equation: str, t: float) -> str:
     """What a message says of an equation that has no finite value at t, s."""
-    return f"equation {equation} is not finite near t = {t:.9g} s: check what its laws divide by there"
+    return f"equation {equation} is not finite near t = {t:.9g} s: check what it divides by there"
 
 
 class StepFailedError(Exception):

@@ -109,7 +109,7 @@ class StepLoop:
         """Attach the solution so far to an exception that ends the process (Ctrl-C, or one raised by a user's handler)."""
         whole = len(self._pieces) + 1  # without a step that was stored only in part
         del self._t[whole:]
-        where = f"{self.solver.label} was interrupted at t = {self.t:.9g} of {self.run_end:.9g}"
+        where = f"{self.solver.label} was interrupted at t = {self.t:.9g} s of {self.run_end:.9g} s"
         interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", self.solution())
 
     def _clock(self) -> None:

@@ -99,7 +99,8 @@ class _Run(SundialsRun):
         if np.max(np.abs(correction) * weights) < 1.0:  # Newton's method converges, so the error test fails
             y, yp = self.loop.state
             correction = last.y - y - (last.t - self.loop.t) * yp
-        return self.loop.failure(message, self.system.names[largest(np.abs(correction) * weights)])
+        text = f"{message}; see whether a force jumps or grows without bound there, or use mb.RadauIIA(3)"
+        return self.loop.failure(text, self.system.names[largest(np.abs(correction) * weights)])
 
     def _newton_correction(self) -> Array | None:
         """Correction (n,) of one more Newton iteration at the last point; None where the iteration matrix is singular."""

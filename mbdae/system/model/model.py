@@ -289,7 +289,10 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
 def entry_of(scenery: Scenery, law: Any, bodies: tuple[Body, ...], ends: tuple[Node | None, ...],
              item: str) -> tuple[tuple[Any, Structure, tuple[Side, ...]], Instance]:  # fmt: skip
     """The key of the group of a law between bodies with these nodes, and its instance there."""
-    sides, numbers = sides_of(law, bodies, ends, scenery.planar)
+    try:
+        sides, numbers = sides_of(law, bodies, ends, scenery.planar)
+    except LawError as error:
+        raise LawError(f"'{item}': {error}") from error
     own = tuple(scenery.by_coordinate[key] for key in law.coordinates_in(item))
     values = {p: getattr(law, p) for p in law.params if getattr(law, p) is not None}
     fed = fed_into(scenery, values)
