@@ -189,10 +189,10 @@ class Solver(ABC):
         longest = None if line is None else line.longest_step(SHARE if share is None and self.fixed else share or 1.0)
         # steps bounded by sampling instants alone have to differ between the two runs, too
         if sampler is not None and share is not None and share < 1:
-            inputs = np.zeros(0) if longest is None else longest.edges
-            longest = LongestStep(distinct(np.concatenate([inputs, sampler.instants(loop.run_end)])), share)
+            longest = _with_edges(longest, sampler.instants(loop.run_end), share)
         if further is not None:
-            longest = _with_edges(longest, further[(further > system.t0) & (further < loop.run_end)], system.t0, loop.run_end)
+            inner = further[(further > system.t0) & (further < loop.run_end)]
+            longest = _with_edges(longest, np.concatenate([[system.t0], inner, [loop.run_end]]))
         edges = [system.t0, loop.run_end] if line is None else line.edges.tolist()
         try:
             for a, b in pairwise(edges):
@@ -330,9 +330,8 @@ def absolute_tolerance(system: System, rtol: float, atol: Any) -> Array:
     return np.broadcast_to(values, (system.n,)).copy()
 
 
-def _with_edges(longest: LongestStep | None, edges: Array, begin: float, end: float) -> LongestStep:
-    """The bound of the steps with further edges between the begin and end (s) of a run."""
-    ends = np.array([begin, end])
+def _with_edges(longest: LongestStep | None, edges: Array, share: float = 1.0) -> LongestStep:
+    """The bound of the steps with further edges (s); where there was none, they bound the steps by `share` of their distance."""
     if longest is None:
-        return LongestStep(distinct(np.concatenate([ends, edges])))
-    return longest._replace(edges=distinct(np.concatenate([longest.edges, ends, edges])))
+        return LongestStep(distinct(edges), share)
+    return longest._replace(edges=distinct(np.concatenate([longest.edges, edges])))

@@ -102,7 +102,9 @@ class StepLoop:
         self._clock()
         if isinstance(error, KeyboardInterrupt | SystemExit):
             self._interrupted(error)
-        elif error is not None and not isinstance(error, SolverError):
+        elif isinstance(error, SolverError):
+            error.solution = self.solution() if error.solution is None else error.solution
+        elif error is not None:
             error.add_note(f"raised in {self.solver.label} after t = {self.t:.9g} s (steps made: {self.stats.steps})")
 
     def _interrupted(self, error: KeyboardInterrupt | SystemExit) -> None:

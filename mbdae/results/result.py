@@ -29,7 +29,7 @@ from mbdae.scene.scene import SceneData
 from mbdae.scene.sensor_names import parsed, placed
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
-from mbdae.system.rank.rows import smallest, unit_rows
+from mbdae.system.rank.rows import smallest, unit_rows_at
 from mbdae.system.sampling import Sampling, UnderWay
 from mbdae.system.start.start import Start
 from mbdae.values import file_to_write, number, of_class, option, optional, shown, text
@@ -259,9 +259,8 @@ class Result(RunStates, ListsAttributes):
     def smallest_singular_value(self) -> Array:
         """(nt,) smallest singular value of all constraint rows, each scaled to unit length; the zeros that redundant rows cause
         do not count. Near zero, the position is singular and reactions are uncertain."""
-        m, rank = self.prepared.with_all_rows, len(self.prepared.rank.kept)
-        matrices = m.sparse_constraint_jacobian(self.t, self.q) if m.large else m.constraint_jacobian(self.t, self.q)
-        return np.array([smallest(unit_rows(m, g), rank) for g in matrices])
+        rows, rank = unit_rows_at(self.prepared.with_all_rows, self.t, self.q), len(self.prepared.rank.kept)
+        return np.array([smallest(B, rank) for B in rows])
 
     # -- pictures and files (see `ATTACHED`)
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -30,7 +31,7 @@ from mbdae.results.states import states_of
 from mbdae.run.contact_tolerances import largest_tolerance, resolving
 from mbdae.run.estimate import Run, companions, estimated, share_of
 from mbdae.run.excitations import beginning_at, windows
-from mbdae.run.hidden_contacts import hidden_contacts, stepped_over
+from mbdae.run.hidden_contacts import Hidden, hidden_contacts
 from mbdae.system.base import Array, System
 from mbdae.system.distance import distance
 from mbdae.system.prepare import Prepared
@@ -70,7 +71,7 @@ class Controlled:
     """A run, its estimated error, the number of runs made for it and their CPU time (s); others: runs that it was compared with;
     waves: whether it resolves all vibrations of beams although its form does not ask for it; told: of every run with an estimate,
     in their order, the tolerance (the step, s, of a method of constant steps) and the estimate from runs of its method alone;
-    limit: the smallest tolerance that round-off allows."""
+    limit: the smallest tolerance that round-off allows; hidden: contacts that come and go inside its steps."""
 
     solution: Solution
     solver: Solver
@@ -82,6 +83,7 @@ class Controlled:
     waves: bool = False
     told: tuple[tuple[float, float], ...] = ()
     limit: float = 0.0
+    hidden: tuple[Hidden, ...] = ()
 
     def after(self, runs: int, cpu_s: float) -> Controlled:
         """The run with the number and CPU time (s) of other runs added to its own."""
@@ -124,7 +126,13 @@ def run_controlled(system: System, prepared: Prepared | None, solver: Solver, ac
             distance = second.distance(run.solution, run.estimate)
             second.tell(run.estimate, distance, accuracy)
             run = replace(run, estimate=distance).after(second.runs, second.cpu_s)
-    return replace(run, notes=tuple(dict.fromkeys([*run.notes, *(str(w.message) for w in caught)])))
+    return replace(run, notes=_last_of_each_kind([*run.notes, *(str(w.message) for w in caught)]))
+
+
+def _last_of_each_kind(notes: Sequence[str]) -> tuple[str, ...]:
+    """Of notes that differ from the time they name onwards ("at t = ...") the last: every run of a search may say the same of
+    another time."""
+    return tuple({note.split(" at t = ")[0]: note for note in notes}.values())
 
 
 def _with_hidden_contacts(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
@@ -143,7 +151,7 @@ def _with_hidden_contacts(system: System, prepared: Prepared | None, solver: Sol
         runs, cpu = run.runs, run.cpu_s
         known = [] if asked.edges is None else [asked.edges]
         asked = replace(asked, edges=distinct(np.concatenate([*known, *(one[1:] for one in hidden + beside)])))
-    return replace(run, estimate=float("inf"), others=(), notes=(*run.notes, stepped_over(hidden))) if hidden else run
+    return replace(run, estimate=float("inf"), others=(), hidden=tuple(hidden)) if hidden else run
 
 
 def _controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,

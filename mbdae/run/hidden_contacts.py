@@ -43,7 +43,8 @@ def stepped_over(hidden: Sequence[Hidden]) -> str:
     """A warning of contacts that a run has stepped over."""
     first = hidden[0]
     return (f"{counted(len(hidden), 'contact')} stepped over, first '{first.name}' at t = {first.deepest:.6g} s: the motion from "
-            f"there on is wrong; use a smaller accuracy, or steps of at most {(first.end - first.begin) / 2:.1g} s")  # fmt: skip
+            "there on is wrong; take a smaller accuracy or tolerance, or constant steps of at most "
+            f"{(first.end - first.begin) / 2:.1g} s")  # fmt: skip
 
 
 class _Intervals(NamedTuple):
@@ -82,7 +83,7 @@ def _off_cubic(gap: Array, s: Any, h: Array, left: Array, right: Array) -> Array
 
 def hidden_contacts(system: System, run: Solution, depth: float) -> list[Hidden]:
     """Contacts that close by more than `depth` (m or rad) inside steps at whose ends they are open, in the order of time; of
-    several times in one step one is returned."""
+    several times in one step one is returned. They are counted in the statistics of the run."""
     if system.guards is None or len(run.t) < 2:
         return []
     pairs, random, found = _pairs_of(system, run), Random(SEED), list[Hidden]()
@@ -90,6 +91,7 @@ def hidden_contacts(system: System, run: Solution, depth: float) -> list[Hidden]
         steps = run.t[first : first + AT_ONCE + 1]
         for place, a, middle, b in _in_steps(pairs, steps, _drawn(random, len(steps) - 1), depth):
             found.append(Hidden(guard_name(system, place), a, middle, b))
+    run.stats.missed_dips = max(run.stats.missed_dips, len(found))
     return sorted(found, key=lambda one: one.deepest)
 
 

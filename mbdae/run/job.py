@@ -24,7 +24,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
-from mbdae.errors import FINAL, AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError, keeping
+from mbdae.errors import FINAL, AccuracyWarning, ChatteringError, MbdaeError, OptionError, SolverError, WallClockError, keeping
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.checkpoints.keeper import keeping_runs
@@ -37,10 +37,11 @@ from mbdae.run.choice import Choice, alternatives
 from mbdae.run.contact_tolerances import refuse_unresolved
 from mbdae.run.control import SHALLOW, UNTESTED, Controlled, cpu_of, run_controlled
 from mbdae.run.drift import joint_drift
-from mbdae.run.hidden_contacts import hidden_contacts, stepped_over
+from mbdae.run.hidden_contacts import hidden_contacts
 from mbdae.run.lost_vibrations import with_lost_vibrations
 from mbdae.run.recheck import Rechecked, rechecked
 from mbdae.run.reliability import Assessment
+from mbdae.run.singular_positions import singular_stop
 from mbdae.run.verification import accuracy_of, nothing_known, verified
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
@@ -86,20 +87,15 @@ class Job:
                 with python_warnings.catch_warnings(record=True) as caught:
                     python_warnings.simplefilter("always", AccuracyWarning)
                     solution = solver.run(system, self.asked)
-                notes = tuple(dict.fromkeys([*(str(w.message) for w in caught), *self._stepped_over(system, solution, solver)]))
-                return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s, notes)
+                notes = tuple(dict.fromkeys(str(w.message) for w in caught))
+                exactly = self.accuracy if solver.rtol is None else solver.rtol
+                hidden = hidden_contacts(system, solution, SHALLOW * exactly * self.prepared.length)
+                return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s, notes, hidden=tuple(hidden))
             run = self._controlled(system, solver)
             if not system.numbering.stresses or self.form.waves:
                 return run
             with keeping(run.solution, UNTESTED):
                 return self._with_waves(run, solver, system)
-
-    def _stepped_over(self, system: SceneSystem, solution: Solution, solver: Solver) -> list[str]:
-        """A warning of contacts that come and go inside the steps of a single run; they are counted in its statistics."""
-        exactly = self.accuracy if solver.rtol is None else solver.rtol
-        hidden = hidden_contacts(system, solution, SHALLOW * exactly * self.prepared.length)
-        solution.stats.missed_dips = max(solution.stats.missed_dips, len(hidden))
-        return [stepped_over(hidden)] if hidden else []
 
     def _system(self, solver: Solver) -> SceneSystem:
         """The equations with the index that a solver takes, assembled once."""
@@ -168,7 +164,8 @@ class Job:
             except (SolverError, OptionError) as error:
                 said = str(error)
                 runs, cpu = runs + 1, cpu + (cpu_of(error) if isinstance(error, SolverError) else 0.0)
-                failure, why = failure or error, said if solver.label in said else f"{solver.label} stopped: {said}"
+                failure = error if failure is None or isinstance(solver, RadauIIA) else failure  # it passes more than the others
+                why = said if solver.label in said else f"{solver.label} stopped: {said}"
                 continue
             runs, cpu = runs + run.runs, cpu + run.cpu_s
             if best is None or run.estimate < best[0].estimate:
@@ -231,6 +228,9 @@ class Job:
                 info = RunInfo(solver, self.form.label, known, stats, 1, stats.cpu_s, (str(error),))
                 made = Result(self.prepared, solution, info, self.times[self.times <= solution.t[-1]])
                 error.solution = made  # type: ignore[union-attr]
+                stopped = isinstance(error, SolverError) and not isinstance(error, WallClockError | ChatteringError)
+                if stopped and (place := singular_stop(made)):
+                    error.args = (f"{error}; {place}",)
             raise
 
 

@@ -20,6 +20,7 @@ from mbdae.results.result import Result
 from mbdae.run.contact_tolerances import RESOLVED, reversing, slowest_velocities, typical_speed
 from mbdae.run.control import Controlled
 from mbdae.run.drift import ROUNDED, round_off
+from mbdae.run.hidden_contacts import stepped_over
 from mbdae.system.start.contacts import ExpectedContact
 
 COARSE = 0.1  #: ratio of position tolerance to penetration above which a result is doubtful
@@ -187,9 +188,11 @@ def _of_friction(result: Result, run: Controlled) -> list[str]:
 def doubts_of_steps(run: Controlled) -> list[str]:
     """Warnings about contacts and laws that the steps did not resolve."""
     stats, found = run.solution.stats, []
-    if stats.missed_dips:
-        found.append(f"{counted(stats.missed_dips, 'contact')} may have begun and ended within a step, unseen: use error "
-                     "control, or a smaller step")  # fmt: skip
+    if run.hidden:
+        found.append(stepped_over(run.hidden))
+    elif stats.missed_dips:
+        found.append(f"{counted(stats.missed_dips, 'contact')} may have been stepped over (begun and ended within a step): "
+                     "use error control, or a smaller step")  # fmt: skip
     for item, count in stats.unresolved.items():
         found.append(f"{counted(count, 'step')} did not resolve the law of '{item}', which jumps, bends or acts for a part of a "
                      f"step only: use error control or steps of at most {stats.resolving_step:.1g} s")  # fmt: skip

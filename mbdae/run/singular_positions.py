@@ -13,20 +13,21 @@ from mbdae.deferred import median
 from mbdae.results.result import Result
 from mbdae.scene.topology import spanning_tree
 from mbdae.system.base import Array
+from mbdae.system.rank.rows import nearly_vanishing, unit_rows_at
 
 SAMPLES = 200  #: number of positions evaluated along the run
 CHOSEN, REFINED = 5, 40  #: largest number of minima that are refined, and evaluations for each
 NEAR = 0.3  #: ratio of the smallest singular value to its median below which a minimum is refined
+LAST, BEFORE = 5, 20  #: numbers of steps before a stop, and of times of the whole run they are compared with
+SINGULAR = 1e-3  #: ratio of the smallest singular value before a stop to its median over the run below which it is named
+TAKES_PART = 0.05  #: ratio of the factor of a row to the largest one above which the row takes part in the dependency
 UNCONTROLLED = 1e-6  #: violation that a run without a tolerance is assumed to resolve
 GOLDEN = (5**0.5 - 1) / 2
 
 
 def singular_passages(result: Result, asked: float | None) -> list[str]:
     """A warning where a run passes a singular position; none for trees, whose rows never lose rank."""
-    prepared = result.prepared
-    scene = prepared.model.scene
-    loops = [joint for joint in spanning_tree(scene).closing if not joint.loose]
-    if not loops or not prepared.rows:
+    if not _loops(result):
         return []
     t = result.solution.t
     times = np.interp(np.linspace(0, len(t) - 1, min(SAMPLES, 4 * len(t))), np.arange(len(t)), t)
@@ -34,9 +35,53 @@ def singular_passages(result: Result, asked: float | None) -> list[str]:
     resolved = max(asked or 0.0, result.info.solver.rtol or 0.0) or UNCONTROLLED
     if value**2 > resolved:
         return []
-    return [f"the run passes a singular position of the loop closed by '{loops[0].name}' at t = {when:.6g} s (smallest singular "
-            f"value of its rows {value:.1e}): two branches of the motion meet there, closer than {resolved:.0e} resolves, and "
-            "the run may have changed branch; compare with runs at smaller accuracies, or avoid that position"]  # fmt: skip
+    loop, _ = _dependent(result, when)
+    return [f"the run passes a singular position of the loop closed by '{loop}' at t = {when:.6g} s (smallest singular value of "
+            f"its rows {value:.1e}): two branches of the motion meet there, closer than {resolved:.0e} resolves, and the run may "
+            "have changed branch; compare with runs at smaller accuracies, or avoid that position"]  # fmt: skip
+
+
+def singular_stop(result: Result) -> str:
+    """A sentence on the singular position that the last steps of a run come to; empty where they do not. Beside a turning point
+    of a loop the square of the singular value falls linearly with time, so that its last two values tell whether the next two
+    steps of the same length would reach it."""
+    if not _loops(result) or len(result.solution.t) < 2:
+        return ""
+    last = result.solution.t[-LAST:]
+    seen = result(last).smallest_singular_value
+    value, when = float(np.min(seen)), float(last[np.argmin(seen)])
+    usual = median(result(np.linspace(result.solution.t[0], last[-1], BEFORE)).smallest_singular_value)
+    coming = seen[-1] < NEAR * usual and 3 * seen[-1] ** 2 < 2 * seen[-2] ** 2
+    if value > SINGULAR * usual and not coming:
+        return ""
+    loop, driven = _dependent(result, when)
+    listed = " and ".join(f"'{joint}'" for joint in driven)
+    why = (f"it cannot follow what is prescribed for {listed} with finite velocities: prescribe less motion, or change the "
+           "lengths" if driven else "two branches of the motion meet: let the start or the loads keep the scene away from it")
+    return (f"near t = {when:.9g} s the loop closed by '{loop}' comes to a singular position (smallest singular value of its "
+            f"rows {value:.1e}, usually {usual:.1e}), where {why}")  # fmt: skip
+
+
+def _loops(result: Result) -> list[str]:
+    """Names of the joints that close loops; none where nothing constrains the motion."""
+    prepared = result.prepared
+    return [joint.name for joint in spanning_tree(prepared.model.scene).closing if not joint.loose] if prepared.rows else []
+
+
+def _dependent(result: Result, t: float) -> tuple[str, list[str]]:
+    """Of the rows that nearly depend on each other at the time t (s): the joint that closes their loop, and the joints whose
+    coordinate is prescribed."""
+    at, mechanics = result([t]), result.prepared.with_all_rows
+    (B,) = unit_rows_at(mechanics, at.t, at.q)
+    factors = np.abs(nearly_vanishing(B, len(result.prepared.rank.kept)))
+    shares, driven = dict.fromkeys(_loops(result), 0.0), dict[str, None]()
+    for row, factor in zip(mechanics.rows, factors.tolist(), strict=True):
+        joint = row.name.rsplit(".", 1)[0]
+        if joint in shares:
+            shares[joint] += factor**2
+        if row.prescribes and factor > TAKES_PART * np.max(factors):
+            driven[joint] = None
+    return max(shares, key=lambda joint: shares[joint]), list(driven)
 
 
 def _smallest(result: Result, times: Array) -> tuple[float, float]:

@@ -83,3 +83,11 @@ def test_samples_of_a_late_run(solver):
     r = s.simulate(1e5 + 0.05, 1e-4, start=start, solver=solver, max_wall=20)
     assert r.accuracy.met
     assert np.min(np.diff(r.solution.t)) > 1e-6
+
+
+def test_steps_end_at_kinks_beside_a_sampled_controller():
+    """Also where a smaller share of the intervals between two samples bounds the steps."""
+    system = swing(mb.table([0, 0.0813, 0.1271, 0.3], [0, 1, 0, 1]), sampled=True).system()
+    times = mb.RadauIIA(3, rtol=1e-4).solve(system, 0.3, share=0.9).t
+    for kink in (0.0813, 0.1271):
+        assert np.min(np.abs(times - kink)) < 1e-12

@@ -7,7 +7,7 @@ in force are chosen from the geometry of the present position, and chosen again 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -32,27 +32,40 @@ def unit_rows(mechanics: Mechanics, G: Any) -> Any:
     return sp.diags(1 / row_lengths(B)[:, 0]) @ B if issparse(B) else np.asarray(B / row_lengths(B))
 
 
+def unit_rows_at(mechanics: Mechanics, t: Array, q: Array) -> Iterator[Any]:
+    """`unit_rows` at times (nt,) and positions (nt, nq), one after the other."""
+    many = mechanics.sparse_constraint_jacobian if mechanics.large else mechanics.constraint_jacobian
+    return (unit_rows(mechanics, G) for G in many(t, q))
+
+
 def smallest(B: Any, rank: int) -> float:
     """The smallest singular value of rows, without those that count as 0 by the rank; 1 where there are no rows."""
-    if issparse(B):
-        return smallest_value(B, rank < B.shape[0]) if rank else 1.0
-    return float(np.linalg.svd(B, compute_uv=False)[rank - 1]) if rank else 1.0
+    if not rank:
+        return 1.0
+    return _smallest_sparse(B, rank)[0] if issparse(B) else float(np.linalg.svd(B, compute_uv=False)[rank - 1])
 
 
-def smallest_value(B: Any, singular: bool) -> float:
-    """The smallest singular value of sparse rows B (m, n) of unit length; singular: the smallest that is not 0."""
+def nearly_vanishing(B: Any, rank: int) -> Array:
+    """Factors (m,) of the combination of rows whose length is that singular value: where it is small, the rows with large factors
+    nearly depend on each other. 0 where the factors of sparse rows cannot be determined."""
+    return _smallest_sparse(B, rank)[1] if issparse(B) else np.asarray(np.linalg.svd(B)[0][:, rank - 1])
+
+
+def _smallest_sparse(B: Any, rank: int) -> tuple[float, Array]:
+    """`smallest` and `nearly_vanishing` of sparse rows B (m, n) of unit length."""
     m, n = B.shape
     gram = sp.csc_matrix(B @ B.T)
-    shift = SHIFT if singular else 0.0
+    shift = SHIFT if rank < m else 0.0
     try:
         factors = splu(gram + shift * sp.identity(m, format="csc"), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
                        options={"SymmetricMode": True})  # fmt: skip
     except RuntimeError:
-        return 0.0
+        return 0.0, np.zeros(m)
     operator = LinearOperator((n, n), matvec=lambda x: B.T @ factors.solve(factors.solve(B @ x)), dtype=float)
     start = np.random.default_rng(3).normal(size=n)
-    (largest,) = eigsh(operator, k=1, which="LA", v0=start, tol=1e-4, return_eigenvectors=False)
-    return float(1 / np.sqrt(largest))
+    (largest,), vectors = eigsh(operator, k=1, which="LA", v0=start, tol=1e-4)
+    factors_of_rows = factors.solve(B @ vectors[:, 0])
+    return float(1 / np.sqrt(largest)), factors_of_rows / np.linalg.norm(factors_of_rows)
 
 
 def independent_parts(B: Array) -> Array:
