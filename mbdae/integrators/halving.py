@@ -35,7 +35,7 @@ LONGEST, FIRST = 1 / 20, 0.1
 #: part of the width of an input of time that the first, longest step may cover; shorter steps cover proportionally less
 SHARE = 0.5
 NEARBY = 0.24  #: smallest ratio of the steps of two runs that are compared for the final estimate
-COARSER = "the run attached (step = {:g} s) is complete, its error is not known"
+COARSER = "the run attached (attribute `solution`, step = {:g} s) is complete, its error is not known"
 ALGEBRAIC = ("lambda", "mu", "z")  #: kinds of unknowns that are not compared
 
 

@@ -285,12 +285,12 @@ def why_kept(c: Connection, couplings: list[Connection]) -> str:
     """Why the coordinates of a joint are unknowns of their own although its model does not ask for it."""
     law: Any = c.joint
     if law.must_keep():
-        return "the joint states no rows without them"
+        return "without them the joint has no constraint equations"
     coupled = [o.name for o in couplings if any(joint == c.name for joint, _ in o.joint.coordinates_in(o.name))]
     if coupled:
-        return f"whole turns count in {_listed(coupled)}"
+        return f"the coupling {_listed(coupled)} counts their whole turns"
     if c.prescribed and type(law).ties is Joint.ties:
-        return "the joint states no row that prescribes a coordinate without them"
+        return "without them the joint has no constraint equation that prescribes a coordinate"
     acting = [type(part).__name__.removeprefix("Joint").lower() for part in c.laws if isinstance(part, OnCoordinate)]
     acting += ["friction"] if c.rubs else []
     return f"no method `coordinate` of the joint computes from the bodies that of its {_listed(list(dict.fromkeys(acting)))}"
@@ -305,8 +305,8 @@ def _coordinates(c: Connection) -> str:
 def doubts(p: Prepared) -> list[str]:
     """Warnings about rows that are nearly redundant, whether they were kept or left out."""
     dropped = set(p.rank.dropped)
-    left_out = ("is nearly redundant (novelty {:.1e}: joints misaligned by about that many rad) and was left out: kept, it "
-                "would lock the mechanism; align the joints if that is not meant")  # fmt: skip
+    left_out = ("is nearly redundant (only {:.1e} of it is independent of the others: joints are misaligned by about that "
+                "many rad) and was left out: kept, it would lock the mechanism; align the joints if that is not meant")
     found = [f"constraint row {row.name} {left_out.format(size)}" for row, size in p.rank.doubtful if row in dropped]
     return found + [f"{text}; its reaction is uncertain" for text in p.rank.locking]
 

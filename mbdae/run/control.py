@@ -48,7 +48,7 @@ CLOSER = 0.4
 #: part that a single run does, the companions cover more
 CLOSER_IMPACTS = 0.5
 UNKNOWN = "the run attached (attribute `solution`, rtol = {:g}) is complete, its error is not known"
-UNTESTED = "the run attached is complete; whether its steps leave out fast vibrations was not tested"
+UNTESTED = "the run attached (attribute `solution`) is complete; whether its steps leave out fast vibrations was not tested"
 CRAWL = 10  #: a run is stopped above this many times the residual evaluations of its companion
 CUT = 100  #: residual evaluations allowed in addition for every step that inputs of time cut short
 CHAOTIC = 2.0  #: with contact: a run is not repeated after two repeats lowered its estimate by less than this factor

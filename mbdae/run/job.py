@@ -48,8 +48,8 @@ from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
 from mbdae.system.without_multipliers import WithoutMultipliers
 
-UNRESOLVED = ("of it, part are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with solver=mb.RadauIIA(3) "
-              "follows them")  # fmt: skip
+UNRESOLVED = ("part of the error are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with "
+              "solver=mb.RadauIIA(3) follows them")  # fmt: skip
 #: ratio of the accuracy of a run that only locates an event to that of the run that ends there, and its largest accuracy
 LOOSER, MOST = 10.0, 1e-3
 NEARLY = 10.0  #: largest ratio of estimate to accuracy for which a tighter run is tried before one that resolves all vibrations

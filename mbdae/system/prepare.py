@@ -208,7 +208,7 @@ def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tupl
         return model, MovedBodies(model, moved.trees, ordered=True)
     kept = too_large(moved) | acted_on_while_prescribed(moved)
     if not kept and not AllBodies(model, moved).numbering.free:  # every coordinate of the trees is prescribed
-        kept = {c.name: "without them the scene would have no unknowns" for c in scene.joints if c.rigid}
+        kept = {c.name: "without these equations the scene would have no unknowns" for c in scene.joints if c.rigid}
     if kept:
         model = build(scene, {**(by_rows or {}), **kept})
         moved = MovedBodies(model, find_trees(model))

@@ -134,7 +134,7 @@ class HHT(_Alpha):
     rtol: float | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        set_option(self, "alpha", number, "give 0 (Newmark) to 1/3 (most damping), or the same with Hughes's sign",
+        set_option(self, "alpha", number, "give 0 (Newmark) to 1/3 (most damping), or the same values below 0, as Hughes counts",
                    least=-1 / 3, most=1 / 3)  # fmt: skip
         self._set_step()
 

@@ -142,7 +142,7 @@ def too_large(moved: MovedBodies) -> dict[str, str]:
 
 def acted_on_while_prescribed(moved: MovedBodies) -> dict[str, str]:
     """Joints of trees with a prescribed coordinate that a law outside reads, such as a coupling, and why they stay kinematic."""
-    why = "a coupling reads its prescribed coordinate, which its tree does not give"
+    why = "a coupling reads its prescribed coordinate, which is no unknown where the joint is recursive"
     return {n.joint: why for n in moved.loaded if n.kind.of_joint}
 
 
