@@ -71,7 +71,7 @@ class Run(Stepping):
                            f"{np.shape(order)}, it needs one for each of {n} unknowns")  # fmt: skip
         if given != entries or not stages.equations.table.jacobian:
             raise internal(f"Radau IIA in C was given equations whose Jacobian has {given} entries, and an iteration matrix that "
-                           f"has {entries}")  # fmt: skip
+                           f"has {entries}: it needs as many, and a Jacobian")  # fmt: skip
         if rates is not None and (rates.table.n != n or not rates.table.rates):
             raise internal(f"Radau IIA in C needs y' as a function of {n} unknowns, and was given one of {rates.table.n}, or "
                            "none")  # fmt: skip

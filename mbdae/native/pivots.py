@@ -48,8 +48,8 @@ def by_counts(entries: Entries, values: NDArray[Any], share: float = 1.0) -> Ord
     `share` of the largest in their column, with n^2 numbers of memory; None where the matrix is singular."""
     n, complex_ = entries.n, values.dtype.kind == "c"
     if n > MANY:
-        raise internal(f"pivots of a matrix of {n} unknowns were to be chosen by the search for dense ones, which takes {MANY} "
-                       "at most")  # fmt: skip
+        raise internal(f"the order of elimination of a matrix of {n} unknowns was to be found by a search that takes {MANY} "
+                       "unknowns at most")  # fmt: skip
     d, at = np.zeros((n, n), complex if complex_ else float), np.zeros((n, n), dtype=np.int8)
     d[entries.row_of, entries.column_of], at[entries.row_of, entries.column_of] = values, 1
     rows, columns, top, lists = whole(np.arange(n)), whole(np.arange(n)), np.zeros(n), np.empty((2, n, n), dtype=np.int16)

@@ -225,8 +225,8 @@ class Operations:
         kept: list[Any] = [made]
         for operation, (fields, tables, (low, high)) in zip(made, self.steps, strict=False):
             if low < 0 or high > size:
-                raise internal(f"an operation of the compiled equations reads or writes numbers {low} to {high - 1} of an array "
-                               f"of {size}")  # fmt: skip
+                raise internal(f"an operation of the compiled equations reads or writes numbers {low} to {high - 1}, beyond the "
+                               f"{size} of its array")  # fmt: skip
             for name, value in fields.items():
                 if name == "kernel":
                     code, data = value.compiled.as_ctypes()

@@ -68,7 +68,7 @@ class Stages:
                            "coefficients")  # fmt: skip
         if equations.table.n != n or not equations.table.residual:
             raise internal(f"a collocation method was given {equations.table.n} equations, or none as a residual, and an "
-                           f"iteration matrix of {n} unknowns")  # fmt: skip
+                           f"iteration matrix of {n} unknowns: it needs equations as a residual, as many as unknowns")
         self.s, self.n, self.equations, self.matrix = s, n, equations, matrix
         self.Z, self.Y, self.Yp, self.R, self._D, self.correction = (np.zeros((s, n)) for _ in range(6))
         self._w, (self.error, self.scaled) = np.zeros((2, n)), np.zeros((2, n))

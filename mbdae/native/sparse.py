@@ -223,8 +223,9 @@ class Matrix:
         self.scale, self.power = np.array(scale, dtype=float), np.array(power, dtype=float)
         self.real, self.pairs = np.array(real, dtype=float), np.array(pairs, dtype=complex)
         if self.scale.shape != (n,) or self.power.shape != (n,) or self.real.ndim != 1 or self.pairs.ndim != 1:
-            raise internal(f"an iteration matrix of {n} unknowns was given scales of shape {self.scale.shape} and powers of the "
-                           f"step of shape {self.power.shape}, or eigenvalues that are no list")  # fmt: skip
+            raise internal(f"an iteration matrix of {n} unknowns needs scales and powers of the step of shape ({n},) and lists "
+                           f"of eigenvalues: their shapes are {self.scale.shape}, {self.power.shape}, {self.real.shape} and "
+                           f"{self.pairs.shape}")  # fmt: skip
         self._values = np.concatenate([self.real, self.pairs.view(float)])
         self.fy, self.fyp = np.zeros((2, nnz))
         self.row, self.column, self._work = np.ones(n), self.scale.copy(), np.zeros((3, n))

@@ -121,8 +121,8 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
         raise SceneError([f"scene '{scene.name}' has no bodies; add s.link, s.rigid_body or s.point_mass"])
     model, moved = modelled(scene)
     if start is not None and (len(start.q), len(start.u)) != (model.nq, model.nu):
-        raise SceneError([f"start: that run has {len(start.q)} positions and {len(start.u)} velocities, this scene {model.nq} "
-                          f"and {model.nu}; continue it with the same bodies and joint models"])  # fmt: skip
+        raise SceneError([f"start: the run given has {len(start.q)} positions and {len(start.u)} velocities, but this scene has "
+                          f"{model.nq} and {model.nu}; continue it with the same bodies and joint models"])  # fmt: skip
     model.conditions.time = after(begin_time)  # at the start of a run conditions are read just after it
     model.conditions.end = t_end if t_end is not None else inf
     all_bodies = bodies_of(model, moved)
