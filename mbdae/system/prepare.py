@@ -287,7 +287,7 @@ def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[st
     speed = float(np.max(np.abs(start.u) * mechanics.velocity_units, initial=0.0))
     if np.max(np.abs(g), initial=0.0) > FITS * max(1.0, mechanics.model.length):
         off = int(np.argmax(np.abs(g)))
-        raise StartError([f"start: row {mechanics.rows[off].name} is off by {g[off]:.3g} (m or rad) where that run ended: "
+        raise StartError([f"start: row {mechanics.rows[off].name} is off by {g[off]:.3g} (m or rad) where the run given ended: "
                           f"the joints of this scene do not fit that position; draw or prescribe them to fit it"])  # fmt: skip
     if np.max(np.abs(rate), initial=0.0) <= FITS * speed / max(1.0, mechanics.model.length):
         return start.u, []
