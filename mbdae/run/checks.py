@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -177,9 +177,10 @@ class Check(ListsAttributes):
         lines += self._of_joints()
         lines += self._of_beams()
         lines += self._of_recursive_joints()
-        lines += [f"  contact: {contact}" for contact in self.contacts]
+        lines += [f"  contact: {names} with {text}"
+                  for names, text in _grouped((f"'{contact.item}'", contact.summary()) for contact in p.contacts)]  # fmt: skip
         lines += self._of_friction()
-        lines += [f"  joint '{name}': {text}" for name, text in self.remarks.items()]
+        lines += [f"  {names}: {text}" for names, text in _grouped((f"joint '{c}'", text) for c, text in self.remarks.items())]
         lines += [f"  joint '{name}': its point is {away:.3g} m beside the link '{link}'"
                   for name, links in self.off_links.items() for link, away in links.items()]  # fmt: skip
         lines += self._of_inputs()
@@ -204,32 +205,30 @@ class Check(ListsAttributes):
 
     def _of_joints(self) -> list[str]:
         """Lines on the joints by model, with their coordinates, and on coordinates that are unknowns nevertheless."""
-        models: dict[str, dict[str, list[str]]] = {}
+        models: dict[str, list[tuple[str, str]]] = {}
         for c in self.prepared.model.scene.joints:
             model = type(c.model).__name__.lower() if c.has_models else "without coordinates"
-            models.setdefault(model, {}).setdefault(_coordinates(c), []).append(c.name)
-        lines = [f"  joints, {model}: " + "; ".join(f"{_listed(names)}{text}" for text, names in groups.items())
-                 for model, groups in models.items()]  # fmt: skip
-        kept = self.kept_coordinates
-        reasons = {why: [name for name in kept if kept[name] == why] for why in dict.fromkeys(kept.values())}
-        return lines + [f"  coordinates kept as unknowns: {_listed(names)}: {why}" for why, names in reasons.items()]
+            models.setdefault(model, []).append((c.name, _coordinates(c)))
+        lines = [f"  joints, {model}: " + "; ".join(names + text for names, text in _grouped(joints))
+                 for model, joints in models.items()]  # fmt: skip
+        kept = _grouped(self.kept_coordinates.items())
+        return lines + [f"  coordinates kept as unknowns: {names}: {why}" for names, why in kept]
 
     def _of_beams(self) -> list[str]:
         """Lines of the printed check on beams: their meshes, and what becomes of the stress resultants."""
         lines = self.prepared.model.lines
         if not lines:
             return []
-        meshes = (f"{line.beam.name} ({counted(len(line.mesh.elements), 'element')} of order {line.mesh.order}, "
-                  f"{len(line.nodes)} nodes)"
-                  for line in lines)  # fmt: skip
-        return [f"  beams: {'; '.join(meshes)}",
+        meshes = _grouped((line.beam.name, f"{counted(len(line.mesh.elements), 'element')} of order {line.mesh.order}, "
+                           f"{len(line.nodes)} nodes") for line in lines)  # fmt: skip
+        return [f"  beams: {'; '.join(f'{names} ({text})' for names, text in meshes)}",
                 "  stresses: unknowns with Radau IIA; other solvers eliminate them by the compliance of the sections",
                 *_by_joint("  without equations, unknowns shared with a node of a beam", self.shared)]  # fmt: skip
 
     @property
     def contacts(self) -> tuple[str, ...]:
         """Joints with clearance: a sentence for each on its contact law and the effects this neglects."""
-        return tuple(contact.summary() for contact in self.prepared.contacts)
+        return tuple(f"'{contact.item}' with {contact.summary()}" for contact in self.prepared.contacts)
 
     @property
     def friction(self) -> dict[str, str]:
@@ -246,7 +245,7 @@ class Check(ListsAttributes):
         return found
 
     def _of_friction(self) -> list[str]:
-        laws = "; ".join(f"{joint} ({text})" for joint, text in self.friction.items())
+        laws = "; ".join(f"{names} ({text})" for names, text in _grouped(self.friction.items()))
         return [f"  friction: {laws}"] if laws else []
 
     def _of_inputs(self) -> list[str]:
@@ -275,10 +274,8 @@ class Check(ListsAttributes):
             lines.append(f"  recursive joints, from '{root}' outwards: {names}{welded}; "
                          f"their bodies have no unknowns: {_listed([n.name for n in tree.nodes[1:] if n])} "
                          f"({self._kernels_of(tree)})")  # fmt: skip
-        reasons: dict[str, list[str]] = {}
-        for name, why in self.kept_kinematic.items():
-            reasons.setdefault(why, []).append(name)
-        return lines + [f"  constraint equations kept for {_listed(names)}: {why}" for why, names in reasons.items()]
+        kept = _grouped(self.kept_kinematic.items())
+        return lines + [f"  constraint equations kept for {names}: {why}" for names, why in kept]
 
 
 def why_kept(c: Connection, couplings: list[Connection]) -> str:
@@ -316,6 +313,14 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:12]) + (f", ... ({len(names)} in all)" if len(names) > 12 else "")
 
 
+def _grouped(said: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
+    """From names, each with a text: the names of every text, listed, and the text."""
+    names: dict[str, list[str]] = {}
+    for name, text in said:
+        names.setdefault(text, []).append(name)
+    return [(_listed(of_text), text) for text, of_text in names.items()]
+
+
 def _by_joint(title: str, names: tuple[str, ...]) -> list[str]:
     rows: dict[str, list[str]] = {}
     for name in names:
@@ -323,7 +328,8 @@ def _by_joint(title: str, names: tuple[str, ...]) -> list[str]:
         rows.setdefault(joint, []).append(row)
     if not rows:
         return []
-    return [title + ": " + "; ".join(f"{joint} ({', '.join(r)})" for joint, r in rows.items())]
+    said = _grouped((joint, ", ".join(r)) for joint, r in rows.items())
+    return [title + ": " + "; ".join(f"{joints} ({r})" for joints, r in said)]
 
 
 def check_scene(scene: SceneData, accuracy: float = 1e-6) -> Check:

@@ -13,14 +13,14 @@ from mbdae.deferred import median
 from mbdae.results.result import Result
 from mbdae.scene.topology import spanning_tree
 from mbdae.system.base import Array
-from mbdae.system.rank.rows import nearly_vanishing, unit_rows_at
+from mbdae.system.rank.rows import nearly_vanishing, smallest, unit_rows_at
 
 SAMPLES = 200  #: number of positions evaluated along the run
 CHOSEN, REFINED = 5, 40  #: largest number of minima that are refined, and evaluations for each
 NEAR = 0.3  #: ratio of the smallest singular value to its median below which a minimum is refined
 LAST, BEFORE = 5, 20  #: numbers of steps before a stop, and of times of the whole run they are compared with
 SINGULAR = 1e-3  #: ratio of the smallest singular value before a stop to its median over the run below which it is named
-TAKES_PART = 0.05  #: ratio of the factor of a row to the largest one above which the row takes part in the dependency
+RELEASED = 3.0  #: growth of the smallest singular value without the row of a prescribed value, above which this value causes it
 UNCONTROLLED = 1e-6  #: violation that a run without a tolerance is assumed to resolve
 GOLDEN = (5**0.5 - 1) / 2
 
@@ -70,17 +70,19 @@ def _loops(result: Result) -> list[str]:
 
 def _dependent(result: Result, t: float) -> tuple[str, list[str]]:
     """Of the rows that nearly depend on each other at the time t (s): the joint that closes their loop, and the joints whose
-    coordinate is prescribed."""
-    at, mechanics = result([t]), result.prepared.with_all_rows
+    prescribed coordinate makes them so: without its row the others are independent."""
+    at, mechanics, rank = result([t]), result.prepared.with_all_rows, len(result.prepared.rank.kept)
     (B,) = unit_rows_at(mechanics, at.t, at.q)
-    factors = np.abs(nearly_vanishing(B, len(result.prepared.rank.kept)))
+    factors, value = np.abs(nearly_vanishing(B, rank)), smallest(B, rank)
     shares, driven = dict.fromkeys(_loops(result), 0.0), dict[str, None]()
-    for row, factor in zip(mechanics.rows, factors.tolist(), strict=True):
+    for i, row in enumerate(mechanics.rows):
         joint = row.name.rsplit(".", 1)[0]
         if joint in shares:
-            shares[joint] += factor**2
-        if row.prescribes and factor > TAKES_PART * np.max(factors):
-            driven[joint] = None
+            shares[joint] += float(factors[i]) ** 2
+        if row.prescribes and factors[i] > value:
+            others = np.delete(np.arange(len(factors)), i)
+            if smallest(B[others], rank - 1) > RELEASED * value:
+                driven[joint] = None
     return max(shares, key=lambda joint: shares[joint]), list(driven)
 
 

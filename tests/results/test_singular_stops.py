@@ -69,3 +69,14 @@ def test_a_value_beyond_the_reach_of_a_loop_is_named(given, recursive):
         scene.simulate(3.0, **given)
     assert "the loop closed by 'D'" in str(stopped.value)
     assert stopped.value.solution.t[-1] <= stopped.value.time == pytest.approx(REACH, abs=0.015)
+
+
+@pytest.mark.parametrize("count", [3, 60])
+def test_a_value_beyond_reach_in_a_large_scene(count):
+    """Whatever the scene's length is, in which displacements are measured against angles; with 60 linkages rows are sparse."""
+    s = mb.Scene("many", gravity=(0, -9.81, 0))
+    for i in range(count):
+        linkage(s, f"L{i} ", 1.0, 1.3, 2.0, 5.0 * i)
+    linkage(s, "T ", 1.5, 1.2, 2.0, -5.0, angle=mb.t)
+    with pytest.raises(mb.SolverError, match=r"the loop closed by 'T D' .* cannot follow what is prescribed for 'T A'"):
+        s.simulate(2.0, 1e-4, solver=mb.RadauIIA(3))

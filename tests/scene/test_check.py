@@ -28,7 +28,7 @@ def test_four_revolutes_in_space_are_redundant_at_the_last_joint() -> None:
     assert c.degrees_of_freedom == 1
     assert sorted(c.redundant) == ["D.tilt_x", "D.tilt_y", "D.z"]
     assert "left out because they follow from the others: D (z, tilt_y, tilt_x)" in str(c)
-    assert "reactions not unique: A (z, tilt_y, tilt_x); B (z, tilt_y, tilt_x); C (z, tilt_y, tilt_x); D (z" in str(c)
+    assert "reactions not unique: A, B, C, D (z, tilt_y, tilt_x)" in str(c)
     assert c.unknowns["multipliers"] == 17
 
 
@@ -124,3 +124,19 @@ def test_bodies_that_no_joint_holds_are_named():
     assert "not joined to the ground: c, d" in str(s.check())
     s.revolute("C", b, c, at=(2, 0))
     assert s.check().not_joined == ()
+
+
+def test_joints_of_the_same_kind_are_listed_together():
+    """Up to twelve by name, then their number; one of another kind is told by itself."""
+    s = mb.Scene("pendulums", gravity=(0, -9.81, 0))
+    for i in range(20):
+        rod = s.link(f"rod {i}", (2 * i, 0), (2 * i + 1, 0), mass=1.0)
+        play = mb.Clearance(outer=0.011 + 0.001 * (i == 19), inner=0.01, normal=mb.Hertz(1e9, 0.1))
+        s.revolute(f"J{i}", s.ground, rod, at=(2 * i, 0), model=play)
+    lines = str(s.check()).splitlines()
+    (same, other) = (line for line in lines if line.startswith("  contact"))
+    assert "'J11', ... (19 in all) with 0.001 m play" in same
+    assert other.startswith("  contact: 'J19' with 0.002 m play")
+    (left_out,) = (line for line in lines if "left out" in line)
+    assert left_out.endswith("J10, J11, ... (20 in all) (axial, tilt_y, tilt_x)")
+    assert len(s.check().contacts) == 20

@@ -7,7 +7,7 @@ in force are chosen from the geometry of the present position, and chosen again 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -47,25 +47,34 @@ def smallest(B: Any, rank: int) -> float:
 
 def nearly_vanishing(B: Any, rank: int) -> Array:
     """Factors (m,) of the combination of rows whose length is that singular value: where it is small, the rows with large factors
-    nearly depend on each other. 0 where the factors of sparse rows cannot be determined."""
+    nearly depend on each other."""
     return _smallest_sparse(B, rank)[1] if issparse(B) else np.asarray(np.linalg.svd(B)[0][:, rank - 1])
 
 
 def _smallest_sparse(B: Any, rank: int) -> tuple[float, Array]:
     """`smallest` and `nearly_vanishing` of sparse rows B (m, n) of unit length."""
     m, n = B.shape
-    gram = sp.csc_matrix(B @ B.T)
-    shift = SHIFT if rank < m else 0.0
+    gram, random = sp.csc_matrix(B @ B.T), np.random.default_rng(3)
     try:
-        factors = splu(gram + shift * sp.identity(m, format="csc"), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
-                       options={"SymmetricMode": True})  # fmt: skip
-    except RuntimeError:
-        return 0.0, np.zeros(m)
-    operator = LinearOperator((n, n), matvec=lambda x: B.T @ factors.solve(factors.solve(B @ x)), dtype=float)
-    start = np.random.default_rng(3).normal(size=n)
-    (largest,), vectors = eigsh(operator, k=1, which="LA", v0=start, tol=1e-4)
-    factors_of_rows = factors.solve(B @ vectors[:, 0])
-    return float(1 / np.sqrt(largest)), factors_of_rows / np.linalg.norm(factors_of_rows)
+        solve = _solve(gram, SHIFT if rank < m else 0.0)
+    except RuntimeError:  # a pivot is 0: two steps of inverse iteration beside it
+        solve = _solve(gram, SHIFT)
+        return 0.0, _unit(solve(_unit(solve(random.normal(size=m)))))
+    operator = LinearOperator((n, n), matvec=lambda x: B.T @ solve(solve(B @ x)), dtype=float)
+    (largest,), vectors = eigsh(operator, k=1, which="LA", v0=random.normal(size=n), tol=1e-4)
+    return float(1 / np.sqrt(largest)), _unit(solve(B @ vectors[:, 0]))
+
+
+def _solve(gram: Any, shift: float) -> Callable[[Array], Array]:
+    """Solution of (gram + shift) x = b for a sparse symmetric matrix; RuntimeError where it is singular."""
+    shifted = gram + shift * sp.identity(gram.shape[0], format="csc")
+    factors = splu(shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    solve: Callable[[Array], Array] = factors.solve
+    return solve
+
+
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def independent_parts(B: Array) -> Array:

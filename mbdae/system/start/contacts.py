@@ -55,9 +55,9 @@ class ExpectedContact:
         return float(self.law.expected_depth(self.impact))
 
     def summary(self) -> str:
-        """A line for `check`: the contact and the penetration to be expected."""
+        """What `check` says of the contact, after its name: its law and the penetration to be expected."""
         expected = f"of about {self.depth:.1g} {self.unit} expected" if math.isfinite(self.depth) else "not known before the run"
-        return f"'{self.item}' with {self.law.summary_of_contact()}; penetration {expected}"
+        return f"{self.law.summary_of_contact()}; penetration {expected}"
 
     def _at_start(self) -> str:
         p, load = self.penetration, self.law.elastic_load(self.penetration)
