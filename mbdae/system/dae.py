@@ -228,7 +228,7 @@ class DAE(System):
         row = largest(relative)
         if not relative[row] <= START_TOLERANCE:
             raise OptionError(
-                f"{what}: residual F[{row}] = {out[row]:.3e} instead of 0 at t = {self.t0:g} s, {relative[row]:.1e} of the "
+                f"{what}: F[{row}] = {out[row]:.3e} instead of 0 at t = {self.t0:g} s, {relative[row]:.1e} of the "
                 f"size of its terms: {remedy} (the equation contains {self._contents(row, fy, fyp)})"
             )
 

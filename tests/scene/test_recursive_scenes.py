@@ -82,7 +82,8 @@ def wholly_prescribed() -> mb.Scene:
         (recursive_loop, ("'D'", "closes a loop", "among them 'A'", "model=mb.Kinematic() for one joint", "s.recursive()")),
         (on_point_mass, ("revolute 'hinge'", "needs an orientation of 'bob'", "s.rigid_body", "model=mb.Kinematic()")),
         (not_a_model, ("revolute 'hinge'", "model = 'recursive' is not a joint model", "mb.Recursive()")),
-        (lambda: spring_chain().replace("J1", model=mb.Recursive), ("is not a joint model", "mb.Recursive()")),  # type: ignore[arg-type]
+        (lambda: spring_chain().replace("J1", model=mb.Recursive), ("is not a joint "
+                                                                    "model", "mb.Recursive()")),  # type: ignore[arg-type]
     ],
 )
 def test_refusals_name_the_joint_and_a_way_out(scene: Callable[[], mb.Scene], words: tuple[str, ...]) -> None:
@@ -114,7 +115,7 @@ def test_a_long_chain_is_recursive_and_says_how() -> None:
     assert len(found.recursive) == 64
     assert not found.kept_kinematic
     assert found.unknowns["multipliers"] == 0
-    assert "kernels of single joints)" in str(found)
+    assert "functions of single joints)" in str(found)
 
 
 def test_compare_labels_what_really_ran() -> None:
