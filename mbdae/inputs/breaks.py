@@ -62,7 +62,7 @@ def tables_within(e: Expr, t0: float, t1: float, tolerance: float) -> tuple[Piec
         try:
             part = pieces(lookup.table, lookup.order, low, high, tolerance)
         except BadValueError as error:
-            raise TooManyError(f"has a table that {error}") from error
+            raise TooManyError(str(error)) from error
         found.append(Pieces(*(np.sort((x - b) / a) for x in part)))
     return tuple(found)
 
@@ -126,7 +126,7 @@ def _merged(edges: Array, found: Array, same: float) -> Array:
     """The edges and the times `found` between them, sorted, without duplicates up to `same`; both ends stay."""
     inside = found[(found > edges[0]) & (found < edges[-1])]
     if len(edges) + len(inside) > MOST:
-        raise TooManyError(f"switches more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
+        raise TooManyError(f"its conditions or tables change more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
     return distinct(np.concatenate([edges, inside]), same)
 
 
@@ -160,7 +160,7 @@ def _integers(u: Expr, edges: Array) -> Array:
     """Times at which u, smooth between the edges, passes an integer."""
     (low, high), = Enclosure(sided(u))(edges[:-1], edges[1:], (edges[1:] + edges[:-1]) / 2)
     if not (np.isfinite(low).all() and np.isfinite(high).all()) or np.max(high) - np.min(low) > MOST:
-        raise TooManyError(f"floor({u}) rises more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
+        raise TooManyError(f"floor({u}) in it jumps more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
     levels = np.arange(np.ceil(np.min(low)), np.floor(np.max(high)) + 1)
     slope = _slope(u)
     if slope.is_number and not switches(u):
@@ -190,7 +190,8 @@ def _isolated(u: Expr, edges: Array) -> Array:
         if not len(low):
             break
         if len(low) > MOST:
-            raise TooManyError(f"a condition on {u} changes more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
+            raise TooManyError(f"the sign of {u}, on which a condition in it depends, changes more than {MOST} times between "
+                               f"{edges[0]:g} and {edges[-1]:g} s")
         low, high, side = halves(low, high, side)
     a, b, side = (np.concatenate(parts) for parts in zip(*brackets, strict=True))
     return np.concatenate([*found, _bisected(Enclosure(inside), a, b, side)])

@@ -121,11 +121,13 @@ def _factor(place: Path, head: str, wanted: str | None, is_time: bool) -> float:
     if wanted is not None and stated in FACTORS.get(wanted, ()):
         return FACTORS[wanted][stated]
     states = f"is in {stated!r}" if stated else "states no unit"
-    if wanted is None:
+    if not stated:
+        told = f"leave unit= out to take its numbers as they stand, or name the column '{head} [...]', with their unit"
+    elif wanted is None:
         told = f"give unit={SI[stated]!r} to have it converted, or unit={stated!r} to take its numbers as they stand"
     else:
         told = f"it cannot be converted to {wanted!r}: convert the column yourself" + (
-            "" if is_time or not stated else f", or give unit={stated!r} to take its numbers as they stand")  # fmt: skip
+            "" if is_time else f", or give unit={stated!r} to take its numbers as they stand")  # fmt: skip
     raise OptionError(f"column {head!r} of '{place}' {states}; {told}")
 
 

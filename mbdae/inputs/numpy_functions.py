@@ -14,7 +14,7 @@ from typing import Any
 from mbdae.errors import ExpressionError
 from mbdae.values import shown
 
-_NUMBER = "write it with the functions of SymPy, such as sympy.sin(mb.t) for math.sin(mb.t)"
+_NUMBER = "write SymPy's functions, such as sympy.sin(mb.t) for math.sin(mb.t)"
 _CONDITION = ("write sympy.Piecewise((a, condition), (b, True)), or sympy.Max, sympy.Min, sympy.sign, sympy.Heaviside, for what "
               "switches")  # fmt: skip
 
@@ -35,7 +35,8 @@ def teach() -> None:
         "radians": lambda x: x * sp.pi / 180, "degrees": lambda x: x * 180 / sp.pi,
         "__floor__": sp.floor, "__ceil__": sp.ceiling,
         "rint": _refusal("np.rint and np.round", "sympy.floor(x + sympy.Rational(1, 2))"),
-        "arctan2": _refusal("np.arctan2", "sympy.atan(y/x)"), "cbrt": _refusal("np.cbrt", "x**sympy.Rational(1, 3)"),
+        "arctan2": _refusal("np.arctan2", "sympy.atan(y/x), which is the same where x > 0"),
+        "cbrt": _refusal("np.cbrt", "x**sympy.Rational(1, 3), which is the same where x >= 0"),
     }  # fmt: skip
     for name, function in known.items():
         if not hasattr(sp.Expr, name):
@@ -50,7 +51,7 @@ def _method(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def _refusal(asked: str, remedy: str) -> Callable[..., Any]:
     def refuse(*args: Any) -> Any:
-        raise ExpressionError(f"{shown(args[0])}: {asked} of an expression: write {remedy}")
+        raise ExpressionError(f"{asked} cannot take {shown(args[0])}, an expression of mb.t: write {remedy}")
 
     return refuse
 
@@ -64,7 +65,8 @@ def _with_remedy(method: Callable[[Any], Any], remedy: str) -> Any:
             return method(self)
         except TypeError as error:
             if any(s.name == "t" for s in self.free_symbols if hasattr(s, "name")):
-                raise ExpressionError(f"{shown(self)} has no value before a run ({error}): {remedy}") from error
+                raise ExpressionError(f"{shown(self)} depends on mb.t and has no value before a run ({error}): "
+                                      f"{remedy}") from error  # fmt: skip
             raise
 
     return explained

@@ -25,7 +25,7 @@ def rewritten(value: Any) -> Expr:
 
     value = sympy.sympify(value)
     if value.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
-        raise BadValueError(f"{shown(value)} is not finite")
+        raise BadValueError(f"{shown(value)} contains an infinite number or a division by zero")
     used = {type(f).__name__ for f in value.atoms(sympy.core.function.Application)}
     unknown = sorted(name for name in used - {*FUNCTIONS, *REWRITTEN, *LOGIC, "ITE"} if tables.named(name) is None)
     if unknown:
@@ -35,7 +35,7 @@ def rewritten(value: Any) -> Expr:
         if not _complete(piecewise):
             raise BadValueError(f"{shown(piecewise)} has no value where none of its conditions holds; end it with (value, True)")
     if value.has(sympy.I):
-        raise BadValueError(f"{shown(value)} is not real")
+        raise BadValueError(f"{shown(value)} contains the imaginary unit: give a real expression")
     return without_overflow(_with_exponents(*_exponents(_without_steps(value))))
 
 

@@ -117,7 +117,8 @@ class Table:
             return self.t[(self.t > x0) & (self.t < x1)]
         turns = np.arange(np.floor((x0 - self.t[0]) / self.period), np.ceil((x1 - self.t[0]) / self.period))
         if len(turns) * len(self.t) > MOST_POINTS:
-            raise BadValueError(f"has more than {MOST_POINTS} points with its repetitions between {x0:g} and {x1:g} s")
+            raise BadValueError(f"the periodic table in it has more than {MOST_POINTS} points, repetitions included, from {x0:g} "
+                                f"to {x1:g} s")  # fmt: skip
         all_points = (self.t[:-1] + self.period * turns[:, None]).ravel()
         return all_points[(all_points > x0) & (all_points < x1)]
 
@@ -131,7 +132,7 @@ def _checked(t: Any, values: Any, outside: str) -> tuple[Array, Array]:
     falling = np.flatnonzero(~(np.diff(t) > CLOSEST * max(abs(t[0]), abs(t[-1]))))
     if len(falling):
         i = int(falling[0])
-        why = "equal" if t[i] == t[i + 1] else "not in rising order" if t[i] > t[i + 1] else "too close for any step"
+        why = "equal" if t[i] == t[i + 1] else "not in rising order" if t[i] > t[i + 1] else "closer than any time step"
         raise BadValueError(f"t[{i}] = {float(t[i])!r} and t[{i + 1}] = {float(t[i + 1])!r} are {why}: sort the points by time, "
                             f"one for every time (a jump: kind=\"step\")")  # fmt: skip
     if outside == "periodic" and values[0] != values[-1]:
@@ -226,9 +227,9 @@ def from_data(name: str, data: Any) -> None:
         t, values = (np.frombuffer(base64.b64decode(data[key], validate=True), dtype="<f8") for key in ("t", "values"))
         table = Table(t, values, data["kind"], data["outside"])
     except (KeyError, TypeError, ValueError) as error:
-        raise BadValueError(f"the stored table {shown(name)} cannot be read: {error}") from None
+        raise BadValueError(f"the points of its table cannot be read ({type(error).__name__}: {error})") from None
     if table.name != name:
-        raise BadValueError(f"the stored table {shown(name)} has other points than its name says")
+        raise BadValueError("the points of its table are not those with which it was stored: the data were changed or damaged")
     known(table)
 
 
@@ -238,6 +239,11 @@ def named(name: str) -> Lookup | None:
     if found is None or found[1] not in _KNOWN:
         return None
     return Lookup(_KNOWN[found[1]], int(found[2] or 0))
+
+
+def readable(text: str) -> str:
+    """The text of an expression for a message, with "table" for the names of tables, which are digests."""
+    return _NAME.sub("table", text)
 
 
 def lookup_of(node: Expr) -> Lookup | None:

@@ -16,8 +16,10 @@ from typing import Any, NamedTuple
 import symengine as se
 
 from mbdae.inputs import tables
+from mbdae.notation import counted
 from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes
 from mbdae.symbolic.vectors import Expr
+from mbdae.values import shown
 
 TIME = se.Symbol("t")
 #: functions with derivatives the kernels can compile
@@ -27,6 +29,7 @@ FUNCTIONS = (
 )  # fmt: skip
 LONGEST, DEEPEST = 100_000, 120  #: most characters of a text, most brackets inside each other
 MOST_BITS = 100_000  #: most bits of an integer that arises while a text is read; doubles as fractions have up to 1100
+MOST_DIGITS = int(MOST_BITS * math.log10(2))  #: the same in decimal digits
 
 _TOKEN = re.compile(r"\s*(?:(?P<float>(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)|(?P<integer>\d+)"
                     r"|(?P<sensor>sensor\(\"(?:[^\"\\]|\\.)*\"\))|(?P<name>[A-Za-z]\w*)"
@@ -67,7 +70,7 @@ def written(e: Expr) -> str:
     for node in nodes(e):
         made[node] = _written(node, [made[part] for part in node.args])
         if len(made[node]) > LONGEST:
-            raise ValueError(f"it takes more than {LONGEST} characters; state something shorter")
+            raise ValueError(f"written out it takes more than {LONGEST} characters; state a shorter one, or a table (mb.table)")
     return made[e]
 
 
@@ -110,17 +113,19 @@ def read(text: Any) -> Expr:
 def whole(text: Any) -> Expr:
     """The expression or condition a text stands for; raises ValueError with the reason where it is none."""
     if not isinstance(text, str) or len(text) > LONGEST:
-        raise ValueError(f"an expression of t is a text of up to {LONGEST} characters")
+        found = f"it has {len(text)} characters" if isinstance(text, str) else f"it is no text but {shown(text)}"
+        raise ValueError(f"{found}; give a text of up to {LONGEST} characters")
     try:
         e = _Reader(text).whole()
     except (RuntimeError, OverflowError, ZeroDivisionError, TypeError, RecursionError, NotImplementedError) as error:
-        raise ValueError(f"it has no value: {error}") from error
+        raise ValueError(f"it cannot be calculated ({error})") from error
     for part in nodes(e):
         name = type(part).__name__
         if name == "RealDouble":
             _finite(float(part))
         if not (name in _PARTS or is_condition(part) or tables.lookup_of(part)):
-            raise ValueError(f"'{part}' in it is neither a real number nor a function of t that can be used here")
+            what = "a division by zero or an infinite number" if str(part).lstrip("-") in ("zoo", "oo", "nan") else f"'{part}'"
+            raise ValueError(f"it contains {what}, which is neither a real number nor a function that expressions of t may use")
     return e
 
 
@@ -149,14 +154,14 @@ class _Reader:
 
     def _expect(self, sign: str) -> None:
         if self._next() != sign:
-            raise ValueError(f"{self._next()!r} is where {sign!r} is expected")
+            raise ValueError(f"{_quoted(sign)} is expected, not {_quoted(self._next())}")
         self.at += 1
 
     def _expression(self, strength: int) -> _Read:
         """The expression from here to the next sign of the same or a lower precedence."""
         self.depth += 1
         if self.depth > DEEPEST:
-            raise ValueError(f"its brackets are more than {DEEPEST} deep")
+            raise ValueError(f"its brackets are nested more than {DEEPEST} deep")
         left = self._begin()
         while _STRENGTH.get(self._next(), 0) > strength:
             sign = self._next()
@@ -179,14 +184,14 @@ class _Reader:
             return _Read(se.RealDouble(_finite(float(text))), 1)
         if kind == "integer":
             if len(text) > MOST_BITS // 4:
-                raise ValueError(f"it holds a number of more than {MOST_BITS // 4} digits: round it")
+                raise ValueError(f"it contains a number of more than {MOST_BITS // 4} digits: round that number")
             return _Read(se.Integer(int(text) if len(text) < 4000 else _long(text)), 4 * len(text))
         if kind == "sensor":
             return _Read(se.Symbol(text), 1)
         if kind == "name":
             return self._named(text)
         if text != "(":
-            raise ValueError(f"{text!r} is where a number, t or a function is expected")
+            raise ValueError(f"a number, t or a function is expected, not {_quoted(text)}")
         found = self._expression(0)
         self._expect(")")
         return found
@@ -224,7 +229,7 @@ class _Reader:
     def _named(self, name: str) -> _Read:
         if self._next() != "(" or self.tokens[self.at][0] != "sign":
             if name not in _CONSTANTS:
-                raise ValueError(f"{name!r} is neither t nor a known constant")
+                raise ValueError(f"{name!r} is no sensor and none of the names {', '.join(_CONSTANTS)}")
             return _Read(_CONSTANTS[name], 1)
         if name == "Piecewise":
             return self._piecewise()
@@ -232,7 +237,7 @@ class _Reader:
         bits = _bounded(sum(a.bits for a in arguments))
         if name in LOGIC:
             if not all(is_condition(a.e) for a in arguments) or (name == "Not" and len(arguments) != 1):
-                raise ValueError(f"{name} takes {'one condition' if name == 'Not' else 'conditions'}, such as t > 1, not numbers")
+                raise ValueError(f"{name} takes {'one condition' if name == 'Not' else 'conditions'}, such as t > 1, alone")
             return _Read(getattr(se, name)(*(a.e for a in arguments)), bits)
         if tables.named(name) is not None and len(arguments) == 1:
             return _Read(se.Function(name)(_value(arguments[0]).e), bits)
@@ -240,7 +245,8 @@ class _Reader:
             raise ValueError(f"{name!r} is none of the functions {', '.join([*_FUNCTIONS, 'Piecewise', *LOGIC])}")
         count, function = _FUNCTIONS[name]
         if len(arguments) != count and not (count is None and len(arguments) > 1):
-            raise ValueError(f"{name} takes {count or 'two or more'} arguments, not {len(arguments)}")
+            takes = counted(count, "argument") if count else "two or more arguments"
+            raise ValueError(f"{name} takes {takes}, not {len(arguments)}")
         return _Read(function(*(_value(a).e for a in arguments)), bits)
 
     def _arguments(self) -> list[_Read]:
@@ -259,7 +265,7 @@ class _Reader:
         while True:
             piece = self._arguments()
             if len(piece) != 2 or not is_condition(piece[1].e):
-                raise ValueError("a Piecewise consists of pairs (value, condition)")
+                raise ValueError("a Piecewise consists of pairs (value, condition), as in Piecewise((1, t < 2), (0, True))")
             pieces.append((_value(piece[0]).e, piece[1].e))
             bits = _bounded(bits + piece[0].bits + piece[1].bits)
             if self._next() != ",":
@@ -269,15 +275,20 @@ class _Reader:
         return _Read(se.Piecewise(*pieces[:-1], (pieces[-1][0], se.true)), bits)
 
 
+def _quoted(token: str) -> str:
+    """A token in a message."""
+    return "the end of the text" if token == "the end" else repr(token)
+
+
 def _value(part: _Read) -> _Read:
     if is_condition(part.e):
-        raise ValueError("a condition stands where a number is expected")
+        raise ValueError(f"the condition {shown(part.e)} stands where a number is expected")
     return part
 
 
 def _condition(part: _Read) -> _Read:
     if not is_condition(part.e):
-        raise ValueError("and, or, not, &, | join conditions; a number stands where a condition is expected")
+        raise ValueError(f"{shown(part.e)} stands beside and, or, not, &, | or ~, where a condition such as t > 1 is expected")
     return part
 
 
@@ -287,20 +298,20 @@ def _power(base: _Read, exponent: _Read) -> _Read:
     if exponent.e.is_number:
         size = abs(float(exponent.e))
         if not size <= MOST_BITS:
-            raise ValueError(f"an exponent is larger than {MOST_BITS} in magnitude: use a smaller one")
+            raise ValueError(f"the exponent {shown(exponent.e)} is larger than {MOST_BITS} in magnitude: use a smaller one")
         times = math.ceil(size) or 1
     return _Read(base.e**exponent.e, _bounded(base.bits * times + exponent.bits))
 
 
 def _finite(number: float) -> float:
     if not math.isfinite(number):
-        raise ValueError("it holds a number that is not finite")
+        raise ValueError("it contains a number that is infinite or beyond 1.8e308")
     return number
 
 
 def _bounded(bits: int) -> int:
     if bits > MOST_BITS:
-        raise ValueError(f"it leads to integers of more than {MOST_BITS} bits: use smaller numbers and exponents")
+        raise ValueError(f"its whole numbers grow to more than {MOST_DIGITS} digits: use smaller numbers and exponents")
     return bits
 
 

@@ -61,7 +61,7 @@ def expression(value: Any, sensors: bool = False) -> Expr:
     try:
         return canonical(plain)
     except ValueError as error:
-        raise BadValueError(f"{shown(value)} is no input of time: {error}") from error
+        raise BadValueError(f"{shown(value)} cannot be used as an expression of mb.t: {error}") from error
 
 
 def _of_symengine(value: Timed) -> Any:
@@ -82,7 +82,8 @@ def _without_constant_tables(e: Expr) -> Expr:
             return None
         a, b = affine(args[0]) if len(args) == 1 else (math.nan, 0.0)
         if not math.isfinite(a):
-            raise BadValueError(f"{shown(e)} takes a table at {shown(args[0])}: a table is a function of mb.t or of a*mb.t + b")
+            raise BadValueError(tables.readable(f"{shown(e)} takes a table at {shown(args[0])}: a table may be read at mb.t "
+                                                f"or at a*mb.t + b with numbers a and b"))
         if a:
             return None
         return se.RealDouble(float(found.table.lookup(np.array([b]), after(np.array([b])), found.order)[0]))
@@ -132,7 +133,10 @@ def _with_plain_numbers(e: Expr) -> Expr:
         except (TypeError, ValueError, OverflowError, RuntimeError):
             size = math.inf
         if not math.isfinite(size):
-            raise BadValueError(f"{shown(e)} contains the number {shown(node)}, which is not real, not finite or too large")
+            import sympy
+
+            raise BadValueError(f"{shown(e)} contains the number {sympy.sympify(node).n(6)}, which is not a real number of "
+                                f"double precision (up to 1.8e308)")  # fmt: skip
         return se.RealDouble(float(node)) if type(node).__name__ == "RealMPFR" else None
 
     return rebuilt(e, rule)

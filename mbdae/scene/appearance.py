@@ -50,7 +50,7 @@ def _edges(arg: Argument, value: Any) -> Array:
         if found.shape not in ((2,), (3,)) or (found < 0).any() or not found.any():
             raise BadValueError(shown(value))
     except BadValueError as refused:
-        arg.wrong(refused, "give three lengths, m, not all 0, or two for a plate in the plane z = 0")
+        arg.wrong(refused, "give three lengths in m, 0 or more and not all 0, or two for a plate in the plane z = 0")
         return np.ones(3)
     return np.append(found, np.zeros(3 - len(found)))
 

@@ -40,7 +40,7 @@ def _beam(arg: Argument, value: Any) -> Any:
     """A beam of the scene, by itself or its name."""
     before, found = len(arg.scene.problems), reading.body(arg, value)
     if not isinstance(found, Beam) and len(arg.scene.problems) == before:
-        arg.wrong(f"{shown(found.name)} is not a beam of this scene", "give one, or use s.force for a rigid body")
+        arg.wrong(f"{shown(found.name)} is not a beam of this scene", "give a beam, or use s.force for a rigid body")
     return found
 
 
@@ -62,8 +62,8 @@ class BeamStatements(SceneItems):
         outline, function = self._line(name, points, curve)
         section = section if section is not None else HARMLESS_SECTION
         if section.rigid:
-            self.problems.append(f"beam '{name}': section.{section.rigid[0]} is infinite: a scene needs the motion of every "
-                                 f"strain; give a finite value, such as 1e4 times the others")  # fmt: skip
+            self.problems.append(f"beam '{name}': section.{section.rigid[0]} is infinite, and a beam needs finite stiffnesses; "
+                                 f"give a large value, such as 1e4 times that of a real cross-section")  # fmt: skip
             section = HARMLESS_SECTION
         v, w = (np.zeros(3) if given is None else given for given in (velocity, angular_velocity))
         if elements is None:
@@ -88,7 +88,9 @@ class BeamStatements(SceneItems):
                 mesh_of(beam)
                 return
             except MbdaeError as error:
-                self.problems.append(f"beam '{beam.name}': {error}")
+                if (problem := f"beam '{beam.name}': {error}") in self.problems:
+                    return
+                self.problems.append(problem)
                 option = str(error).split(" ", 1)[0]
                 if option == "elements":
                     beam.elements = len(beam.outline) - 1 if beam.curve is None else SAMPLES
@@ -108,7 +110,8 @@ class BeamStatements(SceneItems):
                 head.wrong(f"'arc' with {counted(len(outline), 'point')}", "give three points")
         elif curve is not None:
             if len(points):
-                head.wrong(f"{shown(curve)} with {counted(len(outline), 'point')}", "leave them out, the curve gives all points")
+                head.wrong(f"{shown(curve)} with {counted(len(outline), 'point')}",
+                           "leave the points out, the curve gives them all")  # fmt: skip
             return self._sampled(head, curve)
         if len(outline) < 2 or not np.all(np.linalg.norm(np.diff(outline, axis=0), axis=1) > 0):
             self.problems.append(f"beam '{name}': needs at least two points, each different from the one before")
@@ -130,7 +133,8 @@ class BeamStatements(SceneItems):
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if not np.all(lengths > 0):
             stop = float(np.argmin(lengths)) / SAMPLES
-            head.wrong(f"{shown(curve)} stands still at the parameter {stop:g}", "give one that moves on there")
+            head.wrong(f"{shown(curve)} returns the same point at the parameters {stop:g} and {stop + 1 / SAMPLES:g}",
+                       "give a function that moves on between them")  # fmt: skip
             return HARMLESS, None
         return np.array(points), curve
 
@@ -176,8 +180,8 @@ def mesh_of(beam: Beam, at: tuple[float, ...] = ()) -> LineMesh:
     back = np.flatnonzero(np.linalg.norm(first[1:] + first[:-1], axis=1) < FOLDED)
     if len(back):
         corner = beam.outline[back[0] + 1]
-        raise OptionError(f"points: the line folds back on itself at ({corner[0]:g}, {corner[1]:g}, {corner[2]:g}) m, where its "
-                          f"rotation has no direction; make two beams of it, joined by s.weld")  # fmt: skip
+        raise OptionError(f"points: the line turns back by 180 deg at ({corner[0]:g}, {corner[1]:g}, {corner[2]:g}) m, about an "
+                          f"unknown axis; make two beams of it, joined by s.weld")  # fmt: skip
     return polyline(beam.outline, beam.elements, beam.order, beam.axis2, at)
 
 
@@ -199,8 +203,9 @@ def _check_turning(beam: Beam) -> None:
     turned = np.interp(np.linspace(0, 1, int(beam.elements) + 1), places, so_far)
     largest = float(np.max(np.diff(turned)) * np.max(np.diff(node_positions(beam.order))))
     if largest > TURNED:
-        raise OptionError(f"elements = {beam.elements}: neighbouring nodes of the curve are turned by {np.degrees(largest):.0f} "
-                          f"deg, at most {np.degrees(TURNED):.0f} deg are unambiguous; give more elements")  # fmt: skip
+        raise OptionError(f"elements = {beam.elements}: the curve turns by {np.degrees(largest):.0f} deg between "
+                          f"neighbouring nodes, more than the {np.degrees(TURNED):.0f} deg that a beam can follow; give "
+                          f"more elements")  # fmt: skip
 
 
 def nearest_place(beam: Beam, point: Array) -> float:

@@ -90,15 +90,15 @@ class Body(NamesArguments):
             if given.shape not in ((2,), (3,)):
                 raise BadValueError(f"{shown(point)} has shape {given.shape}")
         except BadValueError as refused:
-            raise OptionError(f"'{self.name}'.at: point = {refused}; give a number from 0 to 1 along it, or a point of 2 or 3 "
-                              f"coordinates, m") from None  # fmt: skip
+            raise OptionError(f"'{self.name}'.at: point = {refused}; give a number from 0 to 1 along a link or beam, or a "
+                              f"point of 2 or 3 coordinates, m") from None  # fmt: skip
         return Place(self, np.append(given, np.zeros(3 - len(given))))
 
     def _along(self, s: float) -> Array:
         points = self.outline
         if len(points) < 2:
-            raise OptionError(f"'{self.name}'.at: point = {s:g}: it has no length to measure along; give a point of 2 or 3 "
-                              f"coordinates, m")  # fmt: skip
+            raise OptionError(f"'{self.name}'.at: point = {s:g}: a number is a place along a link or beam, and '{self.name}' is "
+                              f"neither; give a point of 2 or 3 coordinates, m")  # fmt: skip
         lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
         return np.array([np.interp(s * lengths[-1], lengths, points[:, i]) for i in range(3)])
 

@@ -34,8 +34,8 @@ def own_copy(arg: Argument, law: Any) -> Joint | Force | Coupling:
     needed = ("name", "of") if isinstance(law, Coupling) else NEEDED
     missing = [key for key in (*needed, *law.params, *law.options) if key not in vars(law)]
     if missing:
-        arg.wrong(f"a {kind} without {missing[0]}", f"let {kind}.__init__ call super().__init__(name, k, l, at=at, axis=axis, "
-                   f"**parameters)")  # fmt: skip
+        arg.wrong(f"a {kind} whose attribute {missing[0]} was not set",
+                  f"let {kind}.__init__ call super().__init__(name, k, l, at=at, axis=axis, **parameters)")  # fmt: skip
         return _nothing(arg)
     found: Any = copy(law)
     found.name = reading.name(Argument(arg.scene, kind, "name"), law.name)
@@ -71,8 +71,8 @@ def _refuse_unhashable(arg: Argument, value: Any) -> None:
     try:
         hash(value)
     except Exception:  # a hash of the user's own may raise anything
-        arg.wrong(f"{shown(value)} cannot be an option of a law", "give a number, text, a tuple of them, a class, or a part, "
-                                                                   "such as mb.Coulomb(mu, v_c)")  # fmt: skip
+        arg.wrong(f"{shown(value)} is not hashable, which options of laws have to be",
+                  "give a number, text, a tuple of them, a class, or a part, such as mb.Coulomb(mu, v_c)")  # fmt: skip
 
 
 def _nothing(arg: Argument) -> Force:
@@ -99,7 +99,8 @@ class ConnectionStatements(CouplingStatements):
             item.model, item.left_open = model or Kinematic(), model is None and item.has_models
             arg = Argument(self, f"{item.kind} '{law.name}'", "model")
             if isinstance(model, Clearance):
-                arg.wrong(f"{shown(model)} of an object", "state the joint by s.joint or s.revolute, which place its contact")
+                arg.wrong(f"{shown(model)} cannot be given to s.add, which does not place the contact of pin and race",
+                          "state the joint by s.revolute or s.joint")  # fmt: skip
             elif model is not None:
                 modelled = law_of(arg, type(law), model)[1]
                 item.as_kinematic = [copy(law)] if item.recursive else []
@@ -118,8 +119,9 @@ class ConnectionStatements(CouplingStatements):
             if item.loose and item.l.is_point:  # the pin may be drawn anywhere in its play
                 law.at_l = item.l.drawn.position
         if item.loose and item.k.is_point:
-            self.problems.append(f"{item.kind} '{item.name}': the point mass '{item.k.name}' cannot carry the race: it has no "
-                                 f"orientation; name it second, or use s.rigid_body")  # fmt: skip
+            self.problems.append(f"{item.kind} '{item.name}': mb.Clearance has its race on body k, and the point "
+                                 f"mass '{item.k.name}' cannot carry the race: it has no orientation; give the point "
+                                 f"mass as l, or use s.rigid_body")  # fmt: skip
         if item.k is item.l:
             self.problems.append(f"{item.kind} '{item.name}': connects '{item.k.name}' with itself; name two different bodies")
         self._check_point_masses(item)
@@ -164,6 +166,6 @@ def across(arg: Argument, axis: Array, axis_x: Any) -> Array | None:
         return None
     found = reading.unit(axis_x)
     if np.linalg.norm(np.cross(found, axis)) < 1e-9:
-        arg.wrong(f"{np.asarray(axis_x).tolist()} is along axis", "give another direction")
+        arg.wrong(f"{np.asarray(axis_x).tolist()} is along axis", "give a direction at an angle to axis")
         return None
     return found

@@ -22,7 +22,7 @@ def _words(arg: Argument, value: Any) -> list[str]:
         arg.wrong(shown(value), "give a list of texts")
         return []
     if len(set(given)) < len(given):
-        arg.wrong(shown(value), "name each once")
+        arg.wrong(shown(value), "give every name once")
     return list(given)
 
 
@@ -31,7 +31,8 @@ def _function(arg: Argument, value: Any) -> AsGiven:
     given = value.value if isinstance(value, AsGiven) else value
     if callable(given) and not isinstance(given, type):
         return AsGiven(given)
-    arg.wrong(f"{shown(given)} is no function", "give one of (t, *values)")
+    arg.wrong(f"{shown(given)} is no function",
+              "give a function of the time and of the values of the sensors `reads`: f(t, *values)")  # fmt: skip
     return AsGiven(lambda *_: 0.0)
 
 

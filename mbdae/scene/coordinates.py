@@ -93,8 +93,8 @@ def on_coordinates(scene: Any, item: str, law: type[Joint], words: Mapping[str, 
     found = OnCoordinates(law, values)
     for option in ("start", "start_rate"):
         for c in sorted(found.of(option).keys() & found.of("prescribed").keys()):
-            scene.problems.append(f"{item}: its prescribed value fixes the start already; omit {words.get(option, option)} = "
-                                  f"{found.of(option)[c]:g}")  # fmt: skip
+            scene.problems.append(f"{item}: its {c} is prescribed, which fixes the start already; omit "
+                                  f"{words.get(option, option)} = {found.of(option)[c]:g}")  # fmt: skip
     scene.problems += [f"{item}: {text}" for text in limits.mistakes(values, law, words, model)]
     wrong = _friction_mistakes(found, words, model)
     scene.problems += [f"{item}: {text}" for text in wrong]
@@ -121,17 +121,17 @@ def by_coordinate(arg: Argument, law: type[Joint], value: Any, readers: tuple[Re
     if value is None:
         return {}
     if not names:
-        arg.wrong(shown(value), f"a {law.__name__} has no angle or displacement; omit it")
+        arg.wrong(shown(value), f"a {law.__name__} has no angle or displacement; omit {arg.option}")
         return {}
     if not isinstance(value, Mapping):
         if len(names) > 1:
-            arg.wrong(shown(value), f"say for which of its coordinates, as in {{'{names[0]}': ...}}; it has {', '.join(names)}")
+            arg.wrong(shown(value), f"say for which coordinate, as in {{'{names[0]}': ...}}; the joint has {', '.join(names)}")
             return {}
         return {names[0]: readers[law.coordinates[names[0]].unit == "m"](arg, value)}
     found = {}
     for name, one in value.items():
         if name not in names:
-            arg.wrong(shown(value), f"there is no coordinate {shown(name)}; it has {', '.join(names)}")
+            arg.wrong(shown(value), f"there is no coordinate {shown(name)}; the joint has {', '.join(names)}")
         elif one is not None:
             found[name] = readers[law.coordinates[name].unit == "m"](arg.part(f"{arg.option}['{name}']"), one)
     return found
@@ -157,6 +157,6 @@ def _friction_mistakes(found: OnCoordinates, words: Mapping[str, str], model: Jo
         wrong.append("its friction follows from its reaction, and a recursive joint has none among its unknowns; use "
                      "model=mb.Kinematic() or a given normal_force")  # fmt: skip
     if len(own) > 1:
-        wrong.append(f"friction on {' and '.join(own)}: friction that follows from the joint's reaction can act against one "
-                     f"coordinate; give a normal_force for the others")  # fmt: skip
+        wrong.append(f"friction on {' and '.join(own)}: without a normal_force, friction follows from the joint's reaction, "
+                     f"which is modelled for one coordinate alone; give a normal_force in N for all but one")  # fmt: skip
     return wrong

@@ -31,7 +31,7 @@ def reference(unit: str = "") -> reading.Reader:
             return f"{joint.name}.{name or known[0]}"
         what = {"rad": "angle", "m": "displacement"}.get(unit, "coordinate")
         if not known:
-            arg.wrong(f"{shown(value)}: {joint.kind} '{joint.name}' has no {what}", f"name a joint that has; {_has(joint)}")
+            arg.wrong(f"{shown(value)}: {joint.kind} '{joint.name}' has no {what}", f"name a joint that has one; {_has(joint)}")
         else:
             arg.wrong(shown(value), f"say which {what}: {' or '.join(repr(f'{joint.name}.{c}') for c in known)}")
         return NOBODY
@@ -48,8 +48,8 @@ def found_joint(arg: Argument, value: Any) -> tuple[Connection | None, str]:
     for c in scene.joints:
         if text == c.name or text in [f"{c.name}.{name}" for name in c.coordinates]:
             return c, text[len(c.name) + 1 :]
-    arg.wrong(f"{shown(value)} is no joint's coordinate of this scene", f"it has {', '.join(_known(scene)) or 'none'}; state the "
-              f"joints before the coupling")  # fmt: skip
+    arg.wrong(f"{shown(value)} is no joint's coordinate of this scene", f"there are {', '.join(_known(scene)) or 'none'}; "
+              f"state the joints before the coupling")  # fmt: skip
     return None, ""
 
 
@@ -57,9 +57,9 @@ def _has(joint: Connection) -> str:
     """What coordinates a joint has, as a sentence."""
     turns = [c for c in joint.coordinates if joint.unit(c) == "rotation"]
     others = [c for c in joint.coordinates if c not in turns]
-    found = [f"its coordinates are {', '.join(others)}"] if others or not turns else []
-    found += [f"its {' and '.join(turns)} has no value that can be coupled"] if turns else []
-    return "; ".join(found) if joint.coordinates else "this one has no coordinates"
+    found = [f"'{joint.name}' has {', '.join(others) or 'no coordinates'}"] if others or not turns else []
+    found += [f"its {' and '.join(turns)} is no single number that could be coupled"] if turns else []
+    return "; ".join(found)
 
 
 def _known(scene: Any) -> list[str]:
@@ -81,7 +81,7 @@ def _terms(arg: Argument, value: Any) -> dict[str, float]:
         except BadValueError as refused:
             arg.part(f"{arg.option}[{shown(key)}]").wrong(refused, "give a number")
     if found and not any(found.values()):
-        arg.wrong(shown(value), "every factor is 0, so that it couples nothing; give factors")
+        arg.wrong(shown(value), "every factor is 0, so that nothing is coupled; give factors other than 0")
     return found
 
 
@@ -90,7 +90,7 @@ def _ratio(arg: Argument, value: Any) -> float:
     before = len(arg.scene.problems)
     found = reading.quantity("1")(arg, value)
     if found == 0 and len(arg.scene.problems) == before:
-        arg.wrong("0: the driven wheel would not turn", "give the ratio of both angles")
+        arg.wrong("0: the driven wheel would not turn", "give angle(driven)/angle(driving)")
     return found or 1.0
 
 
@@ -144,7 +144,7 @@ class CouplingStatements(SceneItems):
         for joint in joints:
             if joint.loose:
                 self.problems.append(f"{kind} '{law.name}': joint '{joint.name}' has clearance, where whole turns of its "
-                                     f"angle are not counted; give it another model")  # fmt: skip
+                                     f"angle are not counted; give that joint another model")  # fmt: skip
             for part in (*joint.laws, *joint.as_kinematic):
                 if hasattr(part, "kept"):
                     part.kept = True
@@ -167,6 +167,6 @@ class CouplingStatements(SceneItems):
 def _unit(law: Coupling, coordinate: str) -> str:
     """Unit of a coordinate, rad or m, where the law states one of them; else ""."""
     if coordinate not in law.coordinates:
-        raise LawError(f"{type(law).__name__} has no coordinate {coordinate!r}")
+        raise LawError(f"{type(law).__name__} has no coordinate {coordinate!r}; it has {', '.join(law.coordinates)}")
     unit = law.coordinates[coordinate].unit
     return unit if unit in ("rad", "m") else ""

@@ -39,6 +39,5 @@ def problems(name: str, J: Array, planar: bool) -> list[str]:
                 f"body, whose principal moments are 0 or positive"]  # fmt: skip
     if not planar and moments[0] + moments[1] < moments[2] * (1 - 1e-9):
         return [f"body '{name}': principal moments {moments[0]:.6g}, {moments[1]:.6g}, {moments[2]:.6g} kg m^2 violate the "
-                f"triangle inequality (the sum of the two smaller must be at least the largest), as "
-                f"those of no body do; correct them"]  # fmt: skip
+                f"triangle inequality (the two smaller must add up to at least the largest); correct them"]  # fmt: skip
     return []

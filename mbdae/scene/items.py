@@ -67,7 +67,7 @@ class SceneItems:
 
     def _names(self) -> str:
         names = [item.name for item in self._items]
-        return ", ".join(repr(n) for n in names[:12]) + (", ..." if len(names) > 12 else "")
+        return ", ".join(repr(n) for n in names[:12]) + (", ..." if len(names) > 12 else "") or "none"
 
     def _keep_read_coordinates(self, item: Any) -> None:
         """Make unknowns of the coordinates that a new item reads, and of its own that others read."""

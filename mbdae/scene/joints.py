@@ -243,8 +243,7 @@ def _instead(kind: str, law: type[Joint], key: str, own: set[str]) -> str:
     coordinate = key.removesuffix("_rate")
     if coordinate not in law.scalars():
         known = (set(signature(STATEMENTS.get(kind, STATEMENTS["joint"])).parameters) | {*OPTIONS, "model"}) - {"self", "further"}
-        return (f"{unknown_name(key, {*own, *known})} its parameters are {sorted(own) or 'none'}, its other arguments "
-                f"{', '.join(sorted(known - own))}")  # fmt: skip
+        return (f"{unknown_name(key, {*own, *known})} it takes {', '.join(sorted({*own, *known}))}")  # fmt: skip
     if coordinate != key:
         return f"'{key}'; to start with a rate of its coordinate give start_rate={{'{coordinate}': ...}}"
     return f"'{key}'; to prescribe its coordinate give prescribed={{'{key}': ...}}, to start there start={{'{key}': ...}}"
@@ -260,9 +259,9 @@ def pins(arg: Argument, shaft: Any, other: Any, pin: Any) -> Any:
     found = reading.unit(pin)
     if abs(found @ shaft) > 1e-9:
         arg.wrong(f"{np.asarray(pin).tolist()} is not normal to axis = {shaft.tolist()}",
-                  "give a direction normal to the shaft of k")  # fmt: skip
+                  "give a direction normal to axis, the shaft of k")  # fmt: skip
         return pins(arg, shaft, other, None)
     if np.linalg.norm(np.cross(found, other)) < 1e-9:
-        arg.wrong(f"{np.asarray(pin).tolist()} is along axis_l", "give a direction that is not that of the shaft of l")
+        arg.wrong(f"{np.asarray(pin).tolist()} is along axis_l, the shaft of l", "give a direction at an angle to it")
         return pins(arg, shaft, other, None)
     return found

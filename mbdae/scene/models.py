@@ -28,7 +28,8 @@ def friction_law(arg: Argument, value: Any) -> Any:
         arg.scene.problems.append(f"{arg.item}: {arg.option}: {error}")
         return Coulomb(0.0, 1.0)
     if feeds is not None:
-        arg.wrong(f"{shown(value)} drives the bodies at v = {feeds:g} m/s", "its coefficient must have the sign of v, or be 0")
+        arg.wrong(f"{shown(value)} drives the bodies at the sliding velocity v = {feeds:g} m/s instead of braking them",
+                  "its coefficient must have the sign of v, or be 0")  # fmt: skip
         return Coulomb(0.0, 1.0)
     return found
 
@@ -54,7 +55,8 @@ def _read_clearance(arg: Argument, model: Clearance) -> None:
             quantity("m", "positive")(arg.part(f"model.{key}"), value)
     if len(arg.scene.problems) == before and model.inner > model.outer:
         arg.part("model.inner").wrong(f"{model.inner:g} m is larger than model.outer = {model.outer:g} m: the pin does not fit "
-                                       f"into the race", "k carries the race, l the pin")  # fmt: skip
+                                       f"into the race",
+                                       "give inner <= outer: inner of the pin on l, outer of the race on k")  # fmt: skip
     normal_law(arg.part("model.normal"), model.normal)
     if model.friction is not None:
         friction_law(arg.part("model.friction"), model.friction)
@@ -76,7 +78,7 @@ def refusal(law: type[Joint], model: JointModel) -> tuple[str, str] | None:
     if isinstance(model, Classical | Recursive) and not law.coordinates:
         return f"{shown(model)}, but a {name} has no coordinates", "use mb.Kinematic()"
     if isinstance(model, Classical) and law.scalars().keys() != law.coordinates.keys():
-        return f"{shown(model)}, but a {name} has a free rotation, which no angles describe everywhere", \
+        return f"{shown(model)}, but a {name} has a free rotation, which no three angles describe everywhere", \
             "use mb.Kinematic() or mb.Recursive()"  # fmt: skip
     if isinstance(model, Recursive) and not law.states_motion():
         return f"{shown(model)}, but {name} does not state its motion", "state `motion(self, from_k)`, or use mb.Kinematic()"

@@ -12,7 +12,7 @@ from mbdae.inputs import timed
 from mbdae.inputs.breaks import TooManyError, beyond, jumps, unresolved
 from mbdae.inputs.resolution import Stretches, resolved
 from mbdae.inputs.sensed import paths
-from mbdae.inputs.tables import lookup_of
+from mbdae.inputs.tables import lookup_of, readable
 from mbdae.scene.components import BeamLoad, Connection, Signal
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
@@ -21,6 +21,8 @@ from mbdae.symbolic.vectors import Expr
 
 _RAMP = "; join the pieces by a smooth ramp such as h*(3*x**2 - 2*x**3), x = (mb.t - t1)/T from 0 to 1"
 _CUBIC = "; give kind=\"cubic\", and a table that ends without slope where it is held beyond its ends"
+#: what the user calls a value, where the statement has a word of its own for it
+_ARGUMENTS = {("revolute", "load"): "torque", ("prismatic", "load"): "force", ("prismatic", "displacement"): "position"}
 JUMP = 1e-7  #: smallest jump reported, relative to the largest value: smaller ones are rounding errors of the expression
 MOST = 20_000  #: largest number of time intervals in which values are checked
 
@@ -42,7 +44,8 @@ def inputs(connections: list[Connection], loads: list[BeamLoad]) -> Iterator[Inp
             value = getattr(law, key)
             if value is not None and getattr(se.sympify(value), "free_symbols", None) and not paths(value):
                 drives = law.drives() if isinstance(law, Joint) else {}
-                what = f"{kind} '{name}': {drives.get(key, key)} = {value}"
+                said = _ARGUMENTS.get((kind, drives.get(key, key)), drives.get(key, key))
+                what = readable(f"{kind} '{name}': {said} = {value}")
                 yield Input(what, se.sympify(value), parameter.unit, isinstance(law, Joint | Coupling))
 
 
@@ -52,7 +55,8 @@ def _fed(connections: list[Connection], signals: list[Signal]) -> Iterator[Input
     stated += [(one.kind, one.name, one.value if one.law is None else getattr(one.law, "rate", None)) for one in signals]
     for kind, name, value in stated:
         if paths(value) or (kind in ("signal", "state") and getattr(value, "free_symbols", None)):
-            yield from (Input(f"{kind} '{name}': {e}", e, "1", False) for e in dict.fromkeys(of_time(se.sympify(value))))
+            yield from (Input(readable(f"{kind} '{name}': {e}"), e, "1", False)
+                        for e in dict.fromkeys(of_time(se.sympify(value))))  # fmt: skip
 
 
 def of_time(e: Expr) -> Iterator[Expr]:
@@ -81,22 +85,24 @@ def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
     for part, name in zip(parts, ("value", "rate", "second derivative"), strict=False):
         start = float(timed.values(part, np.array([t0]))[0])
         if not np.isfinite(start):
-            return [f"{one.what}: its {name} is {start} at the start t = {t0:g} s; give one that is finite there"]
+            return [f"{one.what}: its {name} is {start} at the start t = {t0:g} s; give an input that is finite there"]
     try:
         edges, found = resolved(timed.used(one.expression, one.moves), t0, t_end)
     except TooManyError as error:
-        return [f"{one.what} {error}: following it would take too many steps; shorten the run, or give its mean"]
+        return [f"{one.what}: {error}; a run that follows it would take too many steps: shorten the run, or give "
+                f"the mean of the input"]  # fmt: skip
     twice = unresolved(one.expression, t0, t_end)
     if twice is not None:
-        return [f"{one.what} changes at t = {twice[0]:.9g} s and again {twice[1]:.1e} s later, which no step can resolve at such "
-                f"a time: shift the origin of time, make it wider, or give its effect as a start value"]  # fmt: skip
+        return [f"{one.what} changes at t = {twice[0]:.9g} s and again {twice[1]:.1e} s later, shorter than any step at such a "
+                f"time: let more time pass between both, count the time from an instant near them, or give their effect as a "
+                f"start value"]  # fmt: skip
     times, sides = _looked_at(edges, found)
     values = [timed.values(part, times, sides) for part in parts]
     poles = np.concatenate([times[~np.isfinite(values[0])], found.poles])
     if len(poles):
         first = f"t = {float(np.min(poles)):.6g} s"
         return [f"{one.what} has no finite value at {first}; the bodies cannot follow{_RAMP}" if one.moves else
-                f"{one.what} is not finite near {first}"]  # fmt: skip
+                f"{one.what} is not finite near {first}; give an input that stays finite"]  # fmt: skip
     before = [2 * t0 - timed.after(t0)] if continued else []
     return _jumps(one, parts, values, edges, before) if one.moves else []
 

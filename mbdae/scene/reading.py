@@ -124,13 +124,18 @@ def _with_unit(value: float, unit: str) -> str:
     return f"{value:g} {unit}" if unit not in ("", "1") else f"{value:g}"
 
 
+def _misshapen(value: Any, found: Any) -> str:
+    """That a value, as an array `found`, has a wrong shape."""
+    return f"{shown(value)} has shape {found.shape}" if found.ndim else f"{shown(value)} is no list"
+
+
 def vector(unit: str) -> Reader:
     """Two or three numbers (3,); two mean z = 0."""
 
     def read(value: Any) -> Array:
         found = array(value)
         if found.shape not in ((2,), (3,)):
-            raise BadValueError(f"{shown(value)} has shape {found.shape}")
+            raise BadValueError(_misshapen(value, found))
         return np.append(found, np.zeros(3 - len(found)))
 
     remedy = f"give 2 or 3 numbers{f', {unit}' if unit else ''} (2 mean z = 0)"
@@ -176,12 +181,12 @@ def _orthogonal(value: Any) -> Array:
 
 def inertia(arg: Argument, value: Any) -> Any:
     """One number, 3 values (3,) or a matrix (3, 3), kg m^2."""
-    remedy = "give one number (about z), 3 values or 3x3 (kg m^2)"
+    remedy = "give one number (about z), 3 principal values or a 3x3 matrix, kg m^2"
     try:
         found = array(value)
         if found.shape in ((), (3,), (3, 3)):
             return found if found.ndim else float(found)
-        arg.wrong(f"{shown(value)} has shape {found.shape}", remedy)
+        arg.wrong(_misshapen(value, found), remedy)
     except BadValueError as refused:
         arg.wrong("None: it is missing" if value is None else refused, remedy)
     return np.zeros((3, 3))
@@ -195,12 +200,14 @@ def values(remedy: str, *counts: int) -> Reader:
 def driven(unit: str, sensors: bool = False, named: bool = False) -> Reader:
     """A float, or an expression of time; sensors: of sensors too; named: a text is the path of one."""
 
+    remedy = f"its unit is {unit}" if unit != "1" else f"give a number or an expression of mb.t{' and sensors' * sensors}"
+
     def read(value: Any) -> Any:
         path = named and isinstance(value, str) and value[:1].isalpha()
         found = timed.expression(symbol(value) if path else value, sensors)
         return found if found.free_symbols else float(found)
 
-    return lambda arg, value: _read(arg, value, read, f"its unit is {unit}", 0.0)
+    return lambda arg, value: _read(arg, value, read, remedy, 0.0)
 
 
 def components(unit: str, sensors: bool = False) -> Reader:
@@ -210,7 +217,7 @@ def components(unit: str, sensors: bool = False) -> Reader:
         try:
             found = entries(value)
             if found.shape not in ((2,), (3,)):
-                raise BadValueError(f"{shown(value)} has shape {found.shape}" if found.ndim else f"{shown(value)} is no list")
+                raise BadValueError(_misshapen(value, found))
         except BadValueError as refused:
             arg.wrong(refused, f"give 2 or 3 components, numbers or expressions of mb.t, {unit}")
             return [0.0, 0.0, 0.0]
@@ -238,7 +245,7 @@ def counts(arg: Argument, value: Any) -> Any:
     try:
         found = entries(value)
         if found.ndim > 1 or not found.size:
-            raise BadValueError(f"{shown(value)} has shape {found.shape}")
+            raise BadValueError(_misshapen(value, found))
         many = tuple(whole(n, least=1, most=MOST_ELEMENTS) for n in found.flat)
         return many if found.ndim else many[0]
     except BadValueError as refused:
@@ -305,8 +312,8 @@ def body(arg: Argument, value: Any) -> Any:
     known = ", ".join(repr(b.name) for b in [scene.ground, *scene.bodies][:12])
     if isinstance(value, Body) and value.scene is not None:
         other = f"{'another ' if value.scene.name == scene.name else ''}scene '{value.scene.name}', not of this scene"
-        what, remedy = ("the ground", "use s.ground") if value.is_ground else (f"body '{value.name}'", f"it has {known}")
+        what, remedy = ("the ground", "use s.ground") if value.is_ground else (f"body '{value.name}'", f"this one has {known}")
         arg.wrong(f"{what} of {other}", remedy)
     else:
-        arg.wrong(f"{shown(value)} is no body of this scene", f"it has {known}")
+        arg.wrong(f"{shown(value)} is no body of this scene, which has {known}", "name one of these")
     return nobody(scene)

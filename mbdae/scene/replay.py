@@ -76,7 +76,7 @@ class Known:
     def find(self, name: Any, *kinds: type) -> Any:
         """What a stored name stands for; SceneError where there is nothing of that name, or nothing of these kinds."""
         if not isinstance(name, str):
-            raise SceneError([f"{shown(name)} is not the name of a class"])
+            raise SceneError([f"{shown(name)} stands where the name of a class is expected"])
         name = without_module(name)
         short = name.rpartition(":")[2].rpartition(".")[2]
         found = [self.own[name]] if name in self.own else []
@@ -91,9 +91,26 @@ class Known:
         classes = tuple(kind for kind in kinds if kind is not FunctionType)
         is_class = bool(classes) and isinstance(one, type) and issubclass(one, classes)
         if not (is_class or (FunctionType in kinds and isinstance(one, FunctionType))):
-            wanted = " or ".join("a function" if kind is FunctionType else f"a {kind.__name__}" for kind in kinds)
-            raise SceneError([f"{shown(name)} stands where {wanted} is expected"])
+            raise SceneError([f"{shown(name)} stands where {_in_words(kinds)} is expected"])
         return one
+
+
+#: kinds in messages, where they are not called as their classes
+_KINDS_IN_WORDS: dict[type, str] = {
+    str: "text", list: "a list", dict: "a dictionary", type: "a class", FunctionType: "a function", AsGiven: "a kept object",
+    Part: "a friction law or another part of a law", JointModel: "a joint model", Section: "a cross-section",
+    Normal: "a normal law", Law: "a joint, force or coupling",
+}  # fmt: skip
+
+
+def _in_words(kinds: Iterable[type]) -> str:
+    """Kinds of arguments in a message."""
+    return " or ".join(_KINDS_IN_WORDS.get(kind, f"a {kind.__name__.lower()}") for kind in kinds)
+
+
+def _expected(name: str) -> str:
+    """What an argument of a statement is, in a message."""
+    return _in_words(_KINDS[name]) if name in _KINDS else "a number, an expression of mb.t, a place, or a list of these"
 
 
 def _is_built_in(thing: Any) -> bool:
@@ -122,16 +139,16 @@ def _decode(value: Any, scene: Any, known: Known) -> Any:
     reader = _READERS.get(frozenset(value))
     if reader is None:
         if "unreadable" in value:
-            raise SceneError([f"the argument {shown(value['unreadable'])} cannot be repeated: give numbers, texts, expressions "
-                              f"of mb.t, laws or their parts"])  # fmt: skip
-        raise SceneError([f"a stored argument cannot be read: {shown(value)}"])
+            raise SceneError([f"the argument {shown(value['unreadable'])} cannot be stored, nor the statement repeated: give "
+                              f"numbers, texts, expressions of mb.t, laws or their parts"])  # fmt: skip
+        raise SceneError([f"the stored argument {shown(value)} is of no kind that mbdae writes"])
     return reader(value, scene, known)
 
 
 def _body(name: Any, scene: Any) -> Any:
     found = next((b for b in [scene.ground, *scene.bodies] if b.name == name), None)
     if found is None:
-        raise SceneError([f"there is no body {shown(name)} at the statement that names it"])
+        raise SceneError([f"it names the body {shown(name)}, which no statement before it makes"])
     return found
 
 
@@ -159,7 +176,7 @@ def _options(value: Any, scene: Any, known: Known) -> dict[str, Any]:
         return tuple(fixed(x) for x in v) if isinstance(v, list) else v
 
     if not isinstance(value, dict):
-        raise SceneError([f"{shown(value)} stands where values by name are expected"])
+        raise SceneError([f"{shown(value)} stands where values by their names are expected, such as {{'radius': 0.1}}"])
     return {key: fixed(_decode(v, scene, known)) for key, v in value.items()}
 
 
@@ -170,7 +187,7 @@ def _object(value: Any, scene: Any, known: Known) -> Any:
         return _made(cls, given)
     wrong = [key for key, v in given.items() if key in cls.params and not _is_number(v)]
     if wrong:
-        raise SceneError([f"{wrong[0]} = {shown(given[wrong[0]])} of {cls.__name__} is not a number"])
+        raise SceneError([f"{cls.__name__}: {wrong[0]} = {shown(given[wrong[0]])} is not a number"])
     return _rebuilt(cls, Part, given, lambda part: {key: v for key, v in part.values().items() if v is not None} == given)
 
 
@@ -181,7 +198,7 @@ def _law(value: Any, scene: Any, known: Known) -> Law:
     places = {key: _decode(value[key], scene, known) for key in ("k", "l", "at", "axis")}
     for key, one in {"name": value["name"], **places}.items():
         if not (isinstance(one, _KINDS[key]) if key in _KINDS else _is_number(one)):
-            raise SceneError([f"{key} = {shown(one)} is not what a law takes there"])
+            raise SceneError([f"{key} = {shown(one)}, where {_expected(key)} is expected"])
     given = _options(value["values"], scene, known)
     stated = {key: v for key, v in given.items() if key in cls.params or key in cls.options or not _of_part(cls, key)}
     sides = {key: one for key, one in (("at_l", at_l), ("axis_x", axis_x)) if one is not None}
@@ -194,7 +211,8 @@ def _law(value: Any, scene: Any, known: Known) -> Law:
 def _coupling(value: Any, scene: Any, known: Known) -> Coupling:
     cls, of = known.find(value["coupling"], Coupling), value["of"]
     if not (isinstance(of, dict) and all(isinstance(at, str) for at in of.values()) and isinstance(value["name"], str)):
-        raise SceneError([f"of = {shown(of)} is not what a coupling takes there"])
+        raise SceneError([f"of = {shown(of)}, where names of joints' coordinates are expected, such as "
+                          f"{{'driving': 'A.angle', ...}}"])  # fmt: skip
     return _made(cls, {"name": value["name"], "of": of, **_options(value["values"], scene, known)})  # type: ignore[no-any-return]
 
 
@@ -211,7 +229,7 @@ def _made(cls: Callable[..., Any], arguments: dict[str, Any]) -> Any:
         raise
     except Exception as error:  # a constructor of a user's own may raise anything
         what = getattr(cls, "__name__", "the law")
-        raise SceneError([f"{what} cannot be made: {type(error).__name__}: {shown(error)}"]) from error
+        raise SceneError([f"{what} cannot be made with its stored values: {shown(error)}"]) from error
 
 
 def _rebuilt(cls: type, base: type, arguments: dict[str, Any], equal: Callable[[Any], bool]) -> Any:
@@ -265,8 +283,8 @@ def replay(data: Mapping[str, Any], scene_class: Callable[..., Any], known: Know
         except MbdaeError as error:
             raise SceneError([f"statement {i + 1}, {_described(entry)}: {error}"]) from error
         except Exception as error:  # a stored value that no check foresaw may make a statement raise anything
-            reason = f"{type(error).__name__}: {shown(error)}"
-            raise SceneError([f"statement {i + 1}, {_described(entry)}, cannot be made: {reason}"]) from error
+            reason = shown(error)
+            raise SceneError([f"statement {i + 1}, {_described(entry)}, cannot be repeated: {reason}"]) from error
     return scene
 
 
@@ -279,14 +297,14 @@ def _repeat(scene: Any, entry: Statement, known: Known) -> None:
     try:
         bound = signature.bind(scene, *arguments[0], **arguments[1])
     except TypeError as error:
-        raise SceneError([f"it takes other arguments: {error}"]) from None
+        raise SceneError([f"{method} takes other arguments than those stored: {error}"]) from None
     given = dict(list(bound.arguments.items())[1:])
     further = given.pop("further", {})
     for name, value in {**given, **further}.items():
         if value is None or (name in signature.parameters and signature.parameters[name].default is value):
             continue
         if not (isinstance(value, _KINDS[name]) if name in _KINDS else _is_number(value)):
-            raise SceneError([f"{name} = {shown(value)} is not what {method} takes there"])
+            raise SceneError([f"{name} = {shown(value)}, where {_expected(name)} is expected"])
     getattr(type(scene), method)(scene, *arguments[0], **arguments[1])
 
 
@@ -314,5 +332,5 @@ def refuse_losses(scene: Any, copy: Any) -> None:
                 continue
             for name in sorted(vars(law).keys() - {"params", "states", *_KINDS, "at", "axis", "at_l", "axis_x"}):
                 if name not in vars(again) or encode(vars(law)[name]) != encode(vars(again)[name]):
-                    raise SceneError([f"'{old.name}': {name} of {type(law).__name__} would be lost: declare it in the class, in "
-                                      f"`params` (a number) or `options` (anything else that can be stored)"])  # fmt: skip
+                    raise SceneError([f"'{old.name}': the attribute {name} of {type(law).__name__} would be lost in a copy of "
+                                      f"the scene: declare it in the class, in `params` (numbers) or `options`"])  # fmt: skip

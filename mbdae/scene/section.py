@@ -71,8 +71,8 @@ class Section:
             E, a, b = (number(x, least=0) for x in (self.E, first, second))
             A, I2, I3 = {"tube": _of_tube, "rectangle": _of_rectangle}[kind](a, b)
         except (BadValueError, ValueError, TypeError, KeyError):
-            raise OptionError(f"section: shape = {shown(self.shape)}, E = {shown(self.E)}: use mb.Section.circular, tube or "
-                              f"rectangular") from None  # fmt: skip
+            raise OptionError(f"section: shape = {shown(self.shape)}, E = {shown(self.E)}: a section made by hand has neither; "
+                              f"leave both out, or use mb.Section.circular, tube or rectangular") from None  # fmt: skip
         stated = (self.EA, self.EI2, self.EI3)
         if not all(math.isclose(x, E * y, rel_tol=1e-9) for x, y in zip(stated, (A, I2, I3), strict=True)):
             object.__setattr__(self, "E", None)

@@ -89,8 +89,8 @@ def known_paths(scene: Any) -> list[str]:
 def refuse_sampled(scene: Any, what: str) -> None:
     """Raise OptionError where a scene has a sampled controller, of which `what` would know nothing."""
     for one in scene.controllers:
-        raise OptionError(f"{what}: controller '{one.name}' is a function called every {one.every:g} s, which only runs know; "
-                          f"state its law as feedback, with s.sensor and s.state, or use s.simulate")  # fmt: skip
+        raise OptionError(f"{what}: controller '{one.name}' is a function called every {one.every:g} s, which is possible in "
+                          f"s.simulate alone; state its law by expressions of s.sensor and s.state")  # fmt: skip
 
 
 def read_by(item: Any) -> list[str]:

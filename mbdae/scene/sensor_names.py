@@ -57,7 +57,8 @@ def spelled(scene: Any, text: str) -> tuple[str, dict[str, str]]:
             return name
         parts = re.findall(r"\w+", name)
         if len(parts) > 1 and re.search(r"[-+*/]", name) and all(part in scene._by_name for part in parts):
-            raise BadValueError(f"'{name}' is an item, and an expression of {', '.join(parts)}: give the item another name")
+            raise BadValueError(f"'{name}' is the name of an item, and also an expression of the items {', '.join(parts)}: give "
+                                f"it another name")  # fmt: skip
         return plain[name]
 
     names = "|".join(re.escape(name) for name in odd)
@@ -84,7 +85,8 @@ def placed(scene: Any, key: str) -> tuple[Any, Any]:
     except ValueError:
         where = []
     if not isinstance(item, Body) or len(where) not in (1, 2, 3):
-        raise SceneError([f"there is no place '{key}'; give a body and a number from 0 to 1, or a point of 2 or 3 coordinates"])
+        raise SceneError([f"there is no place '{key}'; give a body and a number from 0 to 1 or a point of 2 or 3 coordinates, "
+                          f"as in 'rod.at(0.5)' or 'rod.at(1, 0)'"])  # fmt: skip
     return item, where[0] if len(where) == 1 else where
 
 

@@ -40,7 +40,8 @@ def replaced(scene: SceneItems, names: tuple[str, ...], model: JointModel) -> An
     known = [c.name for c in scene.joints if c.has_models]
     wrong = [n for n in names if not (isinstance(n, str) and n in known)]
     if wrong:
-        raise SceneError([f"replace: names = {shown(n)} is no joint with coordinates of scene '{scene.name}'; it has {known}"
+        raise SceneError([f"replace: names = {shown(n)} is no joint with coordinates of scene '{scene.name}'; there are "
+                          f"{', '.join(map(repr, known)) or 'none'}"
                           for n in wrong])  # fmt: skip
     refused = {n: refusal(type(_ideal(scene[n])), model) for n in names}
     if any(refused.values()):
@@ -48,7 +49,8 @@ def replaced(scene: SceneItems, names: tuple[str, ...], model: JointModel) -> An
     few = [n for n in known if len(scene[n].coordinates) <= FEW]
     chosen = set(names or (n for n in few if refusal(type(_ideal(scene[n])), model) is None))
     if not chosen:
-        raise SceneError([f"scene '{scene.name}' has no joint whose model could be replaced by {shown(model)}"])
+        raise SceneError([f"replace: no joint of scene '{scene.name}' with {FEW} coordinates or fewer can have "
+                          f"model = {shown(model)}; name a joint to see what it lacks"])
     statements: list[Statement] = []
     own, places = dict(scene.own), _model_places()
     for method, args, kwargs in scene.statements:

@@ -172,12 +172,12 @@ def test_expressions_of_sympy_and_plain_numbers_are_taken() -> None:
     [
         (5, "add without a name: law = 5 is no joint, force or coupling; give an object"),
         (mb.Revolute, "is no joint, force or coupling"), (mb.Kinematic(), "is no joint, force or coupling"), (None, "law = None is no joint"),
-        (type("Bare", (mb.Force,), {"__init__": lambda self: None})(), "law = a Bare without name; let Bare.__init__ call super()"),
+        (type("Bare", (mb.Force,), {"__init__": lambda self: None})(), "law = a Bare whose attribute name was not set; let Bare.__init__ call super()"),
         (mb.Weld(5, "ground", "rod"), "Weld: name = 5 is not text"),
         (mb.Weld("x", "ground", "rod", at="x"), "Weld 'x': at = 'x' is not"),
         (mb.Weld("x", "ground", "rod", at=(0, 1), axis=(0, 0, 0)), "Weld 'x': axis = [0.0, 0.0, 0.0] has length zero"),
-        (mb.Weld("x", "ground", "bar"), "Weld 'x': l = 'bar' is no body of this scene; it has 'ground', 'rod'"),
-        (force(options=("table",))("x", "ground", "rod", stiffness=1.0, table=[1, 2]), "Pull 'x': table = [1, 2] cannot be an option"),
+        (mb.Weld("x", "ground", "bar"), "Weld 'x': l = 'bar' is no body of this scene, which has 'ground', 'rod'"),
+        (force(options=("table",))("x", "ground", "rod", stiffness=1.0, table=[1, 2]), "Pull 'x': table = [1, 2] is not hashable, which options"),
     ],
 )  # fmt: skip
 def test_laws_that_cannot_be_added(law: Any, words: str) -> None:
@@ -216,7 +216,7 @@ def test_friction_that_drives_is_refused(coefficient: Any) -> None:
     friction = type("Odd", (mb.Friction,), {"coefficient": lambda self, v: coefficient(v)})()
     s = mb.Scene("s")
     s.prismatic("p", s.ground, s.rigid_body("b", 1.0, 1.0), at=(0, 0), axis=(1, 0), friction=friction, normal_force=10.0)
-    with pytest.raises(mb.SceneError, match=r"prismatic 'p': friction = .* (drives the bodies at v|returns nan)"):
+    with pytest.raises(mb.SceneError, match=r"prismatic 'p': friction = .* (drives the bodies at the sliding velocity v|returns nan)"):
         s.check()
 
 

@@ -140,7 +140,7 @@ def test_memory_that_is_changed_in_place_is_a_run_s_own():
     ({"every": 0}, "every = 0 s is not positive"), ({"memory": None}, "f cannot be called with (t, value 1, value 2)"),
     ({"sets": ()}, "it has no outputs"),
     ({"reads": ("J.angel",)}, "did you mean 'J.angle'?"),
-    ({"sets": ("u", "u")}, "name each once"),
+    ({"sets": ("u", "u")}, "give every name once"),
 ])  # fmt: skip
 def test_statements_of_controllers_are_checked_before_solving(change, said):
     with pytest.raises(SceneError) as refused:

@@ -175,7 +175,7 @@ def test_names_that_are_expressions_of_others_are_refused():
         s.point_mass(name, 1.0, at=(0, 0), velocity=(1, 0))
     r = s.simulate(0.1)
     assert r.value("a-b.position[0]")[-1] == pytest.approx(0.1)
-    with pytest.raises(mb.OptionError, match="'a-b' is an item, and an expression of a, b"):
+    with pytest.raises(mb.OptionError, match="'a-b' is the name of an item, and also an expression of the items a, b"):
         r.value("2*a-b.position[0]")
-    with pytest.raises(mb.OptionError, match="'a-b' is an item, and an expression of a, b"):
+    with pytest.raises(mb.OptionError, match="'a-b' is the name of an item, and also an expression of the items a, b"):
         s.simulate(0.1, record="a-b.position[0] > 0.05")

@@ -36,7 +36,7 @@ def problems(s: mb.Scene) -> list[str]:
         (lambda s: s.link("a", (1, 0), (2, 0), mass=1), "two items have the name 'a'; give each its own"),
         (lambda s: s.point_mass("ground", 1, (0, 0)), "two items have the name 'ground'; give each its own"),
         (lambda s: s.point_mass("", 1, (0, 0)), "name = '' is empty; give every item a name of its own, text such as 'rod'"),
-        (lambda s: s.revolute("R", s.ground, "b", at=(0, 0)), "revolute 'R': l = 'b' is no body of this scene; it has 'ground', 'a'"),
+        (lambda s: s.revolute("R", s.ground, "b", at=(0, 0)), "revolute 'R': l = 'b' is no body of this scene, which has 'ground', 'a'"),
         (lambda s: s.spherical("S", "a", "a", at=(0, 0)), "spherical 'S': connects 'a' with itself; name two different bodies"),
         (lambda s: s.link("b", (0, 0), (1, 0), mass=-2), "link 'b': mass = -2 kg is negative; give a number from 0 in kg"),
         (lambda s: s.link("b", (0, 0), mass=1), "link 'b': needs at least two points, each different from the one before"),
@@ -46,7 +46,7 @@ def problems(s: mb.Scene) -> list[str]:
         (lambda s: s.rigid_body("b", 1, -1.0), "body 'b': inertia has the negative principal moment -1 kg m^2"),
         (lambda s: s.rigid_body("b", 1, (1, 1, 5)), "body 'b': principal moments 1, 1, 5 kg m^2 violate the triangle inequality"),
         (lambda s: s.rigid_body("b", 1, [[1, 2, 0], [0, 3, 0], [0, 0, 3]]), "body 'b': inertia matrix is not symmetric"),
-        (lambda s: s.rigid_body("b", 1, (1, 2)), "body 'b': inertia = (1, 2) has shape (2,); give one number (about z), 3 values or 3x3 (kg m^2)"),
+        (lambda s: s.rigid_body("b", 1, (1, 2)), "body 'b': inertia = (1, 2) has shape (2,); give one number (about z), 3 principal values or a 3x3 matrix"),
         (lambda s: s.rigid_body("b", 1, None), "body 'b': inertia = None: it is missing; give one number (about z)"),
         (lambda s: s.rigid_body("b", 1, 1, at=(0, math.inf)), "'b': at = (0, inf) has a wrong entry, inf is not finite; give 2 or 3 numbers, m"),
         (lambda s: s.rigid_body("b", 1, 1, rotation=np.ones((3, 3))), "is not a rotation matrix (R R^T differs from 1 by 3, det 0)"),
@@ -61,7 +61,7 @@ def problems(s: mb.Scene) -> list[str]:
         (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), angle="t"), "'R': angle = 't' is neither a number nor an expression of mb.t; its unit is rad"),
         (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), angle=sp.gamma(t)), "contains the function gamma; expressions of mb.t may use sin"),
         (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), angle=sp.DiracDelta(t)), "contains the function DiracDelta"),
-        (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), angle=sp.I * t), "is not real"),
+        (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), angle=sp.I * t), "contains the imaginary unit: give a real expression"),
         (lambda s: s.prismatic("P", s.ground, "a", at=(0, 0), axis=(1, 0), damper=-2), "'P': damper = -2 N s/m is negative"),
         (lambda s: s.distance("L", s.ground, "a", (1, 0), (1, 0)), "distance 'L': the two points coincide (distance 0 m); use s.spherical"),
         (lambda s: s.spring("S", s.ground, "a", (0, 0), (1, 0), 1, damping=-3), "'S': damping = -3 N s/m is negative"),
@@ -136,7 +136,7 @@ def test_forces_may_step_but_stay_finite() -> None:
     s.force("F", "a", (1 / (t - sp.sqrt(2)), 0, 0))
     (found,) = problems(s)
     assert found.startswith("force 'F': fx = ")
-    assert found.endswith("is not finite near t = 1.41421 s")
+    assert found.endswith("is not finite near t = 1.41421 s; give an input that stays finite")
 
 
 def test_a_jump_after_the_end_does_not_matter() -> None:

@@ -141,16 +141,16 @@ def test_couplings_act_on_its_coordinates() -> None:
 
 
 @pytest.mark.parametrize(("options", "wrong"), [
-    ({"spring": 3.0}, "spring = 3.0; say for which of its coordinates, as in {'angle': ...}; it has angle, reach"),
-    ({"spring": {"turn": 3.0}}, "there is no coordinate 'turn'; it has angle, reach"),
+    ({"spring": 3.0}, "spring = 3.0; say for which coordinate, as in {'angle': ...}; the joint has angle, reach"),
+    ({"spring": {"turn": 3.0}}, "there is no coordinate 'turn'; the joint has angle, reach"),
     ({"damper": {"reach": -1.0}}, "damper['reach'] = -1 N s/m is negative"),
     ({"model": mb.Clearance(0.0201, 0.02, mb.Hertz(1e9))}, "exists for joints with a pin in a race, not for a Crane"),
     ({"model": mb.Classical(scaling=2.0)}, "a Crane has no scaling and penalty"),
-    ({"lead": 3.0}, "it has no argument 'lead': did you mean 'load'? its parameters are ['rise'], its other arguments at, axis"),
+    ({"lead": 3.0}, "it has no argument 'lead': did you mean 'load'? it takes at, axis"),
     ({"angle": mb.t}, "it has no argument 'angle'; to prescribe its coordinate give prescribed={'angle': ...}, "),
     ({"reach_rate": 2.0}, "no argument 'reach_rate'; to start with a rate of its coordinate give start_rate={'reach': ...}"),
     ({"friction": {"angle": mb.Coulomb(0.1, 1e-3)}}, "friction in a bearing needs the radius of its pin"),
-    ({"start": {"angle": 1.0}, "prescribed": {"angle": mb.t}}, "its prescribed value fixes the start already; omit start = 1"),
+    ({"start": {"angle": 1.0}, "prescribed": {"angle": mb.t}}, "its angle is prescribed, which fixes the start already; omit"),
 ])  # fmt: skip
 def test_what_a_joint_has_not_is_named(options: dict[str, Any], wrong: str) -> None:
     with pytest.raises(mb.SceneError) as error:

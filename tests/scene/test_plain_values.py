@@ -157,9 +157,9 @@ def test_bodies_of_another_scene_are_named_as_such() -> None:
     s.weld("W", bar, "rod")
     assert s.problems == [
         "revolute 'R': k = the ground of scene 'other', not of this scene; use s.ground",
-        "spring 'S': l = body 'bar' of scene 'other', not of this scene; it has 'ground', 'rod'",
+        "spring 'S': l = body 'bar' of scene 'other', not of this scene; this one has 'ground', 'rod'",
         "force 'F': body = the ground of another scene 's', not of this scene; use s.ground",
-        "weld 'W': k = body 'bar' of scene 'other', not of this scene; it has 'ground', 'rod'",
+        "weld 'W': k = body 'bar' of scene 'other', not of this scene; this one has 'ground', 'rod'",
     ]
 
 
