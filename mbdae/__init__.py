@@ -119,8 +119,8 @@ def __getattr__(name: str) -> Any:
 
 
 def _naming_arguments(value: Any) -> Any:
-    """An exported function or class; calls of a class say which argument is wrong and which there are (`errors.call_refused`),
-    its generated constructor too. Functions say so by their decorator `naming_arguments`."""
+    """Return an exported object; of a class, the methods and the constructor are changed first, so that a call with a wrong
+    argument raises an error that names it and lists the right ones. Functions have a decorator for this, `naming_arguments`."""
     for cls in value.__mro__ if isinstance(value, type) else ():
         if cls.__module__.startswith(f"{__name__}.") and not issubclass(cls, Exception):
             methods_naming_arguments(cls)
@@ -128,7 +128,8 @@ def _naming_arguments(value: Any) -> Any:
 
 
 class _Package(ModuleType):
-    """The class of the module mbdae: importing the subpackage `mbdae.compare` does not replace the function `mbdae.compare`."""
+    """Class of the module object mbdae. Python sets an imported subpackage as an attribute of its package; here it does not where
+    the name is that of an exported object, so that `mbdae.compare` stays the function after the subpackage is imported."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         if not (name in _HOME and isinstance(value, ModuleType)):

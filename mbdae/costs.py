@@ -12,7 +12,8 @@ from typing import Any, ParamSpec, TypeVar
 P = ParamSpec("P")
 T = TypeVar("T")
 _local = threading.local()
-_made: list[tuple[list[Any], Callable[[], Any]]] = []  #: of every cache: a list with it, and how to make an empty one
+#: for every cache a list with one entry, the cached function in use, and a function that makes it anew with an empty cache
+_made: list[tuple[list[Any], Callable[[], Any]]] = []
 
 
 def spends(kind: str) -> Callable[[Callable[P, T]], Callable[P, T]]:

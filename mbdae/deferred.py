@@ -1,5 +1,5 @@
-"""What costs more to import than the run of a pendulum. SciPy's modules and functions are imported when they are first used: most
-scenes need none of them. NumPy's masked arrays are never imported."""
+"""Modules that take longer to import than a pendulum to simulate. SciPy's are imported when they are first used, because most
+scenes need none of them; NumPy's masked arrays are never imported: functions here replace those of NumPy that would do so."""
 
 from __future__ import annotations
 
@@ -75,12 +75,12 @@ def entries_of(matrix: Any) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray
 
 
 def distinct(values: Any) -> NDArray[Any]:
-    """Numbers without repetitions, rising: np.unique(values), which imports masked arrays first (15 ms)."""
+    """Numbers without repetitions, rising, in place of np.unique, which imports masked arrays first (15 ms)."""
     return np.asarray(np.unique(values, return_index=True)[0])
 
 
 def median(values: Any, axis: int | None = None) -> Any:
-    """np.median of finite numbers, which imports masked arrays too."""
+    """Median of finite numbers, in place of np.median, which imports masked arrays too."""
     ordered = np.sort(values, axis)
     count = ordered.shape[axis or 0]
     return (np.take(ordered, (count - 1) // 2, axis) + np.take(ordered, count // 2, axis)) / 2

@@ -197,12 +197,12 @@ def meant(name: str, known: Iterable[str]) -> str:
 
 
 def unknown_name(name: str, known: Iterable[str]) -> str:
-    """An unknown name in a sentence, with the known one that was probably meant; what follows says which are known."""
+    """Part of a message: an unknown name, and the known one that was probably meant; the caller adds which names are known."""
     return f"'{name}': {close}".rstrip() if (close := meant(name, known)) else f"'{name}';"
 
 
 def call_refused(function: Callable[..., Any], args: tuple[Any, ...], given: Mapping[str, Any], name: str = "") -> str:
-    """What is wrong with the arguments of a call: which are unknown, what was probably meant, which there are; "" where they fit.
+    """Message about wrong arguments of a call: which are unknown, what was probably meant, which there are; "" where they fit.
     args, given: as they are passed, with the object of a method first; name: of the function in the message."""
     known = signature(function)
     try:
@@ -219,12 +219,12 @@ def call_refused(function: Callable[..., Any], args: tuple[Any, ...], given: Map
 
 
 def _bound(function: Callable[..., Any]) -> bool:
-    """Whether a function is a method: its first argument is the object or the class."""
+    """Whether a function is a method, told by the name `self` or `cls` of its first argument."""
     return next(iter(signature(function).parameters), "") in ("self", "cls")
 
 
 def naming_arguments(function: Callable[P, T]) -> Callable[P, T]:
-    """The function, which says of a call with wrong arguments what `call_refused` says. Its signature and its text stay."""
+    """Decorator: a call with wrong arguments raises TypeError with the text of `call_refused`. Signature and docstring stay."""
 
     @wraps(function)
     def told(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -242,7 +242,7 @@ def naming_arguments(function: Callable[P, T]) -> Callable[P, T]:
 
 
 def methods_naming_arguments(cls: type) -> None:
-    """Let the public methods that a class defines, and its constructor, name wrong arguments (see `naming_arguments`)."""
+    """Decorate the public methods that a class defines, and its constructor, by `naming_arguments`, in place."""
     for name, member in list(vars(cls).items()):
         function = member.__func__ if isinstance(member, staticmethod | classmethod) else member
         named = not name.startswith("_") or name in ("__init__", "__call__")
@@ -252,7 +252,7 @@ def methods_naming_arguments(cls: type) -> None:
 
 
 class NamesArguments:
-    """Base of classes whose objects users get from others: their public methods name wrong arguments."""
+    """Base of classes whose objects users get as results of calls: the public methods are decorated by `naming_arguments`."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

@@ -1,5 +1,5 @@
-"""Files written as a whole: under another name first, then renamed, so that the old file stays until the new one is complete.
-Files that go on with what was interrupted are read where they are regular ones."""
+"""Files are written as a whole: under another name first, then renamed, so that the old file stays until the new one is complete.
+Files that hold the state of an interrupted call are read only if they are regular files: a pipe could block for ever."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from typing import ParamSpec, TypeVar
 
 P = ParamSpec("P")
 T = TypeVar("T")
-FREED = 31 * 2**20  #: bytes of an array up to which its memory is used again: what glibc takes at most, 32 MB
+FREED = 31 * 2**20  #: bytes; the memory of freed arrays up to this size is used again: glibc does so up to 32 MB at most
 
 
 @contextmanager
@@ -41,11 +41,11 @@ def building(function: Callable[P, T]) -> Callable[P, T]:
 
 @lru_cache(maxsize=1)
 def _use_again() -> None:
-    """Free large arrays that were never touched, which takes no memory. From the first the allocator of glibc concludes that
-    arrays of its size come and go, and keeps the memory of freed ones for the next (mallopt(3), M_MMAP_THRESHOLD); before that
-    it returns all above 128 kB to the system and takes them anew, page by page. The others, which are there at the same time,
-    leave room that NumPy has declared for large pages: where the system has them, memory comes in parts of 2 MB; in pages of
-    4 kB every 2 MB cost 1 ms."""
+    """Make the allocator of glibc use the memory of large freed arrays again. At first it returns freed arrays above 128 kB to
+    the system, and takes memory for the next one anew, page by page. Once a larger array was freed, it keeps the memory of freed
+    arrays up to that size (mallopt(3), M_MMAP_THRESHOLD): such an array is made and freed here; it takes no memory, since nothing
+    is written to it. Then two more arrays are made together and freed: what they leave is marked by NumPy for large pages, so
+    that memory comes in parts of 2 MB where the system has these (2 MB in pages of 4 kB cost 1 ms)."""
     import numpy as np
 
     np.empty(FREED, np.uint8)

@@ -45,7 +45,7 @@ def shown(value: Any) -> str:
 
 
 def number(value: Any, *, least: float = -math.inf, above: float = -math.inf, most: float = math.inf) -> float:
-    """A finite number within bounds: Python's, NumPy's, fractions, decimals, and numbers of SymPy and symengine."""
+    """The value as a float: a finite number within bounds, of Python, NumPy, SymPy or symengine, a fraction or a decimal."""
     found = _float(value)
     if math.isnan(found) or math.isinf(found):
         raise BadValueError(f"{shown(value)} is not finite")
@@ -58,7 +58,7 @@ def number(value: Any, *, least: float = -math.inf, above: float = -math.inf, mo
 
 
 def whole(value: Any, *, least: int | None = None, most: int | None = None) -> int:
-    """A whole number within bounds; 3.0 counts as 3."""
+    """The value as an int: a whole number within bounds; 3.0 counts as 3."""
     found = _float(value)
     if not found.is_integer():
         raise BadValueError(f"{shown(value)} is not a whole number")
@@ -71,14 +71,14 @@ def whole(value: Any, *, least: int | None = None, most: int | None = None) -> i
 
 
 def flag(value: Any) -> bool:
-    """True or False, Python's or NumPy's."""
+    """The value as a bool: True or False of Python or NumPy."""
     if isinstance(value, bool | np.bool_):
         return bool(value)
     raise BadValueError(f"{shown(value)} is neither True nor False")
 
 
 def word(value: Any, words: Iterable[str]) -> str:
-    """A text that is one of some words."""
+    """The value as a text that is one of some words."""
     known = list(words)
     if isinstance(value, str) and value in known:
         return str(value)
@@ -86,7 +86,7 @@ def word(value: Any, words: Iterable[str]) -> str:
 
 
 def function(value: Any, *, takes: str = "") -> Callable[..., Any]:
-    """A function, not a class, that can be called with the arguments that `takes` names, such as "t, y"."""
+    """The value, a function and no class, if it can be called with the arguments that `takes` names, such as "t, y"."""
     if not callable(value) or isinstance(value, type):
         raise BadValueError(f"{shown(value)} is not a function")
     arguments = takes.split(", ") if takes else []
@@ -100,7 +100,7 @@ def function(value: Any, *, takes: str = "") -> Callable[..., Any]:
 
 
 def path(value: Any) -> Path:
-    """A path, as text or as an object of `os.PathLike`."""
+    """The value as a Path, from a text or an object of `os.PathLike`."""
     if isinstance(value, str | os.PathLike):
         try:
             if str(found := Path(value)) not in ("", ".") and "\0" not in str(found):
@@ -111,7 +111,8 @@ def path(value: Any) -> Path:
 
 
 def file_to_write(value: Any, *, suffixes: Sequence[str] = ()) -> Path:
-    """A path of a file that can be written: of one of some suffixes (any where none is given), in a folder that exists."""
+    """The value as the Path of a file that can be written: with one of some suffixes (any where none is given), in a folder that
+    exists."""
     found = path(value)
     if suffixes and found.suffix.lower() not in suffixes:
         raise BadValueError(f"'{found}' does not end in {' or '.join(suffixes)}")
@@ -138,7 +139,7 @@ def several(value: Any) -> bool:
 
 
 def sequence(value: Any, each: Callable[..., T], **bounds: Any) -> list[T]:
-    """A list whose entries are read by `each`; a text is refused, not taken as a list of letters."""
+    """The value as a list whose entries are read by `each`; a text is refused, not taken as a list of letters."""
     if isinstance(value, Set | Iterator) or not several(value):
         raise BadValueError(f"{shown(value)} is not a list")
     entries = list(value)
@@ -177,7 +178,8 @@ def instance(value: Any, base: type[T], known: Mapping[str, T]) -> T:
 
 
 def array(value: Any, *shapes: tuple[int, ...]) -> Array:
-    """Finite numbers in an array of one of some shapes (any where none is given); no text, no truth values, no complex."""
+    """The value as an array of finite numbers, of one of some shapes (any where none is given); texts, truth values and complex
+    numbers are refused."""
     # a masked array exists only where numpy.ma has been imported
     if "numpy.ma" in sys.modules and isinstance(value, np.ma.MaskedArray) and np.any(value.mask):
         raise BadValueError(f"{shown(value)} has masked entries: fill them, or leave them out")
@@ -216,7 +218,7 @@ def entries(value: Any) -> NDArray[Any]:
 
 
 def text(value: Any) -> str:
-    """Text that is not empty."""
+    """The value as a text that is not empty."""
     if isinstance(value, str) and value.strip():
         if not value.isprintable():
             raise BadValueError(f"{shown(value)} holds characters that cannot be printed")
@@ -256,7 +258,7 @@ def _float(value: Any) -> float:
 
 
 def _is_number(value: Any) -> bool:
-    """Real numbers of Python and NumPy, and expressions without symbols."""
+    """Whether a value is a real number of Python or NumPy, or an expression without symbols."""
     if isinstance(value, numbers.Real | Decimal | np.integer | np.floating):
         return True
     try:

@@ -1,4 +1,5 @@
-"""Accelerations of scenes with beams from given stresses, because rounded positions do not give the strains of stiff beams."""
+"""Accelerations of scenes with beams, from stresses that are given: strains computed from positions would have their rounding
+errors, which the stiffness of a beam turns into large forces."""
 
 from __future__ import annotations
 
@@ -14,12 +15,15 @@ from mbdae.system.assembled.right_hand_side import state_rates
 from mbdae.system.base import Array
 from mbdae.system.motion.mechanics import Mechanics
 
-UNRESOLVED = 1e-10  #: strain that rounding errors of positions may cause, divided by the tolerance of the comparison
+#: strain that rounding errors of positions may cause (1e-14), divided by the relative tolerance with which forces are compared
+#: (`steady.STEADY`, 1e-4): forces are compared relative to at least the force of this strain
+UNRESOLVED = 1e-10
 
 
 @dataclass(frozen=True)
 class Dynamics:
-    """y and y' of a system in motion, its accelerations (nu,), and its largest force times the unit displacement (N m)."""
+    """y and y' (n,) of a system in motion, its accelerations (nu,), and the largest force on a node in N m: a force times the
+    scene's length, a torque times 1 rad."""
 
     y: Array
     yp: Array
@@ -28,12 +32,13 @@ class Dynamics:
 
 
 def stresses_of(m: Mechanics, q: Array, u: Array) -> Array:
-    """Stress unknowns of all beams from positions and velocities."""
+    """Stresses (nz,) of all beams, computed from positions and velocities."""
     return np.concatenate([np.zeros(0), *(line.stress(q, u) for line in m.model.lines)])
 
 
 def dynamics(system: Assembly, m: Mechanics, t: float, q: Array, u: Array, s: Array, z: Array) -> Dynamics:
-    """Accelerations and multipliers of a complete index-3 system at given stresses z."""
+    """Accelerations and multipliers of a complete index-3 system at time t, positions q, velocities u, internal states s and
+    given stresses z."""
     kinds, momentum, at = np.array(system.kinds), slice(m.nq, m.nq + m.nu), np.array([t])
     y, yp, F = np.zeros(system.n), np.zeros(system.n), np.empty(system.n)
     y[kinds == "q"], y[kinds == "v"], y[kinds == "s"], y[kinds == "z"] = q, u, s, z
@@ -50,20 +55,20 @@ def dynamics(system: Assembly, m: Mechanics, t: float, q: Array, u: Array, s: Ar
 
 
 def add_dead_loads(m: Mechanics, force: Array) -> Array:
-    """Forces (nu,) with the absolute values of the dead loads of beams added."""
+    """Forces (nu,) with the absolute values of the dead loads of beams added in place: a measure of the size of all forces."""
     for line in m.model.lines:
         np.add.at(force, line.places("u").ravel(), np.abs(line.dead).ravel())
     return force
 
 
 def unresolved(m: Mechanics) -> float:
-    """Generalised forces times unit displacements (N m) that rounding errors of the positions can cause."""
+    """Largest force, in N m as in `Dynamics`, that rounding errors of the positions can cause in the stiffest beam."""
     stiffest = [1 / min((v for n, v in line.numbers.items() if n.startswith("compliance_N") and v > 0), default=np.inf)
                 for line in m.model.lines]  # fmt: skip
     return UNRESOLVED * max(stiffest, default=0.0) * m.model.length
 
 
 def forces_off(m: Mechanics, acceleration: Array, found: Dynamics) -> Array:
-    """(nu,) generalised forces that belong to the difference of two accelerations, relative to the largest force."""
+    """(nu,) mass times the difference of the accelerations given and found, relative to the largest force."""
     off: Any = np.abs(m.mass @ (found.acceleration - acceleration)) * m.velocity_units
     return np.asarray(off / max(found.force, unresolved(m), 1e-300))

@@ -85,7 +85,8 @@ class Equilibrium(Result):
         return p.start.acceleration[None], multipliers[None]
 
     def _start_value(self, item: Connection, name: str) -> float:
-        """Angle from which whole turns are counted: that which a spring of the joint has followed, else that of the start."""
+        """Angle (rad) of a joint with its whole turns: the angle that a spring of the joint followed while the loads were raised,
+        or, without a spring, the angle at the start."""
         followed = self.prepared.mechanics.followed.get((item.name, name))
         return super()._start_value(item, name) if followed is None else float(self._states[2][0, followed])
 
@@ -176,7 +177,8 @@ class _Path:
         self.statics, self.progress = statics, progress
 
     def run(self) -> Equilibrium:
-        """Raises the loads where the scene has stiffness without them; otherwise, or for a stable state, searches."""
+        """The state at rest: found by raising the loads where the scene has stiffness without them; by a search under the full
+        loads otherwise, and where the state found is unstable."""
         s, begin = self.statics, self.statics.begin
         if s.soft_motions(s.tangent(begin)):
             self._refuse_free_motions(begin)
@@ -191,7 +193,8 @@ class _Path:
         return found
 
     def _beside(self, point: Point) -> Point:
-        """A point beside an unstable state along its softest motion: from the state itself a search keeps its symmetry."""
+        """A point near an unstable state, displaced along its softest motion. From the unstable state itself a search would not
+        leave its symmetry, and so find no stable state (a straight column would stay straight)."""
         s, T = self.statics, self.statics.tangent(point)
         motion = s.stiffness(T).softest()[1][:, 0]
         aside = np.r_[ASIDE * motion / s.size(motion), np.zeros(T.K.shape[0] - len(motion))]
@@ -245,7 +248,7 @@ class _Path:
         return (found[0], quality) if quality <= NEAR else None
 
     def _apart(self, way: Array, predicted: Array) -> float:
-        """Distance of a step from the prediction of a tangent, relative to the prediction."""
+        """Distance of a step `way` (nu,) from the step that a tangent predicts, relative to the predicted one."""
         off, size = self.statics.size(way - predicted), self.statics.size(predicted)
         return off / size if size > 1e-7 else 0.0
 

@@ -105,7 +105,7 @@ def set_velocity(node: Node, q: Array, u: Array, v: Array, omega: Array) -> None
 
 
 def nodes_in_space(model: Model) -> list[Node]:
-    """Nodes that have a position in space: all but the coordinates of joints."""
+    """Nodes that have a position in space: all except those whose unknown is a coordinate of a joint."""
     return [n for n in model.nodes if n.kind is not NodeKind.COORDINATE]
 
 

@@ -34,7 +34,7 @@ from mbdae.values import optional, shown, whole
 
 LARGEST = 1600  #: largest number of states for which all eigenvalues are found
 AT = "give a Result, (Result, t), an equilibrium, or None for the start of the scene"
-RESOLVED = 1e-7  #: eigenvalues below this part of the largest are rounding errors of a double 0
+RESOLVED = 1e-7  #: eigenvalues below this part of the largest count as 0: rounding errors split a double eigenvalue 0 that far
 
 
 class Linearization(OnMesh, Modes[Mode]):
@@ -43,7 +43,7 @@ class Linearization(OnMesh, Modes[Mode]):
     Arrays over the modes: `eigenvalues` (1/s), `frequencies` (Hz), `angular_frequencies` (rad/s), `damping` (ratios),
     `growth` (1/s). One mode per conjugate pair, one per real eigenvalue. `M`, `C`, `K` (freedoms, freedoms): the equations
     M x'' + C x' + K x = 0 of the displacements p = `basis` x that the constraints allow, p (nu,) along the frame's axes.
-    With beams `mesh` says on which mesh, and `mesh_error` (modes,) measures what it is off.
+    With beams `mesh` names the mesh, and `mesh_error` (modes,) is the error of the eigenvalues that this mesh causes.
     """
 
     def __init__(self, prepared: Prepared, frame: RotatingFrame, t: float, pencil: Pencil, count: int | None) -> None:
@@ -146,7 +146,7 @@ def eigenpairs(equations: Reduced, count: int | None) -> tuple[Complex, Complex]
 
 
 def _lowest(E: Array, A: Array, count: int) -> tuple[Complex, Complex, float]:
-    """The eigenpairs nearest to zero by inverse iteration (Arnoldi), and a size to compare them with."""
+    """The eigenpairs nearest to zero by inverse iteration (Arnoldi), and the largest magnitude among them."""
     from scipy.sparse.linalg import LinearOperator, eigs
 
     size = float(np.linalg.norm(A) / np.linalg.norm(E)) or 1.0
@@ -241,8 +241,9 @@ def _varies(system: Assembly, found: Linearization, frame: RotatingFrame, z: Arr
 
 
 def _changed(m: Mechanics, a: Pencil, b: Pencil) -> str | None:
-    """With beams the sparse equations are compared. The stiffness of the beams, which would hide smaller changes, is not among
-    their entries, since the stresses are unknowns."""
+    """What differs between the equations a and b of a scene with beams, in words; None where nothing does. The sparse equations
+    are compared: with the stresses as unknowns they do not contain the stiffness of the beams, beside which other changes would
+    be too small to see."""
     row = _turned_row(m, *(p.constraints * m.velocity_units for p in (a, b)))
     if row:
         return row

@@ -1,4 +1,4 @@
-"""Which mesh of beams modes were found on, and what it is off: the same analysis on a finer mesh."""
+"""The mesh of beams on which modes were found, and the error it causes, measured by the same analysis on a finer mesh."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ OF_A_RUN = ("mesh_error: the state of a run has no counterpart on a finer mesh: 
 
 
 class OnMesh:
-    """An analysis of a scene whose beams have a mesh: which one, and the error it makes."""
+    """Base of analyses of scenes with beams: the mesh of the beams, and the error that it causes."""
 
     prepared: Prepared
-    _finer: Callable[[], Any] | None = None  #: the same analysis on a finer mesh; None of the state of a run
+    _finer: Callable[[], Any] | None = None  #: makes the same analysis on a finer mesh; None where its state is one of a run
 
     @property
     def mesh(self) -> dict[str, tuple[tuple[int, ...], int]]:
@@ -35,15 +35,17 @@ class OnMesh:
 
     @cached_property
     def mesh_error(self) -> Array | None:
-        """The error that the mesh of beams makes in each of `roots`, relative to it: the difference from the same analysis with
-        elements of one order more (of the highest order: twice as many), made when this is read. NaN where no root of the finer
-        mesh is left to compare with; None without beams. Raises OptionError for the state of a run, which is on its own mesh."""
+        """The error that the mesh of beams causes in each of `roots`, relative to the root: its difference from the same analysis
+        with elements of one order more (twice as many elements where the order is the highest), which is made when this is read.
+        NaN for a root without counterpart on the finer mesh; None without beams. Raises OptionError for the state of a run, which
+        exists on the run's mesh only."""
         if not self.prepared.model.lines:
             return None
         if self._finer is None:
             raise OptionError(OF_A_RUN)
         here, there = self.roots, self._finer().roots
-        mine, others = linear_sum_assignment(np.abs(here[:, None] - there) ** 2)  # squares: real roots in their order
+        # pairs of roots with the least sum of squared distances: with squares, real roots are paired in rising order
+        mine, others = linear_sum_assignment(np.abs(here[:, None] - there) ** 2)
         error, size = np.full(len(here), np.nan), np.maximum(np.abs(there[others]), np.finfo(float).tiny)
         error[mine] = np.abs(here[mine] - there[others]) / size
         return error
@@ -66,13 +68,14 @@ class OnMesh:
 
 
 def finer(again: Callable[..., Any], scene: SceneData, at: Any) -> Callable[[], Any] | None:
-    """The analysis again(scene, at=) with finer beams; None where the state `at` is one of a run, on a mesh of its own."""
+    """A function that makes the analysis again(scene, at=...) with finer beams; None where the state `at` is one of a run, which
+    exists on the mesh of the run only."""
     if at is not None and not isinstance(at, Equilibrium):
         return None
     return partial(_with_finer_beams, again, scene, None if at is None else at.frame)
 
 
 def _with_finer_beams(again: Callable[..., Any], scene: SceneData, frame: str | None) -> Any:
-    """The analysis on a finer mesh; frame: that in which its state is at rest, None: the start of the scene."""
+    """The analysis on a finer mesh, at the equilibrium in `frame`, or at the start of the scene where frame is None."""
     fine = with_finer_beams(scene)
     return again(fine, at=None if frame is None else equilibrium(fine, frame))

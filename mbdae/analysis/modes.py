@@ -75,7 +75,8 @@ def softest_beam(model: Model) -> float:
 
 
 def lowest(p: Pencil, count: int, scale: float) -> tuple[Complex, Complex]:
-    """The smallest eigenvalues (k,) with imaginary part >= 0 by rising frequency, and displacements (nu, k) of their modes."""
+    """The smallest eigenvalues (k,) with imaginary part >= 0 by rising frequency, and displacements (nu, k) of their modes.
+    scale: the lowest frequency of the softest beam, rad/s, near which eigenvalues are expected."""
     equations = quadratic(p)
     count = min(count, equations.freedoms - 2) if equations.freedoms > FEW else count
     values, vectors = (_conservative if equations.conservative else _general)(equations, count, scale)
@@ -98,14 +99,14 @@ def _conservative(q: Quadratic, count: int, scale: float) -> tuple[Complex, Comp
         squares, vectors = found.real, shapes.real
     else:
         begin = np.random.default_rng(3).normal(size=n)
-        for _ in range(2):  # removes parts that have no inertia
+        for _ in range(2):  # removes from the start vector its components in unknowns without inertia
             begin = factors.solve(q.M @ begin)
         inverse = LinearOperator((n, n), matvec=factors.solve, dtype=float)
         squares, vectors = eigsh(q.K, k=count, M=q.M, sigma=shift, OPinv=inverse, v0=begin,
                                  ncv=min(q.freedoms - 1, max(2 * count + 1, 40)))  # fmt: skip
     squares = np.where(np.abs(squares) <= (ZERO * scale) ** 2, 0.0, squares)
     roots = np.where(squares >= 0, 1j, 1.0) * np.sqrt(np.abs(squares))
-    double = squares <= 0  # a double 0, or one growing and one decaying motion
+    double = squares <= 0  # such a square stands for two real roots: twice 0, or one growing and one decaying motion
     return np.r_[roots, -roots[double]], np.hstack([vectors[: q.nu], vectors[: q.nu, double]])
 
 
@@ -134,7 +135,8 @@ def _general(q: Quadratic, count: int, scale: float) -> tuple[Complex, Complex]:
 
 
 def _of_inverse(inverse: Array, shift: float) -> tuple[Complex, Complex]:
-    """Eigenvalues and vectors from all of 1 / (w - shift); zeros belong to unknowns without inertia."""
+    """All eigenvalues w and their vectors from the matrix `inverse`, whose eigenvalues are 1 / (w - shift); those of its
+    eigenvalues that are zero belong to unknowns without inertia and are left out."""
     values, vectors = np.linalg.eig(inverse)
     keep = np.abs(values) > FINITE * np.max(np.abs(values), initial=0.0)
     return shift + 1 / values[keep], vectors[:, keep]

@@ -36,11 +36,11 @@ class Departures:
 
     @property
     def start(self) -> Array:
-        """dy (n, k) of every unit vector a."""
+        """dy (n, k): column i is the departure of the unknowns for the i-th unit vector a."""
         return np.asarray(self.map @ (self.units[:, None] * self.Q))
 
     def read(self, dy: Array) -> Array:
-        """a (k, columns) of dy (n, columns)."""
+        """a (k, columns): the coordinates of departures dy (n, columns) after the period."""
         return np.asarray(self.Q.T @ ((self.back @ dy) / self.units[:, None]))
 
 

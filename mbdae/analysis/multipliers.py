@@ -39,11 +39,13 @@ from mbdae.values import number, option, optional, whole
 Complex = NDArray[np.complex128]
 
 FEWEST, MOST = 16, 8192  #: smallest and largest number of equal steps over a period
-GAIN = 8.0  #: the finer of two runs is off by at most their difference over this (2^5 - 1 without stiffness)
+#: the error of the run with half the step is at most the difference of both runs over GAIN: Radau IIA has order 5, which gives
+#: 2^5 - 1 = 31; in stiff equations the order falls towards the order 3 of its stages, about 2^3
+GAIN = 8.0
 NEAR = 1e-3  #: relative distance of multipliers that may be one multiple root, whose mean is the most accurate
 LOST = 1e-9  #: multipliers below this part of the largest count as 0
 ROUND = 1e-6  #: changes below this may be rounding errors, where more steps do not reduce them
-ELASTIC = 10  #: multipliers of a scene with beams that are found without `count`
+ELASTIC = 10  #: number of multipliers that are found for a scene with beams where the user gives no `count`
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class Floquet(OnMesh, Modes[FloquetMode]):
     (Hz) and `angular_frequencies` (rad/s); these are known up to multiples of 1 / period and 2 pi / period, the principal
     ones are given. monodromy: (k, k); departure: relative distance of the motion from its start after the period;
     steps: of the period; unresolved: number of multipliers left out, vibrations of beams faster than the steps follow.
-    With beams `mesh` says on which mesh, and `mesh_error` (k,) measures what every multiplier is off by it.
+    With beams `mesh` names the mesh, and `mesh_error` (k,) is the error of the multipliers that this mesh causes.
     """
 
     axes = np.eye(3)
@@ -90,7 +92,8 @@ class Floquet(OnMesh, Modes[FloquetMode]):
 
     @cached_property
     def _frames(self) -> Array:
-        """(nu, nu) motions of all nodes along inertial axes from those in the components of their velocities."""
+        """(nu, nu) matrix that turns motions of all nodes into components along inertial axes; rotations of bodies in space are
+        components in body axes before."""
         start, blocks = self.prepared.start, []
         for node in self.prepared.model.nodes:
             blocks.append(np.eye(node.kind.translations if node.kind is NodeKind.SPATIAL else node.kind.sizes[1]))
@@ -175,7 +178,7 @@ def _prepared(scene: SceneData, at: Any, period: float) -> Prepared:
     variant = with_open_tree(scene)
     try:
         found = _begun(variant, at, period) if variant is not None else None
-    except MbdaeError:  # preparing the scene as stated raises what is wrong with it
+    except MbdaeError:  # the scene as stated is prepared below, which raises the error again if the scene is wrong
         found = None
     fewer = found is not None and not found.model.stay_kinematic and not found.all_bodies.moved.ordered
     return found if found is not None and fewer else _begun(scene, at, period)
@@ -187,11 +190,13 @@ def _begun(scene: SceneData, at: Any, period: float) -> Prepared:
 
 
 def _of_all_nodes(prepared: Prepared, system: SceneSystem, directions: Departures) -> Array:
-    """(nu of all nodes, k) displacements at the start, in the components of velocities."""
+    """(nu of all nodes, k) displacements at the start that belong to the k directions, for all nodes, those of recursive joints
+    included; in the components of velocities (rotations of bodies in space in body axes)."""
     nu, e = directions.velocities, prepared.all_bodies
     p = (directions.units[:, None] * directions.Q)[:nu].T
     t, q, u = (np.repeat(x[None], len(p) + 1, axis=0) for x in (np.array(system.t0), *np.split(system.y0[: e.nq + nu], [e.nq])))
-    a = e.accelerations(t, q, u, np.vstack([np.zeros(nu), p]))  # an affine function of p
+    # accelerations of the nodes are an affine function of those of the unknowns: the linear part maps displacements as well
+    a = e.accelerations(t, q, u, np.vstack([np.zeros(nu), p]))
     return np.asarray((a[1:] - a[0]).T)
 
 
@@ -224,8 +229,8 @@ def _in_steps(system: SceneSystem, directions: Departures, period: float, steps:
 
 
 def _compared(fine: Found, coarse: Found) -> Found:
-    """The finer with its errors. Nearly equal roots with nearly the same vector count as a multiple one, whose mean is the most
-    accurate."""
+    """The finer one of two results, with its errors from the difference to the coarser one. Nearly equal roots with nearly the
+    same vector count as one multiple root: its mean is compared, which is more accurate than the single roots."""
     a, b, V = fine.values, coarse.values, fine.vectors
     b = b[linear_sum_assignment(np.abs(a[:, None] - b))[1]]
     group = (np.abs(a[:, None] - a) <= NEAR * np.abs(a)) & (np.abs(V.conj().T @ V) > 1 - NEAR)

@@ -26,7 +26,9 @@ Numbers = NDArray[np.intp]
 
 SOLVER = RadauIIA(3)
 FIRST = 1e-8  #: tolerance of the run that shows whether the motion repeats
-WHOLE = 16  #: number of steps per period up to which one step may cover the whole duration of an input
+#: where a period has at most WHOLE steps, a step may cover a whole stretch of an input (`inputs.resolution`); with more steps it
+#: may cover the part WHOLE / steps of one, so that all steps shrink alike, as the estimate of their error assumes
+WHOLE = 16
 RETURN = 1e-4  #: relative difference from the start up to which a motion repeats; exponents change by about as much
 SAMPLES = 24  #: times at which the equations are compared with those of a period later
 
@@ -47,7 +49,7 @@ class Orbit:
 def followed(system: SceneSystem, period: float, steps: int) -> Orbit:
     """The motion over a period from the system's start; raises SolverError where the steps are too long."""
     h = period / steps
-    share = min(1.0, WHOLE / steps)  # steps that inputs shorten must become finer together with all others
+    share = min(1.0, WHOLE / steps)
     solution = RadauIIA(SOLVER.stages, step=h).solve(system, system.t0 + period, share=share)
     dense = solution.interpolant
     assert isinstance(dense, Collocation)
@@ -125,7 +127,8 @@ def _difference(prepared: Prepared, period: float, q: Array, u: Array, s: Array,
 
 
 def _moved(node: Node, before: Array, after: Array, length: float) -> tuple[float, str]:
-    """How far a node is from where it was, whole turns not counted."""
+    """Largest distance of a node from where it was (relative to `length` of the scene; rotations in rad without whole turns), and
+    what moved, in words."""
     if node.kind is NodeKind.COORDINATE:
         off = float(after[node.q] - before[node.q])
         off = abs(off - 2 * np.pi * round(off / (2 * np.pi))) if node.unit == "rad" else abs(off)

@@ -56,8 +56,8 @@ class _Blocks:
 
 
 def complete_system(mechanics: Mechanics, spec: FormSpec, sparse: bool | None = None) -> Assembly:
-    """The equations with absolute coordinates of all nodes and all constraint rows, also of recursive joints and shared
-    displacements, so that every reaction is an unknown."""
+    """The equations with absolute coordinates of all nodes and all constraint rows, so that every reaction is an unknown; also
+    rows that runs replace by fewer unknowns (recursive joints, nodes of beams that share displacements at a joint)."""
     bodies = MovedBodies(mechanics.model, [])
     bodies.sharing = Sharing()
     return Assembly(mechanics.model, mechanics.rows, spec, sparse, bodies)
@@ -65,7 +65,8 @@ def complete_system(mechanics: Mechanics, spec: FormSpec, sparse: bool | None = 
 
 @dataclass(frozen=True)
 class Basis:
-    """T (n, nx), its rate T', the row transformation L (nx, n), and C (nu, nu): from velocities in the frame's axes to u."""
+    """The matrices of y = y0 + T x: T (n, nx), its rate T', the transformation L (nx, n) of the rows, and C (nu, nu), with
+    u = C w for velocities w along the frame's axes."""
 
     T: Any
     rate: Any
@@ -120,7 +121,9 @@ def _node_blocks(kind: NodeKind, places: tuple[Array, Array], frame: RotatingFra
 
 
 def _rotation_blocks(P: Array, Omega: Array, frame: RotatingFrame, W: Array) -> tuple[Any, Any]:
-    """delta P = 1/2 (0, R_F psi) o P, and delta Omega = R^T R_F w, of nodes (k, ...)."""
+    """Blocks of nodes (k, ...) with quaternions P and angular velocities Omega in body axes: delta P = 1/2 (0, R_F psi) o P and
+    delta Omega = R^T R_F w, with psi and w along the axes R_F of the frame, o the quaternion product, W the skew matrix of the
+    frame's rate."""
     B = _times_quaternion(P) @ frame.rotation / 2
     scalar = -np.einsum("ki,ki->k", P[:, 1:], Omega)
     rate = np.column_stack([scalar, P[:, :1] * Omega + np.cross(P[:, 1:], Omega)]) / 2
@@ -139,7 +142,7 @@ def _skews(a: Array) -> Array:
 
 
 def _times_quaternion(P: Array) -> Array:
-    """(k, 4, 3) matrices of a -> (0, a) o P."""
+    """(k, 4, 3) matrices of the map a -> (0, a) o P, a (3,), o the product of quaternions, P (k, 4)."""
     return np.concatenate([-P[:, None, 1:], P[:, :1, None] * np.eye(3) - _skews(P[:, 1:])], axis=1)
 
 
@@ -209,7 +212,7 @@ def _places(system: Assembly, mechanics: Mechanics, A: Any) -> dict[str, Array]:
 
 
 def free_basis(G: Array, units: Array) -> Array:
-    """(nu, freedoms) basis of the displacements that rows G (m, nu) allow, orthonormal over `units`."""
+    """(nu, freedoms) basis of the displacements that rows G (m, nu) allow; orthonormal after division by `units` (nu,)."""
     B = G * units
     if not len(B):
         return np.diag(units)
@@ -266,7 +269,7 @@ def reduced(p: Pencil, N: Array) -> Reduced:
 
 
 def _eliminate(out: dict[str, list[Array]]) -> None:
-    """Solve the z rows for z and insert."""
+    """Solve the rows of the algebraic unknowns z for z, and insert z into the other rows."""
     *others, own = out["z"]
     for rows in ("w", "s"):
         for i, block in enumerate(others):

@@ -161,7 +161,7 @@ def participants(mode: Mode) -> str:
 
 
 def motion(m: Mechanics, vector: Any) -> Array:
-    """A motion (nu,), real or complex, as an array; refused where it is none."""
+    """A motion (nu,), real or complex, as an array; OptionError for any other value."""
     try:
         found = np.asarray(vector)
     except ValueError:  # lists of different lengths
@@ -172,7 +172,8 @@ def motion(m: Mechanics, vector: Any) -> Array:
 
 
 def shares(m: Mechanics, metric: Any, vector: Array) -> dict[str, float]:
-    """Share of every body in the energy of a motion (nu,) by a metric (nu, nu), else of its displacements."""
+    """Share of every body in the energy of a motion (nu,), whose quadratic form is `metric` (nu, nu), such as the mass matrix;
+    where that energy is zero, its share in the sum of squared displacements."""
     energy = np.abs(np.conj(vector) * (metric @ vector))
     if not np.max(energy, initial=0.0):
         energy = np.abs(vector / m.velocity_units) ** 2
@@ -185,6 +186,6 @@ def shares(m: Mechanics, metric: Any, vector: Array) -> dict[str, float]:
 
 
 def scaled(vector: Any) -> Any:
-    """The vector over its largest component; of several equally large ones, over the first."""
+    """The vector divided by its largest component, by the first of them where several are equally large."""
     component = vector[largest(np.abs(vector))] if len(vector) else 1.0
     return np.asarray(vector / component) if component else vector

@@ -31,11 +31,14 @@ from mbdae.system.base import Array
 
 DENSE = 400  #: unknowns up to which dense linear algebra is used
 BANDED = 120  #: largest number of unknowns for dense linear algebra with beams, whose equations are nearly banded
-#: stiffness added to all motions while stresses are found, so that free ones stay bounded; over that of the softest beam
+#: ratio to the stiffness of the softest beam of a stiffness that is added to all motions while stresses are found: it keeps
+#: motions without stiffness bounded
 FREE = 1e-4
 LONGEST = 1.0  #: largest correction of Newton's method, in the scene's length and rad; beyond it there is no convergence
 FRICTION_ITERATIONS = 100  #: largest number of iterations for reactions and the friction that depends on them
-CONVERGED = 1e-10  #: last correction, relative to the scene's length and 1 rad; convergence is quadratic
+#: size of the correction, relative to the scene's length and 1 rad, at which Newton's method ends: convergence is quadratic, so
+#: that after this correction only rounding errors remain
+CONVERGED = 1e-10
 
 
 def applied_loads(d: Derived) -> list[tuple[Target, Expr]]:
@@ -121,9 +124,9 @@ class Statics:
         return out
 
     def with_reactions(self, point: Point) -> Point:
-        """The point with the multipliers that balance, as far as constraints can, all forces, or below load factor 1 inertial
-        forces alone (centrifugal forces, which give a rotor its stiffness). Preload is not among them: forces that balance a
-        torque would lose their lever arm as the body turns."""
+        """The point with the multipliers that balance all forces, as far as constraints can; below load factor 1 they balance
+        only the inertial forces (centrifugal forces give a rotor its stiffness). There the preload of springs is one of the
+        unbalanced terms (see the module): reactions that balance its torques would lose their lever arms as bodies turn."""
         m = self.mechanics
         if not m.m:
             return point
@@ -144,8 +147,9 @@ class Statics:
         return point
 
     def _with_stresses(self, point: Point) -> Point:
-        """The point with the multipliers and stresses of beams that balance its forces, by linear theory. Below load factor 1 the
-        strains of these stresses are part of the unbalanced terms: they develop as the loads are raised."""
+        """The point with the multipliers and stresses of beams that balance its forces, by linear theory. These stresses do not
+        fit the strains at the point; below load factor 1 this misfit is part of the unbalanced terms (see the module), so that
+        the strains develop as the loads are raised."""
         m, nu, n = self.mechanics, self.mechanics.nu, self.system.n
         still = replace(point, y=np.r_[point.y[: m.nq], np.zeros(n - m.nq)], yp=np.zeros(n))
         still.y[self.kinds == "s"] = self.s(point)
@@ -155,7 +159,8 @@ class Statics:
         if not np.any(force):
             return point
         T = self.tangent(still, full=True)
-        W = T.p.C.T @ (T.p.C.T @ sp.csc_matrix(m.weight)).T  # forces that no stress can balance accelerate the scene
+        # forces that no stress can balance act on this added inertia, as if they accelerated the scene
+        W = T.p.C.T @ (T.p.C.T @ sp.csc_matrix(m.weight)).T
         inertia = sp.block_diag([FREE * softest_beam(m.model) ** 2 * W, sp.csr_matrix((T.K.shape[0] - nu,) * 2)])
         x = self.solve(T.K + inertia, -np.r_[T.p.C.T @ force, np.zeros(T.K.shape[0] - nu)])
         y, at = point.y.copy(), nu + len(T.p.places["s"])
@@ -271,8 +276,8 @@ class Statics:
         return self.at_rest(replace(point, y=y, hold=hold, iterations=point.iterations + 1))
 
     def closed(self, point: Point) -> Point:
-        """The point with its joints closed again; raises StartError where they are too far apart. With beams nothing is done: the
-        next correction closes their joints, which rigid motions of deformed bodies could not."""
+        """The point with its joints closed again; raises StartError where they are too far apart. With beams the point is
+        returned unchanged: its joints cannot be closed by rigid motions of deformed bodies; the next correction closes them."""
         if self.elastic:
             return point
         y = point.y.copy()

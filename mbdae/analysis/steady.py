@@ -55,7 +55,8 @@ def reason_not_steady(prepared: Prepared, frame: RotatingFrame, t: float, q: Arr
 
 
 def times_to_compare(m: Mechanics, frame: RotatingFrame, t: float, q: Array, u: Array, s: Array) -> tuple[float, ...]:
-    """Times (s) after which a steady motion is evaluated again: parts of a turn that are no symmetry of a rotor."""
+    """Times (s) after which a steady motion is evaluated again: the fastest body has then turned by 0.61 and 1.7 rad. No rotor
+    looks the same after both angles, as one with three blades does after a third of a turn."""
     spins = [float(np.linalg.norm(angular_velocity(node, q, u))) for node in nodes_in_space(m.model)]
     fastest = max([*spins, float(np.linalg.norm(frame.rate))])
     timed = any(instance.timed for group in m.model.groups for instance in group.instances)

@@ -20,9 +20,11 @@ from mbdae.system.base import Array
 
 SOFT = 1e-11  #: stiffness that counts as none, relative to the largest
 ROUND_OFF = 1e-14  #: rounding error of a stiffness, relative to the largest entry of the tangent
-CLAMP = 3.0  #: stiffness put on constraint rows, relative to the largest of the scene
+#: stiffness against violations of the constraint rows, relative to the largest stiffness of the scene: it makes all motions that
+#: the constraints forbid stiff, so that negative directions are counted among the allowed ones only
+CLAMP = 3.0
 SYMMETRIC = 1e-6  #: asymmetry that counts as rounding, relative to the largest entry
-PROBES = 6  #: number of motions that are searched for at once
+PROBES = 6  #: number of vectors of the inverse iteration that finds the motions without stiffness
 
 
 @dataclass(frozen=True)
@@ -145,7 +147,7 @@ class SparseStiffness:
 
     @cached_property
     def rows(self) -> Any:
-        """Constraint rows over unit displacements, of unit length, sparse."""
+        """Constraint rows (m, nu), sparse, for displacements in multiples of the scene's length and rad, each of unit length."""
         T = self.T
         G = (T.K[T.nu + T.inner :, : T.nu] @ sp.diags(T.units)).tocsr()
         norms = np.sqrt(np.asarray(G.multiply(G).sum(axis=1)).ravel())

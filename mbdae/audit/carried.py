@@ -20,7 +20,8 @@ _AXES = (Axes.GENERAL, Axes.GENERAL)
 
 
 def joint_class(word: str, own: Any = ()) -> Any:
-    """The class of a joint with coordinates by its name, in any upper or lower case; None where there is none."""
+    """The class of a joint with coordinates by its name, in upper or lower case; None where there is none. own: the user's
+    laws."""
     known = {name.lower(): getattr(joints, name) for name in joints.__all__} | {name.lower(): cls for name, cls in own}
     cls = known.get(word.lower().replace(" ", ""))
     return cls if isinstance(cls, type) and issubclass(cls, Joint) and cls.coordinates else None
@@ -28,7 +29,8 @@ def joint_class(word: str, own: Any = ()) -> Any:
 
 @lru_cache(maxsize=16)
 def _program(cls: Any) -> tuple[list[tuple[Any, ...]], Callable[..., list[Any]]]:
-    """Place of every input of the recursion program (free body k, l on the joint), and its function: q, u, u' of l."""
+    """The recursion that moves l by the joint from a free body k, as a compiled function: the inputs it takes, each by its place
+    (see `TreeProgram`), and the function from their values to the 19 numbers q, u, u' of l."""
     law = cls("audited", None, None, **dict.fromkeys(cls.params, 1.0))
     of_side = [*("p1", "p2", "p3"), *(f"Q{a}{i}" for a in "xyz" for i in (1, 2, 3)), *(f"P{i}" for i in range(4))]
     structure, names = law.structure(), tuple(cls.coordinates)

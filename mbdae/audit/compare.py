@@ -18,7 +18,7 @@ from mbdae.audit.reading import Printed
 from mbdae.errors import MbdaeError
 
 SAME = 1e-9  #: relative difference below which two sides count as equal
-STATES = 4  #: number of random states of each kind
+STATES = 4  #: number of random states of each kind; sides that differ agree in a random state by accident only
 INFINITE = float("inf")
 
 
@@ -27,12 +27,12 @@ class States:
     """The states an equation is compared in: states of two free bodies, then states in which the text's joint connects them."""
 
     equation: Printed
-    inner: str = "l"
-    side: int = 1
-    absent: str | None = None
+    inner: str = "l"  #: the body that carries the inner race
+    side: int = 1  #: side of the equations of motion on which forces are read, see `Env.side`
+    absent: str | None = None  #: wording of a vector that is zero in all of these states
     neutral: tuple[tuple[str, float], ...] = ()  #: parameters of laws, each with the value at which it has no effect
-    shared: dict[tuple[str, int, str], Motion] = field(default_factory=dict)
-    fill: int = 1
+    shared: dict[tuple[str, int, str], Motion] = field(default_factory=dict)  #: states made so far, for all equations of a text
+    fill: int = 1  #: number of rows of a literal 0 whose size nothing else gives
 
     def of(self, kind: str, count: int = STATES) -> list[Env]:
         """Values of the symbols in random states of one kind ("free", "clearance", a joint)."""
@@ -58,7 +58,7 @@ class States:
 
     @cached_property
     def many(self) -> list[Env]:
-        """Four times as many states as `free`, enough to find exponents of several quantities at once."""
+        """Four times as many states as `free`: a missing factor is found by a fit of a constant and exponents to all of them."""
         return self.of(self._everywhere, 4 * STATES)
 
     @cached_property
@@ -72,7 +72,8 @@ class States:
         return self.of(self.equation.states, 4 * STATES)
 
     def fitting(self) -> States:
-        """These states with literal zeros of 1 or 3 rows, whichever fits the sizes of the equation."""
+        """These states, with a literal 0 in a column of blocks taken as 1 row or as 3 rows, whichever makes the sides equal in
+    size."""
         for fill in (1, 3):
             found = replace(self, fill=fill)
             if all(_fits(s, found) for s in self.equation.statements):
@@ -101,10 +102,10 @@ def difference(a: Value, b: Value) -> float:
 class Compared:
     """Difference of the sides of a statement, and the states it was found in."""
 
-    gap: float
-    everywhere: bool = True  #: whether the difference is that in free states; False: in states of the joint only
-    doubt: str = ""  #: why the comparison shows nothing, if so
-    mendable: bool = False  #: whether a change of the formula could remove the doubt, as where sizes do not fit
+    gap: float  #: largest relative difference of the sides
+    everywhere: bool = True  #: True: `gap` was found in free states; False: in states in which the joint connects the bodies
+    doubt: str = ""  #: why the comparison proves nothing; empty where it does
+    mendable: bool = False  #: whether a change of the formula could remove the `doubt`, as where matrix sizes do not fit
 
     @property
     def same(self) -> bool:
@@ -122,7 +123,8 @@ def _values(sides: Sequence[Node], env: Env) -> list[Value]:
 
 
 def _in_states(statement: Statement, equation: Printed, envs: Sequence[Env]) -> Compared:
-    """Compare the sides of a statement, and the quantity its meaning names, in some states."""
+    """Compare the sides of a statement with each other in some states, and with the quantity that an equation of the form
+    `NUMBER (MEANING): STATEMENT` names."""
     sides = statement.compared
     said = equation.quantity if equation.statements and statement is equation.statements[0] else None
     rows: list[list[Value]] = []
@@ -142,7 +144,8 @@ def _in_states(statement: Statement, equation: Printed, envs: Sequence[Env]) -> 
 
 
 def _bound(rows: list[list[Value]]) -> Compared:
-    """Check of a <= b: it must hold in all states, with equality in half of them, else another may be meant."""
+    """Check of a <= b: it must hold in all states, with equality in half of them or more; a bound that is hardly ever reached
+    says too little (a <= b + 1 would hold too), which is noted as doubt."""
     if any(np.ndim(x) for x in rows[0]):
         return Compared(INFINITE, doubt="a bound is one of numbers", mendable=True)
     if len(rows[0]) > 2:
@@ -167,7 +170,8 @@ def vanishes(statement: Statement, envs: Sequence[Env]) -> float:
 
 
 def compared(statement: Statement, states: States) -> Compared:
-    """Compare the sides in free states; where they differ there and agree in states of the joint, in those."""
+    """Difference of the sides in free states; that in states of the joint where the sides agree in those only. Where they agree
+    in neither, the smaller difference."""
     equation = states.equation
     if vanishes(statement, states.joint) > SAME:
         return Compared(vanishes(statement, states.joint))
@@ -188,7 +192,8 @@ def _vanishing(statement: Statement, states: States) -> bool:
 
 
 def vanishing(names: Iterable[str], states: States, others: States) -> bool:
-    """Whether one of some quantities is zero in the states `others`, free or of the joint, but not in `states`."""
+    """Whether one of the named quantities is zero in the states `others`, free or of the joint, but not in `states`: there an
+    agreement of the sides says nothing about terms with that quantity."""
     return _smaller(names, states.free, others.free) or _smaller(names, states.joint, others.joint)
 
 
@@ -235,7 +240,9 @@ class SymbolicMotion(Motion):
 
 
 def identical(equation: Printed, inner: str, side: int = 1) -> bool:
-    """Whether all sides are the same polynomials in the components of free vectors; False where this cannot be decided."""
+    """Whether all sides are the same polynomials in the components of free vectors; False where this cannot be decided.
+
+    inner: the body with the inner race; side: see `Env.side`."""
     env = Env(SymbolicMotion(), equation.scope, inner, side)
     try:
         return all(_identical(equation, i, env) for i in range(len(equation.statements)))

@@ -90,7 +90,8 @@ _FUNCTIONS = {"elastic_force": (("m",), "N"), "damping_force": (("m", "m/s"), "N
 
 
 def of_laws(names: Iterable[str], own: Own) -> list[str]:
-    """Those of the named user laws whose units do not fit, in words; laws with an unknown unit are left out."""
+    """Which of the named laws, among those given by the user (`own`), have units that do not fit, in words; laws with an unknown
+    unit are left out."""
     out = []
     for name in sorted(set(names) & set(dict(own))):
         try:
@@ -119,7 +120,8 @@ def _of_part(cls: Any) -> list[str]:
 
 
 def _returned(cls: Any, function: str, units: Sequence[str], seed: int, scale: Mapping[str, float]) -> float:
-    """What a function of a law returns in a random state, in units of the given sizes (`scale`)."""
+    """What a function of a law returns for random parameters and arguments (by seed), where m, kg and s have the sizes
+    `scale`."""
     made, motion = object.__new__(cls), Motion(seed)
     vars(made).update(dict.fromkeys(cls.options))
     vars(made).update({p: motion.positive(p) * unit(spec.unit).size(scale) for p, spec in cls.params.items()})

@@ -20,14 +20,15 @@ _EXCHANGED = {"sin": "cos", "cos": "sin"}
 
 @dataclass(frozen=True)
 class Edit:
-    """A change: its description (form and pieces), and, where it acts at all places, a table of the pieces it replaces."""
+    """A change of a formula. form: its description with {} for each of the pieces; table: for a change at all places of a piece,
+    pairs (piece, what replaces it)."""
 
     form: str
     pieces: tuple[object, ...] = ()
     table: tuple[tuple[Node, Node], ...] = ()
     resizes: bool = False  #: whether the change may alter the size (rows, columns) of the formula
     where: Node | None = None  #: the surrounding piece, named where the changed one appears several times
-    size: float = 2.0  #: rank of the change: of several possible ones the smallest is taken as the repair
+    size: float = 2.0  #: rank of the change, the lower the likelier a misprint: of several repairs the lowest is taken
 
     @property
     def accent(self) -> bool:
@@ -50,7 +51,8 @@ class Edit:
 
 
 class Candidates:
-    """Symbols that may replace another: those of equal unit and size, and its own time derivatives or integrals (dots)."""
+    """Symbols that may replace another one: those of equal unit and size, and the same letter with more or fewer dots (phidot for
+    phi)."""
 
     def __init__(self, scope: Scope, env: Env) -> None:
         self.scope, self.env = scope, env

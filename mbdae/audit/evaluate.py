@@ -16,22 +16,22 @@ from mbdae.errors import LawError, MbdaeError
 from mbdae.symbolic.functions import complex_atan2
 from mbdae.symbolic.source import Language, called, defined, python_power, written
 
-STEP = 1e-30  #: size of the complex step
-FINITE = 0.02  #: spacing of the finite differences by which a derivative of a derivative is taken
+STEP = 1e-30  #: size of the complex step; its error, of order STEP^2, is far below round-off, and nothing is subtracted
+FINITE = 0.02  #: spacing of the finite differences for the outer one of two nested derivatives: FINITE^10 is below round-off
 #: coefficients of central differences of order 10 at 1 to 5 steps
 _CENTRAL = (5 / 6, -5 / 21, 5 / 84, -5 / 504, 1 / 1260)
 Value = Any  #: a complex number, or a matrix (rows, columns) of them
-Source = Any  #: source of the values of symbols, which can also return shifted states: an `Env` of phrases
+Source = Any  #: an `Env` (phrases.py): the values of symbols in a state, and states moved from it for derivatives
 
 
 class SizeError(Exception):
     """A value that cannot be computed, mostly because sizes do not fit."""
 
-    placed = False  #: whether the message already says where
+    placed = False  #: whether the message already names the piece of the formula
 
 
 class NestedError(SizeError):
-    """A derivative inside of a complex step; the outer derivative is then taken by finite differences."""
+    """A derivative is asked for inside of a complex step; the outer derivative is then taken by finite differences."""
 
     placed = True
 
@@ -62,7 +62,7 @@ def derivative(value_at: Callable[[complex], Value], stepped: bool = False) -> V
 
 
 def _ndim(v: Value) -> int:
-    """np.ndim of a number or array, without making an array of a number."""
+    """np.ndim of a number or array; faster, because it makes no array of a number."""
     return getattr(v, "ndim", 0)
 
 
@@ -226,7 +226,7 @@ def _partial(e: Node, by: Node, at: Source) -> Value:
     return np.hstack(columns)
 
 
-#: nodes and weights of the tanh-sinh rule on (-1, 1), accurate also for integrands with roots at the ends
+#: nodes and weights of the tanh-sinh rule on (-1, 1), accurate also for integrands with steep ends, as sqrt(x) at 0
 _T = np.arange(-62, 63) * 0.05
 _NODES = np.tanh(np.pi / 2 * np.sinh(_T))
 _WEIGHTS = 0.05 * np.pi / 2 * np.cosh(_T) / np.cosh(np.pi / 2 * np.sinh(_T)) ** 2
@@ -280,7 +280,8 @@ def _no_case() -> Value:
 
 
 def _cases(*parts: str) -> str:
-    """The value before the first condition that holds, and no other; parts are value, condition, value, ..."""
+    """Python text of a Piecewise, whose parts are value, condition, value, ...: it evaluates the value of the first condition
+    that holds and no other value, which may be undefined."""
     return f"({parts[0]} if {parts[1]} else {_cases(*parts[2:])})" if parts else "_no_case()"
 
 
@@ -302,8 +303,8 @@ _PYTHON = Language(
 
 
 def expression_function(symbols: Sequence[Any], steps: Mapping[Any, Any], outputs: Sequence[Any]) -> Callable[..., list[Any]]:
-    """The function of complex values of the symbols (a sequence) that returns those of the outputs, by steps: name = expression
-    of symbols and earlier names."""
+    """Expressions as a Python function: it takes the complex values of the symbols, a sequence in their order, and returns the
+    list of values of the outputs. steps: intermediate results, {name: expression of symbols and earlier names}."""
     names = {s: f"x[{i}]" for i, s in enumerate(symbols)}
     found = []
     try:

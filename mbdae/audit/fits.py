@@ -21,11 +21,11 @@ from mbdae.audit.phrases import Env
 
 UNKNOWN = symbol("@")
 _ONE = number(1)
-EXACT = 1e-7  #: tolerance of fitted exponents and logarithms
-MANY = 6_000  #: largest number of products of vectors and matrices tried as terms
-LARGE = 64  #: largest product of numerator and denominator of a missing numerical factor
-LONG = 6  #: largest number of pieces in a missing factor made of a combination of the formula
-MOST = 30  #: largest number of quantities among which powers are sought
+EXACT = 1e-7  #: largest error of a fitted exponent, of the fitted logarithms and, relative, of the fitted constant
+MANY = 6_000  #: the search for a missing term ends where there are more products of vectors and matrices than this
+LARGE = 64  #: a missing numerical factor p/q counts as simple up to this product p q
+LONG = 6  #: largest number of nodes of a subexpression (its operations and symbols) that is tried as a base of a missing factor
+MOST = 30  #: largest number of scalar quantities whose powers are tried as a missing factor; their pairs are tried too
 Rebuilt = Callable[[Node], Node]
 Place = tuple[Node, Rebuilt, tuple[Node, ...]]
 
@@ -50,7 +50,7 @@ def _ratio(value: Fraction) -> list[Node]:
 
 @dataclass(frozen=True)
 class Monomial:
-    """c times a product of powers of pieces of formulas."""
+    """c times a product of powers, `powers` being pairs (subexpression, exponent)."""
 
     c: Fraction
     powers: tuple[tuple[Node, Fraction], ...] = ()
@@ -73,13 +73,15 @@ class Monomial:
 
 
 class Fit:
-    """Finds what a formula lacks to have given values in some states, as powers of the scalar quantities of a text."""
+    """Finds the missing factor with which a formula takes the wanted `values`, one in each of the states `envs`: a constant times
+    powers of at most two of the scalar quantities `pieces`."""
 
     def __init__(self, envs: Sequence[Env], values: Sequence[Value], pieces: Sequence[Node]) -> None:
         self.envs, self.values, self.pieces = envs, values, pieces
 
     def lacking(self, probe: Node) -> Monomial | None:
-        """The simplest monomial that makes the formula have the values when put in the place of @; None where there is none."""
+        """The simplest monomial with which the formula `probe` takes the wanted values when it replaces @; None where there is
+    none."""
         found = []
         for env, wanted in zip(self.envs, self.values, strict=True):
             r = _solved(probe, env, wanted)
@@ -101,13 +103,13 @@ class Fit:
         return found[:MOST]
 
     def monomial(self, values: Any) -> Monomial | None:
-        """The simplest monomial that has these values in the states; None where there is none."""
+        """The simplest monomial that has these values, one in each state; None where there is none."""
         r = np.asarray(values)
         if not np.all(np.isfinite(r)) or np.max(np.abs(np.imag(r))) > 1e-9 or np.min(np.abs(r)) < 1e-12:
             return None
         r = np.real(r)
         if np.ptp(np.abs(r)) < EXACT * abs(r[0]) and np.ptp(np.sign(r)):
-            return self._sense(r)
+            return self._times_sign(r)
         wanted = np.log(np.abs(r))
         for subsets, A, solve in self._systems:
             close = np.max(np.abs(np.einsum("sij,sj->si", A, solve @ wanted) - wanted), axis=1) < EXACT
@@ -116,8 +118,8 @@ class Fit:
                 return min(found, key=lambda m: (sum(abs(p) for _, p in m.powers), m.c.denominator + abs(m.c.numerator)))
         return None
 
-    def _sense(self, r: Any) -> Monomial | None:
-        """A constant times the sign of a quantity."""
+    def _times_sign(self, r: Any) -> Monomial | None:
+        """The values r as a constant times the sign of a quantity; None where the signs of no quantity fit."""
         for piece, v in self._scalars:
             sense = np.sign(r) * np.sign(v)
             if not np.ptp(sense):
@@ -127,7 +129,8 @@ class Fit:
 
     @cached_property
     def _systems(self) -> list[tuple[list[Any], Any, Any]]:
-        """Sets of 0, 1 and 2 quantities with the linear equations of their exponents (sets, states, exponents), inverted."""
+        """For sets of 0, 1 and 2 quantities: the sets, the matrices of the linear equations for the logarithm of the constant and
+        the exponents, (sets, states, 1 + quantities), and their pseudo-inverses."""
         out = []
         for count in (0, 1, 2):
             subsets = list(combinations(self._scalars, count))
@@ -150,7 +153,8 @@ class Fit:
 
 
 def _solved(node: Node, env: Env, wanted: Value) -> complex | None:
-    """The value of @ that gives the wanted value: directly where @ enters linearly, else by Newton's method."""
+    """The value of @ with which the formula has the wanted value: directly where @ enters linearly, else by Newton's method; None
+    where none is found."""
     ends = [attempt(node, env.bound("@", x)) for x in (0j, 1 + 0j)]
     if any(e is None or np.shape(e) != np.shape(wanted) or not np.all(np.isfinite(e)) for e in ends[1:]):
         return None
@@ -179,7 +183,7 @@ def _newton(node: Node, env: Env, wanted: Value) -> complex | None:
 
 
 def factors(node: Node, fit: Fit) -> Iterator[tuple[Node, Monomial, Node]]:
-    """Pieces where a factor or an exponent is missing, that factor, and the formula with it."""
+    """Every piece at which a factor or an exponent is missing, with the factor and the formula that contains it."""
     for piece, rebuilt, _ in places(node):
         if piece.kind in ("block", "row", "neg"):
             continue
@@ -195,7 +199,7 @@ def factors(node: Node, fit: Fit) -> Iterator[tuple[Node, Monomial, Node]]:
 
 
 def _merged(found: Monomial, piece: Node) -> Node:
-    """A piece times a factor, with numbers multiplied out."""
+    """A piece times a missing factor; a piece that is a number is multiplied with the number of the factor."""
     if piece.kind == "number":
         return Monomial(found.c * Fraction(piece.value).limit_denominator(10**6), found.powers).times()
     return found.times(piece)

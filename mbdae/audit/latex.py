@@ -23,7 +23,7 @@ _CALLS = {"norm": r"\left\|{0}\right\|", "abs": r"\left|{0}\right|", "sqrt": r"\
           "diff": r"\frac{{\partial {0}}}{{\partial {1}}}"}  # fmt: skip
 _LONG = {*_SIGNS, "sum", "integral", "diff"}  #: functions that need brackets before an exponent or a transposition sign
 _KNOWN = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "det"}  #: names of LaTeX commands
-Letters = Mapping[str, str]  #: TeX that a text gives for a name
+Letters = Mapping[str, str]  #: names of symbols with the TeX that the text gives for them
 _NONE: Letters = MappingProxyType({})
 
 
@@ -41,7 +41,7 @@ def name(text: str, letters: Letters = _NONE, transposed: bool = False, tilde: b
         return (rf"\tilde{{{text}}}" if tilde else text if text == "I" else rf"\mathrm{{{text}}}") + mark
     body, index = match["body"] or "", match["index"]
     if match["letter"] == "mu":
-        body, index = "", index + body  # coefficients of friction: mu with its index
+        body, index = "", index + body  # the k of muk stands for kinetic friction, not for body k: it is an index
     letter = _LETTERS.get(match["letter"], match["letter"])
     for accent, given in (("tilde", tilde), ("bar", match["bar"]), (match["dots"] or "", match["dots"])):
         letter = rf"\{accent}{{{letter}}}" if given else letter
@@ -98,7 +98,8 @@ def _sum(node: Node, letters: Letters) -> str:
 
 
 def _product(node: Node, letters: Letters) -> str:
-    """A product in LaTeX: a single factor stands over all divisors, of several each over those that follow it."""
+    """A product in LaTeX. A product with one factor becomes one fraction over all divisors; with several factors, each divisor
+    goes under the factor before it, so that the order of matrices stays."""
     above = [formula(p, letters, 1) for p in node.parts if p.kind != "inverse"]
     below = [p.parts[0] for p in node.parts if p.kind == "inverse"]
     if below and len(above) < 2:

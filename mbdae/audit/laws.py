@@ -29,7 +29,8 @@ WITH_COORDINATES = " with coordinates"  #: suffix of the name of a joint, for it
 
 
 def law_class(name: str, own: Own = ()) -> type[Law] | None:
-    """The class of a law by its name; None where there is none, or none with coordinates where the name asks for them."""
+    """The class of a law by its name; None where there is none, or none with coordinates where the name asks for them. own: laws
+    of the user."""
     plain = name.removesuffix(WITH_COORDINATES)
     known: dict[str, Any] = {n: getattr(m, n) for m in (joints, forces) for n in m.__all__}
     found = (known | {"JournalContact": JournalContact, "Beam": Beam} | dict(own)).get(plain)
@@ -39,20 +40,21 @@ def law_class(name: str, own: Own = ()) -> type[Law] | None:
 
 
 def part_class(name: str, own: Own = ()) -> type[Part] | None:
-    """The class of a normal law or friction law by its name."""
+    """The class of a normal law or friction law by its name; None where there is none. own: laws of the user."""
     found = ({n: getattr(m, n) for m in (contact, friction) for n in m.__all__} | dict(own)).get(name)
     return found if isinstance(found, type) and issubclass(found, Part) else None
 
 
 @lru_cache(maxsize=64)
 def derived(name: str, own: Own = (), declared: frozenset[str] = frozenset()) -> Derived:
-    """A law derived between two bodies in space with all of its parameters; declared: parameters that the text names."""
+    """A law derived between two bodies in space with all of its parameters; declared: parameters that the text names; own: the
+    user's laws."""
     cls: Any = law_class(name, own)
     options: dict[str, Any] = {"joint": joints.Revolute} if "joint" in cls.options else {}
     values = dict.fromkeys(cls.params, 1.0)
     if cls is JournalContact:
         options = {"normal": Hertz(1.0), "friction": Coulomb(1.0, 1e-3)}
-        # without a length the contact has one plane
+        # the bearing length only where the text declares it: without it the pin touches in one plane
         values = dict.fromkeys({"outer", "inner"} | (declared & set(cls.params)), 1.0)
     if name.endswith(WITH_COORDINATES):
         options["kept"] = True
@@ -65,7 +67,8 @@ class LawState:
 
     def __init__(self, name: str, motion: Motion, given: Mapping[str, float], own: Own = (), sides: str = "kl",
                  declared: frozenset[str] = frozenset()) -> None:  # fmt: skip
-        """given: values of parameters by name; sides: the bodies that are the law's k and l; declared: see `derived`."""
+        """given: values of parameters by name, all others being random; sides: the bodies that are the law's k and l; declared:
+        see `derived`."""
         self.d, self.motion = derived(name, own, declared), motion
         self.values: dict[Any, Any] = {}
         for f, side in zip(self.d.sides, sides, strict=True):
@@ -77,7 +80,7 @@ class LawState:
         for row in self.d.rows:
             self._put([se.Symbol(f"lambda_{row}")], [motion.number(f"multiplier {row}")])
         for state in self.d.states:
-            self._put([se.Symbol(f"state_{state}")], [motion.relative_angle()])  # every internal state is the angle
+            self._put([se.Symbol(f"state_{state}")], [motion.relative_angle()])  # states of such laws follow the angle
 
     def _frame(self, f: Frame, side: str) -> None:
         m = self.motion
@@ -116,12 +119,14 @@ class LawState:
         return self.vector(self.d.G[self.d.rows.index(row)][side][part == "turn"])
 
     def row_force(self, row: str) -> Value:
-        """Generalised force s lambda + 2 p c of a constraint row c with the potential s lambda c + p c^2."""
+        """Force s lambda + 2 p c that multiplies the gradient of a constraint row c: the potential of the row is s lambda c + p
+        c^2, s the scaling and p the penalty of the joint."""
         s, p = (self.motion.positive(f"parameter {n}") for n in ("scaling", "penalty"))
         return s * self.motion.number(f"multiplier {row}") + 2 * p * np.real(self.row(row))
 
     def force(self, part: str, side: str) -> Value:
-        """Force ("move") or torque ("turn") of a law on the body `side` (3, 1), as on the left-hand side."""
+        """Force ("move") or torque ("turn") of a law on the body `side` (3, 1), as on the left-hand side of the equations of
+        motion."""
         pair = self.d.force.get(side)
         return np.zeros((3, 1)) + 0j if pair is None else self.vector(pair[part == "turn"])
 

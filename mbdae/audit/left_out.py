@@ -16,13 +16,13 @@ from mbdae.errors import MbdaeError
 from mbdae.symbolic.line import LineLaw
 from mbdae.symbolic.part import Part
 
-#: parameters of every constraint row, with the values that leave lambda as the force of the row
+#: parameters of every constraint row, with the values at which the force of the row is its multiplier lambda
 OF_ROWS = {"scaling": 1.0, "penalty": 0.0}
 
 
 @lru_cache(maxsize=256)
 def refuses_zero(parameter: str, of: str, own: Own = ()) -> bool:
-    """Whether a law accepts some values of a parameter but not zero."""
+    """Whether the law named `of` accepts 1 but not 0 as a value of a parameter. own: the user's laws."""
     cls: Any = part_class(of, own) or law_class(of, own)
 
     def taken(value: float) -> bool:
@@ -46,7 +46,8 @@ def may_vanish(meaning: Meaning, own: Own) -> bool:
 
 def left_out(equation: Printed, states: States, laws: set[str]) -> Mapping[str, float]:
     """The smallest set of parameters ("damping of PointSpring") that the text declares nowhere and without whose effect both
-    sides agree, each with the value at which it has no effect; empty if none. No quantity of the text may vanish there.
+    sides agree, each with the value at which it has no effect; empty if none. A set with
+    which a quantity of the text vanishes does not count, since the agreement then says nothing.
 
     laws: words of the meanings, among them the names of laws."""
     open_ = _open(equation, laws)

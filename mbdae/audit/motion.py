@@ -24,7 +24,7 @@ _E3 = np.array([[0.0], [0.0], [1.0]])
 #: independent vectors of each body: position, velocity, acceleration, angular velocity, angular acceleration
 VECTORS = ("x", "v", "a", "w", "alpha")
 T = TypeVar("T")
-_TERMS = 24  #: number of terms of the series of a rotation
+_TERMS = 24  #: number of terms of the series of a rotation: round-off for the angles drawn, at most 2.1 rad
 
 
 def turned(vector: Value) -> Value:
@@ -63,7 +63,8 @@ def about_axis(phi: Value) -> Value:
 
 @lru_cache(maxsize=4096)
 def _drawn(seed: int, name: str, kind: str, shape: tuple[int, ...] = ()) -> Value:
-    """A random value, reproducible: equal names in equal states give equal values."""
+    """A random value, reproducible: equal seeds and names give equal values. kind: "uniform" (entries in -1.2 to 1.2), "number"
+    (0.3 to 1.5, either sign) or "positive" (0.3 to 1.5)."""
     rng = np.random.default_rng([seed, crc32(name.encode())])
     if kind == "uniform":
         return rng.uniform(-1.2, 1.2, shape)
@@ -79,7 +80,7 @@ class Motion:
     def __init__(self, seed: int, kind: str = "free", own: Any = (), section: str = "") -> None:
         self.seed, self.kind, self.absent = seed, kind, frozenset[str]()
         self.stepped, self.origin = False, None  # type: tuple[bool, Motion | None]
-        #: time and arc length since the state, parameter of the virtual displacement
+        #: time (s) and arc length (m) by which this state was moved from the random one, factor of its virtual displacement
         self.clock, self.arc, self.virtual = 0j, 0j, 0j
         self.memory: dict[Any, Any] = {}
         self.link = None if kind in ("free", "clearance") else Carried(kind, own)
@@ -87,7 +88,7 @@ class Motion:
         self.R0 = turned(self.vector("reference attitude"))
         self.x0 = {s: self.vector(f"reference place {s}") for s in "kl"}
         self.vectors: dict[str, dict[str, Value]] = {n: {s: self.vector(f"{n} {s}") + 0j for s in "kl"} for n in VECTORS}
-        #: value, first and second time derivative of every joint coordinate; of free bodies, of stand-ins for them
+        #: value, first and second time derivative of every joint coordinate; free bodies have random numbers of the same names
         names = self.link.coordinates if self.link is not None else free_coordinates(section, own)
         self.coordinates: dict[str, list[Value]] = {
             name: [self.number(n + ("" if i == 0 else f" of {name}")) + 0j for n in ("phi", "phidot", "phiddot")]
@@ -121,7 +122,7 @@ class Motion:
         return c[0] + x * c[1] + x * x * c[2] / 2 + x**3 * c[3] / 6 + 0j
 
     def ingredient(self, name: str) -> Value:
-        """A vector contained in a derivation; zero where it is declared absent."""
+        """A random vector (3, 1) that the derivation contains and a text may leave out: zero in states made by `without`."""
         return self.vector(name) * (name not in self.absent)
 
     @property
@@ -130,7 +131,7 @@ class Motion:
         return self.origin or self
 
     def without(self, name: str) -> Motion:
-        """A copy of this state in which that vector is zero."""
+        """A copy of this state in which the vector `name` is zero, one of those drawn by `ingredient`."""
         other = copy(self)
         other.absent, other.memory = self.absent | {name}, {}
         return other
@@ -219,7 +220,8 @@ class Motion:
     # -- states reached by a step
 
     def moved(self, how: str, amount: complex = 1j * STEP) -> Motion:
-        """The state after a step: "virtual" displacement, "time", "line" (arc length), "linear" (each quantity by itself)."""
+        """The state after a step. how: "virtual" displacement, "time", "line" (arc length), or "linear": every position,
+        rotation, velocity and acceleration by a random increment of its own."""
         return self.once(("moved", how, amount), lambda: self._moved(how, amount))
 
     def _moved(self, how: str, amount: complex) -> Motion:
@@ -295,13 +297,14 @@ class Motion:
 
 
 def free_coordinates(section: str, own: Any) -> tuple[str, ...]:
-    """Names of random numbers that stand for coordinates of free bodies: first those of the joint the section names."""
+    """Names of the random numbers that free bodies have in place of joint coordinates: first the coordinates of the joint that
+    the section of the text names. own: the user's laws."""
     stated = tuple(getattr(joint_class(section, own), "coordinates", ()))
     return (*stated, *(name for name in ("angle", "first shift", "second shift") if name not in stated))
 
 
 def checked_kind(kind: str, own: Any = ()) -> str:
-    """What is wrong with a word for a kind of states; empty where nothing is."""
+    """Why a word of the text names no kind of states; empty where it names one. own: the user's laws."""
     try:
         Motion(0, kind, own)
     except (SizeError, KeyError) as error:

@@ -28,7 +28,7 @@ HOW = (
 )
 
 
-#: for the words of a claim: a number, or a function that returns a number or (number, remark)
+#: {words of a claim: the number to compare it with, or a function that returns this number or (number, remark)}
 Counts = Mapping[str, int | Callable[[], int | tuple[int, str]]]
 
 
@@ -49,7 +49,7 @@ class Count:
 
 
 def counts_something(given: Any) -> bool:
-    """Whether a value is a whole number or a function, which may count."""
+    """Whether a value can be given as a count: a whole number or a function."""
     try:
         return callable(given) or whole(given, least=0) >= 0
     except BadValueError:

@@ -33,12 +33,12 @@ class Phrase:
     pattern: re.Pattern[str]
     rule: Rule
     vanishes: bool  #: whether the quantity may be zero in a state the text speaks of
-    #: side of the equations of motion of a force: "left", "applied", or "open" where texts differ; "" for other quantities
+    #: of a force, the side of the equations of motion: "left", "applied", or "open" where texts differ; "" for other quantities
     side: str
     wording: str
     #: (name, unit, meaning) of quantities that the derivation contains and a text may leave out
     needs: tuple[tuple[str, str, str], ...] = ()
-    given: bool = False  #: whether the text alone defines the quantity; its rule then gets the symbol's name too
+    given: bool = False  #: whether only the text knows the quantity (a number of its own); its rule draws it by the symbol's name
     drawn: bool = False  #: whether its rule draws a random value, seeded by the wording
 
 
@@ -47,7 +47,8 @@ PHRASES: list[Phrase] = []
 
 def register(rules: Mapping[str, Rule], vanishes: bool = True, side: str = "", needs: tuple[tuple[str, str, str], ...] = (),
              given: bool = False, drawn: bool = False) -> None:  # fmt: skip
-    """Register rules under their wordings: "axis {i} of {side}"; {side} is k or l, {i} 1 to 3, {name} a word, {...} any words."""
+    """Register rules under their wordings, "axis {i} of {side}"; {side} is k or l, {i} 1 to 3, {name} a word, {...} any words.
+    The further arguments are those of `Phrase`."""
     kinds = {"side": "(k|l)", "i": r"([123])", "name": rf"(\w+(?:{WITH_COORDINATES})?)"}
     for wording, rule in rules.items():
         plain = re.escape(wording).replace(r"\ ", " ")
@@ -106,7 +107,7 @@ def understand(text: str, units: tuple[Unit, ...], line: int = 0, name: str = ""
                      "from mbdae.audit import wordings; wordings()")  # fmt: skip
 
 
-#: phrase of a meaning that the text or the caller of `audit` defines
+#: stands in for the phrase of a symbol that the text (`let`) or the caller of `audit` defines
 OWN = Phrase(re.compile(""), lambda env: None, True, "", "")
 
 
@@ -140,7 +141,7 @@ class Scope:
 
     @cached_property
     def letters(self) -> dict[str, str]:
-        """TeX of the symbols for which the text gives it, and of names whose default letter another symbol already has."""
+        """{symbol: TeX} as the text gives it; names in upright letters where their default TeX is that of another symbol."""
         found = {n: m.letter for n, m in self.symbols.items() if m.letter}
         taken = set(found.values())
         for n in sorted(self.symbols.keys() - found.keys(), key=len):
@@ -155,7 +156,7 @@ class Scope:
         return frozenset(m.text for m in self.symbols.values())
 
     def printed_side(self, name: str, number: str) -> Node:
-        """The formula an earlier equation prints for a symbol."""
+        """The formula that the earlier equation `number` prints for the symbol `name`."""
         for statement in self.printed.get(number, ()):
             if str(statement.sides[0]) == name:
                 return statement.sides[-1]
@@ -173,12 +174,12 @@ class Scope:
 
 @dataclass
 class Env:
-    """Values of the symbols of a scope in one state; formulas are evaluated in it."""
+    """Values of the symbols of a text (its `Scope`) in one state; formulas are evaluated in it."""
 
     motion: Motion
     scope: Scope
     inner: str = "l"  #: the body that carries the inner race
-    #: side of forces whose side is open: 1 applied to the bodies, -1 on the left-hand side of the equations of motion
+    #: forces whose side of the equations of motion is open count as applied to the bodies (1) or as on the left-hand side (-1)
     side: int = 1
     fill: int = 1  #: number of rows of a literal 0 where no neighbouring block gives it
     scale: Mapping[str, float] | None = None  #: sizes of the basic units, for the check of units
@@ -189,7 +190,7 @@ class Env:
     #: wordings declared outside of this scope, which the formula of an earlier `let` may need
     stated: frozenset[str] = frozenset()
     names: Mapping[str, Value] = field(default_factory=dict)  #: values of names bound by a sum or an integral
-    #: cached values of symbols and pieces of formulas in this state; caches of states reached from it
+    #: cache: values of symbols and pieces of formulas in this state, and the caches of states that are reached from it by a step
     store: dict[Any, Any] = field(default_factory=dict)
 
     def value(self, name: str) -> Value:
@@ -235,7 +236,7 @@ class Env:
         return self.scope.symbols[name]
 
     def _sign(self, phrase: Phrase) -> int:
-        """Sign of a force: that of the side declared by the text, else that of the rule, or of `side` where open."""
+        """Factor of a force: -1 where the rule gives it on the side that the text does not declare; `side` where none is."""
         if not phrase.side:
             return 1
         rule = -1 if phrase.side == "left" else 1  # the side on which the rule gives the force
@@ -247,7 +248,7 @@ class Env:
         return self.motion.stepped or (self.shift is not None and bool(np.imag(self.shift[2])))
 
     def size_of(self, what: str) -> float:
-        """Size of the unit of "time" (s) or "line" (m)."""
+        """Size of the unit of a step: s for "time", m for "line"; 1 for the others and unless units are checked."""
         return 1.0 if self.scale is None else {"time": self.scale["s"], "line": self.scale["m"]}.get(what, 1.0)
 
     def constant(self, number: float) -> Value:
@@ -296,7 +297,7 @@ class Env:
         return replace(base, motion=memory["touching"], store={})
 
     def bound(self, name: str, value: Value) -> Env:
-        """This state with a name that stands for a value."""
+        """This state with a value for a name that a sum or an integral binds."""
         return replace(self, names={**self.names, name: value})
 
     def drawn(self, key: str, draw: Callable[[str], Value]) -> Value:
@@ -322,7 +323,7 @@ class Env:
         return bool((self.stated | self.scope.texts) & set(wordings))
 
     def printed(self, name: str, number: str) -> Value:
-        """The value of the formula an earlier equation prints for a symbol."""
+        """The value of the formula that the earlier equation `number` prints for the symbol `name`."""
         return evaluate(self.scope.printed_side(name, number), self)
 
     def of(self, text: str) -> Value:

@@ -40,7 +40,7 @@ _SYMBOL = re.compile(r"([^\W\d]\w*)\s*\[([^\]]*)\]\s*" + _LETTER + r":\s*(.+)$",
 _LET = re.compile(r"let\s+([^\W\d]\w*)\s*\[([^\]]*)\]\s*" + _LETTER + r"=\s*(.+)$", re.S)
 _EQUATION = re.compile(r"([\w.]+)\s*(?:\((.*?)\))?\s*:\s*(.+)$")
 _CONSTANTS = {"I", "pi"}
-RULES = (rules_contact, rules_laws, rules_motion)  #: the modules whose import registers the phrases
+RULES = (rules_contact, rules_laws, rules_motion)  #: named here so that they are imported, which registers their phrases
 
 
 @dataclass(frozen=True)
@@ -53,11 +53,11 @@ class Printed:
     section: str = ""
     states: str = "free"
     only: bool = False  #: whether the text speaks of no other states
-    quantity: Meaning | None = None  #: meaning of the sides of the first statement, where no symbol stands for it
-    inner: str | None = None
+    quantity: Meaning | None = None  #: what the sides of the first statement are, where no symbol stands for it
+    inner: str | None = None  #: the body, k or l, that carries the inner race
     trouble: str = ""  #: why the equation cannot be read
     raw: str = ""  #: text of the file, where it cannot be read
-    before: Mapping[str, str] = field(default_factory=dict)  #: symbols that had another unit and meaning earlier in the text
+    before: Mapping[str, str] = field(default_factory=dict)  #: symbol -> its earlier meaning, where its unit was another
 
     @property
     def text(self) -> str:
@@ -114,7 +114,7 @@ class _File:
         return self.found
 
     def _spoilt(self, at: int, line: str, why: str) -> None:
-        """Record a line that cannot be read: an equation under its number, any other line under its place."""
+        """Record a line that cannot be read as an equation in trouble: under its number if it has one, else as "line 12"."""
         match = None if _SYMBOL.match(line) or _LET.match(line) or self._setting(line) else _EQUATION.match(line.split("\n")[0])
         number = match[1] if match else f"line {at}"
         self._add(Printed(number, (), self._scope(), self.section, trouble=why, raw=" ".join(line.split())))
@@ -286,7 +286,8 @@ def _prints(letter: str) -> bool:
 
 
 def _statements(body: str) -> list[tuple[int, str]]:
-    """Statements of an equation with the lines on which they start; a line without a relation continues the one before."""
+    """Statements of an equation, each with the line (0: the first) on which it starts; a line without `=` or `<=` continues the
+    statement before it."""
     found: list[tuple[int, str]] = []
     for shift, line in enumerate(body.split("\n")):
         if found and "=" not in line:

@@ -1,4 +1,4 @@
-"""Remarks beside a verdict: other solutions, resultants away from the joint, tensile contact, energy gain, redefined letters."""
+"""Remarks to a verdict: other solutions, resultants away from the joint, tensile contact, energy gain, redefined letters."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from mbdae.audit.reading import Printed
 from mbdae.audit.rules_contact import energy_fed
 from mbdae.audit.rules_laws import names
 
-HALF, SOME = np.pi, 0.4  #: rotations by which other solutions of a constraint are sought, rad
-FAST = -100.0  #: a high speed of separation, m/s
+HALF, SOME = np.pi, 0.4  #: rad; a constraint has a second solution if it holds after a turn by HALF but not by SOME
+FAST = -100.0  #: rate of penetration of bodies that separate fast, m/s
 
 
 def remarks(equation: Printed, states: States) -> list[str]:
@@ -36,7 +36,7 @@ def remarks(equation: Printed, states: States) -> list[str]:
 
 
 def _solutions(equation: Printed, states: States) -> Iterator[str]:
-    """A constraint that also holds where l is turned by half a turn about one of its axes, but not for turns in between."""
+    """Remark on a constraint that also holds where l is turned by half a turn about one of its axes, but not by less."""
     sides = [s.subject for s in equation.statements if s.ends_at_zero]
     if not sides or equation.states == "free":
         return
@@ -63,7 +63,7 @@ def _size(side: Node, states: States, axis: int, angle: float) -> float:
 
 
 def _balance(equation: Printed, states: States) -> Iterator[str]:
-    """Forces on both bodies whose resultant is zero in the states of the joint only."""
+    """Remark on forces on both bodies whose resultant is zero only where the joint connects the bodies."""
     for statement in equation.statements:
         meaning = equation.scope.symbols.get(str(statement.sides[0]))
         if meaning and meaning.phrase.side == "left" and not equation.only:
@@ -82,7 +82,7 @@ def _resultant(statement: Statement, parts: list[str], env: Env) -> float:
 
 
 def _of(equation: Printed, wording: str) -> Iterator[tuple[Statement, Meaning]]:
-    """Statements for a quantity with that wording."""
+    """Statements whose first side is a symbol with that kind of meaning, and the meaning."""
     for statement in equation.statements:
         meaning = equation.scope.symbols.get(str(statement.sides[0]))
         if meaning and meaning.phrase.wording == wording:
@@ -90,7 +90,7 @@ def _of(equation: Printed, wording: str) -> Iterator[tuple[Statement, Meaning]]:
 
 
 def _pull(equation: Printed, states: States) -> Iterator[str]:
-    """A normal force that becomes tensile where bodies separate fast."""
+    """Remark on a normal force that becomes tensile where bodies separate fast."""
     for wording in ("normal force of {name}", "damping force of {name}"):
         for statement, meaning in _of(equation, wording):
             fast = replace(states.free[0], shift=("rate of penetration", 0, FAST), store={})
@@ -100,7 +100,7 @@ def _pull(equation: Printed, states: States) -> Iterator[str]:
 
 
 def _energy(equation: Printed, states: States) -> Iterator[str]:
-    """A friction law with a state that may supply energy."""
+    """Remark on a friction law with an internal state that may supply energy."""
     for wording, varying in (("coefficient of {name}", False), ("friction force of {name}", True)):
         for _, meaning in _of(equation, wording):
             found: Any = energy_fed(states.free[0], meaning.words[0])

@@ -29,14 +29,14 @@ _deflection = random_number("deflection")
 _step = random_positive("time step")
 _before = random_number("deflection at the stage before")
 _before_rate = random_number("rate of deflection at the stage before")
-AT = " at {name}, {name2} of {number}"  #: suffix of wordings: contact points on k and l that an equation of the text prints
+AT = " at {name}, {name2} of {number}"  #: suffix of wordings: symbols of the contact points on k and l, and their equation
 
 
 # -- a pin in its race; `env.inner` is the body of the pin
 
 
 def _sides(env: Env) -> str:
-    """The body of the race, then the body of the pin."""
+    """Letters of the bodies in the order race, pin."""
     return "kl" if env.inner == "l" else "lk"
 
 
@@ -116,7 +116,7 @@ def _normal_on(env: Env, side: str) -> Value:
 
 
 def _friction_on(env: Env, side: str, k: str, l: str, number: str) -> Value:
-    """Force and moment (6, 1) of friction."""
+    """Force and moment about the body's centre (6, 1) of friction on the body `side`. k, l, number: as in `AT`."""
     rubbing = _applied(env, side, rubbing=True) - _applied(env, side, rubbing=False)
     on_l = _applied(env, "l", rubbing=True) - _applied(env, "l", rubbing=False)
     action = np.sign(np.real((rubbing.T @ on_l)[0, 0]))  # 1 for the force on l, -1 for the reaction on k
@@ -126,7 +126,7 @@ def _friction_on(env: Env, side: str, k: str, l: str, number: str) -> Value:
 
 
 def _work(env: Env, force_on: Callable[[str], Value], points: dict[str, str], number: str) -> Value:
-    """Virtual work of the forces on k and l at their material points."""
+    """Virtual work of the contact forces, each at the material point of its body. points: {body: symbol of the contact point}."""
     moved = env.moved("virtual")
     change = {s: np.imag(_material_point(moved, s, name, number)) / STEP for s, name in points.items()}
     return sum((force_on(s)[:3].T @ change[s])[0, 0] for s in points)
@@ -252,7 +252,7 @@ def _friction(env: Env, name: str, z: Value = 0.0) -> Any:
 
 
 def _along(env: Env, coefficient: Value) -> Value:
-    """Friction force on l along t, signed as the contact law signs it for a positive coefficient."""
+    """Component of the friction force on l along the tangent of the contact, for a coefficient: sign as in the contact law."""
     return _sense(env.touching()) * coefficient * _normal_force(env)
 
 
@@ -277,14 +277,16 @@ def _steady_coefficient(env: Env, name: str) -> Value:
 
 
 def _sticking(env: Env) -> Value:
-    """Bristle force while sticking, up to break-away; in half of the states it is at break-away, in both directions."""
+    """Friction force of LuGre at rest. In half of the states the bristles are deflected up to break-away, in either direction, in
+    the others by a random part of that."""
     breaking = abs(_start(env, "LuGre", 1e-12))
     share = (1.0, -1.0)[env.motion.seed % 2] if env.motion.seed % 4 < 2 else env.motion.number("share") / 1.5
     return _along(env, _coefficient(env, "LuGre", 0.0, share * breaking))
 
 
 def energy_fed(env: Env, name: str) -> float | None:
-    """The lowest of some sliding speeds (m/s) at which a friction law with a state supplies energy, at an admissible deflection.
+    """The lowest sliding speed (m/s) from 1e-3 to 1e4 at which a friction law with a state supplies energy at some deflection up
+    to that of break-away.
 
     0.0 where it never does; None for a law without states."""
     if not _friction(env, name).states:

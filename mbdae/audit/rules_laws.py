@@ -1,5 +1,5 @@
-"""Rules of laws between two bodies: constraint rows and their forces by the virtual work of s lambda c + p c^2, springs and
-dampers; strains, stress resultants and energy of laws on a line.
+"""Rules of laws between two bodies: constraint rows c and their forces, which follow from the potential s lambda c + p c^2
+(s scaling, p penalty), springs and dampers; strains, stress resultants and energy of laws on a line.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PARTS = ("move k", "turn k", "move l", "turn l")
 
 
 def law(env: Env, name: str) -> LawState:
-    """The law in the state of env; where the bodies are joined, a prescribed angle is the relative angle of the state."""
+    """The law in the state of env. Where the bodies are joined, a prescribed coordinate has the value it has in the state."""
     cls = law_class(name, env.scope.own)
     part = part_class(name, env.scope.own)
     if cls is None and part is not None:
@@ -145,7 +145,8 @@ def _row_force(env: Env, rows: str, of: str, parts: str) -> Value:
 
 @phrase("force of {name} on {parts}", side="left")
 def _law_force(env: Env, of: str, parts: str) -> Value:
-    """Gradient of a law's energy or of its Rayleigh function, as it stands on the left-hand side."""
+    """Generalised force of a law on the listed parts: the gradient of its energy or Rayleigh function, which stands on the
+    left-hand side of the equations of motion."""
     state = law(env, of)
     return _listed(env, parts, lambda part: state.force(*part.split()))
 
@@ -177,7 +178,7 @@ def _row_work(env: Env, rows: str, of: str) -> Value:
 
 
 register({
-    "opposite of row {rows} of {name}": lambda env, rows, of: -_row(env, rows, of),  # with the opposite multiplier too
+    "opposite of row {rows} of {name}": lambda env, rows, of: -_row(env, rows, of),  # whose multiplier is opposite too
     "dissipated power of {name}": lambda env, of: law(env, of).number(law(env, of).d.dissipated_power),
     "applied force of {name} on {parts}": lambda env, of, parts: -_law_force(env, of, parts),
 })  # fmt: skip

@@ -77,7 +77,8 @@ def _angle_rate(env: Env, order: int) -> Value:
 
 
 def _spin(env: Env, how: str) -> Value:
-    """Axial vector of Q' Q^T of the section: angular velocity, inertial curvature or virtual rotation."""
+    """Axial vector of (dQ) Q^T, dQ the change of the section's attitude Q by the step `how`: angular velocity ("time"), curvature
+    in inertial components ("line") or virtual rotation ("virtual")."""
     return axial(env.changes(how, lambda e: e.motion.section()[1]) @ env.motion.section()[1].T)
 
 
@@ -88,7 +89,7 @@ def _rotation_vector(P: Value) -> Value:
 
 # -- the equations of motion of l in the unknowns of k and the relative angle
 
-#: matrices of the equations of l, and the right-hand side of M w' = f
+#: matrices of the equations of motion of l, in its own rotation or in that of k and the angle, by wording
 MATRICES: dict[str, Rule] = {
     "inertia of l": lambda env: env.motion.matrix("inertia", symmetric=True) + 0j,
     "stiffness of l": lambda env: env.motion.matrix("stiffness") + 0j,
@@ -103,12 +104,14 @@ FORCES: dict[str, Rule] = {
 
 
 def _map(m: Motion) -> Value:
-    """B (3, 4) of angular velocity of l = B (angular velocity of k, rate of the angle); virtual rotations obey the same map."""
+    """B (3, 4) with w_l = B (w_k, dphi/dt): from the angular velocity of k and the rate of the angle to that of l. Virtual
+    rotations obey the same map."""
     return np.hstack([m.still(rates[:3, None] + 0j, rates[3] + 0j).of("w", "l") for rates in np.eye(4)])
 
 
 def _reduced(env: Env, m: Motion) -> Value:
-    """B' r in a state m, with r = M w' + C w + K psi the residual of l, linearised about the state of env."""
+    """B^T r in a state m near that of env (B: `_map`); r is the residual of l in the state of env plus M, C and K times the
+    changes of its angular acceleration, angular velocity and rotation from there to m."""
     base = env.motion
     M, C, K = (MATRICES[f"{name} of l"](env) for name in ("inertia", "damping", "stiffness"))
     r = FORCES["residual of l"](env) + M @ (m.of("alpha", "l") - base.of("alpha", "l")) + C @ (m.of("w", "l") - base.of("w", "l"))
@@ -117,7 +120,8 @@ def _reduced(env: Env, m: Motion) -> Value:
 
 
 def _tangent(env: Env, of_k: str, of_angle: str) -> Value:
-    """Derivative of the reduced residual by unknowns of k and of the angle, by complex steps."""
+    """Derivative (4, 4) of the reduced residual by 3 components of k and one of the angle, by complex steps. of_k: "turn", "w" or
+    "alpha"; of_angle: the same of the angle, "phi", "phidot" or "phiddot"."""
     stepped = [env.motion.stepped_by({f"{of_k} k": unit[:3, None], of_angle: unit[3]}) for unit in np.eye(4)]
     return np.hstack([np.imag(_reduced(env, m)) / STEP for m in stepped]) + 0j
 

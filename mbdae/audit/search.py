@@ -18,11 +18,11 @@ from mbdae.audit.notation import BINDING, Node, Statement, made, symbol
 from mbdae.audit.phrases import Env, Scope
 from mbdae.audit.reading import Printed
 
-COLUMNS = 12  #: largest number of vectors and matrices combined to missing terms
+COLUMNS = 12  #: largest number of vectors and matrices of which products are tried as missing terms
 LEVELS = (0, 1, 2)  #: stages of the search: single small changes; missing factors and terms; two changes
-PLAIN = 1.6  #: rank of a change up to which no missing factor is sought instead
-NEAR = 1.85  #: rank of a change up to which, where units do not fit, no bare symbol is changed instead
-LARGEST = 20_000  #: largest number of formulas tried per place with two changes
+PLAIN = 1.6  #: a single change of at most this rank (`Edit.size`) is the repair; above it missing factors are tried too
+NEAR = 1.85  #: where units do not fit: a side that is a single symbol stays if another side is repaired by at most this rank
+LARGEST = 20_000  #: the search for two changes of a formula gives up after this many formulas
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def repair(equation: Printed, states: States) -> Repair | None:
 
 
 def _other_roles(equation: Printed, states: States) -> Repair | None:
-    """The equation with the other body in the role of the inner race."""
+    """The equation with the other body in the role of the inner race, if it is right then; None otherwise."""
     if equation.inner is None:
         return None
     inner = "l" if equation.inner == "k" else "k"
@@ -133,7 +133,7 @@ def _at_level(statement: Statement, states: States, known: Sequence[Edit], level
     for i, goal in _places(statement, states):
         least = (1, PLAIN) if statement.sides[i].kind != "symbol" else (1, NEAR) if misfit else (3, 0)
         if best is not None and (_extent(best[1]) <= least or goal.envs is not envs):
-            break  # a repair is found: a bare symbol is changed only if it ranks lower, and states of the joint are not tried
+            break  # the repair ranks low enough, or only the states of the joint are left to try
         envs = goal.envs
         candidates = Candidates(states.equation.scope, goal.envs[0])
         candidates.any_unit = misfit and level == 1
@@ -153,7 +153,7 @@ def _places(statement: Statement, states: States) -> Iterator[tuple[int, _Goal]]
     """Sides that may be changed, each with its goal: the values of another side, or of the quantity that they should equal."""
     said = states.equation.quantity if statement is states.equation.statements[0] else None
     sides = statement.sides
-    # try the last side first and bare symbols at the end
+    # the last side, which a misprint is likeliest in, first; sides that are a single symbol at the end
     order = sorted(range(len(sides)), key=lambda i: (sides[i].kind == "symbol", -i))
     for envs in [states.many] if states.equation.only or states.equation.states == "free" else [states.many, states.many_joint]:
         for i in order:
@@ -221,7 +221,8 @@ def _smallest(node: Node, tried: Iterator[tuple[Edit, Node]], goal: _Goal) -> Ch
 
 
 def _fit(node: Node, goal: _Goal, candidates: Candidates) -> tuple[Fit, list[Node]]:
-    """Fit of powers of the quantities of a formula and its text, and the vectors among them; without the other sides."""
+    """Fit by powers of the quantities of a formula and its text, and the vectors and matrices among them. Other sides of the
+    statement are no candidates: a = a would be no repair."""
     used = [symbol(n) for n in sorted(candidates.scope.reached(node.free))]
     others = [symbol(n) for n in reversed(candidates.known()) if symbol(n) not in used]  # the last declared first
     numbers = set(candidates.numbers())
@@ -277,7 +278,8 @@ def _twice(node: Node, once: dict[Node, Edit], goal: _Goal, candidates: Candidat
 
 
 def missing_term(equation: Printed, states: States, scope: Scope, name: str) -> Repair | None:
-    """A missing term, linear in a symbol the text does not name, and its place in the last side of an equation."""
+    """The missing term, linear in the vector `name`, which the text does not name, and its rows and columns in the last side;
+    None where no single term fits. scope: the symbols of the text with this vector."""
     (statement,) = equation.statements
     wide = replace(equation, scope=scope)
     envs = replace(states, equation=wide).joint

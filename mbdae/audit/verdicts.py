@@ -111,18 +111,18 @@ def audit_equation(equation: Printed, shared: dict[tuple[str, int, str], Motion]
             states = states.fitting()
             wrong = [fault for s in equation.statements for fault in of_definitions(s, states.free[:2])]
             wrong += of_laws(_named(equation), equation.scope.own)
-            return _cannot(equation, wrong[0]) if wrong else _beside_others(_verdict(equation, states, search), states)
+            return _cannot(equation, wrong[0]) if wrong else _with_unlisted(_verdict(equation, states, search), states)
     except NO_VALUE as error:
         return _cannot(equation, reason(error, meanings(equation)))
 
 
-def _beside_others(row: Row, states: States) -> Row:
+def _with_unlisted(row: Row, states: States) -> Row:
     """The verdict with a remark on a force that the text does not list; a right formula becomes INCOMPLETE by it."""
     said = _unlisted(row.printed, states)
     if not said:
         return row
     if row.verdict == RIGHT:
-        # the remarks on a resultant refer to all the forces, so they are dropped
+        # earlier remarks on resultants assumed that all forces are listed: they are dropped
         return replace(row, verdict=INCOMPLETE, remark=said)
     return replace(row, remark=told(said, row.remark))
 
@@ -179,7 +179,7 @@ def _verdict(equation: Printed, states: States, search: bool) -> Row:
 
 
 def _open_sides(equation: Printed) -> set[str]:
-    """Sides ("open", "left", "applied") of the forces in a formula, where the text declares none."""
+    """Sides ("open", "left", "applied") on which the rules give the forces of a formula; none where the text declares a side."""
     symbols = equation.scope.symbols
     return set() if equation.scope.sides else {symbols[n].phrase.side for n in equation.used} - {""}
 
@@ -265,7 +265,7 @@ def _given_numbers(names: Iterable[str], scope: Scope) -> set[str]:
 
 
 def _defined_by(statement: Statement, scope: Scope) -> list[str]:
-    """Numbers of the text that stand alone on one side and appear on no other side."""
+    """Symbols declared as mere numbers that are one side of the statement and appear on no other side: it defines them."""
     out = []
     for i, side in enumerate(statement.sides):
         others = scope.reached(set().union(*(s.free for j, s in enumerate(statement.sides) if j != i)))
@@ -275,7 +275,7 @@ def _defined_by(statement: Statement, scope: Scope) -> list[str]:
 
 
 def _free_numbers(equation: Printed) -> str:
-    """A number of the text that only one side of an equation contains; empty where there is none."""
+    """A symbol declared as a mere number that only one side of an equation contains; empty where there is none."""
     scope = equation.scope
     for statement in equation.statements:
         sides = [_given_numbers(scope.reached(s.free), scope) for s in statement.sides]
@@ -327,7 +327,8 @@ def _finite(side: Node, env: Env) -> bool:
 
 
 def _of_group(row: Row, rows: list[Row]) -> Row:
-    """The verdict in the context of its section: forces whose side the text leaves open must all be right on one side."""
+    """The verdict in the context of its section: forces whose side of the equations of motion the text leaves open must all be
+    right on the same side."""
     if row.side is None:
         return row
     group = [r for r in rows if r.side is not None and r.printed.section == row.printed.section]

@@ -14,7 +14,7 @@ NAMES = ("SIGTERM", "SIGHUP", "SIGBREAK")
 class Stops:
     """Within `with Stops():` these signals raise KeyboardInterrupt, unless a handler is set or they are ignored already.
 
-    number: of the last of these signals that came; of Ctrl-C where none came
+    number: number of the last of these signals that came, that of Ctrl-C (SIGINT) where none came
     """
 
     def __init__(self) -> None:

@@ -108,7 +108,7 @@ def json_alone(a: Namespace) -> Iterator[None]:
 
 
 def _put_back(a: Namespace, number: int) -> None:
-    """Restore standard output as it was before `json_alone`."""
+    """Restore standard output, whose file descriptor is `number`, as it was before `json_alone`."""
     stream, a.stdout = a.stdout, sys.stdout
     try:
         stream.flush()

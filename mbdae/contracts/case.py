@@ -27,7 +27,8 @@ Measured = tuple[str, float]  #: name of an entry and its relative error
 
 
 def statement(d: Derived) -> list[tuple[Target, Expr]]:
-    """The law as stated: energy V, dissipation function R, force, torque, point of l, length a thrust acts on, the thrust."""
+    """The law as stated: energy V, dissipation function R, force and torque on l, point of l; for a law that acts on a length or
+    angle ("thrust", such as friction in a joint) that length or angle and the generalised force on it."""
     v, law, zero = d.variation, d.law, se.Integer(0)
     if isinstance(law, Force):
         wrench, thrust = law.wrench(*d.sides), law.thrust(*d.sides)
@@ -53,7 +54,7 @@ def scalars(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def branches(d: Derived) -> list[tuple[Target, Expr]]:
-    """Expressions that must be positive, because the constraint rows alone admit a second solution."""
+    """Expressions of a joint that must be positive (its `positives`) to exclude a second solution of its constraint rows."""
     v, oriented = d.variation, all(f.kind.oriented for f in d.sides)
     found = d.law.positives(*d.sides) if oriented else {}
     return [(("positive", name), v.resolve(v.name(e))) for name, e in found.items()]
@@ -65,7 +66,7 @@ def starts(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def of_elements(d: Derived) -> list[tuple[Target, Expr]]:
-    """Kinematic rows."""
+    """Kinematic equations q' = H(q) u of a body's law; none for other laws."""
     return kinematics(d) if isinstance(d.law, Element) else []
 
 
@@ -172,7 +173,8 @@ class Case:
         return found[:, :count], G
 
     def solved(self, values: Values, fixed: str = "") -> Values:
-        """States from these on at which the rows vanish, where Gauss-Newton's method finds them. fixed: a side that stays."""
+        """States at which the rows vanish, found by Gauss-Newton's method from `values`; where it does not converge they do not
+        vanish. fixed: name of a side whose body is not moved."""
         still = [f.side == fixed for f in self.d.frames for _ in range(f.kind.sizes[1])]
         for _ in range(30):
             g, G = self.rows(values)
@@ -215,7 +217,8 @@ def label(d: Derived, target: Target) -> str:
 
 
 def rebuilt(case: Case, values: Values, index: dict[Target, int]) -> tuple[Array, Array]:
-    """Residual (points, outputs) and Jacobian (points, outputs, unknowns) as the assembly composes them."""
+    """Residual (points, outputs) and Jacobian (points, outputs, unknowns), composed of constant, linear and nonlinear parts as in
+    the assembly; index: number of each unknown by its target."""
     split = case.linearised
     constants = split.constants.once(columns(split.constant_inputs.symbols, values))
     count = len(split.constant_places)

@@ -32,7 +32,7 @@ BOUNDS = {
 
 
 def table(case: Case, outputs: Outputs, values: Values) -> dict[str, NDArray[Any]]:
-    """Outputs (points,) by name, of a group whose targets are one word each."""
+    """Outputs (points,) by name, of a group such as `scalars` in which each output has a single word as its target."""
     out = case.evaluate(outputs, values)
     return {t[0]: out[:, i] for i, t in enumerate(case.targets(outputs))}
 
@@ -111,7 +111,8 @@ def virtual_work(case: Case) -> Iterator[Measured]:
 
 
 def _row_forces(case: Case) -> Array:
-    """(points, rows) forces of the rows: lambda, or scaling lambda + 2 penalty c for a joint with these parameters."""
+    """(points, rows) generalised forces on the rows c: the multipliers lambda, or scaling lambda + 2 penalty c for a joint with
+    these parameters."""
     d, values = case.d, case.values
     lam = columns(d.multipliers, values)
     if getattr(d.law, "scaling", None) is not None:
@@ -122,7 +123,8 @@ def _row_forces(case: Case) -> Array:
 
 
 def _stated_power(case: Case, stated: dict[str, Array], f: Frame, i: int, unit: dict[str, Array]) -> Array:
-    """dV + dR/du - wrench - thrust on a unit velocity of one frame."""
+    """dV + dR/du - wrench - thrust (points,): the power of the stated forces on velocity number i of the frame f, with `unit`
+    these unit velocities by side and `stated` the outputs of `statement`."""
     symbol = str(f.u[i])
     names = [t[0] for t in case.targets(statement)]
     slopes = case.slope(statement, unit)
@@ -183,11 +185,12 @@ def _same_sense(case: Case, values: Values) -> NDArray[np.bool_]:
 
 
 def _moved_multipliers(case: Case, values: Values) -> Values:
-    """The multipliers that have the same power after the rigid motion of `invariance`: rows may be resolved in inertial axes."""
+    """The multipliers with which the reactions have the same power after the rigid motion of `invariance` as before. They change
+    with it where rows are components along inertial axes."""
     d, m = case.d, len(case.d.rows)
     many = {name: np.tile(value, m) for name, value in values.items()}
     many |= {str(s): case.rng.normal(size=many[str(s)].shape) for f in d.frames for s in f.u}
-    speeds = []  # rates of the rows (points, velocities, rows), before and after
+    speeds = []  # rates of the rows for as many random velocities as rows, (points, velocities, rows), before and after
     for state in (many, rigidly_moved(d, many, np.random.default_rng(30))):
         still = state | {str(s): np.zeros_like(state[str(s)]) for f in d.frames for s in f.u}
         moving = case.evaluate(velocity, state).real - case.evaluate(velocity, still).real
@@ -213,7 +216,7 @@ def power(case: Case) -> Iterator[Measured]:
         expected = expected + np.sum(_row_forces(case) * case.slope(position, case.u), axis=1)
     yield from compared(["balance"], got[:, None], expected[:, None])
     dissipated = parts.get("dissipated", zero)
-    if "losses" in parts:  # their sum differs where they use another velocity than the forces
+    if "losses" in parts:  # losses by cause must add up to the dissipated power, which fails if a loss uses a wrong velocity
         yield from compared(["losses by cause"], parts["losses"][:, None], dissipated[:, None])
     if d.states:  # a state may hold energy and give it back
         return
@@ -277,7 +280,7 @@ def planar(case: Case) -> Iterator[Measured]:
     kinds = {NodeKind.PLANAR: NodeKind.SPATIAL, NodeKind.PLANAR_POINT: NodeKind.POINT, NodeKind.PLANAR_GROUND: NodeKind.GROUND}
     try:
         other = case.variant(tuple((kinds.get(f.kind, f.kind), Axes.GENERAL) for f in d.frames))
-    except LawError:  # a law of the plane alone: `refused` says why
+    except LawError:  # the law exists in the plane only; `SelfTest.refused` has the reason
         return
     values = embedded(d, case.values, other.d)
     states = {f"state_{name}": start.real for name, start in table(other, starts, values).items()}

@@ -1,4 +1,4 @@
-"""Values of a law's options that the contracts try: every value once, beside the plain law."""
+"""Values of a law's options that the contracts try: the plain law, and every further value once."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ _VALUES: dict[str, tuple[Any, ...]] = {
     "following": (False, True), "tilting": (False, True), "count": (3,), "normal": (Hertz(1, damping=1).structure(),),
     "friction": (_DRY, _BRISTLES),
 }  # fmt: skip
-#: laws on a coordinate: an angle and a displacement as the frames show them, one of several coordinates, one that is an unknown
+#: joints and coordinates on which a law for one coordinate (spring, motor) is tried: a displacement and an angle computed from
+#: the frames, one of several coordinates, and an angle that is an unknown
 _COORDINATES: tuple[Choice, ...] = (
     {"joint": Prismatic, "coordinate": None, "kept": False}, {"joint": Revolute, "coordinate": None, "kept": False},
     {"joint": Cylindrical, "coordinate": "angle", "kept": False}, {"joint": Revolute, "coordinate": None, "kept": True},
@@ -57,7 +58,8 @@ def _different(found: list[Choice]) -> list[Choice]:
 
 
 def _of_joint(law: type[Joint]) -> tuple[list[Choice], list[Choice]]:
-    """A joint without friction, its coordinates as unknowns or not; with friction against its first and its last coordinate."""
+    """Choices for a joint: first without friction, with its coordinates as unknowns and not; then, to be tried once, dry friction
+    against its first coordinate and bristle friction against its last."""
     names = list(law.scalars())
     kept = [True] if law.must_keep() else [False, True] if law.coordinates else [False]
     plain = [{"kept": k, "friction": None, "rubs": None} for k in kept]

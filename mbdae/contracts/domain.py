@@ -14,7 +14,9 @@ from mbdae.symbolic.motion import real_value, symbolic_motion
 from mbdae.symbolic.vectors import Expr
 
 DRAWS = 200  #: largest number of random values of the coordinates that are tried
-LARGEST = 1e6  #: bound of amounts and their derivatives: beyond it rounding hides what the contracts measure
+#: bound of the rotations and displacements of a motion and of their derivatives: beyond it rounding errors are larger than the
+#: errors that the contracts allow
+LARGEST = 1e6
 
 
 def value(e: Expr, numbers: Mapping[str, float]) -> float:
@@ -41,8 +43,8 @@ class Domain:
         return all(abs(value(e, numbers)) < LARGEST for e in self.needed)
 
     def inside(self, numbers: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
-        """Coordinates for which the motion is defined, in place of those given: empty where it is defined there already. Raises
-        OptionError where none are found."""
+        """Random coordinates for which the motion is defined, to replace those in `numbers`; empty where the motion is defined
+        for those already. Raises OptionError where none are found."""
         if self.holds(numbers):
             return {}
         for n in range(DRAWS):

@@ -1,4 +1,5 @@
-"""The contract "motion": rows, coordinates, ties and branches of a joint against the motion it states.
+"""The contract "motion": constraint rows, coordinates, ties (rows that equate a coordinate to a value) and branches (expressions
+that are positive on the wanted solution only) of a joint against the motion it states.
 
 l is placed by the motion at random values of the coordinates, k moves at random; the motion is followed in numbers here, step by
 step, not by the expressions from which the rows with coordinates are derived.
@@ -29,12 +30,12 @@ from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.system.base import Array
 from mbdae.system.model.rotations import quaternion, rotation_matrices, turned
 
-SOLVED = 1e-11  #: m or rad, rows below it count as 0
-APART = 1e-6  #: m or rad, poses further from each other are two
-CLEAR = 1e-3  #: a branch above it is positive, not only by rounding
+SOLVED = 1e-11  #: values of rows (m or rad) below it count as 0
+APART = 1e-6  #: distance (m or rad) of two poses of l above which they count as different solutions of the rows
+CLEAR = 1e-3  #: value of a branch above which it counts as positive in more than its rounding error
 FAR = 1e3  #: residual used for coordinates for which the motion is not defined
-STARTS = 12  #: random places of l from which solutions of the rows are searched
-TRIES = 6  #: starts of the search for coordinates that the frames do not show
+STARTS = 12  #: number of random places of l from which solutions of the rows are searched
+TRIES = 6  #: number of starts of the search for coordinates that cannot be computed from the frames of k and l
 
 
 @dataclass
@@ -48,8 +49,8 @@ class Pose:
 
 
 def followed(motion: Motion, values: dict[str, float], rates: dict[str, float]) -> Pose:
-    """The pose to which a motion leads, step by step. values: of coordinates, parameters and spins; rates: of the coordinates.
-    The velocities of an inverse motion are not computed here."""
+    """The pose of l to which a motion leads, step by step. values: coordinates, parameters and angular velocities of free
+    rotations, by name; rates: of the coordinates, by name. For an inverse motion the velocities are wrong; they are not used."""
     d, v, w, A = np.zeros(3), np.zeros(3), np.zeros(3), np.eye(3)
     for step in motion.steps:
         if step.rotation is not None:
@@ -76,7 +77,7 @@ def symbols(law: Joint) -> dict[str, Any]:
 
 
 def stated_motion(case: Case) -> Iterator[Measured]:
-    """Everything a joint states against its motion, between two bodies in space."""
+    """All checks of what a joint states against its motion, for a joint between two bodies in space."""
     d = case.d
     free = (NodeKind.SPATIAL, Axes.GENERAL)
     if isinstance(d.law, Joint) and d.law.states_motion() and all((f.kind, f.axes) == free for f in d.sides):
@@ -138,7 +139,8 @@ class _Moving:
         return Pose(K[i].T @ (rl[i] - rk[i]), K[i].T @ L[i], np.zeros(3), np.zeros(3))
 
     def placed(self, values: Values) -> Values:
-        """The states with l where and as fast as the motion takes it, and the unknown and prescribed coordinates there."""
+        """The states with position and velocity of l replaced by those to which the motion leads, and the coordinates that are
+        unknowns or prescribed replaced by the values used for it."""
         there = self.c | self.free
         points = range(self.points)
         led = [followed(self.motion, self.numbers(values, there, i), {n: r[i] for n, r in self.cd.items()}) for i in points]
@@ -155,7 +157,7 @@ class _Moving:
         return out
 
     def put(self, values: Values, poses: list[Pose]) -> Values:
-        """The states with l at a pose relative to k at every point, with its velocity."""
+        """The states with l moved to the given pose relative to k (one pose for each state), with the velocity of the pose."""
         k, l = self.d.sides
         out, (rk, K), Rk = dict(values), self.axes(k, values), rotation(k, values)
         _, L = self.axes(l, values)
@@ -181,18 +183,18 @@ class _Moving:
 
     @cached_property
     def found(self) -> dict[Target, NDArray[Any]]:
-        """All outputs at the states to which the motion leads."""
+        """All outputs of the joint at the states to which the motion leads."""
         return self.evaluate(self.values)
 
     def slope(self, symbol: str) -> dict[Target, Array]:
-        """Derivatives by a coordinate or its prescribed value."""
+        """Derivatives of all outputs by a coordinate or by its prescribed value, the symbol given."""
         stepped = self.values | {symbol: self.values[symbol] + 1j * STEP}
         return {target: e.imag / STEP for target, e in self.evaluate(stepped).items()}
 
     # -- what must hold
 
     def rows(self) -> Iterator[Measured]:
-        """Rows vanish where the motion leads, and stay so at its rates."""
+        """The constraint rows and their rates vanish for position and velocity of l from the motion."""
         timed = {str(dp) for dp in self.d.variation.clock.values()}
         drift = {n: np.zeros(self.points) for n in range(len(self.d.rows))}
         for drive, name in self.law.drives().items():
@@ -204,7 +206,8 @@ class _Moving:
             yield f"rate of row '{row}' at the rates of the motion", _largest(self.found["gd", n] + drift[n])
 
     def read_back(self) -> Iterator[Measured]:
-        """Coordinates and their rates are those used; angles of frames modulo turns."""
+        """The coordinates and rates that the joint computes from its frames equal those from which l was placed; angles that are
+        no unknowns only up to whole turns."""
         for name in self.c if self.d.coordinates else ():
             if ("c", name) not in self.found:
                 yield f"coordinate '{name}', which `coordinate` does not return,", 1.0
@@ -225,11 +228,12 @@ class _Moving:
 
     @property
     def prescribed(self) -> dict[str, str]:
-        """Prescribed coordinates with their parameters."""
+        """Prescribed coordinates, each with the name of the parameter that is its prescribed value."""
         return dict(self.law.prescribed)
 
     def count(self) -> Iterator[Measured]:
-        """Independent rows: six, less the freedoms of the motion unless they are unknowns, and one for every prescribed value."""
+        """The number of independent rows is right: six less the degrees of freedom of the motion (six where the coordinates are
+        unknowns), and one for every prescribed coordinate; and no row depends on the others."""
         wanted = 6 + len(self.prescribed) - (0 if self.law.kept else self.law.freedoms())
         for G in self.case.rows(self.values)[1]:
             sizes = np.linalg.svd(G, compute_uv=False)
@@ -241,7 +245,7 @@ class _Moving:
                 yield f"number of rows, {len(G)} of which {rank} are independent (rows that follow from others),", len(G) - rank
 
     def ties(self) -> Iterator[Measured]:
-        """A row that ties a coordinate grows with the value of that coordinate."""
+        """A row that equates a coordinate to a value has a positive derivative by that value: this is the sign convention."""
         ties = set(self.law.ties(*self.d.sides)) if self.law.kept and self.law.states_rows() else set()
         tied = ties if ties == self.law.coordinates.keys() else set()
         by = {name: str(f.q[0]) for f, name in zip(self.d.frames[2:], self.law.own_coordinates, strict=True) if name in tied}
@@ -254,7 +258,7 @@ class _Moving:
                 yield f"slope of row '{row}' by the value it ties, which must be positive,", float(max(0.0, -np.min(slope)))
 
     def branches(self) -> Iterator[Measured]:
-        """Expressions that must be positive are so where the motion leads."""
+        """The branches, expressions that must be positive, are positive where the motion leads."""
         for target, e in self.found.items():
             if target[0] == "positive":
                 least = float(np.min(e.real))
@@ -263,10 +267,10 @@ class _Moving:
     # -- solutions of the rows that are not meant
 
     def second_solutions(self) -> Iterator[Measured]:
-        """No place of l satisfies rows and branches unless the motion leads there."""
+        """No pose of l satisfies rows and branches unless the motion leads to it for some values of the coordinates."""
         starts, names = self._starts()
         solved = self.case.solved(starts, fixed=self.d.sides[0].side)
-        with np.errstate(all="ignore"):  # half a turn off, where angles are not defined
+        with np.errstate(all="ignore"):  # relative angles are not defined for some poses half a turn away
             found = self.evaluate(solved)
         meant = np.full(len(names), True)
         for target, e in found.items():
@@ -276,7 +280,8 @@ class _Moving:
             yield f"second solution of the rows, which no branch refuses ({names[i]}),", off if off > APART else 0.0
 
     def _starts(self) -> tuple[Values, list[str]]:
-        """l half a turn off about each of its axes, and at random places, where coordinates that are unknowns are random too."""
+        """States from which solutions are searched, and their names: l turned by half a turn about each of its axes, then l at
+        random places, with random values of the coordinates that are unknowns."""
         offs = [("half a turn about its x axis", turn([np.pi, 0, 0])), ("half a turn about its y axis", turn([0, np.pi, 0])),
                 ("half a turn about its z axis", turn([0, 0, np.pi]))]  # fmt: skip
         names = [name for name, _ in offs] + ["found from a random place"] * STARTS
@@ -292,7 +297,8 @@ class _Moving:
         return self.put(values, poses), names
 
     def _off(self, values: Values, found: dict[Target, NDArray[Any]], i: int) -> float:
-        """Distance of l at a point from where the motion takes it by the coordinates that it shows there, and by any others."""
+        """Distance of l in state number i from the pose to which the motion leads with the coordinates that the frames show in
+        that state; the least over the values of all other coordinates."""
         at = self.pose(values, i)
         known = {name: found["c", name].real for name in self.c if ("c", name) in found}
         known |= {name: values[drive].real for name, drive in self.prescribed.items() if not self.law.kept}
@@ -315,7 +321,8 @@ class _Moving:
 
     @staticmethod
     def _stated_by(sizes: dict[str, int], c: Array) -> dict[str, float]:
-        """Values of coordinates from one row of numbers; a free rotation is given by a rotation vector there."""
+        """Values of coordinates by name from numbers in a row c: one number for an angle or displacement, a rotation vector (3,)
+        for a free rotation; sizes: how many numbers each coordinate has."""
         stated: dict[str, float] = {}
         left = c
         for name, size in sizes.items():

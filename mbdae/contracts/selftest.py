@@ -122,7 +122,7 @@ class _Run:
     law: type[Law]
     options: dict[str, Any]
     family: dict[Any, Case] = field(default_factory=dict)
-    compiled: set[bool] = field(default_factory=set)  #: whether compiled code was evaluated in space (False), in the plane (True)
+    compiled: set[bool] = field(default_factory=set)  #: contains True once compiled code was checked in the plane, False in space
     checked: list[str] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
     worst: dict[str, tuple[float, str]] = field(default_factory=dict)

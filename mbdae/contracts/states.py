@@ -23,7 +23,8 @@ def turn(vector: Any) -> Array:
 
 
 def joint_axes(axes: Axes, rng: np.random.Generator) -> Array:
-    """Random joint axes (columns) with the structure a frame admits."""
+    """Random joint axes (3, 3), columns: any for Axes.GENERAL; for frames in the plane with z along its normal, against it
+    (REVERSED) or in the plane (IN_PLANE)."""
     a = rng.uniform(-3, 3)
     x, z = np.array([np.cos(a), np.sin(a), 0.0]), np.array([0.0, 0.0, 1.0])
     if axes is Axes.GENERAL:
@@ -36,7 +37,7 @@ def joint_axes(axes: Axes, rng: np.random.Generator) -> Array:
 
 
 class States:
-    """Draws the sides of a law and moves them; `values` holds all symbols of `count` points."""
+    """Random states of a law: its sides as drawn and displaced from there. `values`: all symbols by name in `count` states."""
 
     def __init__(self, d: Derived, given: dict[str, float], rng: np.random.Generator, count: int) -> None:
         self.d, self.given, self.rng = d, given, rng
@@ -46,11 +47,12 @@ class States:
 
     @cached_property
     def near(self) -> Values:
-        """States near the drawn position, four times as many."""
+        """States near the drawn position (rotations up to 0.4 rad), four times as many as `values` has."""
         return _stack([self._point(self.rng.uniform(-0.4, 0.4, 3), False) for _ in range(4 * self._count)])
 
     def special(self, rotation: float, together: bool) -> Values:
-        """One point with l (and further sides) turned by `rotation` about the joint axis; `together`: its points coincide."""
+        """One state with l (and further sides) turned by `rotation` (rad) about the joint axis; together: whether the points of
+        all sides coincide."""
         return _stack([self._point(rotation, together)])
 
     def _point(self, relative: Any, together: bool) -> dict[str, float]:
@@ -84,7 +86,8 @@ class States:
         return values
 
     def _side(self, values: dict[str, float], f: Frame, J: Array, motion: Array, at: Array | None) -> Array:
-        """Symbols of one side, its body moved from the drawing by `motion`; returns where its point is."""
+        """Add the values of the symbols of one side, whose body is turned from the drawing by `motion` (3, 3), to `values`.
+        J: joint axes (3, 3), columns; at: position (3,) of its point, random where None. Returns the position of its point."""
         rng, flat = self.rng, f.kind.flat
         heading = float(rng.uniform(-3, 3)) if f.kind.turns and flat else 0.0
         drawn = turn([0, 0, heading]) if flat else turn(rng.uniform(-1, 1, 3)) if f.kind.turns else np.eye(3)
@@ -141,7 +144,7 @@ def rates(f: Frame, values: Values, u: NDArray[Any]) -> NDArray[Any]:
 
 
 def moved(d: Derived, values: Values, step: complex, u: dict[str, NDArray[Any]], clock: bool = False) -> Values:
-    """Values after a small motion: q + step q'(u); clock: parameters of time change too."""
+    """Values after a small motion: q + step q'(u); clock: parameters that depend on time change by step times their rate too."""
     out = dict(values)
     for f in d.frames:
         change = rates(f, values, u[f.side])

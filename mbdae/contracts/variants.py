@@ -17,7 +17,7 @@ from mbdae.symbolic.motion import symbolic_motion
 Variant = tuple[str, Structure, tuple[Side, ...]]
 _SPATIAL = (NodeKind.SPATIAL, NodeKind.GROUND, NodeKind.POINT)
 _PLANAR = (NodeKind.PLANAR, NodeKind.PLANAR_GROUND, NodeKind.PLANAR_POINT)
-_OF_JOINTS = {False: NodeKind.COORDINATE, True: NodeKind.ROTATION}  #: is it a free rotation -> kind of a coordinate
+_OF_JOINTS = {False: NodeKind.COORDINATE, True: NodeKind.ROTATION}  #: whether a coordinate is a free rotation -> kind of its node
 
 
 def sides_of(law: type[Law], structure: Structure) -> list[tuple[Side, ...]]:
@@ -53,8 +53,8 @@ def _kinds(count: int, kinds: tuple[NodeKind, ...]) -> Iterable[tuple[NodeKind, 
 
 
 def structures_of(law: type[Law], options: dict[str, Any]) -> dict[Structure, bool]:
-    """A law with all its parameters, with all of them functions of time, without each optional one, and with one of them only;
-    other values of the options with fewer of these. Each with whether it is tried in the plane too."""
+    """Structures of a law, each with whether it is tried in the plane too: with all parameters, with all of them functions of
+    time, without each optional parameter in turn, and with only one of them. For further values of the options fewer of these."""
     found: dict[Structure, bool] = {}
     whole, once = choices(law, options)
     for i, choice in enumerate((*whole, *once)):
@@ -65,7 +65,7 @@ def structures_of(law: type[Law], options: dict[str, Any]) -> dict[Structure, bo
         optional = frozenset(p for p in needed if _derivable(law, Structure(idle | {p}, options=fixed)))
         tried = [Structure(idle | a, options=fixed) for a in _absences(law, optional)]
         thorough = choice in whole and not (i and choice.get("kept"))
-        if not thorough:  # coordinates as unknowns: all parameters; options tried once: no optional ones
+        if not thorough:  # with coordinates as unknowns only all parameters; for options tried once only no optional parameter
             tried = tried[:1] if choice in whole else tried[-1:]
         found |= {s: s == tried[-1] or (i == 0 and s == tried[0]) for s in tried if s.absent == idle or _derivable(law, s)}
         if needed and thorough and not law.timeless and not issubclass(law, Element):
@@ -74,8 +74,8 @@ def structures_of(law: type[Law], options: dict[str, Any]) -> dict[Structure, bo
 
 
 def _absences(law: type[Law], optional: frozenset[str]) -> list[frozenset[str]]:
-    """Which of the optional parameters are left out: none, all, each, and all but one; of several
-    prescribed coordinates the first one, as each is a row of its own."""
+    """Sets of optional parameters that are left out: none, all, each alone, and all but one. Of several prescribed coordinates
+    only the first is left out alone: each adds one row, so that the others would check the same again."""
     drives = list(law.drives())
     each = sorted(optional - {*drives[1:]})
     some = [frozenset([p]) for p in each] + [optional - {p} for p in each if len(drives) < 2]
@@ -83,7 +83,8 @@ def _absences(law: type[Law], optional: frozenset[str]) -> list[frozenset[str]]:
 
 
 def _idle(law: type[Law], choice: Choice) -> frozenset[str]:
-    """Parameters without meaning for these options: the radius of friction where nothing rubs on one."""
+    """Parameters without effect for these options: the radius at which friction acts, in a joint without friction or with
+    friction against a displacement."""
     if not issubclass(law, Joint) or "friction_radius" not in law.derived():
         return frozenset()
     rubbed = law.coordinates[choice["rubs"] or next(iter(law.scalars()))]
@@ -122,7 +123,8 @@ def variants(law: type[Law], options: dict[str, Any], refused: dict[str, str]) -
 
 
 def _is_main(law: type[Law], sides: tuple[Side, ...]) -> bool:
-    """Between bodies (a body and the ground for loads from outside), the axis of a planar variant along the normal."""
+    """Whether a variant acts between bodies (an external load: on a body, from the ground), and its axis is normal to the plane
+    where it is planar."""
     outside = issubclass(law, Force) and law.external
     return all(kind.turns and axes in (Axes.GENERAL, Axes.NORMAL) for kind, axes in sides[1 if outside else 0 : len(law.frames)])
 

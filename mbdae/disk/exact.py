@@ -28,7 +28,7 @@ class NoDigestError(Exception):
 
 
 MOST = 50_000  #: largest number of digests that are remembered
-_known: dict[Any, str] = {}  #: digests of expressions met in this process: laws share those of their frames
+_known: dict[Any, str] = {}  #: digests of expressions met in this process: laws share the expressions of their frames
 
 
 class Digests:
@@ -37,7 +37,8 @@ class Digests:
     def __init__(self) -> None:
         if len(_known) > MOST:
             _known.clear()
-        #: number of floating-point zeros met: symengine takes 0.0 and -0.0 for equal, so expressions with one are not looked up
+        #: number of floating-point zeros met. Expressions that contain one are not looked up in `_known`: symengine takes 0.0 and
+        #: -0.0 for equal, but their digests must differ
         self._zeros = 0
 
     def of(self, value: Any) -> str:
@@ -94,7 +95,8 @@ def _short(text: str) -> str:
     return hashlib.blake2b(text.encode(), digest_size=20).hexdigest()
 
 def code_key(symbols: Sequence[Any], expressions: Sequence[Any], level: int | None) -> str | None:
-    """The key of compiled expressions from the expressions themselves; None where nothing is stored."""
+    """The key of compiled code, computed from symbols and expressions (not from a law) and from the compiler's optimisation
+    level; None where nothing is stored."""
     if not store().used:
         return None
     try:

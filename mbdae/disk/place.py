@@ -10,7 +10,9 @@ from pathlib import Path
 
 VARIABLE = "MBDAE_CACHE"  #: environment variable: a folder, or "off"
 OTHERS = 0o077  #: permission bits of the group and of all others, which must not be set
-BESIDE = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))  #: of every file opened
+#: flags with which every file is opened, as far as the system has them: follow no symbolic link, do not wait for the other end of
+#: a pipe, do not pass the file on to child processes, do not change line ends
+FLAGS = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
 
 
 def chosen_folder() -> tuple[Path | None, str]:
@@ -46,8 +48,8 @@ def made(folder: Path) -> str:
 
 
 def opened(path: Path | str, flags: int) -> int:
-    """A descriptor of a regular file that only this user can access; OSError for all others, without blocking on a pipe."""
-    found = os.open(path, flags | BESIDE, 0o600)
+    """A descriptor of a regular file that only this user can access; OSError for any other file. flags: of `os.open`."""
+    found = os.open(path, flags | FLAGS, 0o600)
     why = unsafe(os.fstat(found))
     if why:
         os.close(found)

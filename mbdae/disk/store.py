@@ -70,7 +70,7 @@ class Store:
         return found
 
     def _checked(self, key: str) -> bytes | None:
-        path = f"{self.folder}/{key}{SUFFIX}"  # some 200 files are read before a run: no objects for paths and files
+        path = f"{self.folder}/{key}{SUFFIX}"  # text, because some 200 files are read before a run and objects of Path take time
         try:
             file = opened(path, os.O_RDONLY)
             try:

@@ -50,14 +50,14 @@ class Document(NamesArguments):
     def save(self, path: str | Path) -> Path:
         """Write the document in the format of the suffix, .html, .md, .tex or .pdf; returns the path.
 
-        Pictures are embedded in .html; beside .md and .tex they are files of their own. A .pdf needs lualatex or pdflatex
+        Pictures are embedded in .html; for .md and .tex they become files next to it. A .pdf needs lualatex or pdflatex
         (Debian: texlive-latex-recommended, texlive-pictures, lmodern). Raises OptionError without them, or for another suffix."""
         file: Path = option("path", path, file_to_write, "write .html, .md, .tex or .pdf into a folder that exists",
                             suffixes=(".html", ".md", ".tex", ".pdf"))  # fmt: skip
         if file.suffix.lower() == ".pdf":
             return self._typeset(file)
         writers: dict[str, Callable[[], str]] = {
-            ".html": self.to_html, ".md": lambda: self._beside(file), ".tex": lambda: self._beside(file),
+            ".html": self.to_html, ".md": lambda: self._with_pictures(file), ".tex": lambda: self._with_pictures(file),
         }  # fmt: skip
         return write_file(file, writers[file.suffix.lower()]())
 
@@ -77,8 +77,9 @@ class Document(NamesArguments):
                 raise OptionError(f"path = {shown(str(file))}: {Path(compiler).name} stopped: {said}")
             return write_file(file, (Path(folder) / "report.pdf").read_bytes())
 
-    def _beside(self, file: Path) -> str:
-        """Text with its pictures in files beside it (LaTeX cannot read SVG: an SVG is replaced by its caption)."""
+    def _with_pictures(self, file: Path) -> str:
+        """Markdown or LaTeX text of the document, after its pictures were written to the same folder (LaTeX cannot include SVG:
+        such a picture is replaced by its caption)."""
         files = {}
         for i, picture in enumerate(self.pictures()):
             if picture.suffix == ".png" or file.suffix.lower() == ".md":

@@ -24,11 +24,13 @@ class Drawing:
     marks: list[tuple[Any, ...]] = field(default_factory=list)
 
     def line(self, points: Sequence[Point], colour: str = "#333", width: float = 1, arrow: bool = False, fill: str = "") -> None:
-        """Draw a line through points, with an arrow head at its end, or with its inside filled."""
+        """Draw a line through points (x, y), in pixels as the line's width; arrow: a head at its end; fill: colour of its
+        inside."""
         self.marks.append(("line", [(float(x), float(y)) for x, y in points], colour, width, arrow, fill))
 
     def text(self, x: float, y: float, latex: str, anchor: str = "middle", colour: str = "#333") -> None:
-        r"""Draw text; a part between dollar signs is set as a symbol: letters, a subscript, `\mathbf`."""
+        r"""Draw text at a point (pixels); a part between dollar signs is set as a symbol: letters, a subscript, `\mathbf`.
+        anchor: which part of the text is at x, "start", "middle" or "end"."""
         self.marks.append(("text", float(x), float(y), latex, anchor, colour))
 
     def fit(self, margin: float = 22.0) -> None:

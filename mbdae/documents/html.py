@@ -72,7 +72,7 @@ figcaption { color: #444; font-size: .9rem; }
 
 
 def html(title: str, blocks: Sequence[Block]) -> str:
-    """The whole page."""
+    """HTML of the whole page."""
     writer = _Writer(symbols_of(blocks))
     body = "".join(writer.block(block, 2) for block in blocks)
     links = "".join(f'<a href="#{place}">{_text(title)}</a> ' for place, title in writer.places)
@@ -105,7 +105,7 @@ class _Writer:
         self.ids: set[str] = set()
 
     def block(self, block: Block, level: int) -> str:
-        """HTML of one block; level: that of a heading in it."""
+        """HTML of one block; level: heading level (h2, h3, ...) if it is a section."""
         if isinstance(block, Section):
             return self.section(block, block.level or level)
         if isinstance(block, Paragraph):

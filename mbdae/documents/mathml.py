@@ -44,8 +44,8 @@ FONTS = {"mathbf": "b", "boldsymbol": "bi", "bm": "bi", "mathrm": "n", "mathsf":
 _MATRICES = {"matrix": ("", ""), "bmatrix": ("[", "]"), "pmatrix": ("(", ")"), "cases": ("{", ""), "aligned": ("", ""),
              "array": ("", ""), "gathered": ("", "")}  # fmt: skip
 
-LEAST = 0.8  #: smallest scale of a formula in em, 12.8 px on the page
-NARROW, MARGIN = 14.0, 1.3  #: em: width that fits the narrowest windows; factor by which a font may exceed the estimate
+LEAST = 0.8  #: smallest font size of a formula, em of the text of the page (12.8 px)
+NARROW, MARGIN = 14.0, 1.3  #: width of a formula that fits any window, em; factor by which fonts may be wider than estimated
 _DISPLAY = '<math displaystyle="true">'
 _FENCE, _FIXED = ' stretchy="true" fence="true"', ' stretchy="false"'
 
@@ -69,8 +69,8 @@ def _line(line: list[str], opening: str) -> str:
 
 
 def _sized(opening: str, piece: str) -> str:
-    """A piece that cannot be broken is scaled down in a window narrower than it, to no less than a readable size; beyond that its
-    box scrolls."""
+    """Opening tag of the <math> element of a piece, which browsers cannot break: its font shrinks with a window that is narrower
+    than the piece, down to LEAST em; in narrower windows its box scrolls."""
     wide = MARGIN * extent(piece)
     if wide < NARROW:
         return opening
@@ -94,7 +94,7 @@ class _Reader:
         self.latex, self.tokens, self.i, self.continued = latex, tokens(latex), 0, continued
 
     def formula(self) -> str:
-        """The whole formula."""
+        """MathML of the whole formula."""
         found = self.row("", set())
         if self.i < len(self.tokens):
             raise FormulaError(f"formula '{self.latex}': '{self.tokens[self.i]}' closes nothing")
@@ -111,7 +111,7 @@ class _Reader:
         return token
 
     def row(self, font: str, stop: set[str]) -> str:
-        """The formula up to a token of `stop`, which is not consumed."""
+        """MathML of the formula up to a token of `stop`, which is not consumed. font: font of its letters, "" for the default."""
         out: list[str] = []
         while (token := self.peek()) and token not in stop and token not in ("}", r"\right", r"\end"):
             base = "<mrow></mrow>" if token in ("^", "_") else self.atom(font, first=not out)
@@ -119,7 +119,7 @@ class _Reader:
         return out[0] if len(out) == 1 else f"<mrow>{''.join(out)}</mrow>"
 
     def scripts(self, base: str, font: str) -> str:
-        """The base with the subscript and superscript that follow it."""
+        """MathML of the base with the subscript and superscript that follow it; base: its MathML."""
         found: dict[str, str] = {}
         while self.peek() in ("_", "^", "'"):
             sign = self.take()
@@ -159,7 +159,8 @@ class _Reader:
         return self._operator("−" if token == "-" else "∗" if token == "*" else token, token, first)
 
     def _operator(self, text: str, token: str, first: bool) -> str:
-        """A sign; at the start of a continued line it keeps the spacing of a sign between two terms."""
+        """MathML of an operator. First in its row it is a sign of what follows, or, where the row continues a broken line, it
+        keeps the spacing of an operator between terms."""
         continues = first and token in RELATIONS | BINARY and self.latex.strip() != token
         prefix = first and token in BINARY and not (self.continued and self.latex.lstrip().startswith(token) and self.i <= 2)
         return _sign(text, ' form="infix" lspace="0.05em" rspace="0.28em"' if continues and not prefix else "")

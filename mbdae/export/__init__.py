@@ -74,7 +74,7 @@ class Export:
         return c.header(self.program)
 
     def save(self, path: Any) -> Path:
-        """Write the file, for C also the header beside it, with suffix .h; returns the path. Raises OptionError where the
+        """Write the file, for C also the header next to it, with suffix .h; returns the path. Raises OptionError where the
         suffix is that of another format or the file cannot be written."""
         suffix = FORMATS[self.format][1]
         named: Path = option("path", path, path_named, f"give the name of a file that ends in {suffix}")

@@ -102,7 +102,7 @@ class _File:
                 yield f"extern {whole};\n{whole} = {_listing([e.value for e in entries])};"
 
     def _function(self, f: Function) -> str:
-        """One exported function."""
+        """C text of one exported function."""
         p, lines = self.program, list[str]()
         for vector in f.arguments:
             pairs = p.slots[vector][[int(s) in f.reads for s in p.slots[vector][:, 1]]].reshape(-1, 2)
@@ -149,8 +149,9 @@ class _File:
         return self._each(f"W[{{}}] {'=' if kind == SET else '+='} {' * '.join(terms)};", *columns, times=f["times"])
 
     def _each(self, line: str, *columns: tuple[Any, int], times: int = 1) -> list[str]:
-        """A line for each entry, or loops. columns: slots or numbers of the first instance, and their increment from one
-        instance to the next."""
+        """C statements for all entries of the columns, one by one or as loops. line: the statement, with {} for an entry of each
+        column; columns: entries of the first of `times` instances (slots or numbers), and their increment to the next
+        instance."""
         count = len(columns[0][0])
         if count <= AT_ONCE and times == 1:
             return [line.format(*(_entry(table[k]) for table, _ in columns)) for k in range(count)]
@@ -159,14 +160,14 @@ class _File:
         return [f"for (int r = 0; r < {times}; r++) {loop}" if times > 1 else loop]
 
     def _place(self, table: Any, by: int) -> str:
-        """C expression of entry k of a column for instance r."""
+        """C expression of entry k of a column in instance r; by: increment of the entries from one instance to the next."""
         shift = f" + r * {by}" if by else ""
         if table.dtype.kind == "f":
             return c_number(table[0]) if not by and np.all(table == table[0]) else f"{self._table(table)}[k{shift}]"
         return f"{table[0]} + k{shift}" if np.all(np.diff(table) == 1) else f"{self._table(table)}[k]{shift}"
 
     def _call(self, step: Step) -> list[str]:
-        """Lines that call a kernel for all of its instances."""
+        """C lines that call a kernel once for every law that it serves."""
         f, gather, times = step.fields, step.tables["from_"].ravel(), step.fields["times"]
         name, inputs = self._kernel(f["kernel"], f["used"]), f["inputs"]
         if times == 1:
@@ -176,7 +177,8 @@ class _File:
                 f"  {name}(X, W + {f['first']} + r * {f['outputs']});", "}"]  # fmt: skip
 
     def _kernel(self, kernel: Any, used: tuple[int, ...]) -> str:
-        """Name of the C function of a kernel that writes some of its values; one used by several functions is written once."""
+        """Name of the C function of a kernel that writes the values with the numbers `used`; it is written once, even where
+        several exported functions call it."""
         key = (id(kernel), used)
         if key not in self.kernels:
             self.kernels[key] = name = f"kernel{len(self.kernels)}"

@@ -18,7 +18,7 @@ def _infix(operator: str) -> Callable[..., str]:
 
 
 def _calls(names: str) -> dict[str, Callable[..., str]]:
-    """Functions by names, "own=theirs" where the language uses another name."""
+    """Writers of functions by name. names: separated by blanks, "Abs=fabs" where the language has another name than symengine."""
     pairs = (name.partition("=") for name in names.split())
     return {own: called(theirs or own) for own, _, theirs in pairs}
 
@@ -31,7 +31,7 @@ _NUMERIC = _EQUAL | {"Equality": _infix("=="), "Unequality": _infix("!="), "Bool
 
 
 def _folded(name: str) -> Callable[..., str]:
-    """Writer of a function of many arguments by nested calls of a function of two."""
+    """Writer of a function of many arguments, such as Max, by nested calls of the function `name` of two arguments."""
 
     def write(*args: str) -> str:
         return args[0] if len(args) == 1 else f"{name}({args[0]}, {write(*args[1:])})"
@@ -40,7 +40,8 @@ def _folded(name: str) -> Callable[..., str]:
 
 
 def _chosen(form: str, none: str) -> Callable[..., str]:
-    """Writer of a Piecewise (value, condition, value, ...) by nested choices between two values."""
+    """Writer of a Piecewise (value, condition, value, ...) by nested choices between two values. form: pattern of value,
+    condition and other value; none: text of the value where no condition holds."""
 
     def write(*args: str) -> str:
         return form.format(args[0], args[1], write(*args[2:])) if args else none
@@ -59,7 +60,8 @@ def c_number(e: Any) -> str:
 
 
 def _power(one: str, general: str, square: bool) -> Callable[[Expr, str, Expr, str], str]:
-    """Writer of powers: roots and squares specially, all others by the pattern `general`."""
+    """Writer of powers: square roots and exp by functions, all others by the pattern `general` of base and exponent. one: text of
+    the number 1; square: whether squares are written as products and inverses as quotients."""
 
     def write(base: Expr, text: str, exponent: Expr, power: str) -> str:
         if base == se.E:

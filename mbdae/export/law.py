@@ -78,7 +78,7 @@ def _law(what: Any, options: Mapping[str, Any]) -> tuple[type[Law], Structure, M
         return type(what), what.structure(timed), {p: getattr(what, p) for p in what.params}
     if isinstance(what, Part) or (isinstance(what, type) and issubclass(what, Part)):
         role = "friction" if issubclass(what if isinstance(what, type) else type(what), Friction) else "normal"
-        typical = OPTIONS[role]  # the options of such a law have values, which change its statement
+        typical = OPTIONS[role]  # one class, whose expressions contain option values, with typical ones
         part = typical if what is typical.cls else PartStructure(what, frozenset(), ()) if isinstance(what, type) else what
         return JournalContact, structure_of(JournalContact, {role: part, **options}), {}
     if isinstance(what, type) and issubclass(what, Law):

@@ -31,8 +31,10 @@ class Entry(NamedTuple):
 
 @dataclass(frozen=True)
 class Function:
-    """outputs: entries; at: their slots; arguments: names of the inputs; steps: operations, kernel calls with the field `used`
-    (the kernel values that matter); reads: slots whose initial numbers matter."""
+    """An exported function as operations on one work array, whose places are called slots.
+
+    outputs: entries; at: their slots; arguments: names of the input vectors; steps: operations, those that call a kernel with a
+    field `used` (numbers of the kernel's values that matter); reads: slots whose initial numbers outputs depend on."""
 
     name: str
     meaning: str
@@ -45,9 +47,11 @@ class Function:
 
 @dataclass
 class Program:
-    """title: what is exported; inputs: entries of the vectors by name ("t", "y", "yp", "p", of a law "x" and "p"); slots: pairs
-    (entry, slot) by vector, where inputs are written; numbers: initial values of the array, followed by zeros; pattern: rows and
-    columns of the entries of the Jacobian; missing: {function that cannot be given: reason}."""
+    """All exported functions of a scene or a law.
+
+    title: what is exported; inputs: entries of the vectors by name ("t", "y", "yp", "p", of a law "x" and "p"); slots: pairs
+    (entry, slot) by vector, where inputs are written; numbers: initial values of the work array, followed by zeros; pattern: rows
+    and columns of the entries of the Jacobian; missing: {function that cannot be given: reason}."""
 
     title: str
     operations: Operations
@@ -63,7 +67,8 @@ class Program:
 
     def add(self, name: str, meaning: str, arguments: Sequence[str], outputs: Sequence[Entry], at: Any,
             part: Operations) -> None:  # fmt: skip
-        """Add a function by its operations; those without influence on its outputs are left out."""
+        """Add a function. at: slots of its outputs; part: operations that compute them, of which those without influence on the
+        outputs are left out."""
         at, W = np.asarray(at, dtype=np.int64), filled(self.operations, self.numbers)
         steps, live = _needed(part.steps, at, len(W))
         for vector in arguments:
@@ -84,7 +89,7 @@ class Program:
         return W
 
     def drop_parameters(self) -> None:
-        """Leave out the parameters that no function reads."""
+        """Remove from the input vector "p" the parameters that no function reads."""
         read = frozenset[int]().union(*(f.reads for f in self.functions.values()))
         pairs = self.slots["p"]
         kept = sorted({int(entry) for entry, slot in pairs if int(slot) in read})
@@ -94,7 +99,7 @@ class Program:
 
 
 def filled(operations: Operations, numbers: Array) -> Array:
-    """The array with its initial values, before any operation."""
+    """The work array with its initial values, before any operation."""
     W = np.zeros(operations.size)
     W[: len(numbers)] = numbers
     operations.fill(W)
@@ -102,7 +107,7 @@ def filled(operations: Operations, numbers: Array) -> Array:
 
 
 def reach(step: Step, name: str) -> Index:
-    """Slots (times, count) that a table of an operation addresses in all of its instances."""
+    """Slots (times, count) that a table of an operation, "to", "from_" or "by", addresses in all of its instances."""
     table = np.asarray(step.tables[name], dtype=np.int64)
     return np.asarray(table + step.fields.get(f"{name.rstrip('_')}_step", 0) * np.arange(step.fields["times"])[:, None])
 
@@ -158,7 +163,8 @@ def _of_load(step: Step, live: NDArray[np.bool_]) -> Step | None:
 
 
 def _of_slots(step: Step, live: NDArray[np.bool_]) -> Step | None:
-    """A copy, sum or product without the entries that no instance needs."""
+    """An operation that copies, adds or multiplies slots, without the entries of which no instance is needed (`live`); None where
+    none is left."""
     to = reach(step, "to")
     kept = live[to].any(axis=0)
     if not kept.any():

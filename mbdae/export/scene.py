@@ -52,7 +52,8 @@ def scene_program(scene: Any, form: Form | None) -> Program:
 
 
 def _opened(prepared: Prepared) -> MovedBodies:
-    """The trees of a model with all parameters of their laws as inputs, even those that are 0 or 1."""
+    """The trees of a model with all parameters of their laws as inputs, even those whose value 0 or 1 a simulation writes into
+    the tree's program; large trees stay as they are."""
     moved = prepared.all_bodies.moved
     if not moved.trees:
         return moved
@@ -71,7 +72,7 @@ def _open(tree: Tree) -> Tree:
 
 
 def baked(moved: MovedBodies, model: Model) -> set[tuple[str, str]]:
-    """(item, name) of numbers that are constants in the program of a tree."""
+    """Parameters (item, name) that are no inputs because their values are written into the program of a tree."""
     found = set()
     for tree in moved.trees:
         parts: tuple[Any, ...] = (*tree.structure.links, *tree.structure.members)
@@ -82,14 +83,14 @@ def baked(moved: MovedBodies, model: Model) -> set[tuple[str, str]]:
 
 
 class _Made:
-    """The operations of a scene with slots for its inputs. n: number of unknowns of the formulation; fixed: (item, name) of
-    numbers that are no inputs."""
+    """The operations of a scene with slots for its inputs. n: number of unknowns of the exported equations; fixed: see
+    `baked`."""
 
     def __init__(self, assembly: Assembly, n: int, fixed: set[tuple[str, str]]) -> None:
         self.assembly, self.n, self.fixed = assembly, n, fixed
         self.numbering, self.e = assembly.numbering, assembly.operations()
         self.operations = self.e.operations
-        # y' has slots of its own where the equations are solved for y'
+        # where multipliers are eliminated, u' in the array is what is solved for: the exported y' has slots of its own
         self.dotted = assembly.n if n == assembly.n else self.operations.slots(n)
         self.parameters, self.pairs = parameter_entries(self.numbering, fixed)
         self.numbers, pattern = self.numbering.workspace(1)[0], assembly.pattern
@@ -97,7 +98,7 @@ class _Made:
         self.rows, self.columns = pattern.indices, np.repeat(np.arange(assembly.n), np.diff(pattern.indptr))
 
     def part(self, *others: Operations) -> Operations:
-        """A list of operations that starts with the prescribed motions."""
+        """A list of operations: first those that evaluate prescribed motions at t, then `others`."""
         return self.operations.part(self.e.clock, *others)
 
     def program(self, title: str, system: Any) -> Program:
@@ -142,7 +143,7 @@ class _Made:
                               "nonlinear in them, which no formula solves; export mb.GGL() or mb.Index1()")  # fmt: skip
         nb, e, n = self.numbering, self.e, self.assembly.n
         first = nb.start["lambda"]
-        loaded = bool(self.assembly.motion())  # the derivatives then begin with the residual
+        loaded = bool(self.assembly.motion())  # then the operations of the Jacobian contain the residual's
         part = self.part(*(() if loaded else (e.residual_part,)), e.jacobian_part)
         unknown, place, x = self._matrix(part, 1)
         part.add(x + place[unknown], e.rows + unknown, -1.0)
@@ -153,8 +154,9 @@ class _Made:
         return part
 
     def _matrix(self, part: Operations, times: int) -> tuple[Index, Index, int]:
-        """Numbers of the unknowns u' and lambda among y, the inverse table (-1 for others), and the slot after the matrix of
-        their equations, which leaves room for right-hand sides."""
+        """Add the operations that fill the matrix of the linear equations for u' and lambda. Returns the numbers of u and lambda
+        in y, the inverse table (-1 for other unknowns), and the slot after the matrix, where `times` right-hand sides have
+        room."""
         nb, rows, columns = self.numbering, self.rows, self.columns
         unknown = np.r_[nb.nq + np.arange(nb.nu), nb.start["lambda"] + np.arange(nb.m)]
         size, place = len(unknown), np.full(self.assembly.n, -1)
@@ -217,7 +219,8 @@ def _joint_forces(made: _Made, program: Program, prepared: Prepared, eliminated:
 
 
 def _of_all_bodies(made: _Made, program: Program, prepared: Prepared) -> tuple[Operations, Numbering, int]:
-    """Accelerations of all bodies and multipliers of all rows, of recursive joints too: operations, numbering, its first slot."""
+    """Operations that compute accelerations of all bodies and multipliers of all rows, those of recursive joints included; with
+    the numbering of these unknowns and its first slot in the work array."""
     model = prepared.model
     if rubbing := made.reactive():
         raise OptionError("joint forces: recursive joints, and joints that hold beams at their nodes, have no multipliers in any "
@@ -240,7 +243,8 @@ def _of_all_bodies(made: _Made, program: Program, prepared: Prepared) -> tuple[O
 
 
 def _motion(made: _Made, part: Operations, every: Numbering) -> list[tuple[int, int]]:
-    """Pairs of slots: positions, velocities and states in the numbering of all nodes, and their sources among the unknowns."""
+    """Pairs of slots (to, from): positions, velocities and states in the numbering of all nodes (`every`), and what they are
+    copied from, unknowns of the exported equations or values that follow from joint coordinates."""
     nb, moved, model = made.numbering, made.assembly.moved, made.assembly.model
     found = [(every.node_place(head, node, i), nb.node_place(head, node, i))
              for node in model.nodes if node not in moved.nodes
@@ -258,7 +262,8 @@ def _motion(made: _Made, part: Operations, every: Numbering) -> list[tuple[int, 
 
 
 def _emit_reactions(part: Operations, nb: Numbering, base: int, out: int, items: list[str]) -> None:
-    """Add the reactions of all laws to the outputs of their items. base: the first slot of the numbering."""
+    """Add the reactions of all laws to the outputs of their items. base: the first slot of the numbering `nb` in the work array;
+    out: the first slot of the outputs, six per item."""
     for g, group in enumerate(nb.model.groups):
         p, active = plan(group.derived, reaction_outputs), [i for i, one in enumerate(group.instances) if one.item in items]
         if p.targets and active:

@@ -16,11 +16,12 @@ from mbdae.symbolic.source import reached
 from mbdae.symbolic.vectors import Expr
 
 ZERO = se.Integer(0)
-DIAGONAL = 0.1  #: a diagonal entry is taken as the pivot from this fraction of its column's largest entry on, to keep the pattern
+DIAGONAL = 0.1  #: a diagonal entry is the pivot if it has this part of its column's largest entry: fewer rows change places
 
 
 class Derivation(NamedTuple):
-    """steps: (name, expression of inputs and earlier names); outputs: expressions of these; vectors: symbols of the inputs."""
+    """A function in symbols. steps: (name, expression of inputs and earlier names); outputs: expressions of inputs and names;
+    vectors: symbols of the inputs, by vector."""
 
     steps: list[tuple[Expr, Expr]]
     outputs: list[Expr]
@@ -39,7 +40,8 @@ def derivation(program: Program, function: Function) -> Derivation:
 
 
 def _matrix(step: Step, at: Callable[[int], Any], zero: Any) -> list[list[Any]]:
-    """The matrix of a linear system: full, or symmetric and given by its band. at: number or expression in a slot."""
+    """The matrix of an operation that solves a linear system: full (LU), or symmetric and stored as its lower band (Cholesky).
+    at: function that returns the number or expression in a slot; zero: entry outside of the band."""
     n, first, width = step.fields["count"], step.fields["first"], step.fields.get("inputs", 0)
     if step.fields["kind"] == LU:
         return [[at(first + i * n + j) for j in range(n)] for i in range(n)]
@@ -143,5 +145,5 @@ def _number(value: float) -> Expr:
 
 
 def _bare(e: Expr, table: dict[Expr, Expr]) -> Expr:
-    """The expression in names, without the markers that keep subexpressions together."""
+    """The expression with symbols replaced by the names in `table`, without the UnevaluatedExpr around shared subexpressions."""
     return rebuilt(e, lambda node, args: args[0] if type(node).__name__ == "UnevaluatedExpr" else table.get(node))

@@ -11,7 +11,7 @@ from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.model.numbering import Numbering
 
 OF_FORMS = {"baumgarte_velocity": "1/s", "baumgarte_position": "1/s^2"}
-RATES = {"g": "", "gd": "/s", "gdd": "/s^2"}  #: factor of the unit of a row in its time derivatives, by kind of output
+RATES = {"g": "", "gd": "/s", "gdd": "/s^2"}  #: what follows a row's unit, for the row and its first and second time derivative
 
 
 def rate_of(unit: str) -> str:
@@ -71,10 +71,12 @@ def row_units(assembly: Assembly) -> list[str]:
 
 
 def parameter_entries(nb: Numbering, baked: set[tuple[str, str]]) -> tuple[list[Entry], list[tuple[int, int]]]:
-    """Entries for parameters of laws and of the formulation, and for points of items on their bodies, with pairs (entry, slot).
+    """Entries of the input vector "p": parameters of laws and of the formulation, and points of items on their bodies; with pairs
+    (entry, slot) that say where each is written in the work array.
 
-    Laws of one item that share a number, such as the mass of a body and of its weight, share an entry; numbers of one law and
-    name at several coordinates of an item get a number in their name. baked: (item, name) of numbers that are no inputs."""
+    Laws of one item that share a value, such as the mass of a body and of its weight, share an entry; where an item has several
+    parameters of one name, such as dampers on two coordinates, the second and later ones end in #2, #3, ...
+    baked: (item, name) of parameters that are no inputs."""
     entries: list[Entry] = []
     pairs: list[tuple[int, int]] = []
     seen: dict[tuple[str, float], tuple[int, set[type]]] = {}

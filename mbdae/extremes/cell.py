@@ -35,8 +35,8 @@ MARGIN = 10.0
 
 @dataclass(frozen=True)
 class Cell:
-    """A run at one value of the parameter. error: in the unit of the measure; estimated: the run's own error estimate; cpu_s: CPU
-    time of the run and its companions, s."""
+    """A run at one value of the parameter. error: difference from the reference, in the unit of the measure; estimated: the run's
+    own error estimate; cpu_s: CPU time of the run, with the runs that estimate its error, s."""
 
     value: float
     label: str
@@ -61,7 +61,8 @@ class Cell:
 
 
 def verdict(error: float, accuracy: float, told: bool, uncertainty: float | None) -> str:
-    """The verdict on an error known to within `uncertainty` (None: unknown); UNKNOWN where the verdict depends on it."""
+    """The verdict on an error of a run that is known to within `uncertainty` (None: not known); UNKNOWN where it depends on this
+    uncertainty. told: whether the run gave a warning."""
     if not math.isfinite(error):
         return TOLD if told else SILENT
     doubt = math.inf if uncertainty is None else uncertainty if uncertainty > SURE * accuracy else 0.0

@@ -20,7 +20,7 @@ class Checkpoint(ResumeFile):
     """The JSON file of a map in progress: reference and cells by (parameter, value)."""
 
     rows: dict[tuple[str, float], tuple[str, list[Cell]]] = field(default_factory=dict)
-    cpu_s: float = 0.0  #: CPU time of the rows that were read, s
+    cpu_s: float = 0.0  #: CPU time of the rows that were read from the file, s
 
     kind, file_format = "map", "mbdae extremes in progress 1"
 

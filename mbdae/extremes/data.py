@@ -21,16 +21,16 @@ class Block(NamesArguments):
 
     parameter: str
     values: tuple[float, ...]
-    references: tuple[str, ...]  #: for each value
+    references: tuple[str, ...]  #: for each value the methods of its reference, and their difference, in words
     cells: tuple[Cell, ...]
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Labels of the ways in which the scene was run, in order."""
+        """Labels of the ways in which the scene was run (joint model, form and solver), in order."""
         return tuple(dict.fromkeys(cell.label for cell in self.cells))
 
     def at(self, label: str, value: float) -> Cell | None:
-        """The cell of a way at a value of the parameter; None where the way does not apply there."""
+        """The cell with this label at a value of the parameter; None where the scene cannot be run in that way there."""
         label = option("label", label, text, "give the label of a way, one of `labels`")
         value = option("value", value, number, "give a value of the parameter, one of `values`")
         return next((cell for cell in self.cells if cell.label == label and cell.value == value), None)
@@ -38,7 +38,7 @@ class Block(NamesArguments):
 
 @dataclass(frozen=True)
 class ExtremesData(ListsAttributes):
-    """All cells of a map; a trustworthy package leaves `silent` empty."""
+    """All cells of a map. `silent`, the runs that missed the accuracy without a warning, should be empty."""
 
     scene: str
     t_end: float  #: end time, s

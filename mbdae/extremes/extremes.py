@@ -28,7 +28,7 @@ from mbdae.values import number, optional
 
 ACCURACY = 1e-5
 MAX_WALL = 20.0  #: largest wall time of a run, and of a run of a reference, s
-STEPS = 20  #: number of constant steps of a run, which ends early so that small steps take little time
+STEPS = 20  #: largest number of steps of a run with a constant step: it ends after them, so that small steps take little time
 
 
 class Extremes(ExtremesData):

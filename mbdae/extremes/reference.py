@@ -26,7 +26,8 @@ from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.scene_system import SceneSystem
 
 SURE = 1 / 3  #: largest ratio of the difference of two methods to the accuracy for which the reference is certain
-#: methods of a reference, and ratio of the accuracy asked to theirs; no BDF where it would resolve vibrations of beams
+#: methods of a reference in the order in which they are tried, each with the ratio of the accuracy asked for to the one it is run
+#: at; IDA (BDF) is left out for scenes with beams, whose vibrations a reference resolves (`Problem.resolving`)
 METHODS: tuple[tuple[Solver, float], ...] = (
     (RadauIIA(3), 100.0), (IDA(), 10.0), (RadauIIA(2), 10.0), (RadauIIA(3), 1000.0), (IDA(), 100.0),
 )  # fmt: skip
@@ -115,7 +116,7 @@ def _controlled(problem: Problem, own: Equations, solver: Solver, accuracy: floa
         return run_controlled(system, own.prepared, solver, accuracy, Asked(end, max_wall=wall), problem.times[:0])
     except MbdaeError as error:
         begun = getattr(error, "solution", None)
-        # its error is unknown, which the second method makes up for
+        # a complete run whose error could not be estimated is used: its error follows from the comparison with the second method
         if begun is not None and begun.complete and begun.t[-1] >= end:
             return Controlled(begun, begun.solver, math.nan, 1, begun.stats.cpu_s)
         raise

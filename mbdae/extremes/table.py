@@ -9,7 +9,7 @@ from mbdae.compare.table import grid
 from mbdae.extremes.cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, Cell
 from mbdae.extremes.data import Block, ExtremesData
 
-#: numbers, and details of failures; of sentences that differ only in these the first is shown
+#: matches numbers and details of failures: of several warnings or errors that are equal without these only the first is shown
 NUMBERS = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?|\(resisting most: [^)]*\)+|; the iteration matrix is singular[^;(]*"
                      r"|Convergence tests failed too many times, or reached min step size"
                      r"|the step became smaller than the round-off of the time t")  # fmt: skip

@@ -96,7 +96,7 @@ def _stops(found: list[Pulse]) -> list[float]:
 
 
 def _number_in(name: str, value: str) -> float:
-    """The number in a name such as "scene(n=3).coupler.mass"."""
+    """The number that `value` states, the text "3" in a name such as "scene(n=3).coupler.mass"; OptionError for other text."""
     try:
         return number(float(value))
     except ValueError:

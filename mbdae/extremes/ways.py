@@ -42,11 +42,12 @@ CHOICE = "chosen by mbdae"
 
 @dataclass(frozen=True)
 class Way:
-    """A run; or, with `run` None, mbdae's own choice (of the joint models too where `models` is None)."""
+    """A way to run a scene: a stated run; or, where `run` is None, the form and solver that mbdae chooses by itself, and also its
+    choice of joint models where `models` is None too."""
 
     label: str
     run: Run | None
-    models: Run | None = None  #: a run whose joint models that choice uses
+    models: Run | None = None  #: where `run` is None, a run whose joint models are used with mbdae's choice of form and solver
 
     def with_step(self, h: float) -> Run | None:
         """The run at a constant step h (s); None where its solver has no such option."""
@@ -81,7 +82,7 @@ def _models(problem: Problem) -> list[tuple[str, JointModel | dict[str, JointMod
 
 
 def stepped_ways(problem: Problem, h: float) -> list[Way]:
-    """Methods with constant steps h (s), as ODE where the scene has no constraints."""
+    """Runs with the constant step h (s), one for every method that has such a step; in the form ODE without constraints."""
     found: list[Way] = []
     for make in STEPPED:
         run = make(h)

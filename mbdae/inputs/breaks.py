@@ -28,8 +28,9 @@ Array = NDArray[np.float64]
 
 MOST = 200_000  #: most breaks in a run, and most intervals that are searched at a time
 TOLERANCE = 1e-7  #: default tolerance with which steps follow a table, relative to the range of its values
-#: instants closer together than SAME, relative to their time, count as one, because no step is that short. Differences above
-#: TWINS between instants of one input are not round-off. Times near 0 count as EARLY times the largest time of the run here
+#: bounds of the difference of two instants, relative to their time: below SAME they count as one, because no step is that short;
+#: above TWINS the difference of two instants of one input is more than round-off. For instants near 0 the difference is taken
+#: relative to EARLY times the largest time of the run
 SAME, TWINS, EARLY = 1e3 * float(np.finfo(float).eps), 64 * float(np.finfo(float).eps), 1e-6
 LEVELS = 60  #: most halvings of an interval
 
@@ -123,7 +124,8 @@ def _sizes(edges: Array) -> Array:
 
 
 def _merged(edges: Array, found: Array, same: float) -> Array:
-    """The edges and the times `found` between them, sorted, without duplicates up to `same`; both ends stay."""
+    """The edges and the times `found` between them, sorted; times whose difference relative to their size is at most `same` count
+    as one. First and last edge stay."""
     inside = found[(found > edges[0]) & (found < edges[-1])]
     if len(edges) + len(inside) > MOST:
         raise TooManyError(f"its conditions or tables change more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
@@ -131,8 +133,8 @@ def _merged(edges: Array, found: Array, same: float) -> Array:
 
 
 def distinct(times: Array, same: float = SAME) -> Array:
-    """Times (k,) sorted, without duplicates up to `same`, since no step between them would be long enough; the first and the
-    last stay."""
+    """Times (k,) sorted; those whose difference relative to their size is at most `same` count as one, because no step is that
+    short. The first and the last time stay."""
     both = np.sort(times)
     if len(both) < 2:
         return np.asarray(both)
@@ -221,7 +223,7 @@ def jumps(e: Expr, t: Array, before: Array, after: Array) -> Array:
 
 
 def beyond(e: Expr, t0: float, t1: float) -> str:
-    """That an expression reads a table with outside="error" before its first point or after its last; "" where it does not."""
+    """Message that an expression reads a table with outside="error" before its first point or after its last, "" where not."""
     for table, low, high in tables_read(e, t0, t1):
         if table.outside == "error" and not (table.t[0] - table.near <= low and high <= table.t[-1] + table.near):
             return (f"the table goes from {table.t[0]:g} to {table.t[-1]:g} s, and the run reads it from {low:g} to {high:g} s: "

@@ -37,7 +37,7 @@ def sympy_time() -> Any:
 
 
 def _made(operation: str, *args: Any) -> Any:
-    """The result of an operation: of this kind where all arguments are such objects or numbers of Python, else SymPy's."""
+    """The result of an operation: an object of `Timed` where all arguments are such objects or Python's numbers, else SymPy's."""
     if not all(type(a) is Timed or (isinstance(a, int | float) and not isinstance(a, bool)) for a in args):
         return _carried_out(operation, [a._sympy_() if type(a) is Timed else a for a in args], _sympy_function)
     found = Timed(operation, *args)

@@ -42,7 +42,8 @@ class Node(NamedTuple):
 
 
 class Enclosure:
-    """Bounds of an expression of `TIME` (an interval) and `SIDE` (a number); `nodes`: its subexpressions, inner ones first."""
+    """Bounds of expressions of `TIME` (an interval) and of `SIDE`, the time of conditions and floors (a number, `timed.sided`);
+    `nodes`: their subexpressions, inner ones first."""
 
     def __init__(self, *expressions: Expr) -> None:
         at: dict[Expr, int] = {}
@@ -66,12 +67,13 @@ class Enclosure:
         return found
 
     def __call__(self, low: Any, high: Any, side: Any) -> list[Bounds]:
-        """Bounds of the expressions themselves."""
+        """Bounds (lower and upper ends, (k,) each) of the expressions, without those of their subexpressions; arguments as in
+        `all`."""
         found = self.all(low, high, side)
         return [found[i] for i in self.roots]
 
     def at(self, t: Any, side: Any) -> list[Any]:
-        """Values (k,) of the expressions at times (k,)."""
+        """Values (k,) of the expressions at times t (k,), with conditions and floors evaluated at times side (k,)."""
         return [low for low, _ in self(t, t, side)]
 
     @staticmethod

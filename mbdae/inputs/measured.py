@@ -19,7 +19,7 @@ from mbdae.inputs.timed import after
 from mbdae.values import BadValueError, option, path, shown, text
 
 TIME_UNITS = ("s", "sec", "second", "seconds")
-#: factor from a unit that files state to the SI unit before it
+#: SI unit -> other units of the same quantity that files may state, each with its size in the SI unit
 FACTORS: dict[str, dict[str, float]] = {
     "s": {"ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
     "m": {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048},

@@ -25,9 +25,9 @@ Index = NDArray[np.intp]
 DEGREE = 7
 PARTS = 4  #: a joined piece is divided into PARTS for the limit of steps, so that several steps follow its polynomial
 SAMPLES = np.array([0.0, 1 / 3, 2 / 3, 1.0])  #: where in a segment, which is a cubic, deviations are measured
-SOME = 16  #: segments of a block that are checked first
+SOME = 16  #: number of segments of a block at which the polynomial is compared first, before all segments are
 LARGE = 256  #: a block of at least as many segments has its deviation cached
-FINEST = 1e-11  #: smallest tolerance, a limit of round-off
+FINEST = 1e-11  #: smallest tolerance, relative to the range of the table: smaller deviations are rounding errors
 _NODES = (1 - np.cos((2 * np.arange(DEGREE + 1) + 1) * np.pi / (2 * DEGREE + 2))) / 2
 _FROM_NODES = np.linalg.inv(np.vander(2 * _NODES - 1, increasing=True))
 

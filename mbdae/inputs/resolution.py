@@ -32,9 +32,9 @@ WIDTHS = 2.0  #: largest change of a function's argument over a stretch, in widt
 FLAT = 1e-13  #: changes below this share of the largest value in the run count as none
 SATURATED = 18.0  #: argument beyond which tanh is flat
 MOST = 4_000_000  #: stretches of one run
-LEVELS = 52  #: halvings after which an input counts as not finite
-POWERS = 2.0  #: widths by which u^n changes when ln|u|^n changes by 1
-ROOT = 1e-6  #: share of its largest value below which a root counts as zero
+LEVELS = 52  #: number of halvings of an interval after which an input counts as not finite in it
+POWERS = 2.0  #: number of widths by which a power u^n counts as changed when ln|u^n| changes by 1
+ROOT = 1e-6  #: ratio to its largest value below which a root u^n, 0 < n < 1, counts as zero
 FAST_POWER = 4.0  #: powers up to this are smooth over the whole run; higher ones rise like an exponential near its end
 
 
@@ -140,7 +140,7 @@ class _Tree:
         self.size: list[Any] = []
 
     def measure(self, low: Array, high: Array, side: Array) -> None:
-        """The largest magnitude of every node over the run; 0 where it is not bounded."""
+        """Set `size`, the largest magnitude of every node over the run; 0 where it is not bounded."""
         for node, bounds in zip(self.nodes, self.enclosure.all(low, high, side, self.tighter), strict=True):
             size = 0.0 if is_condition(node.expression) else float(np.max(np.maximum(np.abs(bounds[0]), np.abs(bounds[1]))))
             self.size.append(size if np.isfinite(size) else 0.0)
@@ -225,12 +225,13 @@ def _difference(scale: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
 
 
 def _logarithmic(a: Any, b: Any) -> Any:
-    """ln|u| over an interval, infinite where it holds 0."""
+    """Change of ln|u| from u = a to u = b; infinite where 0 lies between them."""
     small, large = np.minimum(np.abs(a), np.abs(b)), np.maximum(np.abs(a), np.abs(b))
     return np.where((a <= 0) & (b >= 0) & (a < b), np.inf, np.log(large) - np.log(small))
 
 
-#: name of a function -> change between two arguments in widths of the function; also right near poles and ends of its domain
+#: name of a function -> function (a, b) that gives its change from argument a to argument b in widths; correct also near poles
+#: and at the ends of its domain
 _STRETCHES: dict[str, Callable[[Any, Any], Any]] = {
     **{name: _difference(_SCALES[KINDS[name]]) for name in ("sin", "cos", "sinh", "cosh", "tanh", "atan", "asinh")},
     "log": _logarithmic, "tan": lambda a, b: np.where(b - a > 3, np.inf, _tangents(a, b)),
@@ -240,7 +241,7 @@ _STRETCHES: dict[str, Callable[[Any, Any], Any]] = {
 
 
 def _tangents(a: Any, b: Any) -> Any:
-    """Change of asinh(tan u), infinite across a pole."""
+    """Change of asinh(tan u) from u = a to u = b, the change of the tangent in its widths; infinite where a pole lies between."""
     low, high = np.tan(a), np.tan(b)
     return np.where(high < low, np.inf, np.arcsinh(high) - np.arcsinh(low))
 

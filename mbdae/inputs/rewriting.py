@@ -14,7 +14,7 @@ from mbdae.values import BadValueError, shown
 
 #: functions that are rewritten with Piecewise and floor
 REWRITTEN = ("Abs", "sign", "Heaviside", "Max", "Min", "Mod", "ceiling", "frac")
-HUGE = 100.0  #: magnitude of the logarithm of a factor above which the factor is kept in the exponent
+HUGE = 100.0  #: magnitude of the logarithm of an exponential's factor above which it is put into the exponent, see `_exponents`
 
 
 def rewritten(value: Any) -> Expr:
@@ -98,7 +98,7 @@ def _with_exponents(value: Any, exponents: dict[str, Any]) -> Expr:
 
 
 def _complete(piecewise: Any) -> bool:
-    """Whether one of the conditions always holds."""
+    """Whether a Piecewise has a value everywhere: one of its conditions is always true."""
     import sympy
 
     conditions = [condition for _, condition in piecewise.args]

@@ -30,7 +30,7 @@ def table_range(table: Table, order: int, low: Array, high: Array, side: Array) 
 
 
 def _length(table: Table, i: NDArray[np.intp]) -> Array:
-    """(k,) lengths of segments; 0 for those outside, which are constant or continue their neighbour."""
+    """(k,) lengths (s) of segments with numbers i (k,); 0 for the two segments before the first and after the last point."""
     inside = (i > 0) & (i < len(table.t))
     a = np.clip(i, 1, len(table.t) - 1)
     return np.where(inside, table.t[a] - table.t[a - 1], 0.0)
@@ -51,7 +51,8 @@ def _of_cubic(c: Array, s: Array, e: Array) -> tuple[Array, Array]:
 
 
 def _between(extreme: np.ufunc, x: Array, i: NDArray[np.intp], j: NDArray[np.intp], none: float) -> Array:
-    """(k,) extreme of x over the numbers between i and j, both excluded; `none` where there are none."""
+    """(k,) least or largest value (`extreme`) of the entries of x between indices i and j (k,), both excluded; `none` where no
+    entry lies between them."""
     found, some = np.full(len(i), none), j - i > 1
     if some.any():
         found[some] = extreme.reduceat(np.append(x, none), np.stack([i[some] + 1, j[some]], axis=1).ravel())[::2]

@@ -26,7 +26,8 @@ Array = NDArray[np.float64]
 KINDS, OUTSIDE = ("linear", "cubic", "step"), ("hold", "periodic", "error")
 MOST_POINTS = 5_000_000
 CLOSEST = 1e-11  #: smallest distance of two points, relative to the largest time: no step is shorter
-#: times this near to a point, relative to the largest time of the table, count as the point, where the side decides the segment
+#: distance of a time from a point of the table, relative to the largest time of the table, below which it counts as that point:
+#: then the argument `side` decides which of the two segments is used
 SIDED = 1e3 * float(np.finfo(float).eps)
 _NAME = re.compile(r"(table_[0-9a-f]{20})(?:_d(\d+))?", re.ASCII)
 
@@ -81,13 +82,13 @@ class Table:
         return min(max(low, first), last), max(min(high, last), first)
 
     def lookup(self, x: Array, side: Array, order: int = 0) -> Array:
-        """Values, or derivatives of an order, (k,) at times x."""
+        """Values, or derivatives of an order, (k,) at times x (k,); side (k,) as in `segments`."""
         s, i = self.segments(np.asarray(x, dtype=float), np.asarray(side, dtype=float))
         c = self.of_order(order)
         return np.asarray(c[0, i] + s * (c[1, i] + s * (c[2, i] + s * c[3, i])))
 
     def of_order(self, order: int) -> Array:
-        """Coefficients (4, n+1) of a derivative."""
+        """Coefficients (4, n+1) of the derivative of an order (0: the table itself), lowest power first."""
         while order >= len(self._orders):
             c = self._orders[-1]
             self._orders.append(np.stack([c[1], 2 * c[2], 3 * c[3], np.zeros(c.shape[1])]))
@@ -215,12 +216,12 @@ class Lookup(NamedTuple):
 
 
 def known(table: Table) -> Table:
-    """The table, which expressions may name from now on."""
+    """Register a table, so that expressions may contain it by its name; returns the table."""
     return _KNOWN.setdefault(table.name, table)
 
 
 def from_data(name: str, data: Any) -> None:
-    """Make a stored table known; BadValueError where the data cannot be read or gives another name."""
+    """Register a table from stored data; BadValueError where the data cannot be read or belongs to a table of another name."""
     if name in _KNOWN and data == _KNOWN[name].as_data:
         return
     try:

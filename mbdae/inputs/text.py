@@ -28,7 +28,8 @@ FUNCTIONS = (
     "floor",
 )  # fmt: skip
 LONGEST, DEEPEST = 100_000, 120  #: most characters of a text, most brackets inside each other
-MOST_BITS = 100_000  #: most bits of an integer that arises while a text is read; doubles as fractions have up to 1100
+#: most bits of an integer that arises while a text is read: far more than in doubles written as fractions, which have up to 1100
+MOST_BITS = 100_000
 MOST_DIGITS = int(MOST_BITS * math.log10(2))  #: the same in decimal digits
 
 _TOKEN = re.compile(r"\s*(?:(?P<float>(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)|(?P<integer>\d+)"
@@ -43,7 +44,7 @@ _PARTS = {*FUNCTIONS, *ONE_SIDED, *_NUMBERS, "Pi", "Exp1", "GoldenRatio", "Euler
 _RELATIONS: dict[str, Any] = {"<": se.Lt, "<=": se.Le, ">": se.Gt, ">=": se.Ge, "==": se.Eq, "!=": se.Ne}
 _SIGNS = {"StrictLessThan": "<", "LessThan": "<=", "Equality": "==", "Unequality": "!="}
 _JOINED = {"and": se.And, "&": se.And, "or": se.Or, "|": se.Or}
-#: precedence of operators between two numbers or conditions; in the next line, of a sign before a number and of "not"
+#: precedence of operators between two numbers or conditions, higher ones binding closer; then of a sign before a number and "not"
 _STRENGTH = {"or": 1, "|": 1, "and": 2, "&": 2, **dict.fromkeys(_RELATIONS, 4), "+": 5, "-": 5, "*": 6, "/": 6, "**": 8}
 _BEFORE_NUMBER, _NOT = 7, 3
 #: functions with their numbers of arguments (None: two or more)
@@ -130,7 +131,7 @@ def whole(text: Any) -> Expr:
 
 
 class _Reader:
-    """Reads a text from left to right by precedence of its signs."""
+    """Reads a text from left to right, by the precedence of its operators (`_STRENGTH`)."""
 
     def __init__(self, text: str) -> None:
         self.tokens, at = list[tuple[str, str]](), 0
@@ -158,7 +159,7 @@ class _Reader:
         self.at += 1
 
     def _expression(self, strength: int) -> _Read:
-        """The expression from here to the next sign of the same or a lower precedence."""
+        """The expression from here to the next operator of the precedence `strength` or a lower one."""
         self.depth += 1
         if self.depth > DEEPEST:
             raise ValueError(f"its brackets are nested more than {DEEPEST} deep")

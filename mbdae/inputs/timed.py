@@ -147,7 +147,8 @@ def _with_plain_numbers(e: Expr) -> Expr:
 
 @lru_cache(maxsize=512)
 def sided(e: Expr) -> Expr:
-    """The expression with `SIDE` for the time in its conditions and floors, and as second argument of its tables."""
+    """The expression with the symbol `SIDE`, a time inside the interval of interest, in place of the time in its conditions and
+    floors and as second argument of its tables."""
     if not any(isinstance(node, se.Piecewise | se.FunctionSymbol) or type(node).__name__ == "floor" for node in nodes(e)):
         return e
 
@@ -183,7 +184,8 @@ def rate(e: Expr) -> Expr:
 
 
 def used(e: Expr, moves: bool) -> tuple[Expr, ...]:
-    """Expressions whose jumps steps have to follow: the input; moves: for a table that prescribes a motion, derivatives too."""
+    """Expressions at whose jumps steps have to end: the input itself; where it prescribes a motion (`moves`) by a table, also its
+    first two time derivatives."""
     e = se.sympify(e)
     return tuple(dict.fromkeys(derivatives(e))) if moves and any(map(tables.lookup_of, nodes(e))) else (e,)
 

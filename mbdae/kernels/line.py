@@ -199,7 +199,8 @@ def merged(kernels: Sequence[LineKernel]) -> LineKernel:
     """One kernel for the elements of several lines, one after the other; law, order and kind of nodes have to be equal."""
     first = kernels[0]
     if len({(k.derived, k.at, k.given, k.turns is None) for k in kernels}) > 1:
-        raise internal("beams of different laws, orders or kinds of nodes were to share one compiled function; they need one each", LawError)
+        raise internal("beams of different laws, orders or kinds of nodes were to share one compiled function; they need one "
+                       "each", LawError)  # fmt: skip
     names = first.parameters[len(first.given) :]
     numbers = np.concatenate([k.numbers for k in kernels])
     turns = None if first.turns is None else np.concatenate([k.turns for k in kernels])

@@ -53,8 +53,8 @@ def body_of(record: Record, atom: Atom) -> str | None:
 
 
 class Motion:
-    """Forward derivative. base: change of a frame vector; clock: change of a symbol; turn: kind of the rotation vectors in a
-    change ("w" or "dpsi"); sign: prefix of a changed letter in LaTeX."""
+    """Forward derivative. base: function that gives the change of a frame vector; clock: changes of the symbols; turn: kind of
+    the rotation vectors in a change ("w": angular velocity, "dpsi": virtual); sign: LaTeX before the letter of a change."""
 
     def __init__(self, record: Record, base: Callable[[Base], Vector | None], clock: dict[Expr, Expr], sign: str,
                  turn: str = "") -> None:  # fmt: skip
@@ -76,7 +76,7 @@ class Motion:
         return self._known[symbol]
 
     def _each(self, change: Vector, other: Atom) -> Expr:
-        """Inner product with every term of the change, so that the change needs no name of its own."""
+        """Inner product of a change with a vector, formed term by term: as a whole the change would get a letter of its own."""
         return sum((c * self.record.dot(atom, other) for atom, c in change.terms.items()), _ZERO)
 
     def _name(self, symbol: Expr) -> Expr:
@@ -101,7 +101,7 @@ class Motion:
         return found
 
     def _named(self, atom: NamedVector) -> Vector:
-        """Change of a named vector; one fixed to a body rotates as a whole."""
+        """Change of a named vector. One that is fixed to a body rotates as a whole: its change is one vector product."""
         value, side = self.record.vectors[atom.number], body_of(self.record, atom)
         if side is None or not self.turn or self.base(Base("x", side)) is None:
             return self.vector(value)
@@ -170,7 +170,7 @@ class Dual:
                 self._through_name(s, weight * p)
 
     def _through_name(self, symbol: Expr, weight: Expr) -> None:
-        """Add the gradient of a named scalar; the vectors in it are named."""
+        """Add the gradient of a named scalar, times `weight`. Forces and moments in it get letters, to be written only once."""
         key = symbol, self.velocities, self.symbols
         cache = self.record.cache
         if key not in cache:
@@ -205,7 +205,8 @@ class Dual:
             self._atom(atom.right, distributed(dual, atom.left))
 
     def _named_terms(self, atom: NamedVector, dual: Vector, fixed: bool) -> None:
-        """Add the terms of a named vector; of one fixed to a body only the derivatives of their factors."""
+        """Add the derivatives of the terms of a named vector. Of a vector that is fixed to a body (fixed=True) only the factors
+        of the terms are differentiated: its rotation is already added as a whole."""
         for inner, c in self.record.vectors[atom.number].terms.items():
             if not fixed:
                 self._atom(inner, dual * c)

@@ -235,15 +235,15 @@ class LawPage(Page):
         return summed(self.s.record, parts)
 
     def letters(self, mark: str = "") -> list[tuple[str, str, int]]:
-        """Letters of force and moment of every frame: (LaTeX, side, 0 or 1); a free rotation has a moment only."""
+        """Letters of the force (0) and moment (1) of every frame that moves: (LaTeX, side, 0 or 1); a free rotation has a moment
+        only. mark: LaTeX after the letter."""
         sides = [side for side in self.s.record.sides if side not in self.s.still]
         return [(rf"\mathbf{{{letter}}}{mark}_{subscript(side)}", side, i) for side in sides
                 for i, letter in enumerate("fm") if i or side in self.s.sides]  # fmt: skip
 
     def balance(self, pairs: dict[str, Pair], must: bool = False) -> tuple[list[Block], bool]:
-        """The sums of the forces and of the moments about the point of the first body, and whether both vanish at all states.
-
-        must: treat both as zero whatever their values."""
+        """Equations for the sums of the forces and of the moments about the point of the first body, and whether both sums vanish
+        at all states. must: print both as zero whatever their values; the check of the printed equations compares these."""
         record, w, (first, *others) = self.s.record, self.writer, self.s.sides
         force, moment = record.zero(), pairs[first][1]
         turning = rf"\mathbf{{m}}_{subscript(first)}"

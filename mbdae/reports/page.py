@@ -212,7 +212,8 @@ class Page:
 
 
 def document(title: str, head: list[Block], pages: list[tuple[Any, list[Block]]], convention: str, tail: list[Block]) -> Document:
-    """A document whose pages are numbered and read back; head: blocks without equations, followed by the symbols of all pages."""
+    """A document whose pages have numbered equations, which are read back. head: blocks without equations, after which the
+    symbols of all pages are listed; convention: sentence below these, or ""; tail: blocks after the checks."""
     blocks = [part.blocks for part in numbered([Section("", part) for _, part in pages])]  # type: ignore[union-attr]
     rows = dict.fromkeys(tuple(row) for page, _ in pages for row in page.symbols())
     checks = [c for (page, _), part in zip(pages, blocks, strict=True) for c in page.printed(list(part))]
@@ -260,7 +261,7 @@ def short_hash(d: Derived) -> str:
 
 
 def made_from(cls: type, what: str = "law object") -> str:
-    """Sentence that names the object from which a report was made."""
+    """Sentence that names the class from which a report was made; what: noun for it."""
     return f"This report was made from the {what} that is integrated, `{cls.__module__}.{cls.__qualname__}`"
 
 

@@ -38,7 +38,7 @@ class UnreadError(MbdaeError):
 
 
 def key_of(latex: str) -> Key:
-    """A formula as tokens without spaces; `\text{...}`, with its spaces, is one token."""
+    r"""A formula as tokens without spaces; `\text{...}`, with its spaces, is one token."""
     parts = re.split(r"(\\text\{[^{}]*\})", latex)
     split = (tokens(part) if i % 2 == 0 else [part] for i, part in enumerate(parts))
     return tuple(t for found in split for t in found if not t.isspace() and t not in _SPACES)
@@ -336,5 +336,6 @@ def skewed(a: Array) -> Array:
 
 
 def _wide(a: Any, kind: int) -> Any:
-    """A number (points,) with further axes, to be multiplied by a vector or matrix."""
+    """A number (points,) with further axes of length 1, so that it can be multiplied by an array of `kind` axes; other values
+    unchanged."""
     return a[(..., *[None] * (kind - 1))] if np.ndim(a) == 1 and kind > 1 else a

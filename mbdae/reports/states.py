@@ -174,7 +174,8 @@ class State:
         return self.vector(vectors[base.kind])
 
     def changed(self, step: complex, motion: dict[str, tuple[Any, Any]], symbols: dict[str, Any] | None = None) -> State:
-        """State after a small motion: by side the displacement of the point and the rotation (points, 3); further symbols."""
+        """State after `step` times a change. motion: side -> displacement of its point and rotation, (points, 3) each, inertial
+        axes; symbols: changes of further symbols by name."""
         given = dict(self.given)
         for side, (move, turn) in motion.items():
             f = self.frame(side)

@@ -25,7 +25,8 @@ FACTOR = 1.25  #: factor by which a basic unit is scaled
 _KNOWN = {"m": (1, 0, 0), "kg": (0, 1, 0), "s": (0, 0, 1), "rad": (0, 0, 0), "1": (0, 0, 0), "N": (1, 1, -2), "J": (2, 1, -2),
           "W": (2, 1, -3), "Pa": (-1, 1, -2), "Hz": (0, 0, -1)}  # fmt: skip
 _POINTS = 5  #: number of random states from which a unit is found
-#: bound below which a value is taken as 0, allowing for smoothed reactions; values of random states are near 1
+#: bound below which a value is taken as 0: normal forces are smoothed by SLIGHT (N), so that values that should be 0 are of that
+#: size; other values in random states are near 1
 _NOTHING = 100 * SLIGHT
 
 
@@ -200,8 +201,8 @@ def units_of_coordinates(law: Any) -> dict[str, str]:
 
 
 def dimensions(d: Derived, coordinates: Mapping[str, str] | None = None) -> list[Dimensions]:
-    """Units of a law; both cases for coordinates that may be angles or lengths; empty where a unit is unknown or a quantity is an
-    input. coordinates: as in `Dimensions`."""
+    """Units of a law: one case, or two where coordinates may be angles or lengths; none where a unit is unknown, or where sensors
+    feed the law, whose units are not known here. coordinates: as in `Dimensions`."""
     known = units_of_coordinates(d.law) | dict(coordinates or {})
     either = [name for name, stated in known.items() if " or " in stated]
     try:

@@ -120,7 +120,7 @@ class Record:
         return a if len(a.terms) <= 1 else self.known(a)
 
     def known(self, a: Vector) -> Vector:
-        """The vector under its name, or under a new one."""
+        """The named vector that stands for this vector; where there is none yet, a new one."""
         a = Vector(self, {atom: self.resolve(c) for atom, c in a.terms.items()})
         for number, value in self.vectors.items():
             if value.terms == a.terms:

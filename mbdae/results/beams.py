@@ -66,7 +66,7 @@ class Fields:
         self.nodes = Nodes(line.kind, line.mesh.order + 1, given)
 
     def _nodal(self, head: str, values: Array) -> Array:
-        """Values at the nodes of the elements (nt * elements, p + 1, size), from q or u (nt, n)."""
+        """Values at the nodes of the elements (nt * elements, p + 1, size), from values (nt, n) of q or u (head: "q", "u")."""
         at = self.line.places(head)[self.elements]
         return np.asarray(values[:, at].reshape(-1, *at.shape[1:]))
 
@@ -156,7 +156,7 @@ def gauss_strains(line: Line, q: Array, u: Array, z: Array | None = None) -> tup
 
 
 def _elastic(kind: NodeKind) -> dict[str, Expr]:
-    """Strains less those of the reference curve, by name: without damping, stress times compliance."""
+    """Elastic strains, without those of the reference curve, by name: stresses without damping times the compliances."""
     undamped = derived_beam({}, kind, mixed=False)
     return {name: stress * se.Symbol(f"compliance_{name}") for name, stress in undamped.resultants}
 

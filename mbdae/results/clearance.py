@@ -15,7 +15,7 @@ from mbdae.system.base import Array
 
 
 def observed_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Quantities that the sensor of a law reads beside force, torque and power."""
+    """Quantities that the sensor of a law reads in addition to force, torque and power."""
     if not isinstance(d.law, Force):
         return []
     v = d.variation
@@ -29,7 +29,7 @@ class ContactSensor(ConnectionSensor):
     """
 
     def at_times(self, t: Array) -> dict[str, Array]:
-        """All quantities of the contact at times t (nt,): (nt, parts) by name."""
+        """All quantities of the contact at times t (nt,), by name, (nt, places): a column for each place where it may touch."""
         columns: dict[str, list[Array]] = {}
         prepared = self._result.prepared
         for g, p, values in prepared.mechanics.evaluate(observed_outputs, t, *self._result.states(t)):
@@ -64,22 +64,24 @@ class ContactSensor(ConnectionSensor):
 
     @property
     def penetration(self) -> Array:
-        """Depth by which they overlap, m; 0 where they are apart."""
+        """Depth by which the surfaces overlap, m; 0 where they are apart."""
         return np.maximum(0.0, -self.gap)
 
     @property
     def normal_force(self) -> Array:
-        """Normal force, N; 0 where they are apart."""
+        """Normal force, N; 0 where the surfaces are apart."""
         return self._observed("normal_force")
 
     @property
     def friction_force(self) -> Array:
-        """Magnitude of the friction force, N; with clearance the force on the pin along axis x normal, with its sign."""
+        """Magnitude of the friction force, N. For a joint with clearance: the force on the pin along the vector product of the
+        joint's axis and the contact normal, with its sign."""
         return self._observed("friction_force")
 
     @property
     def slip(self) -> Array:
-        """Sliding speed, m/s, also where they are apart; of a joint with clearance of the pin along axis x normal."""
+        """Sliding speed, m/s, also where the surfaces are apart. For a joint with clearance: the velocity of the pin's surface on
+        that of the race along the vector product of the joint's axis and the contact normal, with its sign."""
         return self._observed("slip")
 
     @property

@@ -87,7 +87,7 @@ def stored(mechanics: Mechanics, t: Array, states: States) -> tuple[Array, Array
         first = of_line.stop
         for part in _parts(mechanics, len(t)):
             totals["kinetic"][part] += line.kinetic(u[part])
-            if z is None or line.numbers["damping"]:  # damping adds to the stress of the strain
+            if z is None or line.numbers["damping"]:  # with damping the stresses z contain more than the elastic part
                 elastic = line.energy(q[part], u[part])[0]
             else:
                 elastic = line.stored(q[part], u[part], z[part, of_line])

@@ -18,7 +18,7 @@ OUTSIDE = 1e-6  #: distance beyond the boundary of a section, relative to its si
 
 @dataclass(frozen=True)
 class Fibre(NamesArguments):
-    """A point of a section, x2 and x3 in m along its axes 2 and 3 from the centroid; called: the beam in messages."""
+    """A point of a section, x2 and x3 in m along its axes 2 and 3 from the centroid; called: name of the beam in messages."""
 
     section: Section
     x2: float
@@ -44,7 +44,7 @@ class Fibre(NamesArguments):
         return np.stack([along2 - polar * self.x3, along3 + polar * self.x2], axis=1)
 
     def von_mises(self, resultants: Array) -> Array:
-        """Von Mises stress (nt,), Pa."""
+        """Von Mises stress (nt,), Pa, of the resultants (nt, 6), N and N m."""
         return np.asarray(np.sqrt(self.normal(resultants) ** 2 + 3 * np.sum(self.shear(resultants) ** 2, axis=1)))
 
     @property

@@ -80,7 +80,7 @@ def _flag(value: Any, where: str) -> None:
 
 
 def _real(least: float = -math.inf, finite: bool = True, known: bool = True) -> Kind:
-    """A number; nan too where known=False."""
+    """A number, at least `least`; infinite too where finite=False, nan too where known=False."""
 
     def check(value: Any, where: str) -> None:
         number = isinstance(value, int | float) and not isinstance(value, bool) and (type(value) is float or abs(value) <= MOST)
@@ -130,7 +130,8 @@ def _coordinates(value: Any, where: str) -> None:
 
 
 def _controllers(value: Any, where: str) -> None:
-    """Controllers under way: first instant, number of calls, and what they remember, which is read like arguments."""
+    """Controllers under way, by name: first instant, number of calls, and memory; the memory is not checked here, but where it is
+    read as the argument of a statement is."""
     _each(_row(_real(), _whole(), lambda memory, place: None))(value, where)
 
 

@@ -30,7 +30,8 @@ class Peak(NamedTuple):
 
 
 def peak(result: Any, quantity: Quantity) -> Peak:
-    """The largest magnitude of a quantity from the first of the result's times to the last."""
+    """The largest magnitude of a quantity from the first of the result's times to the last, evaluated inside every step of the
+    run and then searched more closely where it is largest."""
     first, last = float(result.t[0]), float(result.t[-1])
     steps = result.solution.t
     steps = distinct(np.r_[first, steps[(steps > first) & (steps < last)], last])

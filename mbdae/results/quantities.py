@@ -79,7 +79,7 @@ def _spelled(result: Any, text: str) -> tuple[str, dict[str, str]]:
 
 
 def _parsed(text: str) -> Any:
-    """The expression that a text is; None where it is none."""
+    """The syntax tree of a text that is an expression; None for other text."""
     try:
         return ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -87,7 +87,8 @@ def _parsed(text: str) -> Any:
 
 
 def _path(node: Any, names: Mapping[str, str]) -> str | None:
-    """The name of a sensor that a part of an expression is; None where it is none. names: of items, by plain ones."""
+    """The name of the sensor that a node of the syntax tree stands for; None where it is no sensor. names: plain name used in the
+    text -> name of the item (see `sensor_names.spelled`)."""
     inner = node.value if isinstance(node, ast.Subscript) else node
     if not isinstance(inner, ast.Attribute):
         return None
@@ -96,7 +97,7 @@ def _path(node: Any, names: Mapping[str, str]) -> str | None:
 
 
 def _evaluated(result: Any, node: Any, names: Mapping[str, str]) -> Any:
-    """The value of an expression: signs and functions above, numbers, t, and sensors; names as of `_path`."""
+    """The value of a node of the syntax tree: operators, `FUNCTIONS`, numbers, t, pi and sensors; names as in `_path`."""
     path = _path(node, names)
     if path is not None:
         return result.read(path)
@@ -118,7 +119,7 @@ def _evaluated(result: Any, node: Any, names: Mapping[str, str]) -> Any:
 
 
 def _applied(result: Any, node: Any, function: Callable[..., Any], parts: Sequence[Any], names: Mapping[str, str]) -> Any:
-    """A sign or function of parts of an expression; OptionError where their components do not fit it."""
+    """The value of an operator or function of the nodes `parts`; OptionError where their numbers of components do not fit."""
     given = [_evaluated(result, part, names) for part in parts]
     wanted = getattr(function, "nin", 1)
     if len(given) != wanted:

@@ -156,7 +156,8 @@ class Result(RunStates, ListsAttributes):
                      controllers=self._controllers_for(scene, float(when[0])))  # fmt: skip
 
     def _controllers_for(self, scene: SceneData, t: float) -> dict[str, UnderWay]:
-        """The controllers of another scene at a time of this run, which go on there because they are of this one too."""
+        """The states, by name, of the controllers that `scene` shares with this run, at the time t (s) of the run: in a run of
+        `scene` they go on from these."""
         prepared, run = self.prepared, self.solution
         mine = {c.name: (c.every, c.sets, c.memory is None) for c in prepared.model.scene.controllers}
         same = [c.name for c in scene.controllers if mine.get(c.name) == (c.every, c.sets, c.memory is None)]

@@ -200,7 +200,8 @@ class ConnectionSensor(ListsAttributes):
                     yield instance.law, p.targets, values[:, i]
 
     def _drive(self, row: str, coordinate: str) -> Array:
-        """Torque or force (nt,), N m or N, on l, of what prescribes a coordinate and of its loads; positive as it grows."""
+        """Torque or force (nt,), N m or N, on l that acts on a coordinate: the multiplier of `row`, which prescribes it, plus its
+        loads; positive in the direction in which the coordinate grows."""
         loads = [values[:, 0] for law, _, values in self._evaluated(drive_outputs) if law.name_of_coordinate == coordinate]
         name = f"{self._item.name}.{row}"
         if name in self._result.multiplier_names:

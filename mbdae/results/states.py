@@ -38,14 +38,15 @@ class States:
 
 @dataclass(frozen=True, eq=False)
 class Instant:
-    """Solver and interpolant of a run with one time: its unknowns y (1, n) and their derivatives yp (1, n) hold at every time."""
+    """Stands in for solver and interpolant where a Result has one instant only, such as an equilibrium: the unknowns y (1, n) and
+    their derivatives yp (1, n) are returned for every time."""
 
     label: str
     y: Array = field(repr=False)
     yp: Array = field(repr=False)
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Instant:
-        """An interpolant as this one, of other unknowns."""
+        """The same for other unknowns y (1, n) and yp (1, n); t and pieces, which interpolants of runs need, are not used."""
         return Instant(self.label, y, yp)
 
     def value(self, t: Array) -> Array:

@@ -48,7 +48,7 @@ def _inside(value: Any) -> Iterator[dict[str, Any]]:
 
 
 def _check_name(item: str, name: Any) -> None:
-    """A class or function must have a name by which it can be handed to `mb.load`."""
+    """OptionError for the stored name of a class or function by which `mb.load` could not find it: of a lambda, or not unique."""
     if isinstance(name, str) and name.endswith("<lambda>"):
         raise OptionError(f"{item}: a lambda has no name by which it could be found again; define it with def, and pass it to "
                           f"mb.load in laws=[...]")  # fmt: skip
@@ -58,7 +58,7 @@ def _check_name(item: str, name: Any) -> None:
 
 
 def _check_own(scene: SceneData, data: dict[str, Any]) -> None:
-    """A scene built from the data must have the user's own laws unchanged."""
+    """OptionError where the user's own laws are not the same in a scene built again from the data."""
     try:
         refuse_losses(scene, replay(json.loads(json.dumps(data)), SceneData, Known(scene.own)))
     except MbdaeError as error:

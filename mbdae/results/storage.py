@@ -150,13 +150,15 @@ def _rank(rank: RankReport) -> dict[str, Any]:
 
 
 def own_laws(model: Model) -> dict[str, str]:
-    """Fingerprints of the equations of the user's own laws, by class and number."""
+    """Fingerprints of the equations of the user's own laws, by name of the class and number of the group of laws with these
+    equations in the model."""
     own = [group for group in model.groups if not group.key[0].__module__.startswith("mbdae.")]
     return {f"{group.key[0].__qualname__} {i}": fingerprint(group.derived) for i, group in enumerate(own)}
 
 
 def _check_laws(stored: dict[str, str], found: dict[str, str]) -> None:
-    """The laws given to `load` must state the equations that were integrated."""
+    """BadValueError where a law given to `load` states other equations than those that were integrated. stored, found: by law the
+    fingerprints in the file and those of the laws given."""
     for name in stored:
         if found.get(name) != stored[name]:
             raise BadValueError(f"the law {name.split()[0]} states other equations than when the file was written; hand over the "
@@ -204,7 +206,8 @@ def _check_elements(statements: list[Any], unknowns: int) -> None:
 
 
 def _check_unknowns(prepared: Prepared, names: list[str]) -> None:
-    """The unknowns of the run must be those of the scene: those of its motion, then stresses and multipliers."""
+    """BadValueError unless the names of the run's unknowns are those of the scene: the unknowns of its motion, then stresses of
+    beams where they were unknowns, then multipliers."""
     nb, mechanics, start = prepared.all_bodies.numbering, prepared.mechanics, prepared.start
     stresses = [name for line in prepared.model.lines for name in line.stresses]
     rest = [name for name in names[nb.n :] if name not in set(stresses)]
@@ -253,7 +256,7 @@ def _solver(stored: dict[str, Any], known: Known) -> Any:
 
 
 def _form(label: str, known: Known) -> str:
-    """The label of one of mbdae's forms, or of a form among the caller's classes."""
+    """The stored label of a form; BadValueError where it is that of no form of mbdae and of none among the caller's classes."""
     own: list[type[Form]] = [form for form in known.own.values() if isinstance(form, type) and issubclass(form, Form)]
     forms: list[type[Form]] = [GGL, Index3, Index1, ODE, *own]
     if label not in {form.label for form in forms}:
@@ -275,7 +278,8 @@ def _dense(interpolant: Interpolant) -> dict[str, Any]:
 
 
 def _arrays(interpolant: Interpolant) -> dict[str, Array]:
-    """The arrays of an interpolant beside the steps: values inside them, and those before a jump or kink of an input of time."""
+    """The arrays of an interpolant in addition to the steps: values inside of the steps, and the values at the end of a step that
+    are used before a jump or kink of an input of time."""
     if isinstance(interpolant, Collocation):
         return {"inner": interpolant.inner, "ends": interpolant.ends}
     if isinstance(interpolant, Joined):
@@ -298,7 +302,7 @@ def _interpolant(stored: dict[str, Any], arrays: dict[str, Array]) -> Interpolan
 
 
 def _check_shapes(header: dict[str, Any], shapes: dict[str, tuple[int, ...]]) -> None:
-    """The arrays must be those that the header describes, with matching sizes; their numbers are not read yet."""
+    """BadValueError unless the arrays are those that the header describes, with their shapes; their numbers are not read yet."""
     dense, n = header["run"]["dense"], len(header["run"]["names"])
     steps = (*shapes.get("steps", ()), 0)[0]
     meant: dict[str, tuple[int | None, ...]] = {f"start_{name}": (None,) for name in _START}
@@ -318,7 +322,7 @@ def _check_shapes(header: dict[str, Any], shapes: dict[str, tuple[int, ...]]) ->
 
 
 def _check_times(header: dict[str, Any], arrays: dict[str, Array]) -> None:
-    """Times of steps must rise from the start; times of outputs must lie within them."""
+    """BadValueError unless the times of the steps rise and the times of the outputs lie between the first and the last."""
     t, steps = arrays["t"], arrays["steps"]
     parts = np.split(arrays["part_t"], np.cumsum(header["run"]["dense"]["steps"])[:-1]) if "part_t" in arrays else []
     if not all(np.all(np.diff(times) > 0) for times in [steps, *parts]):

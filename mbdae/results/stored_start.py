@@ -13,7 +13,7 @@ from mbdae.values import BadValueError, number, shown, whole
 
 
 def start_header(start: Start) -> dict[str, Any]:
-    """What a file holds of a start beside its arrays."""
+    """The plain data of a start that go into the header of a file; its arrays are stored separately."""
     controllers = {name: [c.begin, c.calls, encode(c.memory)] for name, c in start.controllers.items()}
     return {"t": start.t, "changes": start.changes, "coordinates": _by_joint(start)} | (
         {"controllers": controllers} if controllers else {})  # fmt: skip

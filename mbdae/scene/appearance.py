@@ -20,7 +20,7 @@ READERS: dict[str, Callable[[Any], str]] = {}  #: "color" -> function that reads
 
 
 def shape(arg: Argument, value: Any) -> Shape:
-    """A shape with plain values: its point, directions of length 1, lengths above 0."""
+    """Reader of a shape: returns it with plain values, a point, directions of length 1, and lengths above 0."""
     if not isinstance(value, Shape) or type(value) is Shape:
         arg.wrong(f"{shown(value)} is no shape", SHAPES)
         return Point()
@@ -44,7 +44,7 @@ def _unit(direction: Array) -> Array:
 
 
 def _edges(arg: Argument, value: Any) -> Array:
-    """Lengths (3,), m, of the edges of a box; that along z is 0 where two are given."""
+    """Reader of the lengths (3,), m, of the edges of a box; that along z is 0 where two are given."""
     try:
         found = array(value)
         if found.shape not in ((2,), (3,)) or (found < 0).any() or not found.any():
@@ -56,15 +56,15 @@ def _edges(arg: Argument, value: Any) -> Array:
 
 
 def shapes(arg: Argument, value: Any) -> tuple[Shape, ...]:
-    """Shapes of a body: one, or a list of them."""
+    """Reader of the shapes of a body: one, or a list of them."""
     given = list(value) if isinstance(value, list | tuple) else [value]
     found = [shape(arg if len(given) == 1 else arg.part(f"{arg.option}[{i}]"), one) for i, one in enumerate(given)]
     return tuple(found)
 
 
 def color(arg: Argument, value: Any) -> str:
-    """A colour as "#rrggbb", from a text that matplotlib knows or from 3 or 4 numbers (an opacity is ignored). matplotlib's grey
-    levels, numbers written as texts, are refused: no argument takes numbers as texts."""
+    """Reader of a colour: "#rrggbb", from a text that matplotlib knows or from 3 or 4 numbers (an opacity is ignored).
+    matplotlib's grey levels, numbers written as texts, are refused: no argument takes numbers as texts."""
     try:
         named = isinstance(value, str) and not value.strip().replace(".", "").isdigit()
         return READERS["color"](value if named else tuple(array(value, (3,), (4,)).tolist()))

@@ -29,7 +29,7 @@ SAMPLES = 64  #: pieces of a curve for drawing and for finding the place nearest
 
 
 def _curve(arg: Argument, value: Any) -> Any:
-    """A function, or the word "arc"."""
+    """Reader of the curve of a beam: a function, or the word "arc"."""
     if callable(value) or (isinstance(value, str) and value == "arc"):
         return value
     arg.wrong(f"{shown(value)} is no curve", "give 'arc' and three points, or a function of a parameter from 0 to 1")
@@ -37,7 +37,7 @@ def _curve(arg: Argument, value: Any) -> Any:
 
 
 def _beam(arg: Argument, value: Any) -> Any:
-    """A beam of the scene, by itself or its name."""
+    """Reader of a beam of the scene, given by itself or its name."""
     before, found = len(arg.scene.problems), reading.body(arg, value)
     if not isinstance(found, Beam) and len(arg.scene.problems) == before:
         arg.wrong(f"{shown(found.name)} is not a beam of this scene", "give a beam, or use s.force for a rigid body")
@@ -151,7 +151,8 @@ class BeamStatements(SceneItems):
 
 
 def check_attachments(scene: SceneItems, item: Connection) -> None:
-    """Joints and forces must attach to a beam at a node, or far enough from the nodes for a further one."""
+    """Report a joint or force that attaches to a beam too near to a node: it must be at a node, or far enough from the nodes for
+    a further node at its place."""
     for side, beam in (("k", item.k), ("l", item.l)):
         if isinstance(beam, Beam):
             point = item.places.get(side, item.joint.point_on(side))
@@ -195,7 +196,8 @@ def place_of(beam: Beam, place: float) -> Array:
 
 
 def _check_turning(beam: Beam) -> None:
-    """Neighbouring nodes must be turned by less than half a turn: rotations are interpolated the short way."""
+    """OptionError where neighbouring nodes of a curve are turned by nearly half a turn or more: rotations between them are
+    interpolated the short way, which is then not unique."""
     steps = np.diff(beam.outline, axis=0)
     first = steps / np.linalg.norm(steps, axis=1, keepdims=True)
     bends = 2 * np.arcsin(np.clip(np.linalg.norm(np.diff(first, axis=0), axis=1) / 2, 0, 1))
@@ -213,7 +215,7 @@ def nearest_place(beam: Beam, point: Array) -> float:
     a, b = beam.outline[:-1], beam.outline[1:]
     d = b - a
     share = np.clip(np.einsum("ij,ij->i", point - a, d) / np.einsum("ij,ij->i", d, d), 0, 1)
-    # the first of equally near pieces, as where the line closes
+    # of several equally near pieces the first, such as at the point where a closed line begins and ends
     i = nearest(np.linalg.norm(a + share[:, None] * d - point, axis=1), float(np.max(np.abs(d))))
     if beam.curve is None:
         lengths = np.linalg.norm(d, axis=1)

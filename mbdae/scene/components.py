@@ -23,7 +23,7 @@ from mbdae.values import BadValueError, array, number, shown
 
 Array = NDArray[np.float64]
 FINE = 2048  #: number of chords by which the length along a curve is measured
-MOVING = ("position", "rotation", "velocity", "angular_velocity")  #: what a body has in a run alone; refused before it
+MOVING = ("position", "rotation", "velocity", "angular_velocity")  #: sensors of a run that a body of a scene refuses to show
 
 
 @dataclass(eq=False)
@@ -165,7 +165,7 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """What loads may depend on beside the motion: a "state" with its law, a named expression ("signal") with its value, an
+    """What loads may depend on besides motion and time: a "state" with its law, a named expression ("signal") with its value, an
     "output" of a controller with the law that holds it."""
 
     name: str
@@ -292,7 +292,7 @@ class Connection:
     model: JointModel | None = None
     left_open: bool = False  #: whether the user named no joint model
     as_kinematic: list[TwoBodyLaw] = field(default_factory=list)  #: laws of the ideal kinematic joint, for models that need it
-    others: dict[str, Any] = field(default_factory=dict)  #: bodies of frames beside k and l, by name of the frame
+    others: dict[str, Any] = field(default_factory=dict)  #: bodies of further frames than k and l, by frame
     shapes: tuple[Shape, ...] = ()  #: the two shapes of a contact, of k and of l
     places: dict[str, Array] = field(default_factory=dict)  #: side "k" or "l" -> the point of that body the user named, as drawn
 
@@ -326,7 +326,7 @@ class Connection:
         return bool(self.laws[0].own_coordinates) and self.is_joint
 
     def unit(self, coordinate: str) -> str:
-        """rad, m or rotation."""
+        """Unit of a coordinate: "rad", "m", or "rotation" for a free rotation."""
         return str(self.laws[0].coordinates[coordinate].unit)
 
     @property

@@ -53,7 +53,7 @@ def own_copy(arg: Argument, law: Any) -> Joint | Force | Coupling:
 
 
 def _read_places(head: Argument, law: Joint | Force, found: Any) -> None:
-    """Bodies, points and directions of a law into its copy."""
+    """Write the checked bodies, points and directions of a law into its copy `found`."""
     found.k, found.l = (reading.body(head.part(side), getattr(law, side)) for side in "kl")
     found.at = None if law.at is None else reading.point(head.part("at"), law.at)
     found.axis = reading.direction(head.part("axis"), law.axis)
@@ -67,7 +67,7 @@ def _read_places(head: Argument, law: Joint | Force, found: Any) -> None:
 
 
 def _refuse_unhashable(arg: Argument, value: Any) -> None:
-    """Derived equations are cached by the options of their law, so options must be hashable."""
+    """Report a value of an option that is not hashable: derived equations are cached by the options of their law."""
     try:
         hash(value)
     except Exception:  # a hash of the user's own may raise anything

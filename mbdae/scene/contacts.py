@@ -81,8 +81,9 @@ def _box_on_plane(plane: Plane, box: Box) -> Made:
 
 
 def _cylinder_on_plane(plane: Plane, cylinder: Cylinder) -> Made:
-    """The frame's x is along the part of the cylinder's axis in the plane. Where normal and axis both lie in the plane z = 0, y
-    is along that part instead, because x is then normal to the planar scene."""
+    """The contact of a cylinder with a plane. The x axis of the law's frame is along the part of the cylinder's axis that lies in
+    the plane. Where normal and axis both lie in the plane z = 0, y is along that part instead, because x is then normal to the
+    planar scene."""
     z = np.asarray(plane.normal)
     up = float(cylinder.axis @ z)
     across = cylinder.axis - up * z

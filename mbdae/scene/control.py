@@ -16,7 +16,7 @@ from mbdae.values import option, shown, text
 
 
 def _words(arg: Argument, value: Any) -> list[str]:
-    """Texts; one alone stands for a list of one."""
+    """Reader of a list of texts; a text alone stands for a list of one."""
     given = [value] if isinstance(value, str) else value
     if not (isinstance(given, list | tuple) and all(isinstance(one, str) and one.strip() for one in given)):
         arg.wrong(shown(value), "give a list of texts")
@@ -27,7 +27,7 @@ def _words(arg: Argument, value: Any) -> list[str]:
 
 
 def _function(arg: Argument, value: Any) -> AsGiven:
-    """A function."""
+    """Reader of a function."""
     given = value.value if isinstance(value, AsGiven) else value
     if callable(given) and not isinstance(given, type):
         return AsGiven(given)
@@ -37,7 +37,7 @@ def _function(arg: Argument, value: Any) -> AsGiven:
 
 
 def _memory(arg: Argument, value: Any) -> AsGiven:
-    """Any object, kept as it is."""
+    """Reader of the memory of a controller: any object, kept as it is."""
     return value if isinstance(value, AsGiven) else AsGiven(value)
 
 
@@ -57,7 +57,7 @@ FED = reading.driven("1", sensors=True)
 
 
 class ControlStatements(ConnectionStatements):
-    """`sensor`, `state`, `signal`: what loads, drives and controllers depend on beside the time."""
+    """`sensor`, `state`, `signal`, `controller`: what loads and drives can depend on in addition to the time."""
 
     def sensor(self, path: str) -> Any:
         """The symbol of a sensor, for expressions of loads, torques, forces and states: a coordinate of a joint ("J.angle",

@@ -59,7 +59,7 @@ class OnCoordinates:
         return any(self.law.coordinates[c].unit == "rad" for c in self.of("limits"))
 
     def forces(self) -> list[Made]:
-        """The force laws on the coordinates."""
+        """Class and arguments of every force law on the coordinates: springs, dampers, loads, stops and friction."""
         return [(made[0], {"coordinate": c, **made[1]}) for c in self.law.scalars() for made in self._on(c)]
 
     def _on(self, c: str) -> list[Made]:

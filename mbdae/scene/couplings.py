@@ -19,8 +19,8 @@ NOBODY = ""  #: used for a coordinate that was not found, after the mistake has 
 
 
 def reference(unit: str = "") -> reading.Reader:
-    """Reader of one coordinate, with this unit where one is given: of the name of its joint, or of "joint.coordinate"; returns
-    "joint.coordinate"."""
+    """Reader of a reference to a coordinate: the name of a joint that has one coordinate, or "joint.coordinate". Returns
+    "joint.coordinate". unit: the coordinate has to have this unit, where it is given."""
 
     def read(arg: Argument, value: Any) -> str:
         joint, name = found_joint(arg, value)
@@ -67,7 +67,7 @@ def _known(scene: Any) -> list[str]:
 
 
 def _terms(arg: Argument, value: Any) -> dict[str, float]:
-    """Factors by coordinate."""
+    """Reader of the factors of a coupling, by "joint.coordinate"."""
     if not isinstance(value, Mapping) or not value:
         arg.wrong(shown(value), "give factors by coordinate, such as {'A.angle': 2, 'B.angle': 1}")
         return {}
@@ -86,7 +86,7 @@ def _terms(arg: Argument, value: Any) -> dict[str, float]:
 
 
 def _ratio(arg: Argument, value: Any) -> float:
-    """A number that is not 0."""
+    """Reader of a number that is not 0."""
     before = len(arg.scene.problems)
     found = reading.quantity("1")(arg, value)
     if found == 0 and len(arg.scene.problems) == before:
@@ -154,7 +154,7 @@ class CouplingStatements(SceneItems):
         return item
 
     def _add_coupling(self, law: Coupling) -> Connection:
-        """A coupling of the user's own."""
+        """Enter a coupling that was given to `add` as an object, after its coordinates have been read."""
         kind, before = type(law).__name__.lower(), len(self.problems)
         arg = Argument(self, f"{kind} '{law.name}'", "of")
         of = {c: reference(_unit(law, c))(arg.part(f"of['{c}']"), value) for c, value in law.of.items()}

@@ -37,7 +37,7 @@ from mbdae.symbolic.law import TwoBodyLaw
 OPTIONS = ("prescribed", "start", "start_rate", "spring", "damper", "load", "limits", "stop", "friction")
 BODIES = {"name": reading.name, "k": reading.body, "l": reading.body, "at": reading.point}
 PLACED = {**BODIES, "axis": reading.direction}
-#: law -> what to use instead of `joint`, where a statement of its own measures the parameters
+#: law -> remedy in the message about a missing parameter, where another statement takes the parameter from the drawing
 MEASURED: dict[type[Joint], str] = {Distance: "use s.distance(...), which measures it"}
 EACH = dict.fromkeys(OPTIONS, reading.as_given)  #: readers of options by coordinate: checked when the coordinates are known
 FURTHER = {"model": joint_model, **EACH, "further": reading.as_given}
@@ -239,7 +239,8 @@ class JointStatements(ConnectionStatements):
 
 
 def _instead(kind: str, law: type[Joint], key: str, own: set[str]) -> str:
-    """An argument that a joint, stated by the word `kind` or by `joint`, does not have, and what to give in its place."""
+    """Part of a message: the name `key` of an argument that the joint does not have, and what to give in its place. kind: the
+    statement; own: parameters of the joint."""
     coordinate = key.removesuffix("_rate")
     if coordinate not in law.scalars():
         known = (set(signature(STATEMENTS.get(kind, STATEMENTS["joint"])).parameters) | {*OPTIONS, "model"}) - {"self", "further"}

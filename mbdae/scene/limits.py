@@ -16,7 +16,7 @@ Limits = tuple[float | None, float | None]  #: lowest and highest value, None wh
 
 
 def limits(unit: str) -> Reader:
-    """A pair (lowest, highest); None or an infinite number: no limit on that side. None where it cannot be used."""
+    """Reader of a pair (lowest, highest); None or an infinite number: no limit on that side. Returns None for a wrong value."""
     pair = f"give a pair (lowest, highest), {unit}; None for a side without limit"
 
     def read(arg: Argument, value: Any) -> Limits | None:
@@ -40,7 +40,7 @@ def limits(unit: str) -> Reader:
 
 
 def _one(value: Any, without: float) -> float | None:
-    """A limit; None where there is none, which is said by None or by the infinite number `without`."""
+    """A limit as a number; None for no limit, which the user states by None or by the infinite number `without`."""
     if value is None:
         return None
     try:
@@ -52,7 +52,7 @@ def _one(value: Any, without: float) -> float | None:
 
 
 def stop(stiffness: str, damping: str) -> Reader:
-    """An mb.Stop with numbers in these units; None where it cannot be used."""
+    """Reader of an mb.Stop with numbers in these units; returns None for a wrong value."""
 
     def read(arg: Argument, value: Any) -> Stop | None:
         if not isinstance(value, Stop):
@@ -81,7 +81,8 @@ def pairs_of(found: Mapping[str, Mapping[str, Any]], law: type[Joint]) -> dict[s
 
 def mistakes(found: Mapping[str, Mapping[str, Any]], law: type[Joint], words: Mapping[str, str],
              model: JointModel | None) -> list[str]:  # fmt: skip
-    """What is wrong with limits and stops beside their values, one sentence each. found: values by option and coordinate."""
+    """Mistakes in the combination of limits, stops and joint model, one sentence each; single values are checked by `limits` and
+    `stop`. found: values by option and coordinate; words: name of an option in the statement, where it differs."""
     limited, stops = found.get("limits", {}), found.get("stop", {})
     wrong = [f"limits = {_written(limited[c], law, c)} have no stop; {REMEDY}" for c in limited if c not in stops]
     wrong += [f"stop = {shown(stops[c])} does nothing without limits of its {c}; give limits=(lowest, highest), or omit it"

@@ -18,7 +18,7 @@ normal_law = instance(Normal, "normal law", "give mb.Hertz(stiffness, damping)")
 
 
 def friction_law(arg: Argument, value: Any) -> Any:
-    """A friction law; without internal states it must dissipate energy, or do no work, at every sliding velocity."""
+    """Reader of a friction law. One without internal states is refused where it feeds energy at some sliding velocity."""
     found = a_friction(arg, value)
     if found is not value or found.states:
         return found
@@ -35,7 +35,7 @@ def friction_law(arg: Argument, value: Any) -> Any:
 
 
 def joint_model(arg: Argument, value: Any) -> Any:
-    """A joint model with plain numbers; None, for the kinematic model, where it cannot be used."""
+    """Reader of a joint model: returns it with plain numbers; None, for the kinematic model, where it cannot be used."""
     before = len(arg.scene.problems)
     if isinstance(value, Clearance):
         _read_clearance(arg, value)

@@ -50,7 +50,7 @@ def inputs(connections: list[Connection], loads: list[BeamLoad]) -> Iterator[Inp
 
 
 def _fed(connections: list[Connection], signals: list[Signal]) -> Iterator[Input]:
-    """Parts that depend on time alone, in expressions that read sensors."""
+    """Parts that depend on time alone in expressions that read sensors, of laws, signals and states."""
     stated = [(c.kind, c.name, getattr(law, key)) for c in connections for law in c.laws for key in law.params]
     stated += [(one.kind, one.name, one.value if one.law is None else getattr(one.law, "rate", None)) for one in signals]
     for kind, name, value in stated:
@@ -60,7 +60,8 @@ def _fed(connections: list[Connection], signals: list[Signal]) -> Iterator[Input
 
 
 def of_time(e: Expr) -> Iterator[Expr]:
-    """The largest parts of an expression that depend on time alone; of cases, which may not hold, those with tables."""
+    """The largest parts of an expression that depend on time alone. Of the cases of a Piecewise only parts with tables: the
+    others need not be finite at times at which their case does not hold."""
     if e.free_symbols == {timed.TIME} and not is_condition(e):
         yield e
         return
@@ -78,7 +79,7 @@ def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
     try:
         short = beyond(one.expression, t0, t_end)
     except TooManyError:
-        short = ""  # said below
+        short = ""  # `resolved` raises the same error below, where it is reported
     if short:
         return [f"{one.what}: {short}"]
     parts = list(timed.derivatives(one.expression)) if one.moves else [timed.sided(one.expression)]
@@ -118,7 +119,8 @@ def _looked_at(edges: Any, found: Stretches) -> tuple[Any, Any]:
 
 
 def _jumps(one: Input, parts: list[Expr], values: list[Any], edges: Any, before: list[float]) -> list[str]:
-    """Breaks at which a prescribed motion, or its rate, jumps; before: for a continued run, a time just before its start."""
+    """Messages about breaks at which a prescribed motion or its rate jumps. parts: the motion and its derivatives; values: theirs
+    at many times; edges: start, breaks and end, s; before: for a continued run, a time just before its start."""
     middle = np.r_[before, (edges[1:] + edges[:-1]) / 2]
     at = (edges if before else edges[1:])[:-1]
     if not len(at):

@@ -96,12 +96,12 @@ def _read(arg: Argument, value: Any, read: Callable[[Any], T], remedy: str, inst
 
 
 def name(arg: Argument, value: Any) -> str:
-    """The name of an item."""
+    """Reader of the name of an item."""
     return _read(arg, value, text, "give every item a name of its own, text such as 'rod'", NAMELESS)
 
 
 def quantity(unit: str, bound: str = "", why: str = "") -> Reader:
-    """A number in a unit; bound: "" for any, "not negative" or "positive"; why: consequence of a negative one."""
+    """Reader of a number in a unit; bound: "" for any, "not negative" or "positive"; why: consequence of a negative one."""
     kind = {"": "a number", "not negative": "a number from 0", "positive": "a positive number"}[bound]
     measured = kind + (f" in {unit}" if unit not in ("", "1") else "")
 
@@ -125,12 +125,12 @@ def _with_unit(value: float, unit: str) -> str:
 
 
 def _misshapen(value: Any, found: Any) -> str:
-    """That a value, as an array `found`, has a wrong shape."""
+    """Part of a message: the value, and the wrong shape that it has as the array `found`."""
     return f"{shown(value)} has shape {found.shape}" if found.ndim else f"{shown(value)} is no list"
 
 
 def vector(unit: str) -> Reader:
-    """Two or three numbers (3,); two mean z = 0."""
+    """Reader of a vector (3,) from two or three numbers in a unit; two mean z = 0."""
 
     def read(value: Any) -> Array:
         found = array(value)
@@ -143,12 +143,12 @@ def vector(unit: str) -> Reader:
 
 
 def point(arg: Argument, value: Any) -> Array:
-    """A point (3,), m: coordinates, or a place of a body."""
+    """Reader of a point (3,), m: coordinates, or a place of a body."""
     return np.array(value.point, dtype=float) if isinstance(value, Place) else np.asarray(vector("m")(arg, value))
 
 
 def direction(arg: Argument, value: Any) -> Array:
-    """A vector (3,) that is not zero, of any length."""
+    """Reader of a vector (3,) that is not zero, of any length."""
     before = len(arg.scene.problems)
     found = np.asarray(vector("")(arg, value))
     if np.any(found):
@@ -165,7 +165,7 @@ def unit(direction: Any) -> Array:
 
 
 def rotation(arg: Argument, value: Any) -> Array:
-    """A rotation matrix (3, 3)."""
+    """Reader of a rotation matrix (3, 3)."""
     remedy = "give three columns of unit length, each normal to the others, right-handed (body to inertial)"
     return _read(arg, value, _orthogonal, remedy, np.eye(3))
 
@@ -180,7 +180,7 @@ def _orthogonal(value: Any) -> Array:
 
 
 def inertia(arg: Argument, value: Any) -> Any:
-    """One number, 3 values (3,) or a matrix (3, 3), kg m^2."""
+    """Reader of an inertia: one number, 3 values (3,) or a matrix (3, 3), kg m^2."""
     remedy = "give one number (about z), 3 principal values or a 3x3 matrix, kg m^2"
     try:
         found = array(value)
@@ -193,12 +193,13 @@ def inertia(arg: Argument, value: Any) -> Any:
 
 
 def values(remedy: str, *counts: int) -> Reader:
-    """Numbers, as many as one of the counts."""
+    """Reader of several numbers, as many as one of the counts."""
     return lambda arg, value: _read(arg, value, lambda v: array(v, *((n,) for n in counts)), remedy, np.zeros(counts[0]))
 
 
 def driven(unit: str, sensors: bool = False, named: bool = False) -> Reader:
-    """A float, or an expression of time; sensors: of sensors too; named: a text is the path of one."""
+    """Reader of a number in a unit or an expression of time. sensors: expressions may contain sensors too; named: a text is taken
+    as the path of a sensor."""
 
     remedy = f"its unit is {unit}" if unit != "1" else f"give a number or an expression of mb.t{' and sensors' * sensors}"
 
@@ -211,7 +212,7 @@ def driven(unit: str, sensors: bool = False, named: bool = False) -> Reader:
 
 
 def components(unit: str, sensors: bool = False) -> Reader:
-    """Three numbers or expressions of time (sensors: of sensors too); two mean that the third is 0."""
+    """Reader of three numbers or expressions of time (sensors: of sensors too); two mean that the third is 0."""
 
     def read(arg: Argument, value: Any) -> list[Any]:
         try:
@@ -228,7 +229,7 @@ def components(unit: str, sensors: bool = False) -> Reader:
 
 
 def one_of(*words: str) -> Reader:
-    """One of some words; the first where it is none of them."""
+    """Reader of one of some words; the first of them where the value is none of them."""
 
     def read(arg: Argument, value: Any) -> str:
         try:
@@ -241,7 +242,7 @@ def one_of(*words: str) -> Reader:
 
 
 def counts(arg: Argument, value: Any) -> Any:
-    """A whole number, or a tuple of them, each at least 1; None where it is neither."""
+    """Reader of a whole number, or a tuple of them, each at least 1; None where the value is neither."""
     try:
         found = entries(value)
         if found.ndim > 1 or not found.size:
@@ -256,13 +257,13 @@ def counts(arg: Argument, value: Any) -> Any:
 
 
 def integer(least: int, most: int) -> Reader:
-    """A whole number between two."""
+    """Reader of a whole number from `least` to `most`."""
     remedy = f"give a whole number from {least} to {most}"
     return lambda arg, value: _read(arg, value, lambda v: whole(v, least=least, most=most), remedy, least)
 
 
 def instance(what: type, noun: str, remedy: str, instead: Any = None) -> Reader:
-    """An object of a class; `instead` where it is none."""
+    """Reader of an object of the class `what`; `instead` where the value is none. noun, remedy: words of the message."""
 
     def read(arg: Argument, value: Any) -> Any:
         if isinstance(value, what):
@@ -274,12 +275,12 @@ def instance(what: type, noun: str, remedy: str, instead: Any = None) -> Reader:
 
 
 def as_given(arg: Argument, value: Any) -> Any:
-    """The value as it is, checked elsewhere."""
+    """Reader that returns the value as it is; the statement checks it itself."""
     return value
 
 
 def joint_class(arg: Argument, value: Any) -> Any:
-    """A class derived from mb.Joint."""
+    """Reader of a class derived from mb.Joint."""
     if isinstance(value, type) and issubclass(value, Joint) and value is not Joint:
         return value
     arg.wrong(f"{shown(value)} is no class of a joint", "give a class derived from mb.Joint, such as mb.Revolute")
@@ -300,7 +301,7 @@ def nobody(scene: Any) -> Body:
 
 
 def body(arg: Argument, value: Any) -> Any:
-    """A body of the scene, by itself, its name or a place on it."""
+    """Reader of a body of the scene, given by itself, its name or a place on it."""
     if isinstance(value, Place):
         return Place(body(arg, value.body), np.array(value.point, dtype=float))
     scene = arg.scene

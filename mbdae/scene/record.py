@@ -152,6 +152,7 @@ def stored_name(thing: type | FunctionType, own: Own | None = None) -> str:
 
 
 def without_module(name: str) -> str:
-    """The name "module:qualname" of a class; of mbdae's own without the module, which older files name."""
+    """The name "module:qualname" of a class; for classes of mbdae "mbdae:qualname". Files of older versions name the module of
+    mbdae in which a class was defined, which may have changed."""
     module, _, own = name.partition(":")
     return f"{PACKAGE}:{own}" if module.startswith(f"{PACKAGE}.") else name

@@ -131,7 +131,7 @@ def decoded(value: Any, scene: Any, known: Known) -> Any:
 
 
 def _decode(value: Any, scene: Any, known: Known) -> Any:
-    """The argument an encoded value stands for, in `scene`."""
+    """The argument for which an encoded value stands; names of bodies in it are those of `scene`."""
     if isinstance(value, list):
         return [_decode(v, scene, known) for v in value]
     if not isinstance(value, dict):
@@ -160,7 +160,8 @@ def _expression(value: Any, scene: Any, known: Known) -> Any:
 
 
 def _as_given(value: Any, scene: Any, known: Known) -> AsGiven:
-    """The object that the scene repeated here keeps; one made from plain data where the scene comes from a file."""
+    """An object of the user's own, such as the memory of a controller: the object itself where a scene of this process is
+    repeated, else one made from the plain data of a file."""
     own = known.own.get(value["kept"]) if isinstance(value["kept"], str) else None
     return own if isinstance(own, AsGiven) else AsGiven(_decode(value["plain"], scene, known))
 
@@ -233,8 +234,8 @@ def _made(cls: Callable[..., Any], arguments: dict[str, Any]) -> Any:
 
 
 def _rebuilt(cls: type, base: type, arguments: dict[str, Any], equal: Callable[[Any], bool]) -> Any:
-    """A law or part with its values, made by its constructor. A user's own constructor may take other arguments or set other
-    values: then the constructor of the base class, which takes parameters and options by name."""
+    """A law or part with its values, made by its constructor. Where a user's own constructor takes other arguments, or sets other
+    values (equal(object) is false), it is made by the constructor of `base`, which takes parameters and options by name."""
     maker = next(c for c in cls.__mro__ if "__init__" in vars(c))
     if maker.__module__.split(".")[0] == "mbdae":
         return _made(cls, arguments)
@@ -309,7 +310,7 @@ def _repeat(scene: Any, entry: Statement, known: Known) -> None:
 
 
 def _is_number(value: Any) -> bool:
-    """Numbers, expressions, places, and lists of these."""
+    """Whether a stored value is a number, an expression of time, a place, or a list of these."""
     if isinstance(value, list | tuple):
         return all(_is_number(v) for v in value)
     if isinstance(value, dict):
@@ -325,7 +326,8 @@ def _described(entry: Any) -> str:
 
 
 def refuse_losses(scene: Any, copy: Any) -> None:
-    """Raise SceneError where a user's own law in a copy of a scene lacks what an instance has beside parameters and options."""
+    """Raise SceneError where a user's own law in a copy of a scene lacks an attribute of the law in the scene that is neither a
+    parameter nor an option, or has another value of it."""
     for old, new in zip(scene.connections, copy.connections, strict=True):
         for law, again in zip(old.laws, new.laws, strict=False):
             if type(law) is not type(again) or _is_built_in(type(law)):

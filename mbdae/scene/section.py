@@ -79,7 +79,8 @@ class Section:
             object.__setattr__(self, "shape", ())
 
     def _read(self, name: str, unit: str, **bounds: float) -> list[str]:
-        """Replace a field by a plain number; a list with the mistake in it, or an empty one."""
+        """Replace the value of a field by a plain number; returns the message where it is no number within the bounds, in a list,
+        else an empty list."""
         try:
             object.__setattr__(self, name, number(getattr(self, name), **bounds))
         except BadValueError as refused:

@@ -87,7 +87,7 @@ def known_paths(scene: Any) -> list[str]:
 
 
 def refuse_sampled(scene: Any, what: str) -> None:
-    """Raise OptionError where a scene has a sampled controller, of which `what` would know nothing."""
+    """Raise OptionError where a scene has a sampled controller: the analysis named `what` would leave it out."""
     for one in scene.controllers:
         raise OptionError(f"{what}: controller '{one.name}' is a function called every {one.every:g} s, which is possible in "
                           f"s.simulate alone; state its law by expressions of s.sensor and s.state")  # fmt: skip
@@ -120,7 +120,7 @@ def problems(scene: Any) -> list[str]:
 
 
 def _circles(scene: Any) -> list[str]:
-    """Signals that depend on themselves."""
+    """Message about a signal that depends on itself, directly or through others; empty where there is none."""
     needs = {one.name: [p for p in one.reads() if p != one.name or one.kind == "signal"]
              for one in scene.signals if one.kind == "signal"}  # fmt: skip
 
@@ -141,8 +141,9 @@ def _circles(scene: Any) -> list[str]:
 
 
 def keep_read_coordinates(scene: Any, read: Iterable[str]) -> None:
-    """Angles that are read by these paths, and coordinates that bodies do not show, become unknowns of their own: whole turns
-    count. A joint may be stated after what reads it: `_wanted` of the scene keeps what is read by name for `keep_wanted`."""
+    """Make unknowns of the angles that these paths read, so that whole turns are counted, and of the coordinates read that cannot
+    be computed from the bodies. A joint may be stated after the item that reads it: `_wanted` of the scene keeps what is read by
+    name of the joint, for `keep_wanted`."""
     names = dict[str, None]()
     for path in read:
         name, quantity, _ = parsed(path)

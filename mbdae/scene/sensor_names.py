@@ -22,7 +22,7 @@ _PLACE = re.compile(r"(?P<item>.+)\.at\((?P<where>[^()]*)\)")
 _ENTRY = re.compile(r"(?P<path>.+?)(?P<entry>(\[\s*\d+\s*(,\s*\d+\s*)?\])*)", re.DOTALL)
 
 
-_PLAIN = re.compile(r"[A-Za-z_]\w*", re.ASCII)  #: names that expressions hold as they are
+_PLAIN = re.compile(r"[A-Za-z_]\w*", re.ASCII)  #: names of items that an expression in Python's syntax can contain unchanged
 _QUOTED = r'sensor\("(?:[^"\\]|\\.)*"\)'
 
 
@@ -44,8 +44,8 @@ def parsed(text: str) -> SensorName:
 
 
 def spelled(scene: Any, text: str) -> tuple[str, dict[str, str]]:
-    """A text with plain names in place of those of items that have spaces, signs or other letters ("my joint"), and their names
-    by these; BadValueError where a name may be an expression of others too."""
+    """A text in which names of items with spaces, signs or other letters ("my joint") are replaced by plain ones ("item_0_"), and
+    a mapping plain name -> name; BadValueError where a name can also be read as an expression of other items ("a-b")."""
     odd = sorted((name for name in scene._by_name if not _PLAIN.fullmatch(name) or iskeyword(name)), key=len, reverse=True)
     if not any(name in text for name in odd):
         return text, {}

@@ -64,7 +64,7 @@ def replaced(scene: SceneItems, names: tuple[str, ...], model: JointModel) -> An
 
 
 def keeping(scene: SceneItems, read: list[str]) -> Any:
-    """The scene again, with the angles of joints that are read by these paths as unknowns of their own."""
+    """A copy of the scene in which the angles of joints that these paths of sensors read are unknowns of their own."""
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": scene.statements}
     found = replay(data, type(scene), Known(dict(scene.own)))
     refuse_losses(scene, found)

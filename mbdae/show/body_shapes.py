@@ -87,7 +87,8 @@ class BodyShapes(Collected):
         return one
 
     def _contact(self, item: Connection) -> None:
-        """Draw the shapes of a contact on the ground, on beams, and planes, with its name beside a shape that only it has."""
+        """Draw those shapes of a contact that the drawing of the bodies lacks: shapes on the ground and on beams, and planes. A
+        shape on the ground gets the name of the contact."""
         first, second = item.shapes
         one: Any
         for body, other, one in ((item.k, item.l, first), (item.l, item.k, second)):
@@ -118,7 +119,7 @@ class BodyShapes(Collected):
             self._add(item, part.kind, part.points, body, GREY if body.is_ground else self.colours.get(body.name, INK))
 
     def _seen_from(self, body: Body, reach: list[Array]) -> list[Array]:
-        """Points over time (nt, n, 3), m, relative to a body, placed as that body is drawn."""
+        """Points over time (nt, n, 3), m, as seen from a moving body, in the inertial frame with this body where it is drawn."""
         if body.is_ground:
             return reach
         pose = self.poses[body.name]

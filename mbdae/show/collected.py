@@ -145,7 +145,8 @@ class Collected:
 
 
 def looks_of(scene: Any, lines: Container[Body]) -> dict[str, list[Any]]:
-    """Shapes of every rigid body: those stated for it, else those by which it touches others, without duplicates."""
+    """Shapes of every rigid body by its name: those stated for it, else those by which it touches others, without duplicates.
+    lines: the beams, which are drawn otherwise."""
     found: dict[str, list[Any]] = {b.name: list(b.shapes or ()) for b in scene.bodies}
     touching = [(body, one) for item in scene.connections if item.shapes
                 for body, one in zip((item.k, item.l), item.shapes, strict=True)]  # fmt: skip

@@ -26,7 +26,7 @@ Check = Callable[[Any], Any]
 UNDEFINED = ("half turn", "points together")  #: states in which a law may say that it is not defined
 OF_STATES = ("rate", "rates", "initial")  #: methods called only where there are states
 FRAME = "r (point), v (its velocity), x, y, z (axes) and w (angular velocity)"
-DERIVED_NAME = re.compile(r"named\d+|(q|u|up)_c?\d+_\d+|clock_\d+_\d+|[kl]_P0")  #: symbols that derivations use
+DERIVED_NAME = re.compile(r"named\d+|(q|u|up)_c?\d+_\d+|clock_\d+_\d+|[kl]_P0")  #: names of derivations, refused in a class
 _NO_EXPRESSIONS = (bool, np.bool_, str, bytes, complex, Mapping, Sequence, set, frozenset, np.ndarray, type)
 
 
@@ -116,8 +116,8 @@ def _motion(found: Any) -> Any:
 
 
 def _size(found: Any) -> Any:
-    """A number, or numbers of an array; infinite or of any smallness: the penetration of an impact at next to no speed is no
-    mistake."""
+    """A number, or an array of numbers. It may be infinite or below `SMALLEST`, as the penetration of an impact at almost no
+    speed is."""
     try:
         if np.ndim(found) == 0:
             small = isinstance(found, float) and abs(found) < SMALLEST
@@ -191,7 +191,7 @@ def _check_names(cls: Any, instance: Sequence[str]) -> None:
 
 def _checked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
     read, wanted = RETURNS[name]
-    # methods of the base classes, which state nothing
+    # whether this is a default of a base class: it states nothing and takes k and l only, however many frames the law has
     unstated = method.__module__ in ("mbdae.symbolic.law", "mbdae.symbolic.joint")
 
     @wraps(method)
@@ -214,14 +214,14 @@ def _checked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _line(error: Exception) -> str:
-    """" (line 3 of swing.py)": the last line of the user's own code that led to an error."""
+    """Words for the last line of the user's own code that led to an error, as in " (line 3 of swing.py)"."""
     package = str(Path(__file__).parents[1])
     own = [frame for frame in traceback.extract_tb(error.__traceback__) if not frame.filename.startswith(package)]
     return f" (line {own[-1].lineno} of {Path(own[-1].filename).name})" if own else ""
 
 
 def _hint(law: Any, error: Exception) -> str:
-    """What to write instead, where the error shows it."""
+    """Words for what to write instead, where the error shows it; else empty."""
     text = str(error)
     if isinstance(error, AttributeError) and "'Frame'" in text:
         return f"; a frame has {FRAME}"

@@ -12,11 +12,11 @@ from mbdae.symbolic.part import Parameter
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import shown
 
-Reference = tuple[str, str]  #: names of a joint and of its coordinate
+Reference = tuple[str, str]  #: name of a joint, name of one of its coordinates
 
 
 class Coupling(TwoBodyLaw):
-    """A law on coordinates of joints stated by `constraints`: rows of the coordinates (`self.<name>`) that vanish.
+    """A law on coordinates of joints stated by `constraints`: expressions of the coordinates (`self.<name>`) that vanish.
 
     The forces of its rows act on both bodies of every joint, by virtual work. of: for every coordinate of the law the joint and
     the coordinate there, "joint.coordinate"; a coordinate is 0 as drawn, whole turns of angles count."""
@@ -41,7 +41,7 @@ class Coupling(TwoBodyLaw):
             raise LawError(f"{kind}: of = {shown(of)}: {wanted}")
 
     def constraints(self) -> dict[str, Expr]:
-        """Rows that vanish, by name."""
+        """Expressions of the coordinates that vanish, by name of the row."""
         raise LawError(f"coupling {type(self).__name__} does not state `constraints(self)`")
 
     def rows(self) -> dict[str, Expr]:  # type: ignore[override]

@@ -33,7 +33,8 @@ _ZERO = se.Integer(0)
 
 @made_once("derive", 512)
 def derive(cls: type[Law], structure: Structure, sides: tuple[Side, ...]) -> Derived:
-    """Derive a law class for the kinds of its nodes (one side for an element, else k and l)."""
+    """Derive a law class for given nodes: sides has, for every frame of the law, the kind of its node and the structure of the
+    axes on it. structure: options, absent parameters and those that depend on time."""
     law = cls.symbolic(structure)
     names = (*side_names(law), *structure.feeds.sides)
     frames = tuple(make_frame(s, *side) for s, side in zip(names, sides, strict=True))
@@ -85,14 +86,15 @@ class _Stated(NamedTuple):
 
 
 class _Derivation(Statement):
-    """The steps from a statement to its terms."""
+    """Derives the terms of a law from its statement."""
 
     def __init__(self, law: Any, variation: Variation, feeds: Feeds) -> None:
         super().__init__(law, variation)
         self.feeds = feeds
 
     def key(self) -> str | None:
-        """A digest of all that the law states, forces by its own reactions included; None where it cannot be cached on disk."""
+        """Key of the law in the cache on disk, a digest of all that it states, forces by its own reactions included; None where
+        it cannot be cached."""
         if not store().used:
             return None
         try:
@@ -150,7 +152,8 @@ class _Derivation(Statement):
         return {name: self.variation.resolve(self.variation.name(e)) for name, e in stated.items()}
 
     def _constraints(self) -> tuple[list[str], list[str], list[str], list[Expr], list[dict[str, Pair]]]:
-        """Rows that remain for these frames, names of the others (and of those undefined), and the rows' gradients."""
+        """Names of the rows that do not vanish for these frames, of those that vanish identically or are left out, of those left
+        out because a mass point has no axes; expressions of the first, and their gradients by side."""
         rows: list[str] = []
         vanished: list[str] = []
         undefined: list[str] = []
@@ -174,7 +177,7 @@ class _Derivation(Statement):
         return rows, vanished, undefined, g, G
 
     def _vanishes(self, e: Expr) -> bool:
-        """Whether an expression is zero for every value of its symbols (three random points)."""
+        """Whether an expression is zero for every value of its symbols, tested at three random points."""
         if e == 0:
             return True
         if not any(f.kind.flat for f in self.frames):
@@ -186,7 +189,8 @@ class _Derivation(Statement):
         return all(value is not None and abs(value) < 1e-12 for value in found)
 
     def _in_plane(self, pair: Pair, f: Frame, what: str) -> Pair:
-        """The pair with zeros and ones of the frames inserted; on a planar node it must have no component out of the plane."""
+        """The pair (force, moment) with the zeros and ones of the frames inserted. NotPlanarError where it has a component out of
+        the plane of a planar node; what: the words for the pair in that error."""
         move, turn = (Vec(*map(self.variation.resolve, part)) for part in pair)
         if not f.kind.flat:
             return move, turn
@@ -195,7 +199,7 @@ class _Derivation(Statement):
         return Vec(move[0], move[1], 0), Vec(0, 0, turn[2])
 
     def _stated(self, reactions: Mapping[str, Expr], force_on_l: Vec) -> _Stated | None:
-        """What the law states of its forces; None where it states none."""
+        """The forces that the law states; None where it states none."""
         law, sides = self.law, self.sides
         if isinstance(law, Force):
             if all(getattr(type(law), name) is getattr(Force, name) for name in FORCES):
@@ -211,7 +215,7 @@ class _Derivation(Statement):
         return None if stated is None and rubbing is None else _Stated(_ZERO, _ZERO, *(stated or (ZERO, ZERO)), rubbing)
 
     def _forces(self, reactions: Mapping[str, Expr], force_on_l: Vec) -> tuple[dict[str, Pair], tuple[Expr, Expr, Expr]]:
-        """Left-hand-side forces per side; energy, dissipated power and power of applied loads."""
+        """Generalised forces by side, as on the left-hand side; energy, dissipated power and power of applied loads."""
         law, v = self.law, self.variation
         if isinstance(law, Element):
             return {}, (v.name(law.kinetic_energy(self.frames[0])), _ZERO, _ZERO)
@@ -243,13 +247,14 @@ class _Derivation(Statement):
             loads -= _power(load, f)
             total = (sum(p, ZERO) for p in zip(v.gradient(f, energy), drag, load, strict=True))
             force[f.side] = self._in_plane((next(total), next(total)), f, "its force")
-        if self.feeds and energy != 0:  # the sensors that it reads do work on it, so that it stores no energy of its own
+        if self.feeds and energy != 0:  # its energy changes with what its sensors read: it is no potential
             return force, (_ZERO, dissipated, dissipated - sum((_power(force[f.side], f) for f in self.frames), _ZERO))
         resisting = law.dissipative or isinstance(law, Joint)
         return force, (energy, dissipated - loads, clocked) if resisting else (energy, dissipated, clocked + loads)
 
     def _wrench_on(self, f: Frame, wrench: tuple[Vec, Vec]) -> Pair:
-        """Generalised force of the wrench at l.r on one side (left-hand side: minus what is applied)."""
+        """Generalised force of the wrench at l.r on the node of one side: as on the left-hand side, the opposite of what is
+        applied."""
         force, torque = wrench
         if f.side not in ("k", "l") or all(e == 0 for e in (*force, *torque)):
             return ZERO, ZERO
@@ -259,7 +264,7 @@ class _Derivation(Statement):
         return sign * force, sign * (torque + (self.frames[1].r - f.center).cross(force))
 
     def _states(self, used_in: list[Expr]) -> tuple[tuple[str, ...], tuple[Expr, ...], tuple[Expr, ...]]:
-        """Internal states on which the law depends for these frames, their rates and start values."""
+        """Internal states that some of the expressions `used_in` contain, with their rates and start values."""
         used = set().union(*(e.free_symbols for e in used_in))
         names = tuple(n for n in self.law.states if self.law.keeps_states or se.Symbol(f"state_{n}") in used)
         rates, starts = (self.law.rates(*self.sides), self.law.initial(*self.sides)) if names else ({}, {})

@@ -78,7 +78,7 @@ class Derived:
         if found is None:
             try:
                 keep(key, found := tuple(self._derivation[0]))
-            # cached too, because every process tries a scene in space in the plane first
+            # the refusal is cached too: every process tries first whether a scene is planar
             except NotPlanarError as refused:
                 keep(key, refused.what)
                 raise
@@ -91,7 +91,8 @@ class Derived:
         return self._run()
 
     def noted(self, what: str, find: Callable[[], Any]) -> Any:
-        """A plain value that follows from the terms, by `find` or from the cache on disk. what: its name with its module."""
+        """A plain value that follows from the terms: from the cache on disk, or computed by `find` and cached. what: its name
+        there, with that of its module."""
         key = None if self.key is None else key_of("note", self.key, what)
         found = recall(key)
         if found is None:
@@ -132,7 +133,8 @@ class Derived:
 
     @cached_property
     def read_frames(self) -> tuple[Frame, ...]:
-        """The frames on which anything of the law depends: a force on a coordinate that is an unknown needs that one alone."""
+        """The frames whose symbols the terms of the law contain: a force on a joint coordinate that is an unknown depends on the
+        frame of this coordinate, and not on those of the bodies."""
         stated = [*self.g, self.energy, self.dissipated_power, self.work_power, *self.coordinates.values(), *self.state_rates,
                   *self.state_starts, *self.variation.values.values()]  # fmt: skip
         stated += [c for pair in self.force.values() for part in pair for c in part]
@@ -176,7 +178,7 @@ class Derived:
 
     @property
     def rubbing(self) -> tuple[Expr, Expr] | None:
-        """The coordinate against which a joint's own friction acts, and the friction; None where there is none."""
+        """The coordinate against which a joint's own friction acts, and the friction on it (N or N m); None without friction."""
         if not isinstance(self.law, Joint):
             return None
         return self.law.rubbing(reaction_on_l(self.law, self.frames, self.rows, self.G), *self.sides)

@@ -16,7 +16,8 @@ from mbdae.symbolic.vectors import Expr
 
 
 def fingerprint(d: Derived, rates: bool = False) -> str:
-    """sha256 of the terms of a law: rows, their forces, states; rates: those of its rows, its coordinates and branches too."""
+    """sha256 of the terms of a law: rows, their forces, states. rates: whether to include the rates of the rows, the coordinates
+    of a joint, and the expressions that must be positive (`Joint.branches`)."""
     further, reached = _further(d) if rates else [], _reached(d)
     memo: dict[Expr, str] = {}
     parts = [f"{type(d.law).__name__} {' '.join(f.kind.value for f in d.frames)} {' '.join(d.rows)}"]
@@ -27,7 +28,7 @@ def fingerprint(d: Derived, rates: bool = False) -> str:
 
 
 def _further(d: Derived) -> list[Target]:
-    """Rates of rows, coordinates and branches, in terms of the unknowns."""
+    """Rates of rows, coordinates, and expressions that must be positive (`Joint.branches`), in terms of the unknowns."""
     branches = {name: d.variation.name(e) for name, e in d.law.positives(*d.sides).items()} if isinstance(d.law, Joint) else {}
     stated = [*velocity(d), *acceleration(d), *d.coordinates.items(), *branches.items()]
     table = d.variation.insertion(shared=True)
@@ -35,7 +36,7 @@ def _further(d: Derived) -> list[Target]:
 
 
 def canonical(e: Expr, memo: dict[Expr, str] | None = None) -> str:
-    """A text of an expression that does not depend on the order of its terms and factors."""
+    """A hash of an expression that does not depend on the order of its terms and factors. memo: hashes made so far."""
     memo = {} if memo is None else memo
     e = se.sympify(e)
     if e not in memo:
@@ -48,7 +49,7 @@ def canonical(e: Expr, memo: dict[Expr, str] | None = None) -> str:
 
 
 def _reached(d: Derived) -> set[Expr]:
-    """Names the outputs depend on."""
+    """Names of the intermediate results on which the outputs depend."""
     outputs = [*position(d), *dynamics(d), *state_rows(d)]
     open_, found = symbols_of(e for _, e in outputs), set()
     while open_:
@@ -60,7 +61,7 @@ def _reached(d: Derived) -> set[Expr]:
 
 
 def program_fingerprint(program: Program, outputs: Sequence[Expr]) -> str:
-    """sha256 of a straight-line program up to some outputs."""
+    """sha256 of some outputs of a straight-line program and of the steps on which they depend."""
     memo: dict[Expr, str] = {}
     parts = [f"{name}={canonical(program.steps[name], memo)}" for name in program.needed(outputs)]
     return hashlib.sha256("\n".join([*parts, *(canonical(e, memo) for e in outputs)]).encode()).hexdigest()

@@ -5,9 +5,9 @@ from the unknowns of the body's node is written once per kind of node:
 
     spatial   r = (r1, r2, r3), quaternion P; u = (v, Omega), v inertial, Omega in body components
     planar    r = (r1, r2, 0), R = Rz(theta);  u = (v1, v2, theta')
-    point     r only: a mass point has no orientation, rows that need one fall away
+    point     r only: a mass point has no orientation, rows that need one are left out
     joint coordinate   one scalar of a joint, without mass, in the first component of r
-    joint rotation     free rotation of a joint: quaternion P and Omega, components in the axes reached so far, without mass
+    joint rotation     free rotation of a joint, without mass: quaternion P from the axes before it, Omega in those after it
     ground    constants only
 
 One rule gives every variation: a vector a fixed to the frame changes by delta a = delta psi x a.
@@ -107,8 +107,8 @@ class Frame:
     side: str
     kind: NodeKind
     axes: Axes
-    r: Vec  #: position of the point, m
-    v: Vec  #: velocity of the point, m/s
+    r: Vec  #: position of the point at which the law acts, m
+    v: Vec  #: velocity of that point, m/s
     x: Vec
     y: Vec
     z: Vec
@@ -117,7 +117,7 @@ class Frame:
     center_velocity: Vec
     arm: Vec  #: from the node to the point, m
     body: tuple[Vec, Vec, Vec]  #: columns of R
-    heading: Expr  #: planar: rotation since the drawing, rad
+    heading: Expr  #: of a planar node: rotation from the attitude as drawn, rad
     spin: Vec  #: angular velocity in body components
     q: list[Expr]
     u: list[Expr]
@@ -129,7 +129,7 @@ class Frame:
 
     @cached_property
     def symbols(self) -> frozenset[Expr]:
-        """Every symbol by which a law may read the frame, or that follows from it."""
+        """Every symbol of the frame: those that laws read, unknowns, parameters, and symbols between these."""
         seen, node = (self.r, self.v, self.x, self.y, self.z, self.w), (self.center, self.center_velocity, self.arm, self.spin)
         scalars = (c for vector in (*seen, *node, *self.body) for c in vector)
         named = {*self.q, *self.u, *self.parameters, *self.structure, *self.meaning}
@@ -193,7 +193,7 @@ def make_frame(side: str, kind: NodeKind, axes: Axes = Axes.GENERAL) -> Frame:
         undefined = {heading: "heading"}
     if kind.flat and kind.moves:
         structure |= {r[2]: 0, v[2]: 0}
-    own = [] if kind is NodeKind.ROTATION else [s, x, y, z]  # a joint coordinate has no axes of a joint
+    own = [] if kind is NodeKind.ROTATION else [s, x, y, z]  # a free rotation has no point and no axes of a joint
     attached = [*own, w, *body] if kind.turns else []
     return Frame(side, kind, axes, r + s, v + w.cross(s), x, y, z, w, r, v, s, body, heading, spin, q, u,
                  parameters, structure, meaning, attached, undefined)  # fmt: skip
@@ -205,7 +205,7 @@ def _combine(columns: tuple[Vec, Vec, Vec], c: list[Expr]) -> Vec:
 
 
 def _bind(symbols: tuple[Vec, ...], values: tuple[Vec, ...], structure: dict[Expr, Expr], meaning: dict[Expr, Expr]) -> None:
-    """Give symbols their values; what is a plain number belongs to the structure."""
+    """Enter the values of symbols: plain numbers in `structure`, expressions in `meaning`."""
     for a, b in zip(symbols, values, strict=True):
         for name, value in zip(a, b, strict=True):
             value = se.sympify(value).subs(structure)
@@ -214,14 +214,15 @@ def _bind(symbols: tuple[Vec, ...], values: tuple[Vec, ...], structure: dict[Exp
 
 def _axes_columns(axes: Axes, Q: list[list[Expr]], body: tuple[Vec, Vec, Vec], xyz: tuple[Vec, Vec, Vec],
                   structure: dict[Expr, Expr], meaning: dict[Expr, Expr]) -> list[Expr]:  # fmt: skip
-    """Bind the joint axes to R Q for the structure of Q; returns the parameters used."""
+    """Enter the joint axes `xyz` as the columns of R Q, R being `body`; returns the entries of Q that stay parameters."""
     columns, used = axes_pattern(axes, Q)
     _bind(xyz, tuple(_combine(body, column) for column in columns), structure, meaning)
     return used
 
 
 def axes_pattern(axes: Axes, Q: list[list[Expr]]) -> tuple[list[list[Expr]], list[Expr]]:
-    """Columns of Q with its zeros and ones, and the entries that stay parameters (given as Q[column][row])."""
+    """Columns of Q with the zeros and ones that `axes` implies, and the entries that stay parameters. Q: symbols
+    Q[column][row]."""
     (c, s, _), _, (a, b, _) = Q
     match axes:
         case Axes.NORMAL:

@@ -14,8 +14,9 @@ from mbdae.symbolic.vectors import ZERO, Vec
 
 
 def free_axes(law: Any, k: Frame, l: Frame, coordinate: str) -> list[Vec]:
-    """Unit vectors, inertial, along which reactions do not press: the axis of one coordinate, and the directions in which any
-    coordinate slides l, each once. An axis of rotation is left out where all of them together would span space."""
+    """Unit vectors, inertial, along which reactions do not press the rubbing surfaces together: the axis of the coordinate with
+    friction, and the directions in which any coordinate slides l, each once. An axis of rotation is left out where all of them
+    together would span space."""
     motion = symbolic_motion(law)
     assert motion is not None
     own = [i for i, step in enumerate(motion.steps) if se.Symbol(coordinate) in step.amount.free_symbols]
@@ -38,8 +39,8 @@ def _names(law: Any) -> set[Any]:
 
 
 def _axis(law: Any, k: Frame, l: Frame, steps: Sequence[Step], i: int) -> Vec:
-    """Axis of elementary motion i: fixed in k where nothing before it turns, in l where nothing after it does, else by the
-    coordinates where these are unknowns."""
+    """Axis of elementary motion i, inertial: from the axes of k where no motion before it turns, from those of l where no motion
+    after it turns, else from the joint's coordinates, which must then be unknowns."""
 
     def turn(some: Sequence[Step]) -> bool:
         return any(s.rotation is not None or (s.turns and s.amount.free_symbols & _names(law)) for s in some)
@@ -63,7 +64,7 @@ def _axes(steps: Sequence[Step], f: Frame) -> Triad:
 
 
 def across(force: Vec, axes: Sequence[Vec]) -> Vec:
-    """The part of a vector that is normal to one or two axes; nothing is normal to three."""
+    """The part of a vector that is normal to one or two axes; for three axes 0."""
     if len(axes) == 1:
         along: Vec = axes[0] * (axes[0] @ force)
         return force - along

@@ -29,7 +29,7 @@ from mbdae.values import flag, shown, word
 
 OPTIONS = ("kept", "friction", "rubs")  #: options that every joint has, see `Joint`
 UNITS = ("rad", "m", "rotation")  #: units of coordinates; a rotation is a quaternion, its rates an angular velocity
-SENSORS = ("force", "torque", "power", "rate", "reaction_is_unique", "contacts")  #: sensors of joints beside their coordinates
+SENSORS = ("force", "torque", "power", "rate", "reaction_is_unique", "contacts")  #: further sensors of joints
 SLIGHT = 1e-9  #: N, a reaction below which the normal force is smoothed: sqrt(F.F + SLIGHT^2)
 
 
@@ -40,11 +40,11 @@ class Joint(TwoBodyLaw):
     `friction_radius`, and the options kept (its coordinates are unknowns of their own), friction (a friction law) and rubs (the
     name of the coordinate against which it acts, by default the first)."""
 
-    coordinates: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})  #: of the motion left free: rad or m, 0 as drawn
-    loose: ClassVar[type[Joint] | None] = None  #: class of the joint that remains where pin and race have clearance
+    coordinates: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})  #: of the motion left free, with units; 0 as drawn
+    loose: ClassVar[type[Joint] | None] = None  #: class that replaces this one where pin and race have clearance
     optional: ClassVar[tuple[str, ...]] = ()  #: parameters that a statement may leave out
     kept: Any  #: None or False: its coordinates are no unknowns
-    _derived: ClassVar[frozenset[str]] = frozenset()  #: parameters that follow from the coordinates
+    _derived: ClassVar[frozenset[str]] = frozenset()  #: parameters made from the coordinates: drives, friction radius
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         if isinstance(cls.params, Mapping) and isinstance(cls.coordinates, Mapping):
@@ -84,11 +84,12 @@ class Joint(TwoBodyLaw):
     # -- what a joint states
 
     def motion(self, from_k: Motion) -> Motion:
-        """The axes of l, reached from those of k by the joint's coordinates."""
+        """The chain of elementary motions by the joint's coordinates that takes the axes of k to those of l; `from_k`: its
+        start."""
         return from_k
 
     def constraints(self, *frames: Any, **_: Any) -> dict[str, Expr]:
-        """Rows that vanish, by name, without the coordinates."""
+        """Expressions of the frames, without the joint's coordinates, that vanish; by name of the row."""
         if self.states_motion():
             raise LawError(f"joint law {type(self).__name__} states a motion without coordinates: where l moves with k use "
                            f"mb.Weld, otherwise declare coordinates = mb.params(name=('rad', 'meaning')) and move by "
@@ -96,12 +97,13 @@ class Joint(TwoBodyLaw):
         raise LawError(f"joint law {type(self).__name__} states neither `motion(self, from_k)` nor `constraints(self, k, l)`")
 
     def coordinate(self, *frames: Any, **_: Any) -> Any:
-        """The coordinates as the frames show them, by name (an expression where there is one); None: they cannot be read."""
+        """{coordinate: expression of the frames}, or the expression alone where there is one coordinate; None: the coordinates
+        cannot be computed from the frames."""
         return None
 
     def ties(self, *frames: Any, **_: Any) -> dict[str, Any]:
-        """By coordinate a row that vanishes where the coordinate has its value (`self.<name>`) and grows with that value; a pair
-        with an expression that is positive there, where the row vanishes elsewhere too (half a turn off)."""
+        """{coordinate: row that vanishes where the frames have the coordinate's value `self.<name>`, and grows with that value}.
+        A row that vanishes half a turn off too is given as a pair (row, expression that is positive at the right value)."""
         return {}
 
     def branches(self, *frames: Any, **_: Any) -> dict[str, Expr]:
@@ -114,8 +116,9 @@ class Joint(TwoBodyLaw):
         return across(force, free_axes(self, k, l, self.rubbed) if self.states_motion() else [k.z])
 
     def normal_force(self, k: Frame, l: Frame, force: Vec, coefficient: Expr) -> Expr:
-        """The normal force where they rub (N, not negative), of the joint's force on l (N): the magnitude of what presses, unless
-        the friction itself, of a signed coefficient, has a part in that force."""
+        """The normal force at the rubbing surfaces (N, not negative) for the joint's reaction force on l (N): by default the
+        magnitude of its pressing part. coefficient: signed, for joints in which friction contributes to the reaction, such as
+        screws."""
         pressing = self.pressing(k, l, force)
         if all(c == 0 for c in pressing):
             raise LawError(f"friction on '{self.rubbed}' of a {type(self).__name__}: no part of its reaction force presses the "
@@ -124,7 +127,7 @@ class Joint(TwoBodyLaw):
         return let(se.sqrt(let(pressing @ pressing) + SLIGHT**2))
 
     def remarks(self) -> list[str]:
-        """What `check()` says of the values of this joint, one sentence each."""
+        """Remarks of `check()` on the parameter values of this joint, one sentence each."""
         return []
 
     def resistance(self, *frames: Any, **_: Any) -> tuple[Vec, Vec] | None:
@@ -156,27 +159,29 @@ class Joint(TwoBodyLaw):
 
     @classmethod
     def drives(cls) -> dict[str, str]:
-        """Coordinates by the names of the rows that prescribe them."""
+        """{name of the row that prescribes a coordinate: the coordinate}."""
         return {cls.drive_name(c): c for c in cls.scalars()}
 
     @classmethod
     def derived(cls) -> frozenset[str]:
-        """Parameters and options that every joint has: a statement gives them by words of its own."""
+        """Parameters and options that a joint has without declaring them. Calls such as `s.revolute` give them under other
+        names."""
         return cls._derived | set(OPTIONS)
 
     @classmethod
     def states_motion(cls) -> bool:
-        """Whether it states its motion."""
+        """Whether the class defines `motion`."""
         return cls.motion is not Joint.motion
 
     @classmethod
     def states_rows(cls) -> bool:
-        """Whether it states rows without coordinates, or with them but no motion."""
+        """Whether the class defines `constraints`."""
         return cls.constraints is not Joint.constraints
 
     @classmethod
     def must_keep(cls) -> bool:
-        """Whether its coordinates are unknowns in every model: nothing states the joint without them."""
+        """Whether its coordinates are unknowns in every model, because the class states no rows from which they can be left
+        out."""
         without = cls.states_rows() and (cls.states_motion() or cls.coordinate is not Joint.coordinate)
         return bool(cls.coordinates) and not without
 
@@ -186,7 +191,7 @@ class Joint(TwoBodyLaw):
 
     @property
     def prescribed(self) -> dict[str, str]:
-        """Prescribed coordinates with the names of their parameters."""
+        """{prescribed coordinate: name of the parameter that prescribes it}."""
         return {c: name for name, c in self.drives().items() if getattr(self, name) is not None}
 
     def rows(self, *frames: Frame) -> dict[str, Expr]:
@@ -232,13 +237,14 @@ class Joint(TwoBodyLaw):
         return self.motion(Motion()).pose((k.x, k.y, k.z))
 
     def _complete_ties(self, *frames: Frame) -> dict[str, tuple[Expr, Expr | None]]:
-        """Ties of all coordinates; none where one has none."""
+        """Ties of all coordinates by name; empty where a coordinate has no tie."""
         complete = self.states_rows() and not self.must_keep() and self.scalars().keys() == self.coordinates.keys()
         ties = self._ties(*frames) if complete else {}
         return ties if ties.keys() == self.coordinates.keys() else {}
 
     def _ties(self, *frames: Frame) -> dict[str, tuple[Expr, Expr | None]]:
-        """Rows and positive expressions of the ties, with prescribed values where coordinates are no unknowns."""
+        """{coordinate: (row, expression to be positive or None)} of the ties. Where coordinates are no unknowns, the rows contain
+        their prescribed values."""
         law = self
         if not self.kept:
             law = copy(self)
@@ -256,13 +262,14 @@ class Joint(TwoBodyLaw):
 
     @property
     def welds(self) -> bool:
-        """Whether it leaves no relative motion: bodies joined at a node may then share its unknowns."""
+        """Whether the joint leaves no relative motion; bodies that it joins at a node of a beam may then share the node's
+        unknowns."""
         motion = None if self.coordinates else symbolic_motion(self)
         return motion is not None and not motion.steps
 
     @property
     def holds_point(self) -> bool:
-        """Whether the point of l stays at that of k: a joint of a mass point that leaves it no motion."""
+        """Whether the point of l stays at that of k, which leaves a mass point l no motion."""
         motion = symbolic_motion(self)
         return motion is not None and not motion.slides
 
@@ -270,7 +277,7 @@ class Joint(TwoBodyLaw):
 
     @property
     def rubbed(self) -> str:
-        """The coordinate against which its friction acts."""
+        """Name of the coordinate against which its friction acts."""
         return self.rubs or next(iter(self.scalars()))
 
     def lever(self) -> Expr:
@@ -278,11 +285,12 @@ class Joint(TwoBodyLaw):
         return self.friction_radius if self.coordinates[self.rubbed].unit == "rad" else se.Integer(1)
 
     def sliding(self, *frames: Frame) -> Expr:
-        """Velocity of l relative to k where they rub, m/s."""
+        """Velocity of l relative to k at the rubbing surfaces, m/s."""
         return let(self.lever() * rate(self.read(*frames)[self.rubbed]))
 
     def rubbing(self, force: Vec, *frames: Frame) -> tuple[Expr, Expr] | None:
-        """The rubbed coordinate and the friction on it (N or N m), for a reaction force on l (N); None: there is none."""
+        """The coordinate against which friction acts, as an expression, and the friction on it (N or N m), for a reaction force
+        on l (N); None without friction."""
         if self.friction is None:
             return None
         k, *others = frames

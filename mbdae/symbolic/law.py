@@ -9,7 +9,7 @@ A law declares its parameters with units and states one or more of
     wrench(k, l)       -> (force, torque)          applied on l at l.r, the opposite on k at the same point
     thrust(k, l)       -> (expression, force)      a generalised force on what the expression measures
     resistance(k, l, reactions) -> (force, torque) joints only: as `wrench`, by the joint's own reactions; it dissipates
-    observed(k, l)     -> {name: expressions}      further sensor values beside force, torque and power
+    observed(k, l)     -> {name: expressions}      sensor values in addition to force, torque and power
     losses(k, l)       -> {cause: power}           its dissipated power by cause, W
     gaps(k, l)         -> [(gap, rate)]            one-sided laws: distances (m or rad) that act where negative, and rates
     kinetic_energy(b)  -> expression               elements only, J
@@ -46,7 +46,8 @@ AUGMENTED = params(scaling=("1", "factor of the rows and their multipliers"), pe
 
 @dataclass(frozen=True)
 class Structure:
-    """What distinguishes two statements of one law class apart from numbers: options, absent and timed parameters, feedback."""
+    """What distinguishes two statements of one law class apart from numbers: options, parameters that are
+    absent or depend on time, feedback."""
 
     absent: frozenset[str] = frozenset()
     timed: frozenset[str] = frozenset()
@@ -63,12 +64,12 @@ class Law:
     frames: ClassVar[tuple[str, ...]] = ()  #: names of the bodies' frames on which the law is stated
     axes_of: ClassVar[str] = "axis"  #: source of the frames' axes: z along the item's "axis", or the axes of body "k" or "l"
     timeless: ClassVar[bool] = False  #: whether its parameters may not depend on time
-    at_nodes: ClassVar[bool] = False  #: whether it acts at its bodies' nodes along inertial axes: no other axes matter
+    at_nodes: ClassVar[bool] = False  #: whether it acts at its bodies' nodes along inertial axes, so that axis is not used
     loads: ClassVar[bool] = False  #: whether it is a load, which an equilibrium applies step by step
     dissipative: ClassVar[bool] = False  #: whether the power of `wrench` counts as dissipated rather than as work
-    #: whether bodies may stick by it, as by friction: equations are stiff there. None: they may if the law has internal states
+    #: whether bodies may stick by it, as by friction (the equations are then stiff); None: they may if it has internal states
     sticks: ClassVar[bool | None] = None
-    follows: ClassVar[str] = ""  #: name of the state that counts the whole turns of the joint's coordinate, if any
+    follows: ClassVar[str] = ""  #: name of the internal state that follows the joint's angle to count whole turns, if any
     keeps_states: ClassVar[bool] = False  #: whether its states are unknowns although nothing that it states depends on them
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -132,7 +133,7 @@ class Law:
         return ()
 
     def coordinates_in(self, item: str) -> list[tuple[str, str]]:
-        """The coordinates that are unknowns of this law as a part of an item: joint and name of each."""
+        """(joint, name) of every coordinate that is an unknown of this law. item: name of the joint to which the law belongs."""
         return [(item, name) for name in self.own_coordinates]
 
     @classmethod
@@ -154,21 +155,21 @@ class Law:
         return ()
 
     def rows(self, *frames: Frame) -> dict[str, Expr]:
-        """The rows of the law in its equations, by name."""
+        """All constraint rows of the law, expressions that vanish, by name."""
         return {}
 
     @classmethod
     def derived(cls) -> frozenset[str]:
-        """Parameters and options that it has without declaring them."""
+        """Parameters and options that the law has without declaring them."""
         return frozenset()
 
     @classmethod
     def drives(cls) -> dict[str, str]:
-        """Coordinates by the names of the rows that prescribe them."""
+        """{name of the row that prescribes a coordinate: the coordinate}."""
         return {}
 
     def read(self, *frames: Frame) -> dict[str, Expr]:
-        """Values of the coordinates of a joint, by name."""
+        """The coordinates of a joint as expressions of its frames, by name."""
         return {}
 
     def positives(self, *frames: Frame) -> dict[str, Expr]:
@@ -185,9 +186,11 @@ class Law:
 
 
 class TwoBodyLaw(Law):
-    """A law between two bodies, or as many as `frames` names. k, l: bodies or places; at, at_l: where it acts on all, and on l
-    where that is elsewhere, m; axis, axis_x: directions of the frames' z and x (None: any normal to z); all as drawn. Bodies of
-    further frames are given by their names, the points there by `at_<name>` where they are others."""
+    """A law between two bodies, or as many as `frames` names.
+
+    k, l: bodies or places. at: point (3,) at which it acts on all bodies, m; at_l: its point on l, where that is another one.
+    axis, axis_x: directions (3,) of the frames' z and x (None: any normal to z). All as drawn. Bodies of further frames are given
+    by the names of these frames, their points, where they differ from `at`, by `at_<name>`."""
 
     frames: ClassVar[tuple[str, ...]] = ("k", "l")
 
@@ -208,7 +211,7 @@ class TwoBodyLaw(Law):
         return self.at_l if side == "l" and self.at_l is not None else self.at
 
 
-SLOW = 1e-2  #: distance, over the scene's size, assumed to be moved in the characteristic time where no speed is known
+SLOW = 1e-2  #: least distance, relative to the scene's size, that bodies are expected to move in the characteristic time
 
 
 class Impact(NamedTuple):
@@ -250,11 +253,11 @@ class Force(TwoBodyLaw):
         return None
 
     def thrust(self, *frames: Any, **_: Any) -> tuple[Expr, Expr] | None:
-        """A length or angle of the motion, and the force (N or N m) on the bodies that does work as it grows."""
+        """An expression of the motion, a length or an angle, and the generalised force (N or N m) that does work as it grows."""
         return None
 
     def observed(self, *frames: Any, **_: Any) -> dict[str, list[Expr]]:
-        """Quantities a sensor shows beside force, torque and power, by name."""
+        """Quantities that sensors show in addition to force, torque and power, by name."""
         return {}
 
     def losses(self, *frames: Any, **_: Any) -> dict[str, Expr]:
@@ -275,7 +278,8 @@ class Force(TwoBodyLaw):
         return ()
 
     def approach(self, *frames: Any, **_: Any) -> Sequence[Expr]:
-        """Relative displacements (m), or the angle (rad), along which it may act."""
+        """Relative displacements (m), or the angle (rad), along which the law may act: its effective mass in an impact is the
+        smallest along these."""
         return ()
 
     @property
@@ -289,7 +293,7 @@ class Force(TwoBodyLaw):
         return "m"
 
     def gap_names(self) -> Sequence[str]:
-        """Words for each gap beside the name of the item; empty where that name suffices."""
+        """Words for each gap that messages add to the name of the item; empty where that name suffices."""
         return ()
 
     def contact_duration(self, mass: float, speed: Any) -> Any:
@@ -306,12 +310,12 @@ class Force(TwoBodyLaw):
         return None
 
     def summary_of_contact(self) -> str:
-        """The contact in a few words."""
+        """The contact in a few words, for `check()` and reports."""
         return type(self).__name__
 
     def refuses_start(self, depth: float, size: float, continued: bool) -> str:
         """Why a start that penetrates by a depth (m or rad) is refused, and the remedy; "" where it is not. size: the scene's
-        length (m), or 1 rad; continued: another run ended there."""
+        length (m), or 1 rad; continued: whether the start is the end of another run."""
         return ""
 
     def doubtful_depth(self) -> tuple[float, str, str]:

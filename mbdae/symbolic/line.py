@@ -34,7 +34,7 @@ from mbdae.symbolic.rebuild import symbols_of
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
 _ZERO = se.Integer(0)
-LENGTH, WEIGHT = se.Symbol("ds"), se.Symbol("weight")  #: ds/dxi of the reference curve and quadrature weight, m
+LENGTH, WEIGHT = se.Symbol("ds"), se.Symbol("weight")  #: ds/dxi of the reference curve, m; weight of the point in integrals, m
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class LineDerived:
     vanished: tuple[str, ...]  #: strains that are zero for this kind of node
     duals: tuple[tuple[Field, Expr], ...]  #: generalised force dual to each field, left-hand side
     rows: tuple[Expr, ...]  #: compatibility row of every stress
-    resultants: tuple[tuple[str, Expr], ...]  #: every stress resultant by its strain (where its compliance is not 0)
+    resultants: tuple[tuple[str, Expr], ...]  #: each as a function of its strain, for a compliance that is not 0
     energy: Expr  #: elastic energy of the point, J
     dissipated: Expr  #: dissipated power of the point, W
     mass: dict[tuple[int, int], Expr]  #: inertia per length between velocity components
@@ -159,7 +159,7 @@ def derive_line(cls: type[LineLaw], structure: Structure, kind: NodeKind, mixed:
 
 
 class _Strains:
-    """The strains of a law with their stresses: Pi and its derivatives."""
+    """The strains of a law, their stresses, and the derivatives of the functional Pi of the module's text."""
 
     def __init__(self, law: Any, x: LinePoint, strains: dict[str, Expr]) -> None:
         self.x, self.strains = x, strains
@@ -183,18 +183,18 @@ class _Strains:
         return [WEIGHT * (self.elastic[n] + self.viscous[n] - self.compliance[n] * se.Symbol(n)) for n in self.strains]
 
     def energy(self) -> Expr:
-        """Elastic energy of strains with compliance; a rigid one stores none (evaluate it with compliance inf)."""
+        """Elastic energy of the strains. A strain with compliance 0 stores none: for the energy its compliance is set to inf."""
         return WEIGHT * sum((self.elastic[n] ** 2 / (2 * c) for n, c in self.compliance.items()), _ZERO)
 
     def dissipated(self) -> Expr:
-        """Strain rate times the part of the stress that damps."""
+        """Dissipated power: strain rates times the damping part of the stresses."""
         if self.damping is None:
             return _ZERO
         return WEIGHT * sum((self.viscous[n] ** 2 / (self.damping * c) for n, c in self.compliance.items()), _ZERO)
 
 
 def _with_load(duals: list[tuple[Field, Expr]], load: Vec, kind: NodeKind) -> list[tuple[Field, Expr]]:
-    """The load subtracted from the generalised forces of r: its virtual work is load . delta r."""
+    """The generalised forces less the load in those of the position r, since the virtual work of the load is load . delta r."""
     n = kind.translations
     return [(f, e if f.slope or f.component >= n else e - WEIGHT * load[f.component]) for f, e in duals]
 

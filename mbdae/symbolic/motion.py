@@ -32,8 +32,8 @@ Triad = tuple[Vec, Vec, Vec]  #: three axes, inertial components
 
 @dataclass(frozen=True)
 class Rotation:
-    """A free rotation: its quaternion P, the axes it leads to (columns) and its angular velocity (along these axes), components
-    in the axes reached so far; inverse: taken backwards."""
+    """A free rotation. P: its quaternion; columns: the axes it leads to, in components along the axes before it; spin: its
+    angular velocity, in components along the axes it leads to; inverse: whether it is taken backwards."""
 
     P: tuple[Expr, ...]
     columns: Triad
@@ -59,8 +59,8 @@ class Rotation:
 
 @dataclass(frozen=True)
 class Step:
-    """An elementary motion: by `amount` (m or rad) along or about `axis`, a unit vector in the axes reached so far, or a free
-    `rotation`."""
+    """An elementary motion: by `amount` (m or rad) along an axis or, where it `turns`, about it, or a free `rotation`. axis: unit
+    vector in components along the axes reached so far."""
 
     turns: bool
     axis: Vec
@@ -81,15 +81,15 @@ class Motion:
         self.steps = tuple(steps)
 
     def along(self, axis: Any, amount: Expr) -> Motion:
-        """Further along an axis ("x", "y", "z", or three numbers) by an amount, m."""
+        """This motion followed by a displacement along an axis ("x", "y", "z", or three numbers) by an amount, m."""
         return Motion((*self.steps, Step(False, _axis(axis), _amount(amount))))
 
     def about(self, axis: Any, amount: Expr) -> Motion:
-        """Further about an axis ("x", "y", "z", or three numbers) by an angle, rad."""
+        """This motion followed by a rotation about an axis ("x", "y", "z", or three numbers) by an angle, rad."""
         return Motion((*self.steps, Step(True, _axis(axis), _amount(amount))))
 
     def turned(self, rotation: Rotation) -> Motion:
-        """Further by a free rotation: a coordinate whose unit is "rotation"."""
+        """This motion followed by a free rotation: a coordinate whose unit is "rotation"."""
         if not isinstance(rotation, Rotation):
             raise LawError(f"motion: {shown(rotation)} is no rotation: give a coordinate whose unit is 'rotation'")
         return Motion((*self.steps, Step(True, ZERO, se.Integer(0), rotation)))
@@ -109,7 +109,7 @@ class Motion:
         return any(not step.turns for step in self.steps)
 
     def pose(self, axes: Triad) -> tuple[Vec, Triad]:
-        """Displacement from the start and axes at the end, for the axes at the start, inertial components."""
+        """Displacement and axes at the end of the motion, for given axes at its start; inertial components."""
         moved = ZERO
         for step in self.steps:
             if step.turns:
@@ -216,7 +216,7 @@ def _without_derivatives(amount: Expr) -> Expr | None:
 
 
 def _is_known(e: Expr, at: dict[Expr, Expr]) -> bool:
-    """Whether an expression contains derived functions only that have a value, finite or not."""
+    """Whether symengine formed all derivatives in an expression and can evaluate it at given values of its symbols."""
     if any(type(node).__name__ in ("Derivative", "Subs") for node in nodes(e)):
         return False
     return value_of(e.subs(at)) is not None

@@ -22,7 +22,8 @@ Target = tuple[Any, ...]
 
 
 def scatter_pair(f: Frame, pair: Pair, role: str = "u") -> list[tuple[Target, Expr]]:
-    """Entries of a generalised force in the velocity coordinates of a node: v inertial, spin in body components."""
+    """Entries of a generalised force (force, moment) for the velocity unknowns of a node, v inertial and spin in body components,
+    each with its target; role: the first entry of the target."""
     move, turn = pair
     n = f.kind.translations
     entries = [] if not f.kind.moves else [((role, f.side, i), move[i]) for i in range(n)]
@@ -41,7 +42,8 @@ def weighted(d: Derived, weights: list[Expr], side: str) -> Pair:
 
 
 def covector(d: Derived, f: Frame, row_forces: list[Expr]) -> Pair:
-    """Forces of a law on one side, left-hand side: its rows times their forces, and what it states besides."""
+    """Generalised force of a law on the node of one side, as on the left-hand side: G^T row_forces plus the forces that it
+    states."""
     move, turn = weighted(d, row_forces, f.side) if d.rows else (ZERO, ZERO)
     stated = d.force.get(f.side, (ZERO, ZERO))
     return move + stated[0], turn + stated[1]
@@ -55,7 +57,7 @@ def dynamics(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def loads(d: Derived) -> list[tuple[Target, Expr]]:
-    """The left-hand side without multipliers and accelerations: - f."""
+    """- f in M u' + G^T lambda - f: the left-hand side without multipliers and accelerations."""
     if isinstance(d.law, Element):
         acceleration = dict.fromkeys(_accelerations(d.frames[0]), 0)
         return [(t, e) for t, e in ((t, e.subs(acceleration)) for t, e in _inertia(d)) if e != 0]
@@ -63,7 +65,8 @@ def loads(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def slopes(d: Derived) -> list[tuple[Target, Expr]]:
-    """Loads that depend on the law's own reactions with their derivatives by its multipliers, ("slope", side, i, row)."""
+    """Of a law whose forces depend on its own reactions: these forces (`loads`), and their derivatives by its multipliers,
+    targets ("slope", side, i, row)."""
     stated = loads(d) if d.reactive else []
     by = [(("slope", *t[1:], j), d.variation.diff(e, s)) for t, e in stated for j, s in enumerate(d.multipliers)]
     return stated + [(t, e) for t, e in ((t, d.variation.resolve(e)) for t, e in by) if e != 0]
@@ -156,7 +159,7 @@ def jacobian_G(d: Derived) -> list[tuple[Target, Expr]]:
 
 def reaction(d: Derived) -> list[tuple[Target, Expr]]:
     """Force and torque (about l.r) on body l, inertial components: minus the generalised force of side l."""
-    if len(d.sides) < 2:  # a law on coordinates alone: its forces appear in the joints of these
+    if len(d.sides) < 2:  # a law on joint coordinates only: its forces are part of those joints' reactions
         return [(("reaction", i), se.Integer(0)) for i in range(6)]
     l = d.frames[1]
     side = l if l.kind.moves else d.frames[0]
@@ -215,7 +218,7 @@ def derivatives(d: Derived, e: Expr) -> dict[Target, Expr]:
             result |= _node_derivatives(d.variation, f, e)
     free = se.sympify(e).free_symbols
     for target, symbol in input_symbols(d):
-        if target[0] == "up" and symbol not in free:  # no intermediate result contains accelerations
+        if target[0] == "up" and symbol not in free:  # accelerations appear directly, never in a name
             continue
         if target[0] not in ("q", "u"):
             result[target] = d.variation.diff(e, symbol)
@@ -241,7 +244,7 @@ def _node_derivatives(v: Variation, f: Frame, e: Expr) -> dict[Target, Expr]:
 
 
 def insert(d: Derived, expressions: list[Expr]) -> list[Expr]:
-    """Expressions in unknowns and parameters only."""
+    """The expressions with all names and symbols of frames replaced, so that they contain unknowns and parameters only."""
     table = d.variation.insertion(shared=True)
     if not expressions or not table:
         return expressions

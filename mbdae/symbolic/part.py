@@ -47,7 +47,8 @@ def _parameter(name: str, spec: Any) -> Parameter:
 
 
 def checked_value(item: str, key: str, value: Any, read: Callable[..., T], remedy: str, **bounds: Any) -> T:
-    """A value of a law or part as `read` returns it (see `mbdae.values`); LawError with item, name, value and what to give."""
+    """A value of a law or part as `read(value, **bounds)` returns it (`mbdae.values`). Where it is refused, LawError names the
+    item, the key, the value and the remedy."""
     try:
         return read(value, **bounds)
     except BadValueError as refused:
@@ -63,7 +64,7 @@ class PartStructure:
     options: tuple[tuple[str, Any], ...]
 
     def symbolic(self, prefix: str) -> Part:
-        """The part with symbols for its values."""
+        """The part with symbols for its values; prefix: name of the law's option, with which the symbols of parameters begin."""
         part = object.__new__(self.cls)
         for p in self.cls.params:
             setattr(part, p, None if p in self.absent else se.Symbol(f"{prefix}_{p}"))
@@ -84,7 +85,7 @@ class Part:
     params: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})
     options: ClassVar[tuple[str, ...]] = ()  #: attributes that change the statement itself
     states: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})
-    #: whether bodies may stick by it, as by friction: equations are stiff there. None: they may where the part has states
+    #: whether bodies may stick by it, as by friction (the equations are then stiff); None: they may where the part has states
     sticks: ClassVar[bool | None] = None
 
     def __init__(self, **values: Any) -> None:
@@ -115,9 +116,9 @@ class Part:
         return checked_value(type(self).__name__, key, value, number, f"give a number{f' in {unit}' if unit != '1' else ''}")
 
     def number(self, key: str, bound: str = "from 0", why: str = "") -> float:
-        """The value of a parameter that must be given and be "from 0" or "above 0"; LawError where it is not.
+        """The value of the parameter `key`; LawError where it is absent or not within its bound, "from 0" or "above 0".
 
-        why: consequence of a wrong one."""
+        why: what a value out of bounds would cause, for the message."""
         found = getattr(self, key)
         if found is None:
             return self._number(key, found)
@@ -127,7 +128,7 @@ class Part:
         return float(found)
 
     def refuse(self, key: str, why: str) -> LawError:
-        """The error that names a parameter with its value and unit."""
+        """The error that names the parameter `key` with its value and unit; why: the rest of the sentence."""
         unit = self.params[key].unit.removesuffix("1")
         return LawError(f"{type(self).__name__}: {key} = {getattr(self, key):g}{' ' if unit else ''}{unit} {why}")
 
@@ -149,7 +150,7 @@ class Part:
         return PartStructure(type(self), absent, tuple((key, getattr(self, key)) for key in self.options))
 
     def with_states(self, **symbols: Any) -> Self:
-        """The same part with other symbols for its states: for a law that has it at two points."""
+        """The same part with other symbols for its states: for a contact in which it acts at two places."""
         part = object.__new__(type(self))
         vars(part).update(vars(self) | symbols)
         return part

@@ -26,7 +26,8 @@ class Program:
         self._names: dict[Expr, Expr] = {}
 
     def let(self, e: Any) -> Expr:
-        """The name of an expression; numbers and plain symbols stand for themselves."""
+        """The name of an expression, which becomes a step if it has none yet; numbers and plain symbols are returned
+        themselves."""
         e = se.sympify(e)
         return e if e.is_Number or isinstance(e, se.Symbol) else self._named(self._flat(e))
 
@@ -37,7 +38,8 @@ class Program:
         return self._names[e]
 
     def _flat(self, e: Expr) -> Expr:
-        """Names for sums inside products: the search for common subexpressions takes seconds for a few hundred nested ones."""
+        """The expression with names in place of the sums inside its products: kept nested, a few hundred of them would cost the
+        search for common subexpressions seconds."""
         if e.is_Number or isinstance(e, se.Symbol) or not e.args:
             return e
         args = [self._flat(a) for a in e.args]
@@ -56,7 +58,7 @@ class Program:
         return Vec(*map(self.let, v))
 
     def axes(self, axes: tuple[Vec, Vec, Vec]) -> tuple[Vec, Vec, Vec]:
-        """Axes after an elementary rotation, of named components."""
+        """Three axes with names for their components."""
         x, y, z = map(self.vec, axes)
         return x, y, z
 
@@ -71,7 +73,7 @@ class Program:
         return found[::-1]
 
     def derivatives(self, outputs: Sequence[Expr], seeds: Sequence[Expr], limit: int | None = None) -> list[dict[Expr, Expr]]:
-        """Partial derivatives of every output by the seeds (inputs), named; the zero ones are left out.
+        """Partial derivatives of every output by the seeds (inputs), {seed: name of the derivative}, without those that are zero.
 
         limit: number of steps of the program above which it raises OverflowError."""
         tangent: dict[Expr, dict[Expr, Expr]] = {seed: {seed: se.Integer(1)} for seed in seeds}
@@ -82,7 +84,7 @@ class Program:
         return [self._tangent(e, tangent) for e in outputs]
 
     def along(self, outputs: Sequence[Expr], changes: Mapping[Expr, Expr]) -> list[Expr]:
-        """Changes of outputs that follow from changes of inputs (input -> change)."""
+        """First-order changes of outputs for changes of inputs, {input: change}: directional derivatives."""
         one = se.Integer(1)
         tangent: dict[Expr, dict[Expr, Expr]] = {x: {one: change} for x, change in changes.items()}
         for name in self.needed(outputs):

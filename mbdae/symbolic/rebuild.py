@@ -15,7 +15,7 @@ CONDITIONS: dict[str, Any] = {"StrictLessThan": se.Lt, "LessThan": se.Le, "Equal
                                **{name: getattr(se, name) for name in LOGIC}}  # fmt: skip
 ONE_SIDED = ("Abs", "Max", "Min", "sign", "ceiling")  #: functions that are rewritten with Piecewise and floor
 STEPPED = ("floor", "ceiling", "sign", "Piecewise")  #: functions that jump where their derivatives do not show it
-LARGEST = 300.0  #: argument of an exponential above which its reciprocal and all derivatives of that are zero
+LARGEST = 300.0  #: bound of exponents in denominators: exp(-300) = 5e-131 is as good as 0, and exp(300)^2 does not overflow
 
 
 def nodes(e: Expr) -> list[Expr]:
@@ -64,7 +64,7 @@ def joined(node: Expr, args: list[Expr]) -> Expr:
 
 
 def is_condition(node: Expr) -> bool:
-    """Whether a node is a relation, or conditions joined."""
+    """Whether a node is a condition: a relation, relations joined by logic, True or False."""
     name = type(node).__name__
     return name in CONDITIONS or name in ("BooleanTrue", "BooleanFalse")
 

@@ -23,7 +23,7 @@ class Language:
 
 
 def called(name: str) -> Callable[..., str]:
-    """A function that is written as name(arguments)."""
+    """Writer of a function as name(arguments)."""
     return lambda *args: f"{name}({', '.join(args)})"
 
 
@@ -85,7 +85,8 @@ def python(functions: Sequence[str]) -> Language:
 
 
 def python_function(symbols: Sequence[Expr], expressions: Sequence[Expr], space: Mapping[str, object]) -> Callable[..., list]:  # type: ignore[type-arg]
-    """The function of a sequence of inputs that returns the list of outputs; space: the functions by name."""
+    """Expressions as a Python function: from the sequence of values of the symbols to the list of values. space: the functions
+    that the expressions may call, by name."""
     found, outputs = steps(expressions, {s: f"x[{i}]" for i, s in enumerate(symbols)}, python(tuple(space)))
     return defined(found, outputs, space)
 

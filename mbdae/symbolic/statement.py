@@ -22,17 +22,17 @@ from mbdae.symbolic.variation import Variation, rate
 from mbdae.symbolic.vectors import Expr, Vec
 
 _TIME = se.Symbol("t")
-#: what may be asked of a law on its frames; with `resistance`, `rubbing` and `pressing` of joints all that derivations read
+#: methods of a law that derivations call with its frames; of joints also `resistance`, `rubbing` and `pressing`
 QUESTIONS = ("rows", "read", "positives", "energy", "dissipation", "wrench", "thrust", "gaps", "approach", "observed", "losses",
              "rates", "initial", "kinetic_energy")  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Reading:
-    """What is read on one place of a feedback. symbol: its name in expressions; frames: how many it is stated on; quantity:
-    "state" (no frame), "coordinate" (of a joint that keeps it as an unknown), "joint" (the coordinate that the frames k, l of a
-    joint show), or the motion of a body: "position", "velocity", "angular_velocity", "rotation" with its entry; rated: its time
-    derivative; joint: class and structure of a joint, and the name of its coordinate."""
+    """A quantity that a feedback reads. symbol: its name in expressions; frames: number of frames from which it is computed;
+    quantity: "state" (no frame), "coordinate" (of a joint that has it as an unknown), "joint" (the coordinate of a joint computed
+    from its frames k, l), or of a body "position", "velocity", "angular_velocity", "rotation"; entry: which component of these;
+    rated: whether its time derivative is read; joint: class and structure of the joint, name of the coordinate."""
 
     symbol: str
     quantity: str
@@ -42,7 +42,7 @@ class Reading:
     joint: tuple[Any, Any, str] | None = None
 
     def stated(self, *frames: Frame) -> Expr:
-        """The quantity on its frames."""
+        """The quantity, or its time derivative, as an expression of its frames."""
         found = self._quantity(*frames)
         return rate(found) if self.rated else found
 
@@ -62,13 +62,13 @@ class Reading:
 
 
 def foreign(symbol: str) -> str:
-    """Symbol of an internal state of another law."""
+    """Name of the symbol for an internal state of another law that is read under the name `symbol`."""
     return f"foreign_{symbol}"
 
 
 @dataclass(frozen=True)
 class Feeds:
-    """The sensors that a law reads: readings, and names with their expressions in the symbols of readings, of names before, of
+    """The sensors that a law reads: readings, and names with their expressions in the symbols of readings, of earlier names, of
     numbers and of values prescribed in time. Names that are parameters of the law are the parameters that follow from sensors."""
 
     readings: tuple[Reading, ...] = ()
@@ -83,7 +83,7 @@ class Feeds:
         return tuple(f"m{n + 1}" for n in range(sum(r.frames for r in self.readings)))
 
     def stated(self, frames: Sequence[Frame]) -> list[tuple[str, Expr]]:
-        """Every name with its statement; frames: those added for the readings."""
+        """Every name with its expression, first those of the readings; frames: those added for the readings."""
         found, first = [], 0
         for reading in self.readings:
             found.append((reading.symbol, reading.stated(*frames[first : first + reading.frames])))
@@ -100,7 +100,7 @@ NO_FEEDS = Feeds()
 
 
 class Statement:
-    """A law on its frames. Errors are LawError with the name of the law."""
+    """What a law states on its frames, with checks that name the law in a LawError."""
 
     def __init__(self, law: Any, variation: Variation) -> None:
         self.law, self.variation, self.frames = law, variation, variation.frames
@@ -125,7 +125,7 @@ class Statement:
         return [(f, f.undefined[s]) for f in frames for s in sorted(symbols & f.undefined.keys(), key=str)]
 
     def refuse_speeds(self, what: str, e: Any) -> None:
-        """Raise LawError where an expression that may depend on positions only contains a velocity."""
+        """Raise LawError where an expression contains a velocity. For expressions in which only positions are allowed."""
         speeds = _symbols(v for f in self.frames for v in (f.v, f.w, f.center_velocity, f.spin))
         places = _symbols(v for f in self.frames for v in (f.r, f.x, f.y, f.z, f.center, f.arm))
         found = se.sympify(e).free_symbols & (speeds - places)
@@ -207,13 +207,13 @@ class Statement:
 
 
 def _is_plain(value: Any) -> bool:
-    """Whether the value of a class attribute is data that a derivation may look at."""
+    """Whether the value of a class attribute is plain data, which a derivation may depend on and a digest can contain."""
     return value is None or isinstance(value, bool | int | float | str) or (
         isinstance(value, tuple) and all(isinstance(v, str) for v in value))  # fmt: skip
 
 
 def _chosen(value: Any) -> Any:
-    """The value of an option where that is plain; else whether there is one: what it does shows in the other answers."""
+    """The value of an option where it is plain data, else "given": what such an option does shows in the other answers."""
     return value if _is_plain(value) else "given"
 
 
@@ -228,6 +228,7 @@ def _symbols(vectors: Iterable[Vec]) -> set[Expr]:
 
 
 def _letters(e: Any) -> set[Expr]:
-    """Letters of intermediate results in reports: they are no symbols of the statement."""
+    """Symbols that only give intermediate results their letters in reports (second argument of `let`): no part of the
+    statement."""
     found = (node for part in (e if isinstance(e, Vec) else (e,)) for node in nodes(se.sympify(part)))
     return {n.args[1] for n in found if isinstance(n, se.FunctionSymbol) and n.get_name() == "let" and len(n.args) > 1}

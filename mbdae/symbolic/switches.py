@@ -38,7 +38,7 @@ class Switch(NamedTuple):
 
 
 def switches_of(d: Derived) -> list[Switch]:
-    """Every argument in a law that depends on the motion or on time, once."""
+    """The switches of a law whose arguments depend on the motion or on time, each once."""
     found = list(dict.fromkeys(s for e, damps in _statements(d) for s in _Search(d, damps).inside(e)))
     if not found:
         return []
@@ -46,7 +46,7 @@ def switches_of(d: Derived) -> list[Switch]:
     arguments = insert(d, [resolve(name(s.argument)) for s in found])
     of_motion = {symbol for target, symbol in input_symbols(d) if target[0] in ("q", "u", "s", "foreign")}
     of_motion |= set(d.variation.clock)
-    reactions = {*d.multipliers, *d.stabilisers}  # without a value where they are eliminated
+    reactions = {*d.multipliers, *d.stabilisers}  # which have no value in forms that eliminate them
     out: dict[tuple[str, Expr], Switch] = {}
     for switch, e in zip(found, arguments, strict=True):
         free = e.free_symbols
@@ -56,7 +56,7 @@ def switches_of(d: Derived) -> list[Switch]:
 
 
 def switch_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Arguments of a law as outputs ("argument", i), in names and unknowns."""
+    """Arguments of the switches of a law as outputs ("argument", i), in names of intermediate results and unknowns."""
     resolve, name = d.variation.resolve, d.variation.name
     return [(("argument", i), resolve(name(s.argument))) for i, s in enumerate(known_switches(d))]
 
@@ -130,7 +130,8 @@ class _Search:
             yield Switch(KINDS[kind], e.args[0])
 
     def _is_angle(self, e: Expr) -> bool:
-        """Whether e is an angle of the motion, or a sum of such: its sine varies on no smaller scale than a turn."""
+        """Whether e is an angle of the motion, or a sum of angles. Then sin(e) varies over a turn, no faster, and is no
+        switch."""
         if isinstance(e, se.FunctionSymbol) and e.get_name() == "let":
             return self._is_angle(e.args[0])
         if isinstance(e, se.Add):
@@ -148,13 +149,14 @@ class _Search:
         whole = isinstance(exponent, se.Integer)
         if exponent.free_symbols or not whole or int(exponent) < 0:
             falls = not exponent.free_symbols and float(exponent) < 0
-            # other bases are lengths, without a width of their own
+            # a base without parameters is a distance, which has no width: only its negative powers are steep
             if (falls and not self.damps) or base.free_symbols & self.own:
                 yield Switch("power", base, exponent)
 
 
 def _integers(u: Expr) -> Iterator[Switch]:
-    """Where u passes an integer: sin(pi u) changes its sign, and no step takes u over more than one."""
+    """Switches of floor(u), which jumps where u passes an integer: sin(pi u) changes its sign there, and pi u as a periodic
+    argument keeps a step from passing several integers."""
     if u.free_symbols:
         yield Switch("kink", se.sin(se.pi * u))
         yield Switch("periodic", se.pi * u)
@@ -170,7 +172,7 @@ def _counts_turns(u: Expr) -> bool:
 
 
 def _conditions(e: Expr) -> Iterator[Switch]:
-    """Where a Piecewise changes, except where both sides are the same function up to round-off."""
+    """Switches of a Piecewise: where its conditions change, except where the branches on both sides agree up to round-off."""
     branches = list(zip(e.args[::2], e.args[1::2], strict=True))
     for i, (value, condition) in enumerate(branches):
         rest = branches[i + 1 :]

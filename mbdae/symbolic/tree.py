@@ -32,7 +32,7 @@ from mbdae.symbolic.rebuild import substituted
 from mbdae.symbolic.tree_motion import Coordinate, Link, Member, Moved, Numbers, State, TreeStructure, Way, moved, way
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
-OPERATIONS = 8500  #: steps of the Jacobian above which a tree is not built: compiling grows faster than the gain
+OPERATIONS = 8500  #: above this number of steps of its Jacobian a tree has no program: compiling it would cost more than it saves
 
 
 Wrench = tuple[Vec, Vec]  #: force and torque about the node, inertial components, left-hand side
@@ -42,7 +42,8 @@ class TreeProgram:
     """The program of a tree. Nodes: 0 the root, j the one carried by link j; -c is coordinate c of the tree.
 
     inputs: symbol -> its place: ("q" | "u" | "up", node, i), ("clock", c, 0 | 1 | 2) a prescribed coordinate and its
-    rates, ("number", owner, name), ("timed", owner, name) parameters, ("wu" | "wq", j, i) rows of laws outside.
+    rates, ("number", owner, name), ("timed", owner, name) parameters, ("wu" | "wq", j, i) terms of laws
+    outside of the tree in the equations of motion ("wu") and in the kinematic equations ("wq") of node j.
     """
 
     def __init__(self, structure: TreeStructure) -> None:
@@ -127,7 +128,7 @@ class TreeProgram:
         return rotation, Moved(Step(True, ZERO, se.Integer(0), rotation), number=c, spin=Vec(*spin), change=Vec(*change))
 
     def _carried(self, j: int, link: Link) -> State:
-        """The node that a joint carries: relative kinematics from its parent."""
+        """Motion of the node that a joint carries, from that of its parent by relative kinematics."""
         vec, k = self.program.vec, self.nodes[link.parent]
         other = "l" if link.side == "k" else "k"
         s, axes = self._frame(j, link, link.side, k, link.axes[0])
@@ -151,7 +152,7 @@ class TreeProgram:
         return found.w, found.al
 
     def _arm(self, j: int, link: Link, side: str, node: State) -> Vec:
-        """Vector from a node to the joint's point on it, inertial."""
+        """Vector from a node to the point of joint j on it, inertial components."""
         offset, _ = self._in_body(j, link, side, link.axes[side != link.side])
         return self.program.vec(node.of_body([offset])[0])
 
@@ -191,7 +192,7 @@ class TreeProgram:
         return total
 
     def _meaning(self, m: int, member: Member, d: Derived) -> dict[Expr, Expr]:
-        """Symbols of a law in terms of the program."""
+        """Symbols of a law with their expressions in the program."""
         known = {name: self._number(f"member{m}", name, member.numbers) for name, _ in member.numbers}
         table: dict[Expr, Expr] = {se.Symbol(name): value for name, value in known.items()}
         for symbol in {*d.variation.clock, *d.variation.clock.values()}:
@@ -246,7 +247,9 @@ class TreeProgram:
     # -- inwards
 
     def _projected(self, role: str, wrenches: dict[int, Wrench]) -> dict[tuple[int, int], Expr]:
-        """Rows of the coordinates and of the root: the transpose of the outward velocities (virtual power)."""
+        """Rows of the joint coordinates and of the root for forces and moments on all nodes, by virtual power: the transpose of
+        the recursion of velocities. role: "wu" (equations of motion) or "wq" (kinematic equations, whose
+        stabilising terms G^T mu transform like forces)."""
         vec = self.program.vec
         total = {j: wrenches.get(j, (ZERO, ZERO)) for j in range(len(self.nodes))}
         for j in self.structure.loaded:
@@ -262,8 +265,8 @@ class TreeProgram:
         return {place: e for place, e in rows.items() if e != 0}
 
     def _joint_rows(self, role: str, found: Way, F: Vec, M: Vec) -> dict[tuple[int, int], Expr]:
-        """Rows of a joint's coordinates for a force and its moment about the end of the joint's motion; corrections of position
-        rates of a free rotation in terms of its quaternion."""
+        """Rows of a joint's coordinates for a force F and its moment M about the end of the joint's motion. For role "wq" the
+        rows of a free rotation are those of its quaternion."""
         rows: dict[tuple[int, int], Expr] = {}
         left = found.total  # from the parent's node to the place of the motion
         for part in reversed(found.parts):
@@ -291,7 +294,7 @@ class TreeProgram:
         return {(0, i): self.program.let(e) for i, e in enumerate(entries)}
 
     def _load(self, role: str, j: int) -> Wrench:
-        """Terms of laws outside the program in the rows of a node: dynamics ("wu"), or corrections of position rates ("wq")."""
+        """Force and moment on node j from the inputs that hold the terms of laws outside of the tree, of role "wu" or "wq"."""
         state = self.nodes[j]
         rows = [self._input(role, j, i) for i in range(state.kind.sizes[1 if role == "wu" else 0])]
         if role == "wu" or state.kind is not NodeKind.SPATIAL:

@@ -31,7 +31,7 @@ class Link:
     kind: NodeKind  #: kind of the node carried
     axes: tuple[Axes, Axes]  #: which entries of the joint's axes vanish, on its parent and on the node carried
     numbers: Numbers
-    moves: bool  #: False of a joint that only holds a point where it is
+    moves: bool  #: False for a joint that leaves its mass point no motion relative to the parent
     coordinates: tuple[str, ...]
     prescribed: tuple[bool, ...]  #: whether each coordinate is prescribed
     first: int  #: number of its first coordinate among those of the tree, from 1
@@ -39,7 +39,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Member:
-    """A law between nodes of the tree (None: the ground) that is part of its program."""
+    """A law between nodes of the tree (None: the ground) that is part of the tree's program. law: class, structure, sides."""
 
     law: tuple[Any, Structure, tuple[Side, ...]]
     nodes: tuple[int | None, ...]
@@ -90,9 +90,11 @@ class Coordinate(NamedTuple):
 
 @dataclass
 class Moved:
-    """An elementary motion in a program: first and second rate of its amount, and derivatives of that by the free coordinates.
+    """An elementary motion in a program: first and second rate of its amount, and derivatives of the amount (`slopes`) by the
+    free coordinates, by their numbers.
 
-    Of a free rotation: its number among the coordinates, its angular velocity and the rate of that, along its own axes."""
+    Of a free rotation: its number among the coordinates, its angular velocity (spin) and the rate of that (change), in components
+    along the axes it leads to."""
 
     step: Step
     rate: Expr = NONE
@@ -104,7 +106,7 @@ class Moved:
 
 
 def moved(step: Step, coordinates: list[Coordinate], program: Program) -> Moved:
-    """The rates of an amount by those of the coordinates."""
+    """An elementary motion with the rates of its amount, which follow from those of the coordinates."""
     first = [se.diff(step.amount, c.value) for c in coordinates]
     rate = sum((d * c.rate for d, c in zip(first, coordinates, strict=True)), NONE)
     second = sum((d * c.second for d, c in zip(first, coordinates, strict=True)), NONE)
@@ -116,7 +118,8 @@ def moved(step: Step, coordinates: list[Coordinate], program: Program) -> Moved:
 
 
 class Part(NamedTuple):
-    """An elementary motion on the way to a body: its direction and displacement; of a free rotation the axes of its rates."""
+    """An elementary motion on the way to a body, inertial components: its direction, its displacement (zero for rotations), and
+    of a free rotation the three axes along which its angular velocity has its components."""
 
     moved: Moved
     direction: Vec
@@ -126,9 +129,9 @@ class Part(NamedTuple):
 
 @dataclass
 class Way:
-    """The way from a node to the next one in the tree: the elementary motions, the vector from the node to their end, and back
-    from there to the next node; at the end the axes, their angular velocity and its rate, velocity and acceleration relative to
-    the node, inertial components."""
+    """The way from a node to the next one in the tree. parts: the elementary motions; total: vector from the node to their end;
+    back: vector from the next node to that end. At the end: axes, their angular velocity w and its rate al, velocity v and
+    acceleration a less those of the node. Inertial components."""
 
     axes: Triad
     w: Vec
@@ -141,8 +144,8 @@ class Way:
 
 
 def way(program: Program, node: State, offset: Vec, axes: Triad, motions: list[Moved], turns: bool) -> Way:
-    """The way from a node through the offset of the joint on it and its elementary motions; turns: whether the next node has
-    axes."""
+    """The way from a node to the next one. offset: vector from the node to the joint's point on it; axes: the joint's axes there;
+    motions: the elementary motions of the joint; turns: whether the next node has axes."""
     found, group = Way(axes, node.w, node.al), _Group(offset)
     for m in motions:
         if not m.step.turns:
@@ -159,7 +162,8 @@ def way(program: Program, node: State, offset: Vec, axes: Triad, motions: list[M
 
 @dataclass
 class _Group:
-    """Displacements between two rotations: they turn together. Their sum, its rate along the axes, and the rate of that."""
+    """The displacements between two rotations, whose axes turn together. arm: their sum; speed, change: its first and second rate
+    by the amounts alone, as if the axes did not turn."""
 
     arm: Vec
     speed: Vec = ZERO
@@ -172,7 +176,7 @@ class _Group:
         self.change = self.change + e * m.second
 
     def end(self, program: Program, found: Way) -> None:
-        """Velocity and acceleration at the end of the displacements."""
+        """Add the displacements to the way `found`: vector, velocity and acceleration at their end."""
         arm, w = program.vec(self.arm), found.w
         along = program.vec(w.cross(arm) + self.speed)
         found.v, found.total = found.v + along, found.total + arm
@@ -180,7 +184,7 @@ class _Group:
 
 
 def _turn(program: Program, found: Way, m: Moved) -> None:
-    """The axes after a rotation, with their angular velocity and its rate."""
+    """Continue the way `found` by a rotation m: its axes, their angular velocity and its rate."""
     vec, before, w = program.vec, found.axes, found.w
     after = program.axes(turned(before, m.step))
     if m.step.rotation is None:

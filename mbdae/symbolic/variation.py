@@ -27,7 +27,7 @@ def let(e: Expr, name: str = "") -> Expr:
 
 
 def rate(e: Expr) -> Expr:
-    """Time derivative of an expression in positions and attached vectors, by the motion of both frames."""
+    """Time derivative of an expression in positions and in vectors fixed to the bodies, by the motion of all frames."""
     return _RATE(se.sympify(e))
 
 
@@ -41,7 +41,7 @@ class Variation:
 
     def __init__(self, frames: tuple[Frame, ...], clock: dict[Expr, Expr]) -> None:
         self.frames, self.clock = frames, clock
-        self.values: dict[Expr, Expr] = {}  #: name -> value, inner names first
+        self.values: dict[Expr, Expr] = {}  #: name -> value, after the names that the value contains
         self.constant: set[Expr] = set()  #: names that are not differentiated
         self._defined: list[Expr] = []
         self._names: dict[Expr, Expr] = {}
@@ -54,7 +54,7 @@ class Variation:
         self._structure = {symbol: value for f in frames for symbol, value in f.structure.items()}
 
     def resolve(self, e: Any) -> Expr:
-        """The expression with the zeros and ones of the frames inserted."""
+        """The expression with those symbols of the frames replaced that are 0, 1 or -1 for the kinds of their nodes."""
         return se.sympify(e).subs(self._structure) if self._structure else se.sympify(e)
 
     # -- parameters that follow from sensors
@@ -124,7 +124,7 @@ class Variation:
         return Vec(*(self._symbol(self.resolve(c)) for c in v))
 
     def _rate_by_names(self, e: Expr) -> Expr:
-        """`rate` in which the rates of names are named too: keeps the stiffness of a damper short."""
+        """`rate` with names for the rates of names too, which keeps the derivatives of a damper's force short."""
         total = self._rate_at_fixed_names(e)
         for factor, name in self._chain(e):
             if name not in self._rates:
@@ -135,13 +135,13 @@ class Variation:
     # -- differentiation
 
     def _chain(self, e: Expr) -> Iterable[tuple[Expr, Expr]]:
-        """(de/dname, value of name) for every differentiable name in e."""
+        """(de/dname, name) for every name in e that is not constant: the factors of the chain rule."""
         for name in sorted(e.free_symbols, key=str):
             if name in self.values and name not in self.constant:
                 yield se.diff(e, name), name
 
     def diff(self, e: Expr, symbol: Expr) -> Expr:
-        """Partial derivative by an unknown or a parameter, through names."""
+        """Partial derivative by an unknown or a parameter, by the chain rule through names."""
         total = _by(e)(symbol)
         for factor, name in self._chain(e):
             if (name, symbol) not in self._partials:
@@ -150,7 +150,8 @@ class Variation:
         return total
 
     def gradient(self, f: Frame, e: Expr) -> tuple[Vec, Vec]:
-        """(de/dr, sum a x de/da): e changes by the first on a translation, by the second on a rotation (inertial)."""
+        """Gradients of e by a displacement of the node, de/dr, and by its virtual rotation, the sum of a x de/da over the vectors
+        a fixed to the body; inertial components."""
         if not f.kind.moves:
             return ZERO, ZERO
         return self._through_names("gradient", f, e, *self._direct_gradient(f, e))
@@ -219,7 +220,7 @@ class Variation:
         return symbols | {name for name, e in self.insertion(shared=True).items() if e.free_symbols & symbols}
 
     def jumping(self, symbols: set[Expr]) -> set[Expr]:
-        """Names that contain, themselves or by other names, a function that jumps with some symbols."""
+        """Names whose values contain, directly or by other names, a function of some of the symbols that jumps."""
         found: set[Expr] = set()
         for name, value in self.values.items():
             e = self.resolve(value)

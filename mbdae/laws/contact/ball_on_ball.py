@@ -12,7 +12,8 @@ from mbdae.symbolic.variation import let
 class BallOnBall(SurfaceContact):
     """Two balls with their centres at k.r and l.r; discs in a planar scene.
 
-    u = l.r - k.r, d its length, n = u / d, penetration p = radius_k + radius_l - d; both forces act in the middle of it."""
+    u = l.r - k.r, d its length, n = u / d, penetration p = radius_k + radius_l - d; both forces act in the middle of
+    the overlap."""
 
     params = params(
         radius_k=("m", "radius of the ball on k; None: a point"), radius_l=("m", "radius of the ball on l; None: a point"),

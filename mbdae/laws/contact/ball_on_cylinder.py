@@ -15,8 +15,9 @@ from mbdae.symbolic.vectors import Expr, Vec
 class BallOnCylinder(SurfaceContact):
     """A ball of l with its centre at l.r on a cylinder of k with its middle at k.r and its axis along k.z.
 
-    With b and h the distances of the centre from the curved surface and from the plane of the nearer end: it touches the curved
-    surface where h < 0, the end where b < 0, the rim between where both are positive. Without a length there are no ends."""
+    b and h are the distances of the ball's centre from the curved surface and from the plane of the nearer end, positive outside.
+    The ball touches the curved surface where only b is positive, the end where only h is, the rim where both are; with its centre
+    inside, the surface that is nearer. Without a length there are no ends."""
 
     params = params(
         radius_k=("m", "radius of the cylinder"), radius_l=("m", "radius of the ball; None: a point"),
@@ -40,7 +41,9 @@ class BallOnCylinder(SurfaceContact):
         return [(self.place(k, l, penetration, -normal, k.z, normal * (penetration / 2 - radius(self.radius_l))), "")]
 
     def _with_ends(self, k: Frame, along: Expr, beside: Expr, radial: Vec) -> tuple[Expr, Vec]:
-        """Distance of the centre from the surface, negative inside, and the direction out of it."""
+        """Distance of the ball's centre from the surface, negative inside, and the unit normal of the surface there. along:
+        position of the centre along the axis; beside: its distance from the curved surface; radial: unit vector from the axis to
+        it."""
         sense = se.Piecewise((1, along > 0), (-1, True))
         above = let(sense * along - self.length / 2, "h_a")
         corner = let(se.sqrt(beside**2 + above**2 + RESTING), "d_c")

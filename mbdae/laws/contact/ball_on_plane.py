@@ -12,7 +12,7 @@ from mbdae.symbolic.variation import let
 class BallOnPlane(SurfaceContact):
     """A ball of l with its centre at l.r (a point where it has no radius) on a plane of k through k.r normal to k.z.
 
-    Penetration p = radius - (l.r - k.r) . k.z; both forces act half of it above the deepest point of l."""
+    Penetration p = radius - (l.r - k.r) . k.z; both forces act p / 2 above the deepest point of l."""
 
     params = params(radius=("m", "radius of the ball; None: a point"))
 

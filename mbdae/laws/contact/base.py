@@ -15,9 +15,9 @@ from mbdae.symbolic.part import Parameter
 from mbdae.symbolic.variation import let
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
-DEEP = 10.0  #: a start that penetrates by more than a body's radius over DEEP is refused; in a run it is warned of
-RESTING = 1e-24  #: m^2/s^2, keeps the sliding speed differentiable at rest
-CENTRED = 1e-40  #: m^2, keeps a distance differentiable where it is 0
+DEEP = 10.0  #: a start is refused where bodies penetrate by more than 1/DEEP of the radius; a run that gets there has a warning
+RESTING = 1e-24  #: added to squares of sliding speeds, m^2/s^2, and of distances, m^2: their roots have derivatives at 0 then
+CENTRED = 1e-40  #: added to the square of a distance, m^2, which keeps it differentiable where it is 0
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ def station(penetration: Expr, inward: Vec, tangent: Vec, velocity: Vec, arm: Ve
 class Contact(Force):
     """Bodies that touch at one or several places: `stations` says where, the normal and friction law how.
 
-    Normal force f_n of the penetration against `inward` on l, friction against the sliding velocity, both at one point, so that
-    moments balance. A law whose `one_direction` holds rubs along the tangent of each place alone, as does friction with internal
-    states.
+    On l act a normal force f_n, a function of the penetration and its rate, against `inward`, and friction against the sliding
+    velocity; their opposites act on k at the same point, so that moments balance. Where `one_direction` holds, and for friction
+    with internal states, friction acts along the tangent of each place only.
     """
 
     options = ("normal", "friction")
@@ -62,7 +62,7 @@ class Contact(Force):
 
     @property
     def ends(self) -> tuple[str, ...]:
-        """Suffixes of the friction states of each place."""
+        """Suffixes that distinguish the friction states of the places by name."""
         return ("",)
 
     def stations(self, k: Frame, l: Frame) -> list[tuple[Station, str]]:
@@ -70,17 +70,18 @@ class Contact(Force):
         raise LawError(f"contact {type(self).__name__} does not state `stations(self, k, l)`")
 
     def equal(self, k: Frame, l: Frame) -> int:
-        """How many places each station stands for."""
+        """Number of equal places for which each station stands: 2 where symmetry makes the contact at both ends the same."""
         return 1
 
     @property
     def one_direction(self) -> bool:
-        """Whether bodies slide along the tangents alone."""
+        """Whether friction acts along the tangents of the places only, not against the whole sliding velocity."""
         return True
 
     @staticmethod
     def sliding(k: Frame, l: Frame, from_l: Vec, from_k: Vec) -> Vec:
-        """Velocity of the material point of l at the contact relative to that of k; from_l, from_k: from l.r, k.r to there."""
+        """Velocity of the material point of l at the point of contact relative to that of k, m/s; from_l, from_k: vectors from
+        l.r and from k.r to the point of contact, m."""
         return (l.v + l.w.cross(from_l)) - (k.v + k.w.cross(from_k))
 
     # -- forces

@@ -11,15 +11,15 @@ from mbdae.symbolic.part import params
 from mbdae.symbolic.variation import let
 from mbdae.symbolic.vectors import ZERO, Vec
 
-STANDING = 1e-3  #: rad, tilt up to which an end counts as parallel to the plane
+STANDING = 1e-3  #: rad, tilt over which the contact point moves from the middle of a parallel end to its rim
 
 
 class CylinderOnPlane(SurfaceContact):
     """A cylinder of l with its middle at l.r on a plane of k through k.r normal to k.z; in a planar scene a disc, or a rectangle.
 
-    Its axis is along_x l.x + along_y l.y + along_z l.z. The circles at both its ends touch with their deepest points, each with
-    the normal law given. An end parallel to the plane has no deepest point: up to a tilt of about STANDING rad it goes from
-    the middle of the end to its rim, so that the cylinder stands on it. Without length it is one circle."""
+    Its axis is along_x l.x + along_y l.y + along_z l.z. The circles at both its ends touch at their deepest points, each with a
+    normal force of its own. The circle of an end parallel to the plane has no deepest point: there the contact acts at the middle
+    of the end and moves to its rim over a tilt of about STANDING rad, so that the cylinder stands. Without length: one circle."""
 
     params = params(
         radius=("m", "radius"), length=("m", "distance of the circles at its ends; None: one circle"),
@@ -52,7 +52,7 @@ class CylinderOnPlane(SurfaceContact):
                 for sign, end in zip((-1, 1), self.ends, strict=True)]  # fmt: skip
 
     def _station(self, k: Frame, l: Frame, along: Vec, shift: Vec) -> Station:
-        """The contact of the circle in the plane through l.r + shift."""
+        """The contact of the circle around l.r + shift; along: unit vector of the cylinder's axis."""
         up = (k.z - along * (k.z @ along)).named("u")
         upwards = (up * (se.sqrt(1 + STANDING**2) / let(se.sqrt(up @ up + STANDING**2)))).named("n")
         lowest = shift - upwards * self.radius

@@ -46,7 +46,8 @@ class Hertz(Normal):
         return cls(stiffness, _damping_of(ratio) / speed)
 
     def coefficient_of_restitution(self, v: float) -> float:
-        """Exit speed over impact speed v (m/s): (1 - d e) exp(d e) = (1 + d) exp(-d), d = damping v; falls with v."""
+        """e, exit speed over impact speed v (m/s), the solution of (1 - d e) exp(d e) = (1 + d) exp(-d) with d = damping v; it
+        falls with v."""
         item = "Hertz.coefficient_of_restitution"
         d = (self.damping or 0.0) * checked_value(item, "v", v, number, "give the impact speed, above 0, m/s", above=0)
         if d == 0:
@@ -69,13 +70,13 @@ class Hertz(Normal):
         return float((force / self.stiffness) ** (2 / 3))
 
     def impact(self, mass: float, speed: Any) -> tuple[Any, Any]:
-        v = np.maximum(np.abs(speed), 1e-300)  # at rest both are 0: no impact
+        v = np.maximum(np.abs(speed), 1e-300)  # without a speed depth and duration are next to 0
         depth = (1.25 * mass * v**2 / self.stiffness) ** 0.4
         return depth, DURATION * depth / v
 
 
 def _kept(x: float) -> float:
-    """ln(1 + x) - x: equal at entry (x = d) and exit (x = -d e) of an impact."""
+    """ln(1 + x) - x, which is equal at entry and exit of an impact: x = damping times rate of penetration, d and -d e."""
     return math.log1p(x) - x
 
 

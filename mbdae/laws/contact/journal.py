@@ -16,9 +16,9 @@ from mbdae.symbolic.variation import let
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
 CORE = 1e-12  #: m, without clearance the direction of contact is smoothed within this distance
-#: smallest penetration expected at the start, relative to the play and to the radius of the pin; the run corrects it
+#: smallest penetration that is expected before the run, relative to the play (outer - inner) and to the radius of the pin
 PLAY, PIN = 1e-2, 1e-6
-DIFFERENCE = 1e-4  #: relative change of the penetration by which the stiffness of a contact is computed
+DIFFERENCE = 1e-4  #: relative change of the penetration in the central difference for the stiffness of a contact
 
 
 def _tilts(k: Frame, l: Frame) -> bool:
@@ -62,7 +62,7 @@ class JournalContact(Contact):
         return 2 if self.length is not None and not _tilts(k, l) else 1
 
     def _station(self, k: Frame, l: Frame, shift: Vec) -> Station:
-        """The contact in the plane through l.r + shift."""
+        """The contact in the plane normal to k.z through l.r + shift."""
         clearance = self.outer - self.inner
         u = l.r + shift - k.r
         along = k.z @ u
@@ -89,8 +89,8 @@ class JournalContact(Contact):
         return [u[0], u[1], u[2]]
 
     def expected_depth(self, impact: Impact) -> float:
-        """Penetration (m) of an impact at the speed of the start; without speed that under the force of the ideal joint, or after
-        a fall through the play under it, at least a small part of the play."""
+        """Penetration (m) of an impact at the speed of the start. Without speed: the larger of that at rest under the force of
+        the ideal joint and that of an impact after the play was crossed under this force; at least a small part of the play."""
         normal, play, mass, force = self.normal, self.outer - self.inner, impact.mass, impact.force
         if impact.speed * play > 0:
             return float(normal.impact(mass, impact.speed)[0])
@@ -115,7 +115,7 @@ class JournalContact(Contact):
 
     def instability(self, mass: float, depth: Any, force: Any, rub: Any) -> tuple[Any, Any] | None:
         """k = df/da is the stiffness along the normal, f/d the one across it (f contact force, a penetration, d distance of the
-        centres). A friction coefficient mu couples both directions; without damping, they flutter where
+        centres of pin and race). Friction with coefficient mu couples both directions; without damping, the pin flutters where
         (k - f/d)^2 < 4 mu^2 k f/d."""
         if self.friction is None:
             return None

@@ -22,7 +22,7 @@ class Normal(Part):
         raise LawError(f"normal law {type(self).__name__} does not state `energy(self, p)`")
 
     def damping_force(self, p: Expr, rate: Expr) -> Expr:
-        """Force beside the elastic one, N."""
+        """Damping force, which is added to the elastic one, N."""
         return se.Integer(0)
 
     def elastic_force(self, p: Expr) -> Expr:

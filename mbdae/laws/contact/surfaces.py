@@ -30,7 +30,7 @@ class SurfaceContact(Contact):
 
     @property
     def smallest(self) -> float | None:
-        """The smallest radius (m) of its surfaces; None: all are plane or points."""
+        """The smallest radius (m) of both surfaces, to which penetrations are compared; None where both are planes or points."""
         return None
 
     def place(self, k: Frame, l: Frame, penetration: Expr, inward: Vec, across: Vec, at: Vec) -> Station:
@@ -60,7 +60,7 @@ class SurfaceContact(Contact):
     def expected_depth(self, impact: Impact) -> float:
         """Penetration (m) of an impact at the likely speed, or under a known force where that is more."""
         still = float(self.normal.penetration(impact.force))
-        moves = impact.mass < inf  # otherwise neither of the bodies can move
+        moves = impact.mass < inf  # an infinite effective mass: neither of the bodies can move
         return max(float(self.normal.impact(impact.mass, impact.likely_speed)[0]), still) if moves else still
 
     def summary_of_contact(self) -> str:
@@ -82,7 +82,8 @@ class SurfaceContact(Contact):
 
 
 def outside(u: Vec, name: str = "d") -> tuple[Expr, Vec]:
-    """Length of a vector (smoothed at 0, where nothing touches), and its direction."""
+    """Length of a vector from a centre or axis outwards, and its direction; smoothed at 0, so that both have derivatives there.
+    name: letter of the length in reports."""
     distance = let(se.sqrt(u @ u + RESTING), name)
     return distance, (u * (1 / distance)).named("n")
 

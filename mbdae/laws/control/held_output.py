@@ -11,7 +11,7 @@ from mbdae.symbolic.vectors import Expr
 
 
 class HeldOutput(InternalState):
-    """A state that is constant; the controller sets it at its instants."""
+    """A state that is constant between the instants at which a sampled controller sets it."""
 
     def rates(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         return {"value": se.Integer(0)}

@@ -10,7 +10,7 @@ from mbdae.symbolic.vectors import Expr
 
 
 class InternalState(TwoBodyLaw):
-    """d value / dt = rate, between no bodies: what it depends on is read by sensors."""
+    """d value / dt = rate. The law acts on no bodies; its rate is an expression of sensors."""
 
     frames = ()
     params = params(rate=("1/s", "time derivative"), start=("1", "value at the start"), size=("1", "typical magnitude"))

@@ -23,5 +23,5 @@ class Observed(TwoBodyLaw):
 
 
 def observed_value(d: Derived) -> list[tuple[Target, Expr]]:
-    """The value as an output."""
+    """The value as an output of the law's kernel; none for other laws."""
     return [(("observed",), se.Symbol("value"))] if isinstance(d.law, Observed) else []

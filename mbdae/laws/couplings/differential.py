@@ -8,8 +8,8 @@ from mbdae.symbolic.vectors import Expr
 
 
 class Differential(Coupling):
-    """The angles of both outputs add to twice that of the carrier. The multiplier is the torque on the carrier's coordinate over
-    2, N m: both outputs take the opposite of it."""
+    """The angles of both outputs add to twice that of the carrier. The multiplier is half the torque on the carrier's coordinate,
+    N m; the torque on each output is the opposite of the multiplier."""
 
     coordinates = declared(first=("rad", "angle of an output"), second=("rad", "angle of the other output"),
                            carrier=("rad", "angle of the carrier"))  # fmt: skip

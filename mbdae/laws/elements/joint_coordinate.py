@@ -10,7 +10,7 @@ from mbdae.symbolic.vectors import Expr
 
 
 class JointCoordinate(Element):
-    """An unknown without mass: its momentum row is the sum of the forces that act on it."""
+    """An unknown without mass: its equation of motion says that the forces on it add to zero."""
 
     def kinetic_energy(self, b: Frame) -> Expr:
         return se.Integer(0)

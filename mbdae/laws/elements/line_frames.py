@@ -16,8 +16,9 @@ ROUND_OFF = 1e-13  #: difference of the components of two quaternions that count
 def section_axes(tangents: Array, positions: Array, axis2: Any = None) -> Array:
     """(k, 3, 3) axes 1, 2, 3 as columns at places (k,) along a line.
 
-    axis2: direction whose part normal to the tangent is axis 2. By default axis 3 is the normal of the plane the line
-    lies in (z for a straight one, x along z); where the line leaves a plane, the normal is carried along.
+    axis2: direction whose part normal to the tangent is axis 2. By default axis 3 is the normal of the plane in which the
+    line lies; for a straight line z, or x where the line is along z. Along a line in space axis 3 turns with the tangent,
+    without twist.
     """
     first = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
     if axis2 is None:
@@ -34,7 +35,8 @@ def section_axes(tangents: Array, positions: Array, axis2: Any = None) -> Array:
 
 
 def _normal(first: Array, positions: Array) -> Array:
-    """Normal of the plane of the line, up (z, else y, else x positive); z or x where it is straight."""
+    """Unit normal of the plane that fits the line best, of the sign that makes its z component positive (its y where z is 0, its
+    x where both are); of a straight line z, or x where the line is along z. first: unit tangents."""
     spread = np.linalg.svd(np.vstack([first, positions - positions[0]]), full_matrices=False)
     if spread[1][1] <= PARALLEL * spread[1][0]:
         return np.asarray(np.eye(3)[2 if np.linalg.norm(first[0, :2]) > PARALLEL else 0])
@@ -44,13 +46,14 @@ def _normal(first: Array, positions: Array) -> Array:
 
 
 def _carried(first: Array, normal: Array) -> Array:
-    """Axis 3 along the line: the normal, turned from tangent to tangent without twist."""
+    """Axis 3 (k, 3) along the line: the normal at its start, turned from tangent to tangent without twist. first: unit
+    tangents."""
     found = np.empty_like(first)
     before = first[0]
     normal = normal - (normal @ before) * before
     for i, t in enumerate(first):
         both = 1 + before @ t
-        if both > PARALLEL:  # where the line turns back, the normal stays
+        if both > PARALLEL:  # opposite tangents fix no rotation: the normal stays
             normal = normal - (normal @ t) / both * (before + t)
         found[i] = normal = normal / np.linalg.norm(normal)
         before = t

@@ -1,8 +1,8 @@
 """A line divided into elements: nodes with section axes, and constants of the elements.
 
-Nodes lie along the line, p per element; neighbours share one. Where the line has a corner, or where a node has axes of
-its own, a constant rotation per element end (`turns`) leads from the node's axes to the section's, so that corners are
-rigid. Inside an element the section quaternions have positive dot products with each other.
+An element of order p has p + 1 nodes; neighbouring elements share one. Where the line has a corner, or where a node has
+axes of its own, a constant rotation per node of an element (`turns`) leads from the node's axes to the section's, so that
+corners are rigid. Quaternions are interpolated: those of an element's sections have positive dot products.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mbdae.notation import counted
 from mbdae.ties import largest
 
 NEAR = 1e-9  #: distance, relative to a segment, up to which two places count as one
-SHORTEST = 1e-3  #: smallest length of an element cut by an attachment, over its neighbours'
+SHORTEST = 1e-3  #: an attachment may cut an element unless a part gets shorter than this times its longest neighbour
 Curve = Callable[[float], Any]  #: position (3,) by a parameter from 0 to 1
 
 
@@ -30,14 +30,14 @@ Curve = Callable[[float], Any]  #: position (3,) by a parameter from 0 to 1
 class LineMesh:
     """Nodes and elements of a line, as drawn. n nodes, m elements of p + 1 nodes."""
 
-    order: int
+    order: int  #: p, of the interpolation
     positions: Array  #: positions of the nodes (n, 3), m
     quaternions: Array  #: (n, 4) axes of the nodes, unit length
     headings: Array  #: (n,) angle of axis 1 in the plane z = 0, rad, continuous along the line
     elements: NDArray[np.intp]  #: (m, p + 1) nodes of every element
     turns: Array  #: (m, p + 1, 4) rotation from the node's axes to the section's; (1, 0, 0, 0) where they are equal
     offsets: Array  #: (m, p + 1) angle from the node's axes to the section's in the plane z = 0, rad
-    places: Array  #: (n,) of the nodes on the line as it is stated: length along the polyline, m, or parameter of the curve
+    places: Array  #: (n,) where the nodes are on the line: length along the polyline, m, or parameter of the curve
 
     @property
     def curve(self) -> Array:
@@ -93,7 +93,7 @@ class LineMesh:
 
 
 def _turned(P: Array, turns: Array) -> Array:
-    """P o turn (..., 4)."""
+    """Quaternion products P o turn (..., 4): the section's axes from the node's."""
     w = P[..., :1] * turns[..., :1] - np.sum(P[..., 1:] * turns[..., 1:], axis=-1, keepdims=True)
     v = P[..., :1] * turns[..., 1:] + turns[..., :1] * P[..., 1:] + np.cross(P[..., 1:], turns[..., 1:])
     return np.concatenate([w, v], axis=-1)
@@ -200,7 +200,8 @@ def _nodes(edges: Array, order: int) -> Array:
 
 
 def _tangent(curve: Curve, s: float) -> Array:
-    """Derivative of the curve by its parameter: extrapolated central differences, one-sided at the ends."""
+    """Derivative of the curve by its parameter, by differences over five points, which all lie on the curve's parameters 0 to
+    1."""
     h = 2e-3
     inside = min(max(s, 2 * h), 1 - 2 * h)
     stencil = inside + h * np.arange(-2, 3)
@@ -210,13 +211,14 @@ def _tangent(curve: Curve, s: float) -> Array:
 
 
 def _mesh(order: int, curve: Array, tangents: Array, axis2: Any, places: Array) -> LineMesh:
-    """The mesh of elements (m, p + 1, 3) with tangents at their nodes, places (m, p + 1); consecutive elements share a node."""
+    """The mesh from the positions of nodes (m, p + 1, 3) of m elements, tangents there (m, p + 1, 3) and places (m, p + 1);
+    consecutive elements share a node."""
     m = len(curve)
     elements = order * np.arange(m)[:, None] + np.arange(order + 1)
     axes = section_axes(tangents.reshape(-1, 3), curve.reshape(-1, 3), axis2)
     sections = quaternions(axes).reshape(m, order + 1, 4)
     angles = headings(tangents.reshape(-1, 3)).reshape(m, order + 1)
-    # the earlier element gives a shared node its axes
+    # a shared node has the section axes of the element before it
     positions, nodes, theta, at = (np.concatenate([a[0], a[1:, 1:].reshape(-1, *a.shape[2:])])
                                    for a in (curve, sections, angles, places))  # fmt: skip
     turns = relative(nodes[elements], sections)

@@ -44,7 +44,8 @@ def table(order: int, xi: Array, weights: Array | None = None) -> Table:
 
 @lru_cache(maxsize=16)
 def gauss(order: int, points: int) -> Table:
-    """Shape functions of order p at Gauss points: p for strains (p + 1 would lock), p + 1 for mass and loads."""
+    """Shape functions of order p at Gauss points. An element needs p points for strains, since p + 1 would lock, and p + 1 for
+    mass and loads."""
     xi, weights = legendre.leggauss(points)
     return table(order, (xi + 1) / 2, weights / 2)
 

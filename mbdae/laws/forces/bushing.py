@@ -11,7 +11,8 @@ from mbdae.symbolic.vectors import Expr, Vec
 
 
 class Bushing(Force):
-    """V = sum k_i d_i^2 / 2 along the axes of k, d the displacement of l's point; damping on its velocity seen from k."""
+    """V = sum k_i d_i^2 / 2 along the axes of k, d the displacement of l's point; damping of the velocity of this
+    point as seen from k."""
 
     params = params(
         kx=("N/m", "stiffness along k.x"), ky=("N/m", "stiffness along k.y"), kz=("N/m", "stiffness along k.z"),

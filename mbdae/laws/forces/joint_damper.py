@@ -10,7 +10,7 @@ from mbdae.symbolic.vectors import Expr
 
 
 class JointDamper(OnCoordinate):
-    """Rayleigh function damping (dc/dt)^2 / 2 of the joint's coordinate c; paper Eq. 19, any attitude."""
+    """Rayleigh function damping (dc/dt)^2 / 2 of the joint's coordinate c; paper Eq. 19, at any attitude of the bodies."""
 
     params = params(damping=("N m s/rad or N s/m", "damping"))
 

@@ -24,7 +24,7 @@ class JointFriction(OnCoordinate):
         return let(self._lever() * rate(self.value(k, l)))
 
     def _force(self, k: Frame, l: Frame) -> Expr:
-        """Friction force where they rub, N."""
+        """Friction force on l at the rubbing surface, N."""
         return let(-self.friction.coefficient(self._sliding(k, l)) * self.normal_force)
 
     def thrust(self, k: Frame, l: Frame) -> tuple[Expr, Expr] | None:

@@ -9,7 +9,7 @@ from mbdae.symbolic.vectors import Expr
 
 
 class JointLoad(OnCoordinate):
-    """A torque or force on l that works as the joint's coordinate grows, its opposite on k."""
+    """A torque or force on l that does work as the joint's coordinate grows, and its opposite on k."""
 
     params = params(load=("N m or N", "torque or force on the coordinate"))
     loads = True

@@ -10,7 +10,7 @@ from mbdae.symbolic.vectors import Expr
 
 
 class JointSpring(OnCoordinate):
-    """V = stiffness (c - rest)^2 / 2 of the joint's coordinate c (angle or displacement); paper Eq. 18, any attitude.
+    """V = stiffness (c - rest)^2 / 2 of the joint's coordinate c (angle or displacement); paper Eq. 18, at any attitude.
 
     In space the angle is known modulo a turn only, unless the joint keeps it as an unknown. One differential state
     follows it (its rate is the rate of the angle), its value selects the turn: no history, safe under rejected steps.

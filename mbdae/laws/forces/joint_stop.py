@@ -13,12 +13,12 @@ from mbdae.symbolic.law import Impact, params
 from mbdae.symbolic.variation import let, rate
 from mbdae.symbolic.vectors import Expr
 
-ALLOWED = 1e-6  #: excess over a limit at the start that counts as rounding, in the scene's length or rad
+ALLOWED = 1e-6  #: excess over a limit at the start that counts as rounding, rad or relative to the scene's length
 
 
 class _Limit(NamedTuple):
-    """One limit. Expressions: way of the coordinate past it (> 0 in contact), its rate, the way where positive; sense: 1 for an
-    upper, -1 for a lower limit."""
+    """A limit of the coordinate. way: how far the coordinate is past it, m or rad, > 0 in contact; rate: time derivative of way;
+    overlap: way where it is positive, else 0; sense: 1 for an upper, -1 for a lower limit."""
 
     way: Expr
     rate: Expr
@@ -29,12 +29,12 @@ class _Limit(NamedTuple):
 class JointStop(OnCoordinate):
     """Elastic stops at the limits of the joint's coordinate c: one-sided springs with dampers.
 
-    With p = c - upper, or lower - c, the way past a limit, the force max(0, stiffness p + damping dp/dt) acts back where p > 0;
-    nothing acts elsewhere. V = stiffness p^2 / 2. On the way back the force ends before p = 0, where the damper would make the
-    stop pull; the rest of V is lost.
+    The coordinate is past a limit by p = c - upper, or p = lower - c. Where p > 0, the force max(0, stiffness p + damping dp/dt)
+    pushes it back; nothing acts elsewhere. V = stiffness p^2 / 2. As the coordinate returns, the force ends before p = 0, since
+    the damper would then make the stop pull; the energy V left at that instant is lost.
 
-    Impact of an effective mass or inertia m, without other forces, until the force ends: it lasts 2 a / w and leaves with
-    exp(-2 z a) of the speed of entry; w = sqrt(stiffness / m), z = damping / (2 m w), a = arccos(z) / sqrt(1 - z^2), or
+    An impact of an effective mass or inertia m under this force alone lasts 2 a / w, and the speed at its end is exp(-2 z a)
+    times that of entry; w = sqrt(stiffness / m), z = damping / (2 m w), a = arccos(z) / sqrt(1 - z^2), or
     arcosh(z) / sqrt(z^2 - 1) where z > 1."""
 
     params = params(
@@ -59,7 +59,7 @@ class JointStop(OnCoordinate):
         return found
 
     def _damped(self, at: _Limit) -> Expr:
-        """The part of the force of a stop, against the way past its limit, that is not elastic."""
+        """Force of a stop less its elastic part, N or N m, positive where it pushes the coordinate back."""
         total = let(self.stiffness * at.overlap + self.damping * at.rate)
         pressing = se.Piecewise((total, total > 0), (0, True))
         return let(se.Piecewise((pressing - self.stiffness * at.overlap, at.way > 0), (0, True)))

@@ -8,7 +8,7 @@ from mbdae.symbolic.vectors import ZERO, Vec, components
 
 
 class LineLoad(LineLaw):
-    """A force per reference length on the axis: dead (inertial components), or following the section (its axes 1, 2, 3)."""
+    """A force per reference length on a beam's axis: dead (inertial components), or following the section (its axes 1, 2, 3)."""
 
     params = params(f1=("N/m", "along x, or axis 1 of the section"), f2=("N/m", "along y, or axis 2"),
                     f3=("N/m", "along z, or axis 3"))  # fmt: skip

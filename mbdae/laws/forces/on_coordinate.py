@@ -10,9 +10,9 @@ from mbdae.symbolic.vectors import Expr
 
 
 class OnCoordinate(Force):
-    """A law on one coordinate of the joint it belongs to: as the frames show it, or, where it is kept, as an unknown of its own.
+    """A law on one coordinate of the joint it belongs to: computed from the frames, or an unknown of its own (kept).
 
-    options: joint (its class), coordinate (the name), kept."""
+    options: joint (its class), coordinate (its name), kept (whether the coordinate is an unknown of its own)."""
 
     options: ClassVar[tuple[str, ...]] = ("joint", "coordinate", "kept")
 
@@ -22,7 +22,7 @@ class OnCoordinate(Force):
 
     @property
     def name_of_coordinate(self) -> str:
-        """The coordinate it acts on: that stated, or the first of the joint."""
+        """Name of the coordinate on which it acts: the option `coordinate`, by default the first of the joint."""
         return str(self.coordinate or next(iter(self.joint.coordinates)))
 
     @property

@@ -11,8 +11,8 @@ from mbdae.symbolic.vectors import Expr
 class PointSpring(Force):
     """V = stiffness (|d| - length)^2 / 2, Rayleigh function damping (d|d|/dt)^2 / 2, d from k's point to l's.
 
-    Without `length` (a spring of zero natural length) V = stiffness d.d / 2, smooth where the points meet; a damper
-    has no direction there, and one on the whole velocity would not balance in moments: use a bushing.
+    Without `length` (a spring of zero natural length) V = stiffness d.d / 2, smooth where the points meet. The damper acts
+    along d, which has no direction where the points meet; for points that may meet use a bushing.
     """
 
     params = params(stiffness=("N/m", "stiffness"), damping=("N s/m", "damping"), length=("m", "natural length"))

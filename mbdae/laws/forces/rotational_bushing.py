@@ -14,8 +14,8 @@ from mbdae.symbolic.vectors import Expr, Vec
 class RotationalBushing(Force):
     """V = sum c_i rho_i^2 / 2 about the axes of k; damping on the relative angular velocity.
 
-    rho is the Rodrigues vector 2 tan(theta/2) n of the relative rotation: the rotation vector to third order,
-    finite below half a turn.
+    rho is the Rodrigues vector 2 tan(theta/2) n of the relative rotation by the angle theta about the axis n: it differs
+    from the rotation vector theta n by terms of third order, and is finite below half a turn.
     """
 
     params = params(

@@ -49,7 +49,7 @@ class Friction(Part):
 
     def feeds_at(self) -> float | None:
         """A speed (m/s) at which the law, which has no internal states, drives bodies instead of braking them, or has no finite
-        value; None where there is none among those tried. Raises LawError where it is not well stated."""
+        value; None where there is none among those tried. Raises LawError where `coefficient` is no expression of v."""
         v = se.Symbol("v")
         coefficient = se.sympify(self.coefficient(v))
         for speed in (sign * 10.0**power for power in range(-6, 4) for sign in (1, -1)):

@@ -9,13 +9,15 @@ from mbdae.symbolic.vectors import Expr
 
 
 def same_point(k: Frame, l: Frame) -> dict[str, Expr]:
-    """The points of k and l coincide; rows in inertial axes. A multiplier is minus that component of the force on l, N."""
+    """Rows that vanish where the points of k and l coincide, in inertial axes. Multipliers: minus the components of the force on
+    l, N."""
     d = l.r - k.r
     return {"x": d[0], "y": d[1], "z": d[2]}
 
 
 def same_axis(k: Frame, l: Frame) -> dict[str, Expr]:
-    """l turns about k.z only (paper Eq. 1): the torques about k.y and k.x that keep the axes together, N m."""
+    """Rows that let l turn about k.z only (paper Eq. 1). Multipliers: the torques about k.y and k.x that keep the axes parallel,
+    N m."""
     return {"tilt_y": k.z @ l.x, "tilt_x": k.z @ l.y}
 
 
@@ -30,21 +32,23 @@ def near_angle(k: Frame, l: Frame, angle: Expr) -> Expr:
 
 
 def tied_angle(k: Frame, l: Frame, angle: Expr) -> tuple[Expr, Expr]:
-    """The row that holds an angle about k.z, and what is positive on its right branch."""
+    """The row that vanishes where l is turned about k.z by `angle`, and an expression that is positive there and negative half a
+    turn off, where the row vanishes too."""
     return turned_by(k, l, angle), near_angle(k, l, angle)
 
 
 def on_axis(k: Frame, l: Frame) -> dict[str, Expr]:
-    """The point of l stays on the axis k.z: forces along k.x and k.y, N."""
+    """Rows that keep the point of l on the axis k.z. Multipliers: forces along k.x and k.y, N."""
     d = l.r - k.r
     return {"offset_x": k.x @ d, "offset_y": k.y @ d}
 
 
 def same_attitude(k: Frame, l: Frame) -> dict[str, Expr]:
-    """l does not turn relative to k."""
+    """Rows that keep l from turning relative to k."""
     return {**same_axis(k, l), "twist": k.x @ l.y}
 
 
 def upright(k: Frame, l: Frame) -> dict[str, Expr]:
-    """Positive unless l is half a turn off, which `same_attitude` alone would admit."""
+    """Expressions that are positive where l has the attitude of k; one is negative half a turn off, where the rows of
+    `same_attitude` vanish too."""
     return {"z axes in the same sense": k.z @ l.z, "x axes in the same sense": k.x @ l.x}

@@ -25,7 +25,9 @@ class Screw(Joint):
     p = lead / (2 pi), the lead angle phi, tan phi = p / r, and a sliding velocity sqrt(r^2 + p^2) angle', the axial force F of
     the joint on l is that of the normal force N and of the friction c N (c: signed coefficient of friction) along the helix,
 
-        F = +-N cos phi - c N sin phi,   N = sqrt(r^2 + p^2) (r |F| + c p F) / (r^2 - c^2 p^2).
+        F = +-N cos phi - c N sin phi,   N = sqrt(r^2 + p^2) (r |F| + c p F) / (r^2 - c^2 p^2)
+
+    (+ or -: which flank of the thread carries).
 
     A load F is lifted by a torque F r tan(phi + rho) and lowered by F r tan(phi - rho), tan rho = c. Forces normal to the axis
     and tilting torques do not press the thread."""

@@ -86,7 +86,7 @@ class PartPage(LawPage):
         return [Section("Law", out), Section("Limits", self._limits(mu, v)), Section("Power and sign", self._power(mu, v))]
 
     def _steady(self, v: Expr) -> dict[Any, Any]:
-        """Internal states at constant velocity, for rates linear in their state."""
+        """Internal states at constant velocity, where their rates vanish; only for rates that are linear in their state."""
         found = {}
         for name, rate in self.symbolic.rate(v).items():
             s = se.Symbol(f"state_{name}")

@@ -76,7 +76,8 @@ class RecursiveValues(LawPage):
 
     def run(self, piece: Piece, load: Any = None, up: Any = None, state: State | None = None,
             stepped: bool = False) -> dict[Any, Any]:  # fmt: skip
-        """Values of a kernel of the tree by target; stepped: evaluated with NumPy after a complex step."""
+        """Values of a kernel of the tree by target. load: force and moment on l (points, 6); up: accelerations; both, and the
+        states, by default those of the page; stepped: evaluated with NumPy, for complex inputs of a complex step."""
         columns = [self._place(place, load, up, state or self.state) for place in piece.inputs]
         x = np.stack([np.broadcast_to(column, (POINTS,)) for column in columns], -1)
         values = piece.kernel.oracle(x.astype(complex)) if stepped else piece.kernel.values(x)
@@ -101,7 +102,8 @@ class RecursiveValues(LawPage):
         return rows, np.einsum("pij,pj->pi", self.Rk, rows[:, 3:6])
 
     def rows(self, load: Any = None) -> Any:
-        """Rows (points, n) with the moment on k in inertial axes, about the centre of k."""
+        """Rows of k and of the coordinates (points, n) as in `_rows`, with the moment on k about its centre in inertial axes.
+        load: force and moment on l (points, 6), by default that of the page."""
         rows, moment = self._rows(self.run(self.plan.residual, load))
         return np.concatenate([rows[:, :3], moment, rows[:, 6:]], axis=1)
 
@@ -195,7 +197,8 @@ class RecursiveValues(LawPage):
         return change
 
     def _turn(self, turn_k: Any, symbols: dict[str, Any]) -> Any:
-        """Virtual rotation of l (points, 3): compiled velocities of the tree with virtual rates as input."""
+        """Virtual rotation of l (points, 3), inertial axes, from that of k and the virtual changes of the coordinates: the
+        compiled map of the tree from velocities of k and rates to velocities of l, with the virtual ones as its input."""
         st, s = self.state, self.s
         given = dict(st.given) | {f"k_v{i + 1}": np.zeros(POINTS) for i in range(3)}
         spin = np.einsum("pji,pj->pi", self.Rk, turn_k)

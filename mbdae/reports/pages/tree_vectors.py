@@ -34,7 +34,8 @@ def tree_of(link: Link) -> TreeStructure:
 
 
 class _Vectors(Program):
-    """Program that names no result; sums are named where products need it. After the last rotation the axes are those of l."""
+    """A recursion program that keeps results as formulas, without symbols for intermediate results. Axes after the last rotation
+    are replaced by the axes of l; those after earlier rotations get letters."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -35,19 +35,19 @@ Row = dict[Any, Expr]  #: coefficients by multiplier; the constant term under No
 
 
 def symbols_of_rows(d: Derived) -> list[tuple[Target, Expr]]:
-    """Every symbol in the gradients of a law's rows and in its arms."""
+    """Every symbol in the gradients G of a law's rows and in the arms of its frames."""
     found = set().union(*(se.sympify(c).free_symbols for row in d.G for pair in row.values() for part in pair for c in part))
     found = found.union(*(se.sympify(c).free_symbols for f in d.frames if d.rows for c in arm_of(d, f)))
     return [(("symbol", str(s)), s) for s in sorted(found, key=str)]
 
 
 def arm_of(d: Derived, f: Frame) -> Vec:
-    """The arm of a frame with components that are known to be zero inserted."""
+    """The arm of a frame; components that are known to be zero for this scene are replaced by 0."""
     return Vec(*map(d.variation.resolve, f.arm))
 
 
 class Velocity(NamedTuple):
-    """A velocity of a body: index, letter of the position, letter of the inertia."""
+    """A velocity of a body: subscript, letter of the position, letter of the inertia."""
 
     below: str
     letter: str
@@ -236,7 +236,7 @@ class SceneEquations:
         return sorted((key for key in row if key is not None and key not in known), key=str)
 
     def _block(self, rows: dict[int, Row], known: set[Any]) -> tuple[list[int], list[Any]] | None:
-        """The smallest set of rows with as many multipliers as rows, of several that of largest determinant at the start."""
+        """Fewest rows with as many multipliers not in `known`: their places in u, and these; by determinant if several."""
         for size in range(1, LARGEST_BLOCK + 1):
             found = []
             for places in combinations(sorted(rows), size):

@@ -49,7 +49,8 @@ class ClosedForms(SceneEquations, Page):
         ]
 
     def balance(self) -> list[Block]:
-        """Equations that define p by mass and acceleration, and the rows."""
+        """For every velocity of the bodies the equation that defines p, mass times acceleration less applied force, and the
+        balance of p with the joint forces."""
         w, lines = self.writer, []
         for at, v in self.velocities.items():
             terms = [f"{self.mass_letter(at, j)}\\,\\ddot{{{self.velocities[j].letter}}}_{self.velocities[j].below}"

@@ -1,8 +1,10 @@
-"""The passes of the articulated-body recursion at one body: from the leaves inwards its inertia and forces with all that it
-carries, from the root outwards the accelerations.
+"""The passes of the articulated-body recursion at one body: inwards, from the leaves to the root, inertia and forces of a body
+with all that it carries; outwards the accelerations.
 
-F = I a + p is the force on a body with everything behind it. With a = b + S q'', b = X a0 + c and S^T F = tau it follows that
-q'' = K0 - K b, K = (S^T I S)^-1 S^T I; what is left of I and p acts on the body that carries it through X.
+F = I a + p is the force on a body together with all that it carries, a its acceleration. The joint gives a = b + S q'', with
+b = X a0 + c, a0 the acceleration of the body that carries it and q'' the second rates of the joint's freedoms, and S^T F = tau
+with the forces tau on these. Then q'' = K0 - K b with K = (S^T I S)^-1 S^T I and K0 = (S^T I S)^-1 (tau - S^T p), and X^T F,
+an expression of the same form in a0, acts on the carrying body.
 """
 
 from __future__ import annotations
@@ -21,9 +23,9 @@ _ZERO = se.Integer(0)
 
 @dataclass(frozen=True)
 class Shape:
-    """What distinguishes the passes of two bodies apart from numbers: directions of the body and of the one that carries it,
-    freedoms of the joint, entries of X, S and c that are constant (None: numbers of the body); heavy: whether the freedoms have
-    an inertia of their own."""
+    """What distinguishes the passes of two bodies apart from numbers. body, parent: how many components the accelerations of the
+    body and of the one that carries it have; freedoms: how many the joint has; known: entries of X, S and c, by place, with their
+    values where these are constant (None: they vary); heavy: whether the freedoms have an inertia of their own."""
 
     body: int
     parent: int
@@ -34,7 +36,7 @@ class Shape:
 
 @dataclass
 class Pass:
-    """A program of a pass: the meaning of its inputs and of its outputs.
+    """A pass as a program, whose inputs and outputs are named by places; the letters are those of the module.
 
     inputs: ("M", i, j), ("p", i) with all that the body carries, ("X", i, j), ("S", i, k), ("c", i), ("tau", k), ("C", k, l) own
     inertia of the freedoms, ("a0", i) acceleration of the carrying body, ("K", k, i), ("K0", k) of the inward pass."""
@@ -45,7 +47,7 @@ class Pass:
     outputs: list[tuple[Place, Expr]] = field(default_factory=list)
 
     def number(self, *place: Any) -> Expr:
-        """The symbol of an input, or its value where that is constant."""
+        """The symbol of the input at a place, or its value where the shape knows it."""
         known = dict(self.shape.known).get(place)
         if known is not None:
             return se.Integer(known)
@@ -54,7 +56,7 @@ class Pass:
         return symbol
 
     def symmetric(self, name: str, n: int) -> list[list[Expr]]:
-        """A symmetric matrix by its lower triangle."""
+        """A symmetric matrix (n, n) whose inputs are the entries of its lower triangle."""
         return [[self.number(name, max(i, j), min(i, j)) for j in range(n)] for i in range(n)]
 
     def matrix(self, name: str, n: int, m: int) -> list[list[Expr]]:
@@ -67,7 +69,8 @@ class Pass:
 
 
 def inward(shape: Shape) -> Pass:
-    """Adds to ("M0", i, j), ("p0", i) of the carrying body; leaves K, K0 and the pivots of S^T I S, ("pivot", k)."""
+    """The inward pass at a body. Outputs: what it adds to inertia ("M0", i, j) and force ("p0", i) of the carrying body; K and K0
+    for the outward pass; the pivots of S^T I S, ("pivot", k), which are positive where the freedoms have inertia."""
     made = Pass(shape)
     let, n, f = made.program.let, shape.body, shape.freedoms
     A, p, S, c = made.symmetric("M", n), made.vector("p", n), made.matrix("S", n, f), made.vector("c", n)
@@ -93,7 +96,8 @@ def inward(shape: Shape) -> Pass:
 
 
 def outward(shape: Shape, given: bool = False) -> Pass:
-    """Second rates of the freedoms ("up", k) and the acceleration of the body ("a", i). given: the rates are inputs."""
+    """The outward pass at a body. Outputs: second rates of the freedoms ("up", k) and acceleration of the body ("a", i). given:
+    whether these rates are inputs, not to be solved for."""
     made = Pass(shape)
     let, n, f = made.program.let, shape.body, shape.freedoms
     S, c, a0 = made.matrix("S", n, f), made.vector("c", n), made.vector("a0", shape.parent)
@@ -110,7 +114,8 @@ def outward(shape: Shape, given: bool = False) -> Pass:
 
 
 def projected(shape: Shape) -> Pass:
-    """A force ("w", i) on a body: along the freedoms ("row", k), and on the body that carries it ("w0", i)."""
+    """What a force ("w", i) on a body does: its components along the joint's freedoms, S^T w in ("row", k), and the force on the
+    carrying body, X^T w in ("w0", i)."""
     made = Pass(shape)
     n, w, S = shape.body, made.vector("w", shape.body), made.matrix("S", shape.body, shape.freedoms)
     X = made.matrix("X", n, shape.parent)

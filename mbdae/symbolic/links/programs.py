@@ -42,18 +42,19 @@ class PieceProgram(TreeProgram):
         return [s for s, place in self.inputs.items() if place[0] == head and node in (None, place[1])]
 
     def slopes(self, name: str, values: Sequence[Expr], by: Sequence[Expr], order: Any = None) -> Entries:
-        """Derivatives (name, i, j), also where they are 0."""
+        """Derivatives of values i by symbols j as entries at (name, i, j), also where they are 0."""
         found = self.program.derivatives([se.sympify(v) for v in values], by)
         return [((name, i, j), row.get(symbol, se.Integer(0))) for i, row in enumerate(found) for j, symbol in enumerate(by)]
 
     def still(self, entries: Entries) -> tuple[Program, list[Expr]]:
-        """A program of some entries where nothing accelerates, and the entries in it."""
+        """A program of some entries with all accelerations set to 0, and the entries in it."""
         nothing = {s: se.Integer(0) for s, place in self.inputs.items() if place[0] in ("a", "up")}
         return self.program.at(nothing, [e for _, e in entries])
 
 
 class LinkProgram(PieceProgram):
-    """A joint (link 1) and the body that it carries (node 1) with its own laws; node 0 is the body it stands on."""
+    """A joint (link 1) and the body that it carries (node 1) with that body's own laws; node 0 is the body that carries the
+    joint."""
 
     def __init__(self, parent: NodeKind, link: Link, members: tuple[Member, ...]) -> None:
         super().__init__(TreeStructure(parent, (replace(link, parent=0, first=1),), members))
@@ -69,7 +70,8 @@ class LinkProgram(PieceProgram):
         return child
 
     def outward(self, quaternion: bool) -> Entries:
-        """Motion of the body; X, S and the rest c of its acceleration; inertia M (lower triangle) and forces p of its laws."""
+        """Motion of the body; X, S and c of its acceleration X a0 + S q'' + c; inertia M (lower triangle) and force p of its
+        laws."""
         child = self.nodes[1]
         found: Entries = [(("x", name), e) for name, e in zip(motion_names(child.kind, quaternion), numbers_of(child, quaternion),
                                                      strict=True)]  # fmt: skip
@@ -99,7 +101,7 @@ class RootProgram(PieceProgram):
         super().__init__(TreeStructure(kind, (), ()))
 
     def outward(self, quaternion: bool) -> Entries:
-        """Motion of the body, S and the rest c of its acceleration by its unknowns; no inertia: that is part of other laws."""
+        """Motion of the body; S and c of its acceleration S u' + c; zeros for inertia M and force p, which laws on it add."""
         root = self.nodes[0]
         reached = along(root.kind, root.a, root.al)
         found: Entries = [(("x", name), e) for name, e in zip(motion_names(root.kind, quaternion), numbers_of(root, quaternion),
@@ -110,7 +112,7 @@ class RootProgram(PieceProgram):
 
 
 class MemberProgram(PieceProgram):
-    """A law between several bodies, which are given; node numbers are those of `nodes`."""
+    """A law between several bodies whose motions are given; `nodes` has their places in `member`."""
 
     def __init__(self, kinds: Sequence[NodeKind], member: Member) -> None:
         self.structure, self.program = TreeStructure(NodeKind.GROUND, (), (member,)), self._program()
@@ -119,12 +121,13 @@ class MemberProgram(PieceProgram):
         self.wrenches = self._members()
 
     def forces(self) -> Entries:
-        """Forces and moments on every body."""
+        """Components i of force and moment of the law on every body j, entries ("p", j, i)."""
         return [(("p", j, i), e) for j, F in self.wrenches.items() for i, e in enumerate(along(self.nodes[j].kind, *F))]
 
 
 class NodeProgram(PieceProgram):
-    """A body whose motion is given, as other laws see it."""
+    """A body whose motion is given: its unknowns q, u, u', as laws outside of the tree read them, and the forces of these
+    laws."""
 
     def __init__(self, kind: NodeKind) -> None:
         self.structure, self.program = TreeStructure(NodeKind.GROUND, (), ()), self._program()
@@ -136,5 +139,6 @@ class NodeProgram(PieceProgram):
         return [((t[0], t[2]), e) for t, e in self.states((0,)) if t[0] in heads]
 
     def load(self, role: str) -> Entries:
-        """Force and moment of rows of laws outside of the tree, (role, 0, i): of forces "wu", or corrections of rates "wq"."""
+        """Force and moment from inputs (role, 0, i), what laws outside of the tree add to the body's rows: to its equations of
+        motion (role "wu"), or to its kinematic equations ("wq")."""
         return [(("p", i), e) for i, e in enumerate(along(self.nodes[0].kind, *self._load(role, 0)))]

@@ -14,14 +14,15 @@ ONE_TWO_THREE = ("1", "2", "3")
 
 
 def directions(kind: NodeKind) -> tuple[str, ...]:
-    """Components in which a node of a kind moves and turns, of accelerations, forces and moments: inertial ones."""
+    """Names of the inertial components of acceleration ("a1") and angular acceleration ("al1") that a kind of node has; forces
+    and moments have the same."""
     move, turn = kind.translations, {NodeKind.PLANAR: "3", NodeKind.SPATIAL: "123"}.get(kind, "")
     return (*(f"a{i}" for i in ONE_TWO_THREE[:move]), *(f"al{i}" for i in turn)) if kind.moves else ()
 
 
 def motion_names(kind: NodeKind, quaternion: bool = False) -> tuple[str, ...]:
-    """Names of the numbers of a node's motion: place, axes (or heading with cosine and sine), velocity, angular velocity;
-    quaternion: that of its rotation too."""
+    """Names of the numbers of a node's motion: position, axes (or heading with cosine and sine), velocity, angular velocity.
+    quaternion: whether that of its rotation is wanted too."""
     if not kind.moves:
         return ()
     n = ONE_TWO_THREE[: kind.translations]
@@ -32,7 +33,8 @@ def motion_names(kind: NodeKind, quaternion: bool = False) -> tuple[str, ...]:
 
 
 def state_of(kind: NodeKind, number: Callable[[str], Expr]) -> State:
-    """The motion of a node from its numbers by name, accelerations included."""
+    """The motion of a node, accelerations included. number: function that returns the expression for a name of `motion_names` or
+    `directions`."""
     if not kind.moves:
         return State(kind, ZERO, UNIT, se.Integer(0), ZERO, ZERO, ZERO, ZERO, [se.Integer(i == 0) for i in range(4)])
 
@@ -53,7 +55,7 @@ def state_of(kind: NodeKind, number: Callable[[str], Expr]) -> State:
 
 
 def numbers_of(state: State, quaternion: bool = False) -> list[Expr]:
-    """The numbers of `motion_names` of a motion."""
+    """The numbers of a motion in the order of `motion_names`."""
     parts = {"r": state.r, "v": state.v, "x": state.R[0], "y": state.R[1], "z": state.R[2], "w": state.w}
     known = {f"{name}{i}": value for name, part in parts.items() for i, value in zip(ONE_TWO_THREE, part, strict=True)}
     known |= {"theta": state.heading, "cos": state.R[0][0], "sin": state.R[0][1]}
@@ -62,6 +64,6 @@ def numbers_of(state: State, quaternion: bool = False) -> list[Expr]:
 
 
 def along(kind: NodeKind, move: Vec, turn: Vec) -> list[Expr]:
-    """Components of a vector and a moment (or an acceleration and an angular one) in the directions of a node."""
+    """Those components of a force and a moment (or of an acceleration and an angular acceleration) that `directions` names."""
     found = {**{f"a{i}": move[int(i) - 1] for i in ONE_TWO_THREE}, **{f"al{i}": turn[int(i) - 1] for i in ONE_TWO_THREE}}
     return [found[name] for name in directions(kind)]
