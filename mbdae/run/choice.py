@@ -32,7 +32,7 @@ STIFF = 100.0  #: bound of fastest decay or oscillation times characteristic tim
 SMOOTH = 0.3  #: bound of fastest oscillation times characteristic time for eliminated multipliers, whose evaluations cost more
 SMALL = 30  #: number of unknowns, with multipliers, up to which Radau IIA is cheaper if all motions are prescribed
 FRICTION = "friction, which is stiff where bodies stick"
-UNSAID = "internal states of '{}': bodies may stick by them, unless the class {} says sticks = False"
+UNSAID = "by internal states of '{}' bodies may stick, as by friction, unless the class {} says sticks = False"
 LARGEST = 8  #: number of largest eigenvalues computed for a large system
 EIGENVALUES = 300  #: largest number of unknowns for which eigenvalues are computed
 WELL_CONDITIONED = 1e8  #: largest condition number of a mass matrix that is inverted
