@@ -20,7 +20,7 @@ from mbdae.values import BadValueError, number, whole
 
 @dataclass
 class State:
-    """Results of a comparison so far; reference_values: the compared values of the reference."""
+    """Results of a comparison so far; reference_values: values of the reference that the runs are compared with."""
 
     reference: Reference | None = None
     reference_values: Array | None = None
@@ -61,13 +61,14 @@ class Checkpoint(ResumeFile):
 
 
 def packed(values: Array) -> dict[str, Any]:
-    """An array (float64) as plain data for JSON."""
+    """An array (float64) as plain data for JSON: its shape and its compressed bytes as text, so that no digit is lost."""
     content = zlib.compress(np.ascontiguousarray(values, dtype="<f8").tobytes(), 1)
     return {"shape": list(np.shape(values)), "zlib_float64": base64.b64encode(content).decode("ascii")}
 
 
 def unpacked(stored: Any) -> Array:
-    """The array from its plain data; no more is decompressed than its shape requires. BadValueError where they do not fit."""
+    """The array from its plain data; no more bytes are decompressed than its shape requires. BadValueError where the number of
+    bytes does not agree with the shape."""
     shape = [whole(n, least=0) for n in stored["shape"]]
     content, size = base64.b64decode(stored["zlib_float64"], validate=True), 8 * math.prod(shape)
     if size > 2000 * len(content) + 64:

@@ -66,7 +66,7 @@ class ComparisonData(ListsAttributes):
         return f"Errors below {known:.1e} are within the reference's own uncertainty."
 
     def to_dict(self) -> dict[str, Any]:
-        """All data as plain values; unknown ones are None."""
+        """All data as dictionaries, lists, texts and numbers; values that are not known are None."""
         best = [{"accuracy": a, "run": row.label if (row := self.cheapest(a)) else None} for a in self.accuracies]
         data = {
             "scene": self.scene, "t_end": self.t_end, "measure": self.measure, "error_is": self.what,

@@ -19,7 +19,7 @@ from mbdae.system.prepare import Prepared
 
 @dataclass
 class Equations:
-    """A prepared scene, or a System, with its systems by form."""
+    """The equations of a comparison: of a prepared scene, with the systems assembled from it by form, or a given System."""
 
     prepared: Prepared | None
     given: System | None = None
@@ -49,7 +49,7 @@ class Equations:
         return self.system(own.for_index(solver.highest_index))
 
     def label_of(self, form: Form | None, solver: Solver) -> str:
-        """Label of the form that a solver uses; of its default form where none is named."""
+        """Label of the form that a solver uses; where `form` is None, of the default form for this solver."""
         takes_rates_alone = form is None and not solver.highest_index
         return (self.for_solver(form, solver) if takes_rates_alone else self.system(form)).label
 
@@ -61,7 +61,7 @@ class Equations:
 
     @property
     def recursive(self) -> tuple[int, int]:
-        """Number of joints that are recursive, and number of those asked to be."""
+        """Number of joints that are recursive, and number of joints that the user asked to be recursive."""
         if self.prepared is None:
             return 0, 0
         model = self.prepared.model

@@ -28,7 +28,8 @@ COUNTS = ("steps", "rejected", "residuals", "jacobians", "factorisations", "newt
 
 @dataclass
 class Execution:
-    """Executes the runs of `queue` that have no row in `state` yet."""
+    """Executes the runs of a comparison that have no row in `state` yet. queue: every run with an accuracy (None: the solver has
+    a tolerance or step of its own); kept: the file in which every finished run is stored."""
 
     problem: Problem
     split: Split
@@ -39,7 +40,8 @@ class Execution:
     begin: float  #: process time at which the comparison began, s
 
     def do(self, tell: Progress) -> None:
-        """Compute the reference and the missing rows; a KeyboardInterrupt gets the number of finished rows as its message."""
+        """Compute the reference and the missing rows. tell: called as tell(done, total, label) before every run. A
+        KeyboardInterrupt gets the number of finished rows as its message."""
         before = self.state.cpu_s, self.state.total_cpu_s
         try:
             self._do(tell, before)
@@ -70,7 +72,8 @@ class Execution:
 
 
 def measured(problem: Problem, run: Run, accuracy: float | None, reference: Any, split: Split) -> tuple[Row, Array | None]:
-    """Execute one run: its row, and its compared values (None where it failed)."""
+    """Execute one run; returns its row, and its values that are compared (None where it failed). reference: values of the
+    reference."""
     facts: dict[str, Any] = {**_labels(problem, run, None), "solver": run.solver.label, "accuracy": accuracy}
     spent = problem.spent
     try:
@@ -95,7 +98,8 @@ def measured(problem: Problem, run: Run, accuracy: float | None, reference: Any,
 
 
 def _labels(problem: Problem, run: Run, equations: Equations | None) -> dict[str, Any]:
-    """Label, form and joint model of the equations of a run, or as the user asked where there are none yet."""
+    """Label, form and joint model of a run, as entries of a Row; before its `equations` are made (None) as the user stated
+    them."""
     form = run.form.label if run.form is not None else (equations or problem.stated).label_of(None, run.solver)
     now, asked = equations.recursive if equations is not None else (0, 0)
     part = f" ({now} of {asked} joints, the rest kinematic)" if run.models and now < asked else ""
@@ -104,7 +108,7 @@ def _labels(problem: Problem, run: Run, equations: Equations | None) -> dict[str
 
 
 def counts(solution: Solution | None) -> dict[str, Any]:
-    """Numbers of evaluations and memory of a run, as entries of a Row."""
+    """Numbers of evaluations, and bytes of the stored steps, of a run, as entries of a Row."""
     stats = solution.stats if solution is not None else Stats()
     size = None if solution is None else int(solution.t.nbytes + solution.y.nbytes + solution.yp.nbytes)
     return {name: int(getattr(stats, name)) for name in COUNTS} | {"stored_bytes": size}

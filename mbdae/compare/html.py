@@ -44,7 +44,7 @@ dd { margin: 0; }
 
 
 def document(title: str, style: str, parts: Sequence[str], script: str = "") -> str:
-    """The whole page: sections under a heading; style: CSS in addition to STYLE."""
+    """The whole HTML page. parts: HTML of the sections under the heading; style: CSS in addition to STYLE; script: JavaScript."""
     scripts = f"<script>{script}</script>\n" if script else ""
     return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
             f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
@@ -53,7 +53,7 @@ def document(title: str, style: str, parts: Sequence[str], script: str = "") -> 
 
 
 def section(name: str, title: str, content: str) -> str:
-    """Content under a heading whose id is `name`."""
+    """A section: `content` (HTML) under a heading with the id `name`."""
     return f'<section aria-labelledby="{name}"><h2 id="{name}">{escape(title)}</h2>\n{content}</section>\n'
 
 
@@ -63,7 +63,8 @@ def bullets(lines: Sequence[str]) -> str:
 
 
 def table(labelled_by: str, head: str, rows: Sequence[str], caption: str = "", attributes: str = "") -> str:
-    """A table that scrolls in its own box, also by keyboard; head and rows: HTML."""
+    """A table that scrolls in its own box, also by keyboard. labelled_by: id of the heading that names it; head, rows: HTML of
+    the table rows; attributes: of the <table> element."""
     captions = f"<caption>{escape(caption)}</caption>" if caption else ""
     return (f'<div class="scroll" role="region" aria-labelledby="{labelled_by}" tabindex="0"><table{attributes}>'
             f"{captions}<thead><tr>{head}</tr></thead>\n<tbody>\n{''.join(rows)}</tbody></table></div>\n")  # fmt: skip
@@ -80,7 +81,7 @@ def headings(texts: Sequence[str]) -> str:
 
 
 def made_with(cpu: str, environment: Mapping[str, str | int]) -> str:
-    """The section with CPU time, versions and machine."""
+    """The section on the CPU time that was used, versions and machine; cpu: a sentence on the CPU time."""
     entries = "".join(f"<dt>{escape(name)}</dt><dd>{escape(str(value))}</dd>"
                       for name, value in {"CPU time": cpu, **environment}.items())  # fmt: skip
     return section("made", "Made with", f"<dl>{entries}</dl>\n")

@@ -1,4 +1,5 @@
-"""The identity of a comparison as plain data: a stored comparison may be continued only where it is equal."""
+"""The identity of a comparison as plain data: a stored comparison is continued only where its identity equals that of the
+call."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ PROBES = 7  #: number of states at which the equations of a System are evaluated
 
 
 def identity(problem: Problem, runs: Sequence[Run], accuracies: Sequence[float], given: Array | None) -> dict[str, Any]:
-    """Scene or equations, end time, measure, runs, accuracies, a given reference, versions."""
+    """The identity: scene or equations, end time, measure, runs, accuracies, values of a `given` reference, and versions."""
     return {
         "scene": _scene(problem), "t_end": problem.t_end, "measure": problem.measure, "accuracies": list(accuracies),
         "max_wall": problem.max_wall, "runs": [_run(run) for run in runs],
@@ -39,7 +40,7 @@ def _run(run: Run) -> dict[str, Any]:
 
 
 def _equations(system: System, t_end: float) -> dict[str, Any]:
-    """Values of a System at fixed states, which identify it because its functions cannot be stored."""
+    """Values of the functions of a System at fixed states, by which it is recognised, since functions cannot be stored."""
     out, values = np.empty(system.n), []
     for k in range(PROBES):
         wave = np.sin((1 + k) * (1.0 + np.arange(system.n)))

@@ -10,7 +10,7 @@ _STATUS, _RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 def reset_peak() -> bool:
     """Start a new measurement; False where the system does not offer one."""
     try:
-        _RESET.write_text("5")  # the kernel then restarts the peak from the present size
+        _RESET.write_text("5")  # Linux then measures the peak anew, beginning with the present size of the process
     except OSError:
         return False
     return True

@@ -31,7 +31,7 @@ for (const button of document.querySelectorAll("th button")) {
 
 
 def page(w: ComparisonData) -> str:
-    """The whole page."""
+    """The HTML page of a comparison."""
     failures = [line.removeprefix("failed: ") for line in failure_lines(w.failures)]
     parts = [
         _summary(w), section("verdict", "Reached at least cost", bullets(w.choices)),

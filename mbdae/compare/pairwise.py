@@ -13,12 +13,13 @@ from mbdae.system.base import Array
 
 @dataclass(frozen=True)
 class TightestRun:
-    """The finished run of a label with the smallest tolerance so far: accuracy asked, rtol, and compared values."""
+    """Of the runs with the same label (solver, form, model) that have finished so far, the one with the smallest tolerance: its
+    label, accuracy asked, rtol, and values that are compared."""
 
     label: str
     asked: str
     rtol: float | None
-    values: Array  #: compared values (nt, ...)
+    values: Array  #: values (nt, ...) of the run that are compared
 
 
 @dataclass(frozen=True)
@@ -43,14 +44,14 @@ class Pairwise:
 
 
 def tightest(tightest_runs: dict[str, TightestRun], row: Row, values: Array) -> None:
-    """Store the values of a run unless those of a run with smaller tolerance and equal label are stored."""
+    """Store the values of a run in `tightest_runs`, unless it holds a run with the same label and a smaller tolerance."""
     before = tightest_runs.get(row.label)
     if before is None or before.rtol is None or row.rtol is None or row.rtol <= before.rtol:
         tightest_runs[row.label] = TightestRun(row.label, asked_for(row.accuracy), row.rtol, values)
 
 
 def pairwise(tightest_runs: Sequence[TightestRun], error: Callable[[Array, Array], float]) -> Pairwise:
-    """Differences of all pairs of runs."""
+    """Differences of all pairs of runs; error: function of the values of two runs that returns their largest difference."""
     n = len(tightest_runs)
     table = np.zeros((n, n))
     for i in range(n):

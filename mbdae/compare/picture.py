@@ -19,7 +19,7 @@ FURTHER = ("#882255", "#999933", "#44AA99", "#661100", "#6699CC", "#AA4499", "#7
 PANELS = (("cpu_s", "CPU time [s]"), ("residuals", "residual evaluations"))
 FRONT = "filled: no other run is both cheaper in CPU time and more accurate, and the error is above the reference's uncertainty"
 BELOW = "below the reference's own uncertainty"
-LETTERS = 13.5  #: number of letters of small text per inch
+LETTERS = 13.5  #: number of characters of small text per inch, by which legend entries are wrapped
 
 
 def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -> Any:
@@ -49,7 +49,8 @@ def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -
 
 
 def inline_svg(w: ComparisonData, stacked: bool, title: str, name: str) -> str:
-    """The diagram as an <svg> element for a page; title: its text for screen readers; name: start of the ids in it."""
+    """The diagram as an <svg> element for a page. stacked: whether its panels are one below the other; title: its text for screen
+    readers; name: prefix of the ids in it, so that two diagrams on a page have different ones."""
     import matplotlib
 
     out = io.StringIO()
@@ -76,7 +77,7 @@ def _name(label: str, rows: Sequence[Row]) -> str:
 
 
 def _legend_shape(names: list[str], width: float) -> tuple[int, list[str]]:
-    """Number of legend columns, and legend entries wrapped to the figure's width (inch)."""
+    """Number of columns of the legend, and its entries wrapped to lines that fit; width: of the figure, inch."""
     room = int(width * LETTERS)
     columns = max(1, min(4, room // (max(map(len, names)) + 7)))
     return columns, ["\n".join(textwrap.wrap(name, room - 8)) for name in names]
@@ -92,7 +93,8 @@ def _line(axis: Any, rows: list[Row], work: str, i: int, name: str) -> None:
 
 
 def own_look(i: int) -> tuple[dict[str, Any], str]:
-    """Colour with line style, and marker, of method i; both are unique up to the fourteenth method, their pair beyond."""
+    """Colour with line style, and marker, of method number i. Up to 14 methods have different colours and different markers;
+    beyond these every method still has a combination of its own."""
     colours = (*COLOURS, *FURTHER)
     return style(i) | {"color": colours[i % len(colours)]}, MARKERS[(i + i // len(colours)) % len(MARKERS)]
 
@@ -110,7 +112,7 @@ def _dress(axis: Any, w: ComparisonData, title: str) -> None:
 
 
 def _ticks(axis: Any) -> None:
-    """Label the ticks 1, 2 and 5 of every decade with plain numbers, or only the decades where there are many."""
+    """Label the ticks at 1, 2 and 5 times every power of ten with plain numbers; only the powers of ten where there are many."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axis.get_xlim()

@@ -38,7 +38,8 @@ WHOLE_SYSTEM = "every unknown but multipliers, over its scale"
 
 @dataclass(frozen=True)
 class Timed:
-    """A finished run: least CPU time of its repeats (s), their spread (s), and peak memory of the process (bytes)."""
+    """A finished run: the least CPU time of its repeats (s), largest minus least CPU time (s), and peak memory of the process
+    (bytes)."""
 
     solution: Solution
     cpu_s: float
@@ -48,7 +49,8 @@ class Timed:
 
 @dataclass
 class Problem:
-    """A scene (or a System) that many solvers run to t_end (s); `stated`: its equations with the user's joint models."""
+    """A scene (or a System) that many solvers run to t_end (s). stated: its equations with the joint models that the scene
+    states."""
 
     scene: SceneData | None
     stated: Equations
@@ -91,8 +93,8 @@ class Problem:
 
     @property
     def other_models(self) -> dict[JointModel, bool]:
-        """Further joint models to compare, each with whether it gives an ODE; the classical one only for few joints, where
-        it is cheap."""
+        """Further joint models to compare, each with whether its equations are an ODE. The classical model only for few joints,
+        where it is cheap."""
         joints = [c for c in self.scene.joints if c.has_models] if self.scene is not None else []
         stated = {c.model for c in joints}
         found: dict[JointModel, bool] = {}
@@ -108,7 +110,8 @@ class Problem:
         return self.stated.system(form)
 
     def equations(self, run: Run) -> Equations:
-        """The equations with the joint models of a run, prepared once; an error of the preparation is raised at every call."""
+        """The equations with the joint models of a run, prepared once. Where the preparation failed, its error is raised at every
+        call, so that each run with these models gets it."""
         found = self._found(run)
         if isinstance(found, MbdaeError):
             raise found
@@ -135,7 +138,8 @@ class Problem:
 
     @cached_property
     def yardstick(self) -> Equations:
-        """Equations whose unknowns are compared: positions and velocities of the bodies, which all joint models have."""
+        """The equations in whose unknowns all runs are compared: positions and velocities of the bodies, which follow from the
+        unknowns of every joint model."""
         joints = self.scene.joints if self.scene is not None else []
         own = [c.name for c in joints if c.kept and not isinstance(c.model, Kinematic)]
         if self.scene is None or not own:
@@ -161,8 +165,8 @@ class Problem:
         return Timed(solution, min(seconds), spread, peak_bytes() if told else None)
 
     def values(self, solution: Solution, equations: Equations | None = None, times: Array | None = None) -> Array:
-        """Compared values (nt, ...) at times (nt,), by default `times`: the sensor, else positions and velocities of the bodies
-        (of a System all unknowns)."""
+        """Values (nt, ...) of a run that are compared, at times (nt,), by default `self.times`: those of the sensor `measure`,
+        else positions and velocities of the bodies (of a System all unknowns)."""
         own, t = equations or self.stated, self.times if times is None else times
         if self.scene is None:
             return solution(t)
@@ -171,7 +175,7 @@ class Problem:
         return own.motion_as_in(self.yardstick, t, solution(t))
 
     def error(self, values: Any, reference: Any) -> float:
-        """Largest difference over time between compared values."""
+        """Largest difference over time between `values` and `reference` (nt, ...), in the unit of `what`."""
         if self.measure is None:
             prepared = self.yardstick.prepared
             if prepared is None:
@@ -182,7 +186,7 @@ class Problem:
 
 
 def with_models(scene: Any, run: Run) -> Any:
-    """The scene with the joint models of a run."""
+    """The scene with the joint models that a run names."""
     for name, model in run.models.items():
         spanning = not name and isinstance(model, Recursive)
         scene = scene.recursive() if spanning else scene.replace(*([name] if name else []), model=model)

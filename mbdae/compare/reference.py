@@ -16,14 +16,15 @@ from mbdae.results.result import Result
 from mbdae.system.base import Array
 from mbdae.values import array, function, option
 
-TIGHTER = 100.0  #: ratio of the smallest accuracy asked to that of the reference
-CONFIRM = 10.0  #: ratio of the smallest accuracy asked to that of the second method
+TIGHTER = 100.0  #: ratio of the smallest accuracy asked of the runs to that asked of the reference
+CONFIRM = 10.0  #: ratio of the smallest accuracy asked of the runs to that asked of the second method
 FLOOR = 1e-11
 
 
 @dataclass(frozen=True)
 class Reference:
-    """The run against which errors are measured. `difference`: of the second method from it, in the unit of the measure."""
+    """The run against which errors are measured. difference: largest difference of the second method's run from it, in the unit
+    of the measure; None without a second method."""
 
     label: str
     accuracy: float | None
@@ -35,7 +36,7 @@ class Reference:
 
     @property
     def trusted(self) -> bool:
-        """Whether the user gave it, or a second method confirmed it to a third of the smallest accuracy."""
+        """Whether the user gave the reference, or a second method differs from it by at most a third of the smallest accuracy."""
         return self.note is None
 
     def __str__(self) -> str:
@@ -102,8 +103,8 @@ def computed_reference(problem: Problem, smallest: float) -> tuple[Reference, An
 
 def _of_the_nearest(problem: Problem, first: Reference, made: Sequence[tuple[str, int | None, float | None, Any]]
                     ) -> tuple[Reference, Any]:  # fmt: skip
-    """Used where no second run confirms the first: of the two runs with the smallest difference the one made earlier, with that
-    difference as its uncertainty."""
+    """The reference where no second run confirms the first: of the two runs with the smallest difference the one that was made
+    earlier, with that difference as its uncertainty. made: (name, number of steps, CPU time in s, values) of every run."""
     pairs = [(problem.error(made[j][-1], made[i][-1]), i, j) for j in range(len(made)) for i in range(j)]
     gap, i, j = min(pairs)
     name, steps, cpu, values = made[i]
@@ -118,7 +119,8 @@ def _radau(problem: Problem, accuracy: float) -> Solver:
 
 
 def _seconds(problem: Problem, smallest: float) -> list[Solver]:
-    """Second methods in the order in which they are tried, tighter where their own error may be the difference."""
+    """Second methods in the order in which they are tried. IDA is tried again with a smaller tolerance, because the difference
+    from the reference may be its own error."""
     from mbdae.integrators.runge_kutta.radau import RadauIIA
     from mbdae.integrators.sundials.ida import IDA
 
@@ -130,7 +132,8 @@ def _seconds(problem: Problem, smallest: float) -> list[Solver]:
 
 
 def as_tight(solver: Solver, accuracy: float, form_label: str) -> Solver:
-    """The solver at an accuracy, or at its smallest tolerance where round-off does not allow that accuracy."""
+    """The solver with the tolerance for an accuracy, or with its smallest tolerance where round-off does not allow that
+    accuracy."""
     try:
         return solver.at_accuracy(accuracy, form_label)
     except OptionError:

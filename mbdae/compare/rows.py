@@ -72,5 +72,5 @@ def cheapest(rows: Sequence[Row], wanted: float) -> Row | None:
 
 
 def asked_for(accuracy: float | None) -> str:
-    """The accuracy asked of a run, in words."""
+    """The accuracy asked of a run, in words; None: the solver's own tolerance or step."""
     return "its own setting" if accuracy is None else f"{accuracy:.0e}"

@@ -81,7 +81,7 @@ def _is_model(model: Any) -> bool:
 
 
 def described(choice: Any, name: str) -> str:
-    """`name` followed by the options of a frozen dataclass that differ from their defaults."""
+    """`name` followed by the options of `choice`, a frozen dataclass such as a solver, that differ from their defaults."""
     if choice is None:
         return name
     told = [(f, getattr(choice, f.name)) for f in fields(choice) if f.name not in TOLD_ELSEWHERE]
@@ -91,11 +91,12 @@ def described(choice: Any, name: str) -> str:
 
 def default_runs(constrained: bool, system: System | None = None, others: Mapping[JointModel, bool] | None = None,
                  resolving: Form | None = None) -> list[Run]:  # fmt: skip
-    """IDA and Radau; with constraints Radau in index 3 and 1 too, IDA in index 1 at most, CVODE and
-    DOP853 where there is a right-hand side.
+    """The runs of a comparison where the user names none: IDA (up to index 1) and Radau IIA; with constraints Radau IIA in index
+    3 and 1 too; CVODE and DOP853 where there is a right-hand side.
 
-    others: joint models to compare besides the stated ones, each with whether it gives an ODE. resolving: for a scene
-    with beams, the form that resolves their vibrations; BDF and Adams, which take very many steps for them, are left out."""
+    others: joint models to compare in addition to those of the scene, each with whether its equations are an ODE. resolving: for
+    a scene with beams, the form that resolves their vibrations; BDF and Adams, which take very many steps for them, are left
+    out."""
     from mbdae.integrators.runge_kutta.dop853 import DOP853
     from mbdae.integrators.runge_kutta.radau import RadauIIA
     from mbdae.integrators.sundials.cvode import CVODE
@@ -117,7 +118,7 @@ def default_runs(constrained: bool, system: System | None = None, others: Mappin
 
 
 def checked_runs(runs: Any) -> list[Run]:
-    """The checked runs as a list; a solver becomes a run with the default form."""
+    """The runs that a user gave, checked, as a list; a solver becomes a run with the default form."""
     remedy = "give a list of mb.Run, such as [mb.Run(mb.IDA()), mb.Run(mb.RadauIIA(3))]"
     given = option("runs", runs, sequence, remedy, each=lambda run: run)
     if not given:
@@ -127,7 +128,7 @@ def checked_runs(runs: Any) -> list[Run]:
 
 
 def progress_of_runs(progress: Any) -> Callable[[int, int, str], None]:
-    """The function called before every run; where none is given, one without effect."""
+    """The function that the user gave to be called before every run; where none is given, one without effect."""
     remedy = "give a function progress(done, total, label), or None"
     given = optional("progress", progress, function, remedy, takes="done, total, label")
     return given or (lambda done, total, label: None)

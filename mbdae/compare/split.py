@@ -1,4 +1,4 @@
-"""CPU time of the parts of a run outside the solver's call."""
+"""CPU time of what a run needs besides the call of the solver: deriving, compiling, start, companion runs, checks."""
 
 from __future__ import annotations
 
@@ -27,13 +27,14 @@ OUTPUTS = 201  #: number of output times of a result, the default of `simulate`
 
 @dataclass
 class Split:
-    """Measures the parts of the rows of a problem, once for equal equations."""
+    """Measures these CPU times for the runs of a problem; those of making the equations once for all runs with equal
+    equations."""
 
     problem: Problem
     _known: dict[tuple[str, str, int], dict[str, float]] = field(default_factory=dict)
 
     def of(self, run: Run, solver: Solver, solution: Solution, equations: Equations) -> dict[str, float | None]:
-        """CPU times of the parts, by the names of Row; empty for a System."""
+        """These CPU times (s) of a run, by the names of the entries of Row; empty for a System, whose equations are given."""
         if equations.prepared is None or self.problem.scene is None:
             return {}
         asked = run.form if run.form is not None else default_form(equations.prepared, solver.highest_index)

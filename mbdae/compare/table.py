@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from mbdae.compare.data import ComparisonData
 from mbdae.compare.rows import Row
 
-WIDTH = 128  #: largest number of letters per line of sentences; the grid may be wider
+WIDTH = 128  #: largest number of characters in a line of sentences; the table of runs may be wider
 MARKS = ("*", "failed")
 PARTS = {"derive": "to derive the laws, in a new process", "compile": "to compile their kernels there",
          "start": "of start, rank and equations of the scene there", "compan.": "of the runs that would estimate its error",
@@ -52,7 +52,7 @@ def _wrapped(line: str) -> list[str]:
 
 
 def grid(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of cells, the first column aligned left, the others right."""
+    """The lines of a text table from rows of cells; the first column is aligned left, the others right."""
     if not rows:
         return []
     widths = [max(len(row[j]) for row in rows) for j in range(len(rows[0]))]
@@ -64,7 +64,7 @@ def grid(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def failure_lines(failures: Sequence[Row]) -> list[str]:
-    """One line for each run and reason of failure, with the accuracies asked."""
+    """One line for each different run and reason of failure, with the accuracies at which it failed."""
     reasons: dict[tuple[str, str], list[str]] = {}
     for row in failures:
         reasons.setdefault((row.label, " ".join((row.failure or "").split())), []).append(_number(row.accuracy, ".0e"))
@@ -72,7 +72,7 @@ def failure_lines(failures: Sequence[Row]) -> list[str]:
 
 
 def pairwise_cells(w: ComparisonData) -> list[tuple[str, ...]]:
-    """Heading and lower triangle of the differences between the tightest runs; empty for fewer than two."""
+    """Cells of the table of differences between the tightest runs: heading and lower triangle; empty for fewer than two runs."""
     p = w.pairwise
     if len(p.runs) < 2:
         return []
@@ -84,7 +84,7 @@ def pairwise_cells(w: ComparisonData) -> list[tuple[str, ...]]:
 
 
 def environment_line(w: ComparisonData) -> str:
-    """Sentence on CPU time spent, versions and machine."""
+    """A sentence on the CPU time that the comparison took, versions and machine."""
     versions = ", ".join(f"{name} {value}" for name, value in w.environment.items() if name not in ("machine", "cpus"))
     return (f"{w.total_cpu_s:.1f} s of CPU time, {w.cpu_s:.1f} s of it in solvers; {versions}; "
             f"{w.environment['machine']}, {w.environment['cpus']} CPUs")  # fmt: skip

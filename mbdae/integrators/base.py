@@ -30,46 +30,46 @@ from mbdae.values import array, function, number, of_class, option, optional, se
 DEFAULT_ACCURACY = 1e-6
 ACCURACY = "give a positive number up to 1, such as 1e-6"
 MOST_OUTPUTS = 10_000_000  #: largest number of output times
-SHARE = 0.04  #: part of the width of an input of time that a constant step may cover
+SHARE = 0.04  #: longest constant step, as a fraction of the time scale on which an input of time varies (`inputs.resolution`)
 
 
 class Solver(ABC):
     """A method with its options; `solve` runs it on any System."""
 
-    #: rtol / accuracy by label of the solver and of the form; measured
+    #: ratio rtol / accuracy that was measured, by label of the solver and of the form
     factors: ClassVar[dict[str, dict[str, float]]] = {}
     #: smallest rtol that still improves the result in double precision, by label of the form ("": all other forms)
     tightest: ClassVar[dict[str, float]] = {"": 1e-12}
-    #: a tolerance smaller by r makes the error smaller by r**error_fall at least; measured, with its scatter
+    #: a tolerance r times as large (r < 1) makes the error at most r**error_fall times as large; measured, scatter included
     error_fall: ClassVar[float] = 0.6
-    #: tolerance of the companion run that measures the error, over that of the run
+    #: ratio of the tolerance of the companion run, whose distance from a run estimates its error, to that of the run
     companion: ClassVar[float] = 10.0
-    #: factor of the part of the duration of an impact that one step may cover in runs whose error is estimated
+    #: factor on the longest step during an impact (IMPACT of `watched.contact_steps`), in runs whose error is estimated
     impacts: ClassVar[float] = 1.0
-    #: tolerance of positions over the penetration of a contact at which it is resolved to some per cent
+    #: largest ratio of position tolerance to the penetration of a contact with which the penetration is accurate to some %
     penetration_share: ClassVar[float] = 0.01
     #: order of positions, velocities and multipliers with constant steps, by label of the solver and of the form
     orders: ClassVar[dict[str, dict[str, tuple[int, int, int]]]] = {}
-    #: highest index of an unknown this method takes; 0: differential unknowns alone
+    #: highest index of an unknown that this method can solve for; 0: ordinary differential equations only
     highest_index: ClassVar[int] = 1
-    #: short name of the method, as a command line takes it; "": that of the class in small letters
+    #: short name of the method on the command line; "": the name of the class in small letters
     word: ClassVar[str] = ""
     #: whether a run stored on disk restarts the method at its checkpoints; False where `integrate` calls `loop.goes_on`
     #: before its first step and `loop.keep` between steps
     restarts: ClassVar[bool] = True
     #: advice in the message where an accuracy needs an rtol below `tightest`
     alternative: ClassVar[str] = ""
-    #: relative tolerance; None takes it from an accuracy (1e-6 where `solve` is called directly)
+    #: relative tolerance; None: it is chosen from the accuracy asked for (1e-6 where `solve` is called directly)
     rtol: float | None
 
     @classmethod
     def variants(cls) -> list[Self]:
-        """The method with default options, once for every label it may have."""
+        """Instances of the method with default options, one for every label that its options lead to."""
         return [cls()]
 
     @property
     def tolerance(self) -> float:
-        """rtol of a solver that runs; OptionError where it is None."""
+        """rtol where it is a number; OptionError where it is None."""
         if self.rtol is None:
             raise OptionError(f"{self.label} has no rtol yet: give rtol, or take its method at_accuracy(accuracy, form_label)")
         return self.rtol
@@ -105,7 +105,8 @@ class Solver(ABC):
 
     @abstractmethod
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
-        """Interpolant over the accepted steps t (m+1,), y and yp (m+1, n), with one piece per step."""
+        """Interpolant over the accepted steps t (m+1,), y and yp (m+1, n), with one piece per step: what `integrate` gave to
+        `loop.accept`."""
 
     def factor(self, form_label: str) -> float:
         """rtol over accuracy in a form; where that was not measured, the smallest ratio measured."""
@@ -116,7 +117,7 @@ class Solver(ABC):
         return measured.get(form_label, min(measured.values()))
 
     def aimed(self, form_label: str) -> float | None:
-        """The accuracy that its rtol delivers in a form, by the measured `factors`; None where the step is constant."""
+        """The accuracy that the solver's rtol delivers in a form, by the measured `factors`; None where the step is constant."""
         if self.fixed:
             return None
         return self.tolerance / (self.factor(form_label) if self.factors else 1.0)
@@ -155,9 +156,9 @@ class Solver(ABC):
         outputs: number of equally spaced times, or the times; max_wall: s of wall time before a SolverError;
         progress(t, t_end, stats): called at most 10 times per second; h0: first step in s;
         max_residuals: evaluations before a SolverError; begin: time.perf_counter() from which max_wall counts, the start
-        of this run by default; share: part of the width of an input of time that a step may cover; 1 by default,
-        less where no error test shortens it.
-        At a break of an input of time the run ends a step and begins anew.
+        of this run by default; share: longest step, as a fraction of the time scale on which an input of time varies
+        (for a narrow pulse about its width); 1 by default, less for constant steps.
+        At a break of an input of time a step ends, and the method restarts there.
         Ctrl-C raises KeyboardInterrupt, whose attribute `solution` is the Solution so far.
         """
         return self.run(system, Asked.of(system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0,
@@ -177,7 +178,7 @@ class Solver(ABC):
         return loop.solution()
 
     def _between_breaks(self, loop: StepLoop, asked: Asked) -> None:
-        """Integrate from break to break of the inputs of time, with consistent values at the beginning of each part."""
+        """Integrate from one break of the inputs of time to the next, with consistent values at the beginning of each part."""
         system, h0, share, further = loop.system, asked.h0, asked.share, asked.edges
         line = None
         if system.timeline is not None:
@@ -187,7 +188,7 @@ class Solver(ABC):
             self._part(loop, h0)
             return
         longest = None if line is None else line.longest_step(SHARE if share is None and self.fixed else share or 1.0)
-        # steps bounded by sampling instants alone have to differ between the two runs, too
+        # a run and its companion must differ in their steps, also where only the instants of controllers bound the steps
         if sampler is not None and share is not None and share < 1:
             longest = _with_edges(longest, sampler.instants(loop.run_end), share)
         if further is not None:
@@ -207,8 +208,8 @@ class Solver(ABC):
             system.read_at(None)
 
     def _begin(self, loop: StepLoop, end: float, longest: Any, sampler: Any, anew: bool) -> None:
-        """Begin a part of the run, up to `end` (s): with new consistent values after a break (anew), or where outputs of
-        controllers have changed."""
+        """Begin a part of the run, up to the time `end` (s). Consistent values are computed after a break (`anew`), and where
+        outputs of controllers have changed. longest: bound of the steps."""
         t, (y, yp) = loop.t, loop.state
         held = y if sampler is None else sampler.at(t, y)
         if anew or held is not y:
@@ -218,14 +219,14 @@ class Solver(ABC):
         loop.restart(y, yp)
 
     def _part(self, loop: StepLoop, h0: float | None) -> None:
-        """Integrate to the end of a part; the system may be replaced on the way (`System.renewed`)."""
+        """Integrate to the end of a part of the run; before it ends the system may be replaced (`System.renewed`)."""
         loop.renew()
         self._stretch(loop, h0)
         while loop.renew() and loop.t < loop.t_end:
             self._stretch(loop, None)
 
     def _stretch(self, loop: StepLoop, h0: float | None) -> None:
-        """Call `integrate` once, unless an earlier process has made these steps."""
+        """Call `integrate` once, unless the steps of this call were made by an earlier process and stored on disk."""
         if not loop.made_before():
             self.integrate(loop.system, loop, h0)
             loop.ended()
@@ -233,9 +234,9 @@ class Solver(ABC):
 
 @dataclass(frozen=True)
 class Asked:
-    """Arguments of `Solver.solve` after they have been read and checked. stop: function of the Solution so far that tells whether
-    the run may end, called now and then; edges: times (s) between which a step may reach no further than the interval in which it
-    begins is long; impacts: factor of the part of the duration of an impact that one step may cover."""
+    """Arguments of `Solver.solve` after they have been read and checked. stop: function of the Solution so far, called now and
+    then, that returns whether the run may end; edges: times (s): no step may be longer than the interval between two of them in
+    which it begins; impacts: factor on the longest step during an impact."""
 
     t_end: float
     times: Array | None = None
@@ -314,7 +315,7 @@ def set_tolerances(solver: Any) -> None:
 
 
 def _magnitudes(value: Any) -> float | tuple[float, ...]:
-    """One positive number, or several."""
+    """Read atol: one positive number, or a sequence of them as a tuple."""
     if not several(value):
         return number(value, above=0)
     return tuple(sequence(value, number, above=0)) or number(value)
@@ -331,7 +332,8 @@ def absolute_tolerance(system: System, rtol: float, atol: Any) -> Array:
 
 
 def _with_edges(longest: LongestStep | None, edges: Array, share: float = 1.0) -> LongestStep:
-    """The bound of the steps with further edges (s); where there was none, they bound the steps by `share` of their distance."""
+    """A bound of the steps by the intervals between `edges` (s), in addition to those of `longest`. Without `longest` a step may
+    be at most the fraction `share` of the interval in which it begins."""
     if longest is None:
         return LongestStep(distinct(edges), share)
     return longest._replace(edges=distinct(np.concatenate([longest.edges, edges])))

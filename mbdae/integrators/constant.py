@@ -14,9 +14,9 @@ from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.watched.watch import StepWatch
 from mbdae.system.base import Array
 
-#: change of an unknown, over its magnitude, that is too small to count for constant steps
+#: tolerance of unknowns, relative to their size, that the watch for kinks assumes, since constant steps have none of their own
 FOLLOWED = 1e-9
-#: parts of a step: SAME: lengths that differ by less are equal; CLOSE: a step is not divided nearer to its end than this
+#: fractions of a step: SAME: two lengths that differ by less count as equal; CLOSE: no division of a step is nearer to its end
 SAME, CLOSE = 1e-6, 1e-3
 
 
@@ -46,7 +46,7 @@ class Stepping(Protocol):
         """y (n,) at the end of the step."""
 
     def inside(self, part: Array) -> Array:
-        """y (k, n) on the polynomial of the step at parts (k,) of it, or (n,) at one part."""
+        """y (k, n) on the polynomial of the step at fractions (k,) of it, or (n,) at one fraction."""
 
     def advance(self, h: float, t1: float) -> tuple[Any, ...]:
         """Accept the step; returns the arguments of `loop.accept`."""
@@ -54,17 +54,17 @@ class Stepping(Protocol):
 
 @dataclass
 class Going:
-    """The present state of a run with constant steps: the step and what watches it."""
+    """The state of a run with constant steps that checkpoints store: the step, and the watch for contacts and kinks."""
 
     step: Stepping
     watch: StepWatch | None
 
 
 def constant_steps(loop: StepLoop, h: float, step: Stepping, solve: Callable[[float], Any], parts: Iterable[float] = ()) -> None:
-    """Make steps of h (s) to the end; a last one may differ from h by round-off. Steps that an input of time does not
-    allow are divided.
+    """Make steps of h (s) to the end; the last one is shorter where h does not divide the run. A step that is too long for an
+    input of time is divided.
 
-    solve(h): solve a step; parts: parts of a step at which hidden contacts are sought.
+    solve(h): solve a step; parts: fractions of a step at which contacts are sought that close and open inside it.
     """
     watch = StepWatch.of(loop, lambda y: FOLLOWED * (np.abs(y) + loop.system.scale))
     t0, going = step.t, Going(step, watch)
@@ -90,8 +90,8 @@ def constant_steps(loop: StepLoop, h: float, step: Stepping, solve: Callable[[fl
 
 
 def _steps(loop: StepLoop, h: float, step: Stepping, t0: float) -> Iterator[tuple[float, float, bool]]:
-    """(end, width, whether it is a whole step of h) of every remaining step, counted from t0. Steps longer than an input of time
-    allows are divided, and end at kinks of tables."""
+    """(end, length, whether the length is h) of every remaining step; t0: time from which multiples of h are counted. Steps that
+    are too long for an input of time are divided, and steps end at kinks of tables."""
     longest = loop.system.longest_step
     count = max(1, ceil((loop.t_end - t0) / h - SAME))
     for k in range(1, count + 1):

@@ -15,7 +15,7 @@ from mbdae.system.base import Array
 
 FEW = 64  #: number of times that are evaluated together, so that their data stay in the processor's cache
 BLOCK = 1000  #: number of steps that are interpolated together
-EVEN = 0.5  #: ratio of the shortest neighbouring step to a step, above which one polynomial goes through all of them
+EVEN = 0.5  #: smallest ratio of a neighbouring step to a step for which one polynomial through all of them is used, not the cubic
 
 
 def interval(t: Array, times: Array) -> NDArray[np.intp]:
@@ -24,9 +24,10 @@ def interval(t: Array, times: Array) -> NDArray[np.intp]:
 
 
 class Collocation:
-    """Piecewise collocation polynomial: inner increments (m, s-1, n), and the values (m+1, n) at the steps.
+    """Piecewise collocation polynomial of m steps with s stages: values y (m+1, n) at the ends of steps t (m+1,), and increments
+    `inner` (m, s-1, n) of y from the start of each step to its inner nodes.
 
-    ends (m, n): values at the end of every step, where they are not those the next step begins with."""
+    ends (m, n): values at the end of every step, where the next step begins with other values (after a break)."""
 
     def __init__(self, table: CollocationTable, t: Array, y: Array, inner: Array, ends: Array | None = None) -> None:
         self.table, self.t, self.y, self.inner = table, t, y, inner
@@ -42,7 +43,7 @@ class Collocation:
         """y (k, n) at times (k,)."""
         i, theta = self._locate(times)
         found = self._combine(i, self.table.values(theta), self.y)
-        last = theta == 1  # the exact end of a step, where polynomials of high degree have round-off
+        last = theta == 1  # at the end of a step the stored value is returned, because a polynomial of high degree adds round-off
         if last.any() and len(self.t) > 1:
             found[last] = self.ends[i[last]]
         return found
@@ -60,7 +61,7 @@ class Collocation:
         return i, (times - self.t[i]) / self._widths()[i]
 
     def _combine(self, i: NDArray[np.intp], weights: Array, start: Array | None = None) -> Array:
-        """Sum of the increments with weights (k, s), plus the values `start` at the beginnings of the steps: (k, n)."""
+        """Weighted sum (k, n) of the increments of steps i (k,), weights (k, s), plus start[i] where `start` is given."""
         if len(self.t) == 1:
             return np.zeros((len(i), self.y.shape[1])) if start is None else start[i]
         total = np.zeros((len(i), self.y.shape[1]))
@@ -84,8 +85,8 @@ def increments_of(states: Array, inner: Array) -> Array:
 
 
 def inside_of(table: CollocationTable, starts: Array, increments: Array) -> Callable[..., Array]:
-    """The function parts (k,), steps -> y (m, k, n) on the polynomials of these steps, by default all, that begin at starts
-    (m, n)."""
+    """A function that evaluates the polynomials of m steps: fractions (k,) of a step, a slice of the steps (default all) -> y
+    (m, k, n). starts (m, n): y at the beginnings of the steps; increments (m, s, n): from there to their nodes."""
 
     def inside(parts: Array, steps: slice = slice(None)) -> Array:
         found = np.asarray(table.values(parts) @ increments[steps])
@@ -96,14 +97,16 @@ def inside_of(table: CollocationTable, starts: Array, increments: Array) -> Call
 
 
 def cubic(stages: int, h: float, start: tuple[Array, Array], end: tuple[Array, Array]) -> Array:
-    """Increments (stages - 1, n) at the inner nodes, on the cubic through y and y' at both ends of a step of h."""
+    """Increments (stages - 1, n) of y from the start of a step of h (s) to the inner nodes of Radau IIA, on the cubic through y
+    and y' at both ends; start, end: (y, y')."""
     c = radau_table(stages).c[:-1, None]
     (y0, rate0), (y1, rate1) = start, end
     return np.asarray(c**2 * (3 - 2 * c) * (y1 - y0) + h * c * (1 - c) * ((1 - c) * rate0 - c * rate1))
 
 
 class Hermite:
-    """Local Hermite interpolation of y and y' at `points` neighbouring steps, in a local scaled variable."""
+    """Piecewise Hermite interpolation: in every step the polynomial through y and y' at `points` neighbouring ends of steps. Its
+    variable is the fraction of the step, so that round-off stays small."""
 
     def __init__(self, t: Array, y: Array, yp: Array, points: int) -> None:
         self.t, self.y, self.yp = t, y, yp
@@ -118,7 +121,7 @@ class Hermite:
         return self._combine(times, self._slope_weights)
 
     def first(self, i: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Number (k,) of the first of the `points` steps whose polynomial is used in step i (k,)."""
+        """Index (k,) in `t` of the first of the `points` ends of steps that the polynomial of step i (k,) goes through."""
         return np.clip(i - (self.points - 1) // 2, 0, len(self.t) - self.points)
 
     def _combine(self, times: Array, weights: Callable[..., tuple[Array, Array]]) -> Array:
@@ -136,7 +139,7 @@ class Hermite:
 
     @staticmethod
     def _lagrange(x: Array, nodes: Array, j: int) -> tuple[Array, Array, Array]:
-        """Lagrange polynomial j at x (k,), its slope there, and its slope at its own node; nodes (p, k)."""
+        """Lagrange polynomial j on nodes (p, k): its value and slope at x (k,), and its slope at node j."""
         value, slope, own = np.ones_like(x), np.zeros_like(x), np.zeros_like(x)
         for i in range(len(nodes)):
             if i != j:
@@ -159,7 +162,7 @@ class Hermite:
 
 
 def cut(interpolant: Any, t: float) -> Any:
-    """An interpolant up to a time inside it: unchanged polynomials, with the last step shortened."""
+    """An interpolant that ends at a time t (s) inside it: the same polynomials, the step that holds t shortened to end there."""
     if isinstance(interpolant, Joined):
         parts = [part for part in interpolant.parts if part.t[0] < t]
         return Joined([*parts[:-1], cut(parts[-1], t)])
@@ -177,7 +180,8 @@ def cut(interpolant: Any, t: float) -> Any:
 
 
 def sampled(polynomials: Hermite, steps: NDArray[np.intp], stages: int) -> Array:
-    """Increments (k, stages - 1, n) at the inner nodes of some steps (k,)."""
+    """Increments (k, stages - 1, n) of y from the start of some steps (k,) to the inner nodes of Radau IIA, on Hermite
+    `polynomials`."""
     t, y, c = polynomials.t, polynomials.y, radau_table(stages).c[:-1]
     inner = np.empty((len(steps), stages - 1, y.shape[1]))
     for first in range(0, len(steps), BLOCK):  # in blocks, because all at once take several times the memory of the result
@@ -188,10 +192,10 @@ def sampled(polynomials: Hermite, steps: NDArray[np.intp], stages: int) -> Array
 
 
 def hermite(order: int, t: Array, y: Array, yp: Array) -> Collocation | Hermite:
-    """Polynomials through y and y' (m+1, n) at the steps t, whose error falls at least with h^order, up to order 8.
+    """Polynomials through y and y' (m+1, n) at the ends of steps t (m+1,), whose error is at most O(h^order), for order up to 8.
 
-    Up to order 4 the cubic through both ends of a step. Above that a polynomial through several steps; but the cubic where one of
-    these steps is so much shorter than the step itself that the polynomial would magnify round-off."""
+    Up to order 4 they are the cubics through both ends of a step, above that polynomials through the ends of several steps. Where
+    one of these is far shorter than the step itself, its polynomial would magnify round-off, and the cubic is taken."""
     points = min((max(order, 4) + 1) // 2, 4)
     cubics = Hermite(t, y, yp, 2)
     if points == 2:
@@ -207,7 +211,7 @@ def hermite(order: int, t: Array, y: Array, yp: Array) -> Collocation | Hermite:
 
 
 class Joined:
-    """Interpolants of consecutive parts of a run; at the time where two parts meet the later one is used."""
+    """Interpolants of consecutive parts of a run (between breaks); at the time where two parts meet the later one is used."""
 
     def __init__(self, parts: list[Hermite]) -> None:
         self.parts = parts
@@ -230,7 +234,7 @@ class Joined:
 
 
 def joined(parts: list[Any]) -> Collocation | Joined:
-    """One interpolant for the parts of a run between its breaks; each part ends with the values before the break."""
+    """One interpolant for a run from those of its parts, between breaks; each part ends with the values before the break."""
     if not all(isinstance(part, Collocation) for part in parts):
         return Joined(parts)
     t = np.concatenate([*(part.t[:-1] for part in parts), parts[-1].t[-1:]])

@@ -17,14 +17,16 @@ Measure = Callable[[Array, Array, Array], Array]  #: times (nt,) and two traject
 
 
 def scaled_distance(system: System, a: Array, b: Array, without: tuple[str, ...] = ("lambda", "mu")) -> Array:
-    """(nt,) largest difference of an unknown over its scale, without some kinds of unknowns; for equations without a scene."""
+    """(nt,) largest difference of an unknown of a and b (nt, n), relative to its scale; without: kinds of unknowns left out. Used
+    for equations without a scene."""
     keep = np.array([kind not in without for kind in system.kinds])
     unit = np.maximum(system.scale, np.max(np.abs(b), axis=0))
     return np.asarray(np.max((np.abs(a - b) / unit)[:, keep], axis=1))
 
 
 def check_times(coarse: Solution, outputs: Array | None = None) -> Array:
-    """Times at which runs are compared: outputs, steps, and points inside steps."""
+    """Times (s) at which a run is compared with the run `coarse`: outputs, ends of steps of `coarse`, and points inside its
+    steps."""
     t = coarse.t
     if len(t) > MOST:
         t = t[:: len(t) // MOST + 1]

@@ -23,26 +23,27 @@ from mbdae.system.base import Array, System
 #: largest order that an estimate assumes because the method states it; a higher order has to show in the differences of three
 #: runs: where a kink reduces the order to 2, an estimate with order 8 is 85 times too small
 BELIEVED = 2
-SAFETY = 0.5  #: part of the accuracy at which the next run aims
+SAFETY = 0.5  #: the step of the next run is chosen for this fraction of the accuracy
 MOST_STEPS = 300_000
 RUNS, FAILURES = 7, 7  #: largest number of complete runs, and of failed runs
-#: ratio of a distance from the second method to the one before, above which shorter steps do not reduce the distance
+#: the search ends where a shorter step leaves more than this fraction of the distance from the second method
 FALLS = 0.9
 DIVERGED = 100.0  #: estimated error above which a run has diverged, so that the next step cannot be predicted from it
 SHORTEST = 0.01  #: smallest ratio of the next step to the present one that an estimate may ask for
-#: largest first step: LONGEST of the run, and FIRST of the time in which an unknown changes by its scale
+#: largest first step: as a fraction of the run (LONGEST) and of the time in which an unknown changes by its scale (FIRST)
 LONGEST, FIRST = 1 / 20, 0.1
-#: part of the width of an input of time that the first, longest step may cover; shorter steps cover proportionally less
+#: longest step of the first run, as a fraction of the time scale on which an input varies; reduced in proportion to the step
 SHARE = 0.5
-NEARBY = 0.24  #: smallest ratio of the steps of two runs that are compared for the final estimate
+NEARBY = 0.24  #: smallest ratio of the finer to the coarser step of two runs whose difference is taken as the final estimate
 COARSER = "the run attached (attribute `solution`, step = {:g} s) is complete, its error is not known"
-ALGEBRAIC = ("lambda", "mu", "z")  #: kinds of unknowns that are not compared
+ALGEBRAIC = ("lambda", "mu", "z")  #: kinds of unknowns whose rates do not bound the first step
 
 
 @dataclass(frozen=True)
 class Halved:
-    """The finest run, its solver with the step, the estimate of its error, the number of runs and their CPU seconds; coarser: the
-    run it was compared with, the times of comparison, and the ratio of its error to their difference."""
+    """The finest run, its solver with the step, the estimate of its error, the number of runs and their CPU seconds. coarser: the
+    run that it was compared with, the times of the comparison, and the assumed ratio of the finest run's error to the difference
+    of the two runs."""
 
     solution: Solution
     solver: Any
@@ -51,7 +52,7 @@ class Halved:
     cpu_s: float
     coarser: tuple[Solution, Array, float] | None = None
     own: float = inf  #: the estimate by runs of this method alone, without a second method
-    told: tuple[tuple[float, float], ...] = ()  #: step (s) and own estimate of every run that has one, in their order
+    told: tuple[tuple[float, float], ...] = ()  #: step (s), and estimate without a second method, of each run after the first
 
 
 def halved(solver: Any, system: System, asked: Asked, accuracy: float, measure: Measure,
@@ -70,13 +71,13 @@ def halved(solver: Any, system: System, asked: Asked, accuracy: float, measure: 
 
 def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure: Measure,
             second: SecondMethod | None) -> Halved:  # fmt: skip
-    """The runs of `halved`; they also stop where shorter steps do not reduce the distance from the second method."""
+    """The runs of `halved`. No further run is made where shorter steps do not reduce the distance from the second method."""
     t_end, asked = asked.t_end, replace(asked, begin=time.perf_counter() if asked.begin is None else asked.begin)
     h, coarse, spent, runs = _first_step(system, t_end), None, 0.0, 0
     first = h
     best: Halved | None = None
     failures, confirmed = 0, inf
-    most = 1 if system.guard_jumps else solver.order  # steps across a jump of the force are of order 1
+    most = 1 if system.guard_jumps else solver.order  # where contact forces jump, steps across the jump are of order 1
     order, earlier = float(min(most, BELIEVED)), (inf, inf)
     while runs - failures < RUNS:
         now = solver.with_step(h)
@@ -104,7 +105,7 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
         share = _share(h / coarse[1], order)
         estimate, coarser = gap * share, (coarse[0], times, share)
         estimate = inf if fine.stats.unresolved else estimate
-        if estimate <= accuracy and h < NEARBY * coarse[1]:  # steps differ too much: long ones may alias a vibration
+        if estimate <= accuracy and h < NEARBY * coarse[1]:  # a far longer step may alias a vibration: compare with step 2 h
             with keeping(fine, COARSER.format(h)):
                 near = solver.with_step(2 * h).run(system, replace(asked, share=2 * SHARE * h / first))
             runs, spent = runs + 1, spent + near.stats.cpu_s
@@ -113,13 +114,13 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
         own, stalled = estimate, False
         if estimate <= accuracy and second is not None:
             estimate = second.distance(fine, estimate)
-            stalled, confirmed = estimate > FALLS * confirmed, estimate  # stalled: the two methods have different limits
+            stalled, confirmed = estimate > FALLS * confirmed, estimate  # stalled: they converge to different solutions
         best = Halved(fine, now, estimate, runs, spent, coarser, own, (*best.told, (h, own)) if best is not None else ())
         if estimate <= accuracy or stalled:
             return best
         coarse = fine, h
         wanted = max((SAFETY * accuracy / estimate) ** (1 / solver.order) if estimate < DIVERGED else 0.25, SHORTEST)
-        if fine.stats.unresolved:  # a step passed over a kink or peak of a law, which the estimate does not include
+        if fine.stats.unresolved:  # the step must resolve a kink or peak of a law, whose error the estimate does not include
             wanted = fine.stats.resolving_step / h
         if (t_end - system.t0) / (h * wanted) > MOST_STEPS:
             if own <= accuracy:
@@ -144,14 +145,14 @@ def _gap(coarse: Solution, fine: Solution, measure: Measure) -> tuple[float, Arr
 
 
 def _share(ratio: float, order: float) -> float:
-    """Ratio of the error of the finer run to the distance of two runs; ratio: finer step over coarser step."""
+    """Ratio of the error of the finer of two runs to their distance, for a method of this order; ratio: finer / coarser step."""
     fallen = float(ratio**order)
     return fallen / (1 - fallen)
 
 
 def _order(believed: float, stated: float, earlier: tuple[float, float], now: tuple[float, float]) -> float:
-    """The order by the distances of two pairs of neighbouring runs, each given with the step of the coarser run; at least the
-    order believed so far, at most the order that the method states."""
+    """The order of a method, observed from two pairs of neighbouring runs: at least `believed`, the order assumed so far, at most
+    `stated`, that of the method. earlier, now: distance of a pair, and the step of its coarser run."""
     (gap0, h0), (gap1, h1) = earlier, now
     shown = log(gap0 / gap1) / log(h0 / h1) if 0 < gap1 < gap0 < inf else 0.0
     return min(stated, max(believed, shown))
@@ -168,6 +169,6 @@ def _too_dear(best: Halved, h: float, span: float, accuracy: float) -> SolverErr
 
 
 def _up(value: float) -> str:
-    """A positive number with one digit, rounded up."""
+    """A positive number rounded up to one significant digit, as text."""
     power = 10.0 ** floor(log10(value))
     return f"{ceil(value / power * (1 - 1e-12)) * power:.0e}"

@@ -21,14 +21,14 @@ from mbdae.errors import OptionError, SolverError
 from mbdae.system.base import Array
 
 BLOCK = 1000  #: number of single rows that are collected before they become part of a block
-SPARE = 8  #: a block grows by 1 / SPARE of its rows in advance
-FEW = 8  #: largest number of rows that `extend` adds one by one instead of to a block
+SPARE = 8  #: a block that is full grows by 1 / SPARE of its rows more than needed, so that it is not resized for every row
+FEW = 8  #: up to this number of rows `extend` adds rows one by one to `tail`, not as a block
 IN_MEMORY = 2**24  #: bytes of memory that each array of a run (y, y', ...) may take before its rows are written to disk
 
 
 class Block:
-    """Rows (count, ...) in one array that grows in place: the memory of many small arrays would not be reused after they are
-    joined."""
+    """Rows (count, ...) in one array that grows in place. Joining many small arrays instead would leave their memory free, but in
+    pieces too small to be used again."""
 
     def __init__(self, row: Array) -> None:
         """row: an array with the shape and type of all rows."""
@@ -50,7 +50,7 @@ class Block:
         self.count = count
 
     def _resize(self, count: int) -> None:
-        """Make room for `count` rows, in place unless other objects read the array."""
+        """Make room for `count` rows: in place, or in a new array where other objects hold the present one."""
         shape = count, *self._own.shape[1:]
         if not self._given:
             try:
@@ -87,13 +87,14 @@ class Block:
 
 
 class Rows:
-    """Arrays of one shape, stored in a block, because many small arrays take several times the memory of their numbers.
+    """A growing list of arrays of one shape (y of every step, for example), stored as rows of large blocks, because many small
+    arrays take several times the memory of their numbers.
 
-    Rows that are not arrays (None: a step without a polynomial of its own) stay in a list."""
+    Rows that are not arrays (None: a step without a polynomial of its own) stay in a list. name: for the folder of its files."""
 
     def __init__(self, name: str, *first: Array) -> None:
         self.name = name
-        self._blocks: list[Any] = []  # blocks, or lists where a row is no array
+        self._blocks: list[Any] = []  # each a Block, or a list where rows are not arrays
         self.tail: list[Any] = list(first)  #: rows that are not in a block yet; always includes the last row
         self._chunks: list[tuple[Path, tuple[int, ...]]] = []
         self._folder: Path | None = None
@@ -136,7 +137,7 @@ class Rows:
         path = self._folder / f"{len(self._chunks) + 1:06d}.npy"
         part = path.with_suffix(".part")
         try:
-            with part.open("wb") as file:  # nothing waits until the disk has it: it is removed when this process ends
+            with part.open("wb") as file:  # not flushed to the disk (fsync), because the file is removed when this process ends
                 np.save(file, rows)
             part.replace(path)
         except OSError as error:
@@ -169,7 +170,7 @@ class Rows:
 
     @property
     def _of_arrays(self) -> bool:
-        """Whether there are rows, all of them arrays."""
+        """Whether there are rows, and all of them are arrays."""
         rows = [row for block in (*self._blocks, self.tail) if isinstance(block, list) for row in block]
         return bool(self._chunks or self._blocks or rows) and all(isinstance(row, np.ndarray) for row in rows)
 
@@ -177,7 +178,7 @@ class Rows:
         return sum(shape[0] for _, shape in self._chunks) + sum(map(len, (*self._blocks, self.tail)))
 
     def _joined(self) -> Array:
-        """All rows as one file mapped into memory."""
+        """All rows as an array that is mapped from one file, which takes the place of all files and blocks."""
         assert self._folder is not None
         parts = [block.rows for block in self._blocks]
         rows = sum(shape[0] for _, shape in self._chunks) + sum(map(len, parts))
@@ -191,14 +192,14 @@ class Rows:
             for part in parts:
                 part.tofile(file)
         found = np.load(whole, mmap_mode="r")
-        self._remove()  # the mapped file remains readable
+        self._remove()  # the folder is removed here where the system allows that (Linux); the mapped file remains readable
         self._chunks, self._folder = [], None
         return np.asarray(found)
 
 
 def leave(*arrays: Array) -> None:
-    """Give back the memory of what was read of arrays that are mapped from a file, where the system can; it is read again where
-    it is asked for."""
+    """Give back the memory of pages that were read of arrays mapped from a file, where the operating system allows it; pages are
+    read again when they are needed."""
     for array in arrays:
         base: Any = array
         while isinstance(base, np.ndarray):
@@ -208,7 +209,7 @@ def leave(*arrays: Array) -> None:
 
 
 def _nothing() -> None:
-    """No folder is to be removed."""
+    """In place of the function that removes a folder, where there is none."""
 
 
 def read_chunk(path: Path, shape: tuple[int, ...]) -> Array:

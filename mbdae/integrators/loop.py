@@ -21,7 +21,7 @@ from mbdae.system.base import Array, System
 from mbdae.threads import one_thread
 
 PROGRESS_PERIOD = 0.1
-FIRST_LOOK = 16  #: number of steps after which it is checked for the first time whether a run may stop
+FIRST_LOOK = 16  #: number of steps after which `stop` is asked for the first time whether a run may end early
 
 
 class StepLoop:
@@ -44,10 +44,11 @@ class StepLoop:
         record: Record | None = None,
         impacts: float = 1.0,
     ) -> None:
-        #: factor of the part of the duration of an impact that one step may cover
+        #: factor on the longest step during an impact
         self.impacts = impacts
         self.record = record
-        self._planned, self._before = False, (0.0, 0.0)  # CPU and wall time (s) of this run in earlier processes
+        # whether the present stretch ends for a planned restart; CPU and wall time (s) of this run in earlier processes
+        self._planned, self._before = False, (0.0, 0.0)
         self.system, self.solver, self.t_end, self.run_end = system, solver, t_end, t_end
         self.stats = Stats()
         self._output_times = output_times
@@ -61,11 +62,11 @@ class StepLoop:
         self._y = Rows("y", np.array(system.y0, dtype=float))
         self._yp = Rows("yp", np.array(system.yp0, dtype=float))
         self._pieces = Rows("inner")
-        self._renewed: System | None = None  # the system to continue with, where it was replaced
+        self._renewed: System | None = None  # where the last step ended with new equations: the system to continue with
         self._systems: list[tuple[float, System]] = [(float(system.t0), system)]
         self._restarted = 0  # number of the step at which the run was restarted last
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the restart there
-        #: kinks whose arguments change their sign again and again, see `watched.chattering`
+        #: number of a kink -> sign changes of its argument in the whole run, and time of the first (`watched.chattering`)
         self.switched: dict[int, tuple[int, float]] = {}
         # number of a step -> y and yp after the restart there, of restarts in an earlier process
         self._anew: dict[int, tuple[Array, Array]] = {}
@@ -109,7 +110,7 @@ class StepLoop:
 
     def _interrupted(self, error: KeyboardInterrupt | SystemExit) -> None:
         """Attach the solution so far to an exception that ends the process (Ctrl-C, or one raised by a user's handler)."""
-        whole = len(self._pieces) + 1  # without a step that was stored only in part
+        whole = len(self._pieces) + 1  # a step of which only t or y was stored when the exception came is dropped
         del self._t[whole:]
         where = f"{self.solver.label} was interrupted at t = {self.t:.9g} s of {self.run_end:.9g} s"
         interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", self.solution())
@@ -119,7 +120,8 @@ class StepLoop:
         self.stats.cpu_s = time.process_time() - self._cpu + self._before[0]
 
     def accept(self, t: float, y: Array, yp: Array, piece: Any = None) -> bool:
-        """Store a step (arrays are not copied); False where the loop has to end."""
+        """Store a step that ends at (t, y, yp), arrays that are not copied; False where the method has to stop. piece: data of
+        the step for `Solver.dense`."""
         h = t - self._t[-1]
         stats = self.stats
         if t < self.t_end or stats.steps == 0:
@@ -152,7 +154,8 @@ class StepLoop:
         return self.t < self.t_end and not self._may_stop() and not self._begins_anew()
 
     def _may_stop(self) -> bool:
-        """Whether the run may end early; checked whenever the number of steps has grown by a third."""
+        """Whether the run may end early, by the function `stop` of `Asked`; called whenever the number of steps has grown by a
+        third."""
         if self._stop is not None and not self.stopped and len(self._t) >= self._next_look:
             self._next_look = len(self._t) * 4 // 3
             self.stopped = self._stop(self.solution())
@@ -160,11 +163,12 @@ class StepLoop:
 
     @property
     def evaluations_left(self) -> float:
-        """Number of evaluations until the limit is reached."""
+        """Number of residual evaluations left until `max_residuals` is reached."""
         return self._max_residuals - self.stats.residuals
 
     def renew(self) -> bool:
-        """Continue with other equations where constraints are about to depend on each other; returns whether they changed."""
+        """Continue with other equations where constraint rows are about to become dependent, or after a planned restart; returns
+        whether the system was replaced."""
         if self._renewed is None and len(self._t) == 1:
             self._renewed = self.system.renewed(self.t, self.state[0])
         if self._renewed is None and self._planned:
@@ -181,12 +185,12 @@ class StepLoop:
         return True
 
     def consistent(self, y: Array) -> tuple[Array, Array]:
-        """y and yp (n,) to restart with from y at a break. After a restart in an earlier process its values are used, because the
-        last digit of iterated rates depends on the evaluations before."""
+        """Consistent y and yp (n,) to restart with at a break, from y before it. Where an earlier process has restarted there,
+        its values are used: the last digit of values found by iteration depends on the evaluations before."""
         return self._anew[self.count] if self.count in self._anew else self.system.restarted(self.t, y)
 
     def restart(self, y: Array, yp: Array) -> None:
-        """Continue from the last step with other values: accelerations and multipliers jump at a break of the inputs."""
+        """Replace the values at the end of the last step, since accelerations and multipliers jump at a break of the inputs."""
         self._restarted = len(self._t) - 1
         if len(self._t) > 1:
             self._breaks.setdefault(self._restarted, self.state)
@@ -233,7 +237,7 @@ class StepLoop:
 
     @property
     def room(self) -> int:
-        """Number of steps until the method is restarted; practically unlimited where it is not."""
+        """Number of steps until the method is restarted for a checkpoint; sys.maxsize where it is not restarted."""
         return sys.maxsize if self.record is None or not self.record.restarts else max(self.record.room - self.count, 1)
 
     def goes_on(self, method: Any) -> None:
@@ -252,7 +256,7 @@ class StepLoop:
         return self.record is not None and self.record.made_before(self)
 
     def ended(self) -> None:
-        """To be called when a call of `integrate` has ended."""
+        """To be called when a call of `integrate` has ended; tells the record why, where the run is stored on disk."""
         if self.record is not None:
             self.record.ended(self, self._renewed is not None, self._planned)
 
@@ -273,7 +277,7 @@ class StepLoop:
         return self.stats
 
     def go_on_counting(self, counts: dict[str, Any]) -> None:
-        """Add the counts of an earlier process."""
+        """Add the counts (`Stats`) of an earlier process, which has made the first steps of this run."""
         for field in fields(Stats):
             setattr(self.stats, field.name, counts[field.name])
         self._before = self.stats.cpu_s, self.stats.wall_s
@@ -296,7 +300,7 @@ class StepLoop:
                 "anew": anew, "after": after}  # fmt: skip
 
     def give_back(self, parts: Sequence[dict[str, Any] | None], count: int) -> None:
-        """Append steps of an earlier process, up to `count` steps in all."""
+        """Append steps of an earlier process, up to `count` steps in all. parts: their arrays, as of `steps_between`."""
         begin = 0
         for part in parts:
             if part is None:
@@ -327,7 +331,7 @@ class StepLoop:
         return Solution(t, y, yp, outputs, self.stats, self.solver, names, complete, interpolant, tuple(self._systems))
 
     def _interpolant(self, t: Array, y: Array, yp: Array, pieces: Any) -> Interpolant:
-        """The polynomials of all steps; a step that ends at a break has the values before the break at its end."""
+        """The interpolant over all steps; a polynomial that ends at a break has the values before the break there."""
         ends = [*self._breaks, len(t) - 1]
         parts, first = [], 0
         for last in ends:

@@ -19,7 +19,7 @@ REMEDY = "give a solver such as mb.IDA(), mb.RadauIIA(3) or 'radau3'"
 
 @cache
 def solver_words() -> dict[str, Solver]:
-    """All solvers with default options by the word that a command line takes: "ida", "radau", "radau2", "cvodebdf"."""
+    """All solvers with default options, by their names on the command line: "ida", "radau", "radau2", "cvodebdf"."""
     found: dict[str, Solver] = {}
     for made in SOLVERS:
         word = made.word or plain(made.__name__)

@@ -21,7 +21,7 @@ from mbdae.system.base import Array, System
 from mbdae.ties import largest
 from mbdae.values import option, whole
 
-GROWN = 1e12  #: ratio of an unknown to its scale above which the run has diverged
+GROWN = 1e12  #: an unknown larger than this many times its scale is reported as the cause of a rate that is not finite
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ class OneStep(Stepped):
     accuracy  without a step: steps are shortened until the error is below it; `Scene.simulate` sets it
 
     It takes scenes without constraints (`s.recursive()` makes such of trees) and, by eliminated multipliers, those with
-    constraints (`mb.Index1()`). `order` is that of the error of a whole run. Between steps stands the cubic with y and y' at both
-    ends (order 4), for higher orders a polynomial through up to four steps (order 8). Options of your own are fields: decorate
-    the class by @dataclass(frozen=True). `mb.measure_order` measures the order.
+    constraints (`mb.Index1()`). `order` is that of the error of a whole run. Inside a step y is interpolated by the cubic with y
+    and y' at both ends (order 4), for higher orders by a polynomial through up to four ends of steps (order 8). Options of your
+    own are fields: decorate the class by @dataclass(frozen=True). `mb.measure_order` measures the order.
     """
 
     step: float | None = None
@@ -137,7 +137,7 @@ class RightHandSide:
         return self._end
 
     def inside(self, part: Array) -> Array:
-        """y (k, n) on the cubic polynomial of the step just made, at parts (k,) of the step."""
+        """y (k, n) on the cubic polynomial of the step just made, at fractions (k,) of the step."""
         return cubic_of_step(self._h, (self.y, self.yp), (self._end, self._rate))(part)
 
     def advance(self, h: float, t1: float) -> tuple[float, Array, Array]:

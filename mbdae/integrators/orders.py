@@ -23,13 +23,14 @@ from mbdae.values import function, option, optional, sequence, shown, whole
 
 STEPS = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 PARTS = {"q": "positions", "v": "velocities", "s": "internal states", "y": "unknowns", "lambda": "multipliers"}
-BEGIN = 0.25  #: part of the run in which errors are not counted, because multipliers may have a lower order there
-#: errors used for orders: ABOVE times the error of the reference or more, and SMALL of the largest value or less
+BEGIN = 0.25  #: fraction of the run, from its start, in which errors are not counted: multipliers may have a lower order there
+#: an error (relative to the largest value) is used where it is at least ABOVE times that of the reference, and at most SMALL
 ABOVE, SMALL = 30.0, 0.1
-ROUND_OFF = 1e-14  #: relative error of exact values
+ROUND_OFF = 1e-14  #: relative error that is assumed of the values of a closed solution (`exact`)
 #: errors below this that rise with a shorter step are round-off; they and those of all shorter steps are not used
 ROUGH = 1e-7
-#: number of windows of three consecutive runs, the finest ones, whose slopes have to agree to AGREE, or to PART of their size
+#: the order is taken from the WINDOWS finest sets of three consecutive runs, where the orders between their neighbouring runs
+#: differ by at most AGREE, or by the fraction PART of the order
 WINDOWS = 3
 AGREE, PART = 0.3, 0.1
 
@@ -38,10 +39,11 @@ AGREE, PART = 0.3, 0.1
 class Orders(ListsAttributes):
     """Observed orders of a method; print it for a table.
 
-    orders  of every part of the unknowns ("positions", "velocities", "multipliers" ...): a number, or None where none can be
-            determined, with the reason in `why`
-    steps   (k,) numbers of equal steps; errors (k,) of every part: the largest at the steps in the last three quarters of the
-            run, over the largest value there; nan where a run failed
+    orders  by kind of unknowns ("positions", "velocities", "multipliers" ...): a number, or None where none can be determined,
+            with the reason in `why`
+    steps   (k,) numbers of equal steps of the runs
+    errors  (k,) by kind of unknowns: the largest error at the ends of steps in the last three quarters of a run, relative to the
+            largest value there; nan where a run failed
     """
 
     label: str
@@ -61,7 +63,7 @@ class Orders(ListsAttributes):
 
 
 def _slopes(steps: tuple[int, ...], errors: Array) -> Array:
-    """Observed order (k,) of every run, from the coarser run before it; nan for the first."""
+    """Order (k,) that the error of every run shows compared with that of the coarser run before it; nan for the first."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.concatenate([[np.nan], -np.diff(np.log(errors)) / np.diff(np.log(steps))])
 
@@ -107,7 +109,7 @@ def measure_order(solver: Any, what: Any, t_end: float, form: Any = None, steps:
                   {part: text for part, (_, text) in found.items() if text})  # fmt: skip
 
 
-Reference = Callable[[Array], dict[str, Array]]  #: function of times (k,) -> values (k, m) of every part of the unknowns
+Reference = Callable[[Array], dict[str, Array]]  #: function of times (k,) -> values (k, m) of each kind of unknowns
 
 
 def _with_steps(solver: Solver, span: float, count: int) -> Solver:
@@ -115,7 +117,7 @@ def _with_steps(solver: Solver, span: float, count: int) -> Solver:
 
 
 def _parts(system: System, y: Array) -> dict[str, Array]:
-    """Values (k, m) of every part of the unknowns; y (k, number of leading unknowns)."""
+    """Values (k, m) of each kind of unknowns, by its name in PARTS; y (k, number of leading unknowns)."""
     kinds = np.array(system.kinds[: y.shape[1]])
     return {part: y[:, kinds == kind] for kind, part in PARTS.items() if (kinds == kind).any()}
 
@@ -133,7 +135,7 @@ def _closed_form(exact: Callable[[Array], Array], system: System) -> tuple[Refer
 
 def _reference(solver: Solver, system: System, span: float, counts: tuple[int, ...]) -> tuple[Reference, dict[str, float]]:
     """Values by Radau IIA with many steps, and the difference from Radau IIA with another number of stages."""
-    many = min(lcm(*counts), 4 * counts[-1])  # multiples of all step numbers where possible, else values are interpolated
+    many = min(lcm(*counts), 4 * counts[-1])  # if small enough a common multiple, so that ends of steps coincide
     stages = (3, 5) if solver.label == "RadauIIA(5)" else (5, 3)
     runs = [_with_steps(RadauIIA(s), span, many).solve(system, system.t0 + span) for s in stages]
     t = runs[0].t[runs[0].t >= system.t0 + BEGIN * span]
@@ -142,7 +144,7 @@ def _reference(solver: Solver, system: System, span: float, counts: tuple[int, .
 
 
 def _distances(a: dict[str, Array], b: dict[str, Array]) -> dict[str, float]:
-    """Largest difference of every part that a and b have, over the largest value of the part."""
+    """Largest difference of each kind of unknowns that a and b have, relative to its largest value in b."""
     found = {}
     for part in a.keys() & b.keys():
         x, y = a[part][:, : b[part].shape[1]], b[part]
@@ -151,7 +153,7 @@ def _distances(a: dict[str, Array], b: dict[str, Array]) -> dict[str, float]:
 
 
 def _errors(solver: Solver, system: System, span: float, reference: Reference) -> dict[str, float]:
-    """Error of every part in a run of the solver; empty where the run fails."""
+    """Error of each kind of unknowns in a run of the solver, relative to its largest value; empty where the run fails."""
     try:
         run = solver.solve(system, system.t0 + span)
     except SolverError:
@@ -161,7 +163,8 @@ def _errors(solver: Solver, system: System, span: float, reference: Reference) -
 
 
 def _order(slopes: Array, errors: Array, floor: float) -> tuple[float | None, str]:
-    """The order by the finest runs, or None and the reason."""
+    """The order from `slopes` (k,), as of `_slopes`, and `errors` (k,) of all runs, or None and the reason. floor: relative error
+    of the reference."""
     if np.isnan(errors).all():
         return None, "every run failed, or the equations have no such unknowns in this form"
     if ABOVE * floor >= SMALL:

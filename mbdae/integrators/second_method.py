@@ -1,5 +1,5 @@
-"""A second method to check one that mbdae does not ship: comparing runs of one method with each other cannot show that it solves
-wrong equations, or has another order than it states."""
+"""A second method, Radau IIA, by which runs of a user's own method are checked: a comparison of such runs with each other cannot
+show that the method converges to a wrong solution, or has another order than it states."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.system.base import System
 
-TIGHTER = 10.0  #: accuracy asked for, over the accuracy of the first run of Radau IIA
-AGAIN = 30.0  #: tolerance of a run of Radau IIA over that of the next run
-#: smallest ratio of the accuracy asked for to the distance of two runs of Radau IIA at which these confirm each other
+TIGHTER = 10.0  #: ratio of the accuracy asked for to that of the first run of Radau IIA
+AGAIN = 30.0  #: ratio of the tolerance of a run of Radau IIA to that of the next run
+#: two runs of Radau IIA confirm each other where the accuracy asked for is at least this many times their distance
 AGREE = 3.0
 MOST = 4  #: largest number of runs of Radau IIA
 CLEARLY = 2.0  #: ratio of the distance to the estimate above which a warning says that the estimate is wrong
 
 
 class SecondMethod:
-    """A run of Radau IIA, made when it is first needed, and the distance of other runs from it; runs, cpu_s (s): its cost."""
+    """A run of Radau IIA, made when it is first needed, and the distance of other runs from it. runs, cpu_s: number of runs that
+    were made for it, and their CPU time (s)."""
 
     def __init__(self, solver: Solver, system: System, asked: Asked, accuracy: float, measure: Measure) -> None:
         self._solver, self._system, self._measure = solver, system, measure
@@ -38,7 +39,8 @@ class SecondMethod:
         self.runs, self.cpu_s, self._failed = 0, 0.0, ""
 
     def distance(self, run: Solution, estimate: float) -> float:
-        """Largest distance of a run from the second method; its own estimate where that is larger, or the second method fails."""
+        """Largest distance of a run from the run of the second method; `estimate`, the estimated error of the run by its own
+        method, where that is larger or the second method fails."""
         if not self.runs:
             self._solve()
         if self._run is None:
@@ -50,7 +52,8 @@ class SecondMethod:
         return float(np.max(self._measure(times, a(times), b(times))))
 
     def tell(self, estimate: float, distance: float, accuracy: float) -> None:
-        """Warn where the second method contradicts an estimate, and where it failed to confirm it."""
+        """Warn where the `distance` of a run from the second method contradicts its `estimate`, and where the second method
+        failed."""
         name = self._solver.label
         if self._failed:
             warnings.warn(f"{name}: its runs agree with each other, but no second method could confirm them ({self._failed}), so "
@@ -62,7 +65,7 @@ class SecondMethod:
                           f"coefficients", AccuracyWarning, stacklevel=2)  # fmt: skip
 
     def _solve(self) -> None:
-        """Make runs with smaller and smaller tolerances until two of them agree."""
+        """Make runs of Radau IIA with smaller and smaller tolerances until two of them agree."""
         known, apart, rtol = None, inf, self._rtol
         while self.runs < MOST and apart > self._apart and (known is None or rtol >= self._tightest):
             self.runs += 1

@@ -21,9 +21,9 @@ class Stats:
     an old Jacobian again when its step changes and does not report that: its `factorisations` count new Jacobians only.
     Evaluations of a right-hand side count as `residuals`.
     h_min and h_max in s, over accepted steps, the last one (cut to the end) left out.
-    shortened: shorter steps of a run with constant steps, where an input of time breaks or varies faster there.
+    shortened: number of shorter steps of a run with constant steps, where an input of time has a break or varies too fast.
     Where a system has contacts: contacts made, as seen at accepted steps; dips: steps repeated because they may hide a
-    contact; missed_dips: contacts that came and went inside an accepted step; shortest_contact: fewest accepted steps that
+    contact; missed_dips: contacts that closed and opened inside an accepted step; shortest_contact: fewest accepted steps that
     ended inside one complete contact (0: there was none).
     Where laws have kinks or narrow peaks: retaken: steps repeated because they passed over one; unresolved: by item, accepted
     steps that passed over one all the same; resolving_step: longest step (s) that would not have (0: none did).
@@ -61,7 +61,7 @@ class Interpolant(Protocol):
 
 
 class Method(Protocol):
-    """The members of a solver that the loop of a run needs."""
+    """The interface of a solver that the loop of a run needs. (It cannot import `base.Solver`, whose module imports the loop.)"""
 
     @property
     def label(self) -> str:
@@ -73,7 +73,7 @@ class Method(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Outputs:
-    """Values at the times asked for: t (k,), y (k, n), yp (k, n)."""
+    """Values at the output times: t (k,), s, y (k, n), yp (k, n)."""
 
     t: Array
     y: Array
@@ -86,7 +86,7 @@ class Solution(ListsAttributes):
 
     t (m+1,) start and accepted times; y, yp (m+1, n) unknowns and their derivatives there;
     outputs: values at the times asked for, or None; complete: False where it was stopped before its end.
-    systems: the equations that were integrated, each with the time (s) from which on; none where it is not known.
+    systems: (time, s, equations that were integrated from then on), in order; empty where that is not known.
     """
 
     t: Array
@@ -101,7 +101,7 @@ class Solution(ListsAttributes):
     systems: tuple[tuple[float, System], ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
-        """State of a copy or pickle: all but the equations."""
+        """The state for a copy or pickle: everything but the equations (`systems`)."""
         return vars(self) | {"systems": ()}
 
     def __call__(self, t: float | Sequence[float] | Array) -> Array:

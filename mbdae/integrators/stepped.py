@@ -16,8 +16,8 @@ from mbdae.values import number, option, set_option, text
 
 
 class Stepped(Solver):
-    """Base of methods with the options `step` and `accuracy`, of which one may be given; `order` is that of positions and
-    velocities, with which a smaller step makes the error smaller."""
+    """Base of methods with the options `step` and `accuracy`, of which one may be given. order: the errors of positions and
+    velocities fall with step**order."""
 
     step: float | None
     accuracy: float | None
@@ -30,7 +30,7 @@ class Stepped(Solver):
 
     @property
     def by_steps(self) -> bool:
-        """True: an accuracy is reached by shorter steps."""
+        """True: these methods reach an accuracy by shorter constant steps."""
         return True
 
     def _set_step(self) -> None:
@@ -51,7 +51,8 @@ class Stepped(Solver):
         return self._with(step=step, accuracy=None)
 
     def _with(self, **options: Any) -> Self:
-        """A copy with other values of some options; other attributes set by a user's constructor stay."""
+        """A copy with other values of some options. The constructor is not called again, so that attributes that a user's own
+        constructor has set are kept."""
         made = copy(self)
         for name, value in options.items():
             object.__setattr__(made, name, value)

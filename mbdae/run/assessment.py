@@ -20,18 +20,19 @@ from mbdae.system.rank.rows import DEPENDENT
 from mbdae.ties import largest
 
 ROW_SAMPLES = 2000  #: number of steps at which constraint rows are evaluated
-APART = 2.0  #: ratio of the error to what runs of the solver alone estimate, above which something else limits it
-#: ratio of a row's violation to its novelty where a misalignment explains it: in loops away from singular positions 0.2 to 2 are
-#: measured
+APART = 2.0  #: ratio of the error to the estimate from runs of this solver alone, above which something else limits the error
+#: largest ratio of a row's violation to its novelty (how independent it is of the other rows, `system/rank`) that a misalignment
+#: at the start explains: 0.2 to 2 were measured in loops away from singular positions
 WITHIN = 10.0
-TORN = 1e-3  #: violation of a row (over the scene's length, or in rad) above which no run is reliable, whatever its tolerance
+TORN = 1e-3  #: violation of a row (divided by the scene's length, or in rad) above which no run is reliable
 ENERGY_SAMPLES = 1000  #: number of outputs (or steps, where an input depends on time) at which energies are evaluated
 
 
 def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
-    """Every warning about a run; drifts: whether its joints are held by their accelerations only (index 1)."""
+    """All warnings about a run, and whether it is reliable; drifts: whether its constraints are imposed on accelerations only
+    (index 1)."""
     known, timed = found.info.accuracy, bool(expressions_of(found.prepared.model))
-    times = run.solution.t if timed else found.t  # a short input may act between two outputs
+    times = run.solution.t if timed else found.t  # at all steps, since a short input of time may act between outputs
     few = times is found.t and len(times) <= ENERGY_SAMPLES
     contact = reliability(found if few else found(times[:: len(times) // ENERGY_SAMPLES + 1]), run)
     singular = singular_passages(found, known.asked)
@@ -45,7 +46,7 @@ def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
 
 
 def _missed(known: Accuracy, run: Controlled) -> list[str]:
-    """Warnings where the error in time, or that of the mesh, exceeds the accuracy asked."""
+    """Warnings where the estimated error of the integration in time, or that of the mesh of beams, exceeds the accuracy asked."""
     asked, notes = known.asked, []
     if asked is None:
         return []
@@ -59,7 +60,8 @@ def _missed(known: Accuracy, run: Controlled) -> list[str]:
 
 
 def _nearer(error: float, asked: float, run: Controlled) -> str:
-    """What the runs that were made say about a smaller accuracy: whether it comes nearer, else what limits the error."""
+    """Advice in words, from the runs that were made: whether asking for a smaller accuracy makes the error smaller, else what
+    limits the error."""
     told = [one for one in run.told if math.isfinite(one[1])]
     size = "steps of {:.2g} s" if run.solver.by_steps else "rtol = {:.1g}"
     if not math.isfinite(error) or not told:
@@ -81,16 +83,16 @@ def _nearer(error: float, asked: float, run: Controlled) -> str:
 
 
 def _misaligned(prepared: Prepared) -> float:
-    """What rows may be off (over the scene's length, or in rad) because nearly redundant ones are left out, of which `doubts`
-    warns; such rows are misaligned by at most `DEPENDENT` at the start."""
+    """Violation of constraint rows (divided by the scene's length, or in rad) that is to be expected because nearly redundant
+    rows are left out, about which `doubts` warns; such rows are misaligned by at most `DEPENDENT` at the start."""
     dropped = set(prepared.rank.dropped)
     novelty = max((size for row, size in prepared.rank.doubtful if row in dropped), default=0.0)
     return WITHIN * min(novelty, DEPENDENT)
 
 
 def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tuple[float, list[str]]:
-    """Largest violation of a constraint row, redundant ones included (over the scene's length, or in rad), and its warning, where
-    the accuracy does not allow it; else 0 and no warning."""
+    """Largest violation of a constraint row (divided by the scene's length, or in rad), redundant rows included, and a warning
+    about it, where it is larger than the accuracy allows; else 0 and no warning."""
     m, t = prepared.with_all_rows, run.solution.t
     if not m.m:
         return 0.0, []

@@ -1,4 +1,4 @@
-"""Runs of one scene from many starts, or with many values of its numbers, each with an estimate of its error."""
+"""Runs of one scene from many starts, or with many values of parameters of laws, each with an estimate of its error."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from mbdae.run.control import ATTEMPTS, FINER, measure_of, plausible
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array, System
 
-LOOKED_AT = 5  #: number of states at which two sets of equations are compared
+LOOKED_AT = 5  #: number of states at which the rates of two systems of equations are compared
 COMPARED = 32  #: number of times, besides the outputs, at which a run is compared with its companion
 
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """names (n,): of the unknowns; batch: the runs at the outputs; estimate (k,): estimated error of each, nan where it failed;
-    warnings: by point number, a sentence where the accuracy is missed or the run failed."""
+    """Runs of k points. names (n,): of the unknowns; batch: values at the outputs; estimate (k,): estimated error of each run,
+    nan where it failed; warnings: {number of a point: sentence} where the accuracy is missed or the run failed."""
 
     names: tuple[str, ...]
     batch: Batch
@@ -39,8 +39,9 @@ class Runs:
 
 def run_batch(scene: SceneData, t_end: float, accuracy: float = 1e-6, *, starts: Any = None,
               numbers: Mapping[str, Any] | None = None, outputs: Any = None, max_wall: float | None = None) -> Runs:  # fmt: skip
-    """Run every point as `Scene.simulate` does: at ten times the tolerance and at the tolerance, which gives its estimated error,
-    and again with a smaller tolerance where that misses the accuracy. Arguments as in `solve_batch`.
+    """Run every point as `Scene.simulate` does: at ten times the tolerance and at the tolerance. Their difference gives the
+    estimated error; where it is above the accuracy, the point is run again with a smaller tolerance. Arguments as in
+    `solve_batch`.
 
     Raises OptionError for scenes for which `simulate` would not choose DOP853, such as stiff ones or those with contact."""
     return Batches(scene, t_end, accuracy, outputs, numbers or ()).run(starts, numbers, max_wall)
@@ -72,7 +73,8 @@ class Batches:
         self._solver, self._limit = choice.solver.at_accuracy(self.accuracy, self.system.label), choice.solver.tightest[""]
 
     def read(self, numbers: Mapping[str, Any]) -> dict[str, Any]:
-        """The given parameters of laws that the equations read; OptionError for one that is read but may not vary."""
+        """The given parameters of laws without those that the equations do not depend on; OptionError for one on which they
+        depend but which cannot be varied."""
         return {name: values for name, values in numbers.items() if self._read(name)}
 
     def _read(self, name: str) -> bool:
@@ -85,8 +87,8 @@ class Batches:
         return self._known[name]
 
     def rates_apart(self, own: System, numbers: Mapping[str, float]) -> float:
-        """Largest difference between y' with these numbers and y' of another system, relative to y', at some states near the
-        start."""
+        """Largest difference between y' of this system with the parameters `numbers` of laws and y' of the system `own`, relative
+        to the largest y', at LOOKED_AT states near the start."""
         read = self.read(numbers)
         at, rng, here, there = self.system.numbers(list(read)), np.random.default_rng(0), np.empty(own.n), np.empty(own.n)
         before, apart = at.W[at.slots].copy(), 0.0
@@ -106,7 +108,7 @@ class Batches:
         begin, accuracy = time.perf_counter(), self.accuracy
 
         def solved(rtol: float, some: NDArray[np.intp] | None = None) -> Batch:
-            """Run some of the points at a tolerance."""
+            """Run the points `some` (None: all) at a tolerance."""
             left = None if max_wall is None else max(max_wall - (time.perf_counter() - begin), 1e-9)
             given = {name: _some(np.atleast_1d(v), some) for name, v in (numbers or {}).items()}
             own = None if starts is None else _some(np.atleast_2d(starts), some)
@@ -118,7 +120,7 @@ class Batches:
         made, estimate, cpu = fine, np.full(len(fine.errors), np.nan), coarse.cpu_s + fine.cpu_s
         some = np.arange(len(fine.errors))
         for _ in range(ATTEMPTS):
-            # the difference itself, since not at every point is a tighter run more accurate by the ratio of tolerances
+            # the whole difference counts as the error: not at every point does it fall with the tolerance as it is assumed to
             estimate[some] = [float(np.max(self._measure(a, b))) if fine.errors[i] is None else np.nan
                               for i, (a, b) in enumerate(zip(coarse.y, fine.y, strict=True))]  # fmt: skip
             made = fine if len(some) == len(estimate) else _with(made, fine, some)
@@ -140,13 +142,13 @@ def _some(values: Any, some: NDArray[np.intp] | None) -> Any:
 
 
 def _rows(batch: Batch, some: NDArray[np.intp]) -> Batch:
-    """A batch with some of the points only."""
+    """The points `some` (indices) of a batch."""
     rows = {name: getattr(batch, name)[some] for name in ("y", "last", "steps", "rejected", "evaluations")}
     return replace(batch, errors=tuple(batch.errors[i] for i in some), **rows)
 
 
 def _with(batch: Batch, other: Batch, some: NDArray[np.intp]) -> Batch:
-    """A batch with some points replaced by those of another batch."""
+    """A batch whose points `some` (indices) are replaced by those of another batch, in their order."""
     rows = {name: getattr(batch, name).copy() for name in ("y", "last", "steps", "rejected", "evaluations")}
     errors = list(batch.errors)
     for j, i in enumerate(some):

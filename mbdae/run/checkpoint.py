@@ -33,11 +33,11 @@ from mbdae.values import option, optional, path, shown, whole
 
 T = TypeVar("T")
 EVERY = 1000  #: number of accepted steps between two checkpoints
-FEW = 1000  #: largest number of values of an option that are stored themselves; of longer ones a digest is stored
+FEW = 1000  #: an option (such as output times) with more values than this is stored as a hash in the statement of the call
 FORMAT = "mbdae run in progress 2"
 STATEMENT = "statement.json"
 FOLDER = "give the name of a folder, new or one that such a call made, or None"
-#: versions that may change last digits
+#: what may change the last digits of a result: an interrupted call is continued with the same versions and machine only
 HERE = ("mbdae", "python", "numpy", "scipy", "scikit-sundae", "symengine", "machine")
 
 
@@ -61,12 +61,13 @@ def keeper_of(checkpoint: Any, every: Any) -> Keeper | None:
 
 @contextmanager
 def kept(keeper: Keeper | None, statement: Callable[[], dict[str, Any]]) -> Iterator[None]:
-    """Store the runs made inside. statement: plain data of the call; the folder of another call is refused."""
+    """Context in which all runs are stored by the keeper. statement: function that returns plain data of the call; OptionError
+    for the folder of another call."""
     if keeper is None:
         yield
         return
     _check(keeper.folder, json.loads(json.dumps(statement())))
-    for left in keeper.folder.glob(".*.npz"):  # left by a process that was killed while it wrote
+    for left in keeper.folder.glob(".*.npz"):  # files that a process had not finished when it was killed
         left.unlink(missing_ok=True)
     try:
         with _ended_by_sigterm(keeper), keeping_runs(keeper):
@@ -123,7 +124,7 @@ def _check(folder: Path, here: dict[str, Any]) -> None:
 
 @contextmanager
 def _ended_by_sigterm(keeper: Keeper) -> Iterator[None]:
-    """SIGTERM lets a run finish its step; between two runs it ends the call at once."""
+    """Context in which SIGTERM ends the process after the present step of a run has been stored; between two runs at once."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -141,7 +142,8 @@ def _ended_by_sigterm(keeper: Keeper) -> Iterator[None]:
 
 
 def kept_value(make: Callable[[], T], plain: Callable[[T], Any], back: Callable[[Any], T]) -> T:
-    """The result of a long evaluation, read from the folder where it was made before; plain, back: to plain data and back."""
+    """The result of the long evaluation `make`, read from the folder where it was stored before. plain, back: functions that turn
+    the result into plain data and plain data into the result."""
     keeper = active()
     if keeper is None:
         return make()

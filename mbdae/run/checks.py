@@ -25,9 +25,9 @@ from mbdae.system.model.trees import Tree
 from mbdae.system.motion.ordered_tree import ordered_size
 from mbdae.system.prepare import FORESIGHT, Prepared, prepare
 
-#: distance of a joint's point from a rigid link that it holds, over the length of the link, above which it is told
+#: a joint whose point is off a rigid link that it holds by more than this fraction of the link's length is reported
 OFF = 0.01
-#: what `Check.unknowns` counts, in the singular
+#: singular of the words for what `Check.unknowns` counts, for the printed check
 _ONE = {"positions": "position", "velocities": "velocity", "states": "state", "multipliers": "multiplier", "stresses": "stress"}
 
 
@@ -66,7 +66,7 @@ class Check(ListsAttributes):
 
     @property
     def not_unique(self) -> tuple[str, ...]:
-        """Constraint rows whose reactions are not unique, as "joint.row", because redundant rows could take a share of them."""
+        """Constraint rows whose reactions are not unique, as "joint.row": redundant rows could carry a part of their load."""
         return tuple(row.name for row in self.prepared.rank.not_unique)
 
     @property
@@ -92,13 +92,14 @@ class Check(ListsAttributes):
 
     @property
     def shared(self) -> tuple[str, ...]:
-        """Rows of joints on nodes of beams, as "joint.row", that need no equation because the bodies share unknowns there."""
+        """Rows of joints at nodes of beams, as "joint.row", that need no equation because the node and the body that the joint
+        connects have the same unknowns."""
         rows = self.prepared.all_bodies.moved.sharing.rows
         return tuple(row.name for row in self.prepared.mechanics.rows if (row.group, row.instance, row.row) in rows)
 
     @property
     def recursive(self) -> tuple[str, ...]:
-        """Names of joints whose coordinates are the only unknowns of the body they carry."""
+        """Names of recursive joints: the body that such a joint carries has no unknowns but the joint's coordinates."""
         return tuple(c.name for c in self.prepared.model.recursive)
 
     @property
@@ -119,7 +120,8 @@ class Check(ListsAttributes):
 
     @property
     def kept_coordinates(self) -> dict[str, str]:
-        """Kinematic joints whose coordinates are unknowns nevertheless, each with the reason."""
+        """Joints with the kinematic model, which has no coordinates as unknowns, that have them all the same, each with the
+        reason."""
         found = {}
         for c in self.prepared.model.scene.joints:
             if c.kept and not isinstance(c.model, Classical | Recursive):
@@ -215,7 +217,7 @@ class Check(ListsAttributes):
         return lines + [f"  coordinates kept as unknowns: {names}: {why}" for names, why in kept]
 
     def _of_beams(self) -> list[str]:
-        """Lines of the printed check on beams: their meshes, and what becomes of the stress resultants."""
+        """Lines of the printed check on beams: their meshes, and with which solvers their stress resultants are unknowns."""
         lines = self.prepared.model.lines
         if not lines:
             return []
@@ -249,7 +251,8 @@ class Check(ListsAttributes):
         return [f"  friction: {laws}"] if laws else []
 
     def _of_inputs(self) -> list[str]:
-        """Line on jumps, kinks and shortest widths of the inputs of time over the first seconds; a run reads them to its end."""
+        """Line on jumps, kinks and shortest widths of the inputs of time in the first seconds, since the end of a run is not
+        known here."""
         t0 = self.prepared.start.t
         if not expressions_of(self.prepared.model):
             return []
@@ -279,7 +282,7 @@ class Check(ListsAttributes):
 
 
 def why_kept(c: Connection, couplings: list[Connection]) -> str:
-    """Why the coordinates of a joint are unknowns of their own although its model does not ask for it."""
+    """Why the coordinates of a joint are unknowns although its joint model (kinematic) does not make them unknowns."""
     law: Any = c.joint
     if law.must_keep():
         return "without them the joint has no constraint equations"
@@ -300,7 +303,7 @@ def _coordinates(c: Connection) -> str:
 
 
 def doubts(p: Prepared) -> list[str]:
-    """Warnings about rows that are nearly redundant, whether they were kept or left out."""
+    """Warnings about constraint rows that are nearly redundant, whether they were kept or left out."""
     dropped = set(p.rank.dropped)
     left_out = ("is nearly redundant (only {:.1e} of it is independent of the others: joints are misaligned by about that "
                 "many rad) and was left out: kept, it would lock the mechanism; align the joints if that is not meant")

@@ -27,14 +27,15 @@ from mbdae.system.base import Array, System
 from mbdae.system.model.moved_bodies import MOST_FULL
 from mbdae.system.prepare import Prepared, prepare
 
-TIGHT = 3e-6  #: accuracy below which multipliers are eliminated; the joints then drift as far as the accuracy allows
-STIFF = 100.0  #: bound of fastest decay or oscillation times characteristic time, above which an explicit method needs tiny steps
-SMOOTH = 0.3  #: bound of fastest oscillation times characteristic time for eliminated multipliers, whose evaluations cost more
+TIGHT = 3e-6  #: accuracy below which multipliers may be eliminated (index 1); joints then drift, as far as the accuracy allows
+#: largest decay rate or angular frequency of small disturbances, times the motion's characteristic time: above STIFF an explicit
+#: method needs tiny steps; above SMOOTH multipliers are not eliminated, because evaluations without them cost more
+STIFF, SMOOTH = 100.0, 0.3
 SMALL = 30  #: number of unknowns, with multipliers, up to which Radau IIA is cheaper if all motions are prescribed
 FRICTION = "friction, which is stiff where bodies stick"
-UNSAID = "by internal states of '{}' bodies may stick, as by friction, unless the class {} says sticks = False"
-LARGEST = 8  #: number of largest eigenvalues computed for a large system
-EIGENVALUES = 300  #: largest number of unknowns for which eigenvalues are computed
+UNSAID = "internal states of '{}' may let bodies stick, as friction, unless the class {} says sticks = False"
+LARGEST = 8  #: number of eigenvalues, those of largest magnitude, that are computed for a large system
+EIGENVALUES = 300  #: largest number of unknowns for which all eigenvalues are computed
 WELL_CONDITIONED = 1e8  #: largest condition number of a mass matrix that is inverted
 
 
@@ -68,16 +69,15 @@ def prepared_from(scene: SceneData, start: Result | None = None, t_end: float | 
 
 
 def with_recursive_joints(scene: SceneData, start: Result | None = None, t_end: float | None = None) -> Prepared | None:
-    """The scene with recursive joints, where its joints form a tree whose model the user left open. None elsewhere, and for a
-    large stiff tree: its Jacobian would be full, so that the scene is taken as stated."""
+    """The scene with recursive joints, where its joints form a tree and the user has chosen no joint model. None elsewhere, and
+    for a large stiff tree: implicit methods would factorise its Jacobian, which is full, so that the scene is taken as stated."""
     variant = with_open_tree(scene)
     try:
         found = prepared_from(variant, start, t_end) if variant is not None else None
-    except MbdaeError:  # errors of the scene are raised when it is prepared as stated
+    except MbdaeError:  # an error of the scene itself is raised later, when the scene is prepared as the user stated it
         return None
     if found is None or found.model.stay_kinematic:
         return None
-    # implicit methods would factorise a full Jacobian
     full = found.all_bodies.moved.ordered and unknowns(found, ODE(), 0) > MOST_FULL
     return None if full and (Rates(found).decay > STIFF or Rates(found).oscillation > STIFF) else found
 
@@ -159,9 +159,9 @@ def _largest_eigenvalues(system: System) -> np.ndarray:
 
 
 def finite_eigenvalues(fy: Array, fyp: Array) -> Array:
-    """Eigenvalues of small disturbances, fy x + fyp x' = 0 (n, n), the finite ones: rows without a derivative hold at all times,
-    so the others are taken for motions x = N y that satisfy them. Where these leave rates undetermined (bodies without mass), by
-    SciPy's method for pairs of matrices, with infinite ones among them."""
+    """The finite eigenvalues of small disturbances, fy x + fyp x' = 0 with matrices (n, n). Rows without a derivative
+    (constraints) hold at all times: x = N y with their null space N, and the other rows are an ordinary problem for y. Where they
+    leave rates undetermined (bodies without mass), all eigenvalues of the pair of matrices are returned, infinite ones too."""
     rates = np.any(fyp != 0, axis=1)
     held = fy[~rates]
     lengths = np.linalg.norm(held, axis=1, keepdims=True)
@@ -174,7 +174,8 @@ def finite_eigenvalues(fy: Array, fyp: Array) -> Array:
 
 
 class Rates:
-    """Fastest decay and oscillation of small disturbances at the start, multiplied by the characteristic time of the motion."""
+    """Rates of the fastest decay and oscillation of small disturbances at the start, multiplied by the characteristic time of the
+    motion, so that they have no unit."""
 
     def __init__(self, prepared: Prepared) -> None:
         self._prepared = prepared

@@ -1,7 +1,8 @@
 """The tolerance that a run with contact or friction needs.
 
-Measured: with a tolerance below a hundredth (IDA) or a tenth (Radau) of the penetration over the scene's length, clearance and
-penetration are accurate to a few per cent; above ten times the penetration the motion is wrong although solvers report success.
+Measured: with a tolerance below a hundredth (IDA) or a tenth (Radau IIA) of the penetration, both relative to the scene's length,
+clearance and penetration are accurate to a few per cent. With a tolerance above ten times the penetration the motion is wrong
+although solvers report success.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ from mbdae.results.contacts import contacts_of
 from mbdae.system.motion.states import gaps_of
 from mbdae.system.prepare import Prepared
 
-#: largest ratio of velocity tolerance to the velocity over which friction changes; above it sticking is not resolved
+#: sticking is resolved where the tolerance of velocities is at most this fraction of the velocity over which friction changes
 RESOLVED = 0.01
-SLOW = 10.0  #: ratio of sliding velocity to that velocity above which the change of friction has no effect
+SLOW = 10.0  #: friction need not be resolved in a joint whose sliding stays faster than this many times that velocity
 WRONG = 10.0  #: ratio of position tolerance to penetration above which the motion is wrong
 
 
@@ -50,8 +51,8 @@ def largest_tolerance(prepared: Prepared, solver: Solver) -> float:
 
 
 def resolving(prepared: Prepared | None, solver: Solver, run: Solution, ceiling: float) -> float:
-    """The largest rtol that resolves the contacts of a run (by their median penetrations) and friction where sliding reverses;
-    `ceiling` where there was no contact."""
+    """The largest rtol that resolves the contacts of a run, by the median of the largest penetrations of every contact, and
+    friction where sliding reverses; `ceiling` where no contact closed."""
     if prepared is None or not prepared.contacts:
         return ceiling
     q, u, _ = prepared.states(run.t, run.y)
@@ -79,7 +80,7 @@ def reversing(prepared: Prepared, run: Solution) -> Iterator[tuple[str, float]]:
 
 
 def refuse_unresolved(prepared: Prepared, solver: Solver) -> None:
-    """OptionError for a tolerance that cannot resolve contact or friction, with the value that can."""
+    """Raise OptionError where the rtol of a solver is too large to resolve contact or friction, with the largest that does."""
     wanted, rtol = largest_tolerance(prepared, solver), solver.rtol
     tightest = solver.tightest.get("GGL", solver.tightest[""])
     for contact in prepared.contacts:

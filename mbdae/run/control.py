@@ -40,38 +40,38 @@ from mbdae.values import number, option
 
 LOOSEST = 1e-2  #: largest rtol of any run
 ATTEMPTS = 5  #: largest number of runs after the first companions
-#: factor, from one run to the next, of the part of an input's width that a step may cover. Where only this width bounds the steps
-#: of two runs, their steps must differ, else their difference is no measure of the error. The factor is below 1/2 because widths
-#: vary by factors of 2
+#: from one run to the next the longest step, as a fraction of the time scale of an input of time, is reduced by this factor.
+#: Where only inputs bound the steps of two runs, these must differ, else the difference of the runs is no measure of the error.
+#: It is below 1/2 because the time scales are known up to a factor of 2
 CLOSER = 0.4
-#: the same factor for the part of the duration of an impact that a step may cover. The run after the first companions covers the
-#: part that a single run does, the companions cover more
+#: the same factor for the longest step during an impact. The first run after the companions has the bound of a single run; the
+#: companions take longer steps
 CLOSER_IMPACTS = 0.5
 UNKNOWN = "the run attached (attribute `solution`, rtol = {:g}) is complete, its error is not known"
 UNTESTED = "the run attached (attribute `solution`) is complete; whether its steps leave out fast vibrations was not tested"
-CRAWL = 10  #: a run is stopped above this many times the residual evaluations of its companion
-CUT = 100  #: residual evaluations allowed in addition for every step that inputs of time cut short
+CRAWL = 10  #: a run is stopped, as too expensive, after this many times the residual evaluations of its companion
+CUT = 100  #: number of residual evaluations allowed in addition for every step that inputs of time make shorter
 CHAOTIC = 2.0  #: with contact: a run is not repeated after two repeats lowered its estimate by less than this factor
 CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic and not predictable beyond "
          "some time; rely on energies, forces and statistics, or on a shorter run")  # fmt: skip
-FALL, SLOW = 0.9, 0.4  #: power of the tolerance with which errors are taken to fall, and the smallest power assumed
+FALL, SLOW = 0.9, 0.4  #: errors are assumed to fall with this power of the tolerance (FALL); smallest power assumed (SLOW)
 #: smallest and largest ratio of the tolerance of a repeated run to that of the run before
 FINER, FINER_WITH_IMPACTS = (1e-3, 0.3), (0.1, 0.3)
 COARSE = 3.0  #: a run is repeated if its tolerance is above this many times the one that resolves its penetrations
-#: part of the accuracy (over the scene's length) by which a contact has to close inside a step to count, and number of times that
-#: a run is repeated because of such contacts
+#: SHALLOW: a contact inside a step counts if its penetration, relative to the scene's length, is above this fraction of the
+#: accuracy; REPEATS: number of times that a run is repeated because of such contacts
 SHALLOW, REPEATS = 0.1, 5
 SAMPLES = 200  #: number of times at which reactions of two runs are compared
-#: number of first constant steps compared with a run that resolves them, and of times of that comparison
+#: length, in constant steps, of the short runs that show vibrations shorter than a step, and number of times of the comparison
 FIRST_STEPS, PROBES = 5.0, 200
 
 
 @dataclass(frozen=True)
 class Controlled:
-    """A run, its estimated error, the number of runs made for it and their CPU time (s); others: runs that it was compared with;
-    waves: whether it resolves all vibrations of beams although its form does not ask for it; told: of every run with an estimate,
-    in their order, the tolerance (the step, s, of a method of constant steps) and the estimate from runs of its method alone;
-    limit: the smallest tolerance that round-off allows; hidden: contacts that come and go inside its steps."""
+    """A run, its estimated error, the number of runs made for it and their CPU time (s). others: runs that it was compared with;
+    waves: whether it resolves all vibrations of beams although its form does not demand it; told: for every run with an estimate,
+    in order, its tolerance (or constant step, s) and the estimate from runs of its method alone; limit: the smallest tolerance
+    that round-off allows; hidden: contacts that close and open inside its steps."""
 
     solution: Solution
     solver: Solver
@@ -86,7 +86,7 @@ class Controlled:
     hidden: tuple[Hidden, ...] = ()
 
     def after(self, runs: int, cpu_s: float) -> Controlled:
-        """The run with the number and CPU time (s) of other runs added to its own."""
+        """The same run, with a number of other runs and their CPU time (s) added to `runs` and `cpu_s`."""
         return replace(self, runs=self.runs + runs, cpu_s=self.cpu_s + cpu_s)
 
 
@@ -96,16 +96,16 @@ def cpu_of(error: SolverError) -> float:
 
 
 def measure_of(system: System, prepared: Prepared | None) -> Measure:
-    """The function that measures the distance between two trajectories of a system."""
+    """The function that measures the distance between two trajectories of a system: of motions for a scene, else of unknowns."""
     if prepared is not None and isinstance(system, SceneSystem):
         return partial(distance, prepared)
     return lambda t, a, b: scaled_distance(system, a, b)
 
 
 def other_run(system: System, prepared: Prepared | None, run: Solution, times: Array, share: float) -> tuple[OtherRun, ...]:
-    """States of a run at SAMPLES of the times at which another was compared with it, to estimate the error of reactions as well;
-    share: ratio of error to difference. With contacts it is taken as 1 for forces: their error was measured to fall slower than
-    that of the motion."""
+    """States of a companion run at SAMPLES of the `times` of its comparison with the run that is returned, to estimate the error
+    of reactions too. share: assumed ratio of the error to the difference of the two runs; 1 with contacts, because the error of
+    forces was measured to fall more slowly than that of the motion."""
     if prepared is None or not isinstance(system, SceneSystem):
         return ()
     share = 1.0 if prepared.contacts else share
@@ -115,8 +115,8 @@ def other_run(system: System, prepared: Prepared | None, run: Solution, times: A
 
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
                    outputs: Array) -> Controlled:  # fmt: skip
-    """Integrate until the estimated error, also at the outputs, is below `accuracy`, or as small as the solver can make it; the
-    wall time asked for is the limit of all runs together."""
+    """Make runs with smaller and smaller tolerances until the estimated error, also at the outputs, is below `accuracy` or cannot
+    be made smaller by this solver. The wall time in `asked` is the limit of all runs together."""
     asked = replace(asked, begin=time.perf_counter() if asked.begin is None else asked.begin)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AccuracyWarning)
@@ -137,26 +137,26 @@ def _last_of_each_kind(notes: Sequence[str]) -> tuple[str, ...]:
 
 def _with_hidden_contacts(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
                           outputs: Array) -> Controlled:  # fmt: skip
-    """A run in which no contact comes and goes inside a step: it is repeated with shorter steps there, REPEATS times at most. A
-    run that misses the accuracy is repeated because of its companions too."""
+    """A run in which no contact closes and opens inside a step: where one does, the run is repeated with shorter steps there, at
+    most REPEATS times. A run that misses the accuracy is also repeated because of such contacts in its companions."""
     depth, runs, cpu = SHALLOW * accuracy * (1.0 if prepared is None else prepared.length), 0, 0.0
     for _ in range(REPEATS + 1):
         made: list[Run] = []
         run = _controlled(system, prepared, solver, accuracy, asked, outputs, made).after(runs, cpu)
         hidden = hidden_contacts(system, run.solution, depth)
-        beside = [] if hidden or run.estimate <= accuracy else [
+        of_companions = [] if hidden or run.estimate <= accuracy else [
             one for _, other in made for one in hidden_contacts(system, other, depth)]  # fmt: skip
-        if not hidden and not beside:
+        if not hidden and not of_companions:
             return run
         runs, cpu = run.runs, run.cpu_s
         known = [] if asked.edges is None else [asked.edges]
-        asked = replace(asked, edges=distinct(np.concatenate([*known, *(one[1:] for one in hidden + beside)])))
+        asked = replace(asked, edges=distinct(np.concatenate([*known, *(one[1:] for one in hidden + of_companions)])))
     return replace(run, estimate=float("inf"), others=(), hidden=tuple(hidden)) if hidden else run
 
 
 def _controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
                 outputs: Array, made: list[Run]) -> Controlled:  # fmt: skip
-    """`run_controlled` by one method; the last runs and their tolerances are kept in `made`."""
+    """`run_controlled` without the search for hidden contacts; the last runs and their tolerances are left in the list `made`."""
     measure = measure_of(system, prepared)
     if solver.by_steps:
         found = halved(solver, system, asked, accuracy, measure, second_method(solver, system, asked, accuracy, measure))
@@ -169,7 +169,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     tight = _with_rtol(tight, min(tight.tolerance, LOOSEST / 2, max(ceiling, limit)))
     best, made[:] = companions_of(system, tight, asked)
     most, count, kept = ATTEMPTS - 1 + best.runs, len(made), len(companions(system, solver))
-    told: list[tuple[float, float]] = []  # tolerances and estimates
+    told: list[tuple[float, float]] = []  # tolerance and estimated error of every run after the companions
     while best.runs < most:
         loose, coarse = made[-1]
         try:
@@ -190,7 +190,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
                 return best
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
-        made[:], count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are large and no longer needed
+        made[:], count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are dropped: they take much memory
         told.append((tight.tolerance, estimated(system, solver, made, measure, outputs)))
         estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(
@@ -212,14 +212,15 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
 
 
 def closer(asked: Asked, solver: Solver, count: int, kept: int) -> Asked:
-    """What is asked of a run after `count` others, the first `kept` of which are companions of the first: its steps are bounded
-    more closely than theirs."""
+    """`asked` for a run that follows `count` others, with shorter longest steps than theirs; kept: how many of these were the
+    first companions."""
     return replace(asked, share=CLOSER**count, impacts=solver.impacts * CLOSER_IMPACTS ** (count - kept))
 
 
 def _fall(told: list[tuple[float, float]]) -> float:
-    """The power of the tolerance with which the error is taken to fall, from tolerances and estimates: FALL, or what the last two
-    runs showed where that is less. It may be far less where runs leave out vibrations that tighter ones resolve."""
+    """The power of the tolerance with which the error is assumed to fall: FALL, or the power that the last two runs showed where
+    that is smaller, as where looser runs leave out vibrations that tighter ones resolve. told: tolerance and estimate of every
+    run."""
     if len(told) < 2:
         return FALL
     (loose, before), (tight, now) = told[-2:]
@@ -227,7 +228,8 @@ def _fall(told: list[tuple[float, float]]) -> float:
 
 
 def _cuts(system: System, solver: Solver, end: float) -> int:
-    """Number of stretches into which inputs of time divide a run: a tighter run divides those of tables more finely."""
+    """Number of stretches into which inputs of time divide a run to the time `end` (s), each at least a step. It depends on the
+    tolerance, because tables are divided more finely for a smaller one."""
     if system.timeline is None:
         return 0
     line = system.timeline(system.t0, end, solver.aimed(system.label))
@@ -235,8 +237,8 @@ def _cuts(system: System, solver: Solver, end: float) -> int:
 
 
 def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controlled, list[Run]]:
-    """Companions of the first run at a tolerance: the last one, and all with their tolerances, the largest first. A companion
-    that fails is left out, unless it is the last."""
+    """Make the companions of the run `tight`, with larger tolerances. Returns the last one, and all with their tolerances, the
+    largest first. A companion that fails is left out; the last one must not fail."""
     rtols = [min(tight.tolerance * multiple, LOOSEST) for multiple in companions(system, tight)]
     made: list[Run] = []
     cpu = 0.0
@@ -255,15 +257,17 @@ def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controll
 
 def with_short_vibrations(run: Controlled, system: System, prepared: Prepared | None, accuracy: float,
                            measure: Measure) -> Controlled:  # fmt: skip
-    """The run whose estimate includes vibrations shorter than its constant steps. Such vibrations look the same at half the step,
-    so that halving does not show them. Measured: an estimate of 5e-6 where a stiff spring vibrated with 2e-4."""
+    """The run with an estimate that includes vibrations with periods shorter than its constant steps. Runs with a step and with
+    half of it reproduce them equally badly, so that their difference does not show them. Measured: an estimate of 5e-6 where a
+    stiff spring vibrated with 2e-4."""
     close = RadauIIA(3).at_accuracy(max(accuracy, 1e-9), system.label)
     return with_left_out(run, Probe(close, system, prepared, FIRST_STEPS * run.solution.stats.h_max, PROBES), measure)
 
 
 class Probe(NamedTuple):
-    """Short runs by another solver or of another system, of `span` (s) from the start of a run and from every excitation by its
-    inputs. Each is compared with that run at `samples` times; the distance is multiplied by `margin`."""
+    """How short runs are made that show vibrations left out of a run: by `solver`, of `system`, of length `span` (s), from the
+    start of the run and from every excitation by its inputs. Each is compared with the run at `samples` times, and the distance
+    is multiplied by `margin`."""
 
     solver: Solver
     system: System
@@ -274,8 +278,8 @@ class Probe(NamedTuple):
 
 
 def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled:
-    """The run whose estimate includes its largest distance from a probe (infinite where a probe fails within its first steps),
-    with the cost of the probes, and with them among its `others`."""
+    """The run with an estimate that includes its largest distance from the short runs of `probe` (infinite where one of them
+    fails in its first steps), with their cost added, and with them among its `others`."""
     solution, estimate = run.solution, run.estimate
     for begin, end in windows(probe.system, solution, probe.span):
         try:
@@ -296,7 +300,8 @@ def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled
 
 
 def _apart(run: Solution, close: Solution, times: Array, measure: Measure) -> float:
-    """Largest distance between two runs at some times, with velocities measured by the speeds of the whole first run."""
+    """Largest distance of the run `close` from `run` at some times; differences of velocities are relative to the speeds of the
+    whole `run`."""
     steps = run.t[:: len(run.t) // SAMPLES + 1]
     both = np.concatenate([times, steps])
     return float(np.max(measure(both, run(both), np.concatenate([close(times), run(steps)]))))

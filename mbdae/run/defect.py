@@ -31,19 +31,22 @@ from mbdae.system.scene_system import SceneSystem
 from mbdae.ties import largest
 
 SEED = 20240229
-POINTS = 12  #: number of points in every step of a scene with possible short events; an event of a tenth of the step is then hit
+POINTS = 12  #: number of points in every step of a scene with possible short events, so that one lasting a tenth of it is hit
 ALONG = 400  #: number of further points along the whole run of such a scene, most of them in long steps
-JITTER = 0.5  #: random part of the interval of a point; with 1, gaps of twice the interval could occur
-SHARE = 0.03  #: ratio of the number of points of all other scenes to the residual evaluations of the run
-SINGLE = 2 / 3  #: fraction of these used as single points; the others are for steps that stand out
+JITTER = 0.5  #: fraction of its interval in which a point is placed at random; with 1, two points could be two intervals apart
+SHARE = 0.03  #: in all other scenes: ratio of the number of points to the residual evaluations of the run
+SINGLE = 2 / 3  #: fraction of these points that are spread singly over the run; the others examine steps whose defect stands out
 FEWEST, MOST = 4, 400  #: smallest and largest number of single points
 OUTSTANDING = 30.0  #: ratio of the defect at a single point to the median of all above which its step stands out
-DEGREE = 5  #: degree of the polynomial that is integrated exactly; the remainder is integrated by the trapezoidal rule
-#: number of neighbouring steps that share J; ratio of effect to limit above which a step gets a J of its own
+DEGREE = 5  #: degree of the polynomial, fitted to the defect in a step, that is integrated exactly; the remainder by trapezoids
+#: BLOCK: number of neighbouring steps for which one iteration matrix J is used; DOUBTFUL: ratio of the effect to its limit above
+#: which a step gets a J of its own
 BLOCK, DOUBTFUL = 8, 0.25
-LARGE = 0.1  #: ratio of the defect at a point to the largest in its step above which it counts as large
-ALIKE, QUARTER = 30.0, 0.25  #: with constant steps: largest usual ratio of an effect to this quantile of the effects of all steps
-AT_ONCE, LARGEST, STORED = 64, 30000, 2_000_000  #: points evaluated in one call; unknowns at all of them; numbers stored at once
+LARGE = 0.1  #: a defect of at least this fraction of the largest in its step is large: `recheck` ends a short step at that point
+#: with constant steps a step is suspect if its effect is above ALIKE times the quantile QUARTER of the effects of all steps
+ALIKE, QUARTER = 30.0, 0.25
+#: bounds of memory: AT_ONCE points in one call, at most LARGEST unknowns at these points together; STORED numbers at a time
+AT_ONCE, LARGEST, STORED = 64, 30000, 2_000_000
 SAMPLES = 20  #: number of steps of the run whose speeds determine the unit of velocities
 
 
@@ -52,8 +55,8 @@ class Suspect:
     """A step in which the equations contradict the run.
 
     step: its number; effect: change of the motion (as `motion_distance`); times (k,), s: where the defect was evaluated;
-    large (k,) bool: where it is large; equation: name of the one with the largest defect; allowed: largest effect without
-    suspicion."""
+    large (k,) bool: at which of them it is large; equation: name of the equation with the largest defect; allowed: largest effect
+    of a step that is not suspect."""
 
     step: int
     effect: float
@@ -66,8 +69,8 @@ class Suspect:
 class Defect:
     """The defect of one run; evaluations: number of residual evaluations so far.
 
-    rough: count only the part of the defect that no polynomial of degree 5 over a step describes; used for constant steps, whose
-    smooth error is not controlled."""
+    rough: whether only what remains of the defect after the fit of a polynomial (DEGREE) over a step counts; used for constant
+    steps, whose smooth error no tolerance controls."""
 
     def __init__(self, prepared: Prepared, system: SceneSystem, run: Solution, rough: bool = False) -> None:
         self.prepared, self.system, self.run, self.rough = prepared, system, run, rough
@@ -76,8 +79,8 @@ class Defect:
         self._algebraic = np.array([kind in ("lambda", "mu", "z") for kind in system.kinds])
 
     def suspects(self, limit: float) -> list[Suspect]:
-        """Steps whose effect is above the limit, worst first; of constant steps only those whose effect is also far above that of
-        the others."""
+        """Steps in which the effect of the defect is above the limit, worst first; of constant steps only those whose effect is
+        also far above that of most steps."""
         steps = np.arange(len(self.widths)) if may_have_short_events(self.prepared, self.system) else self._outstanding(limit)
         found = [s for part in self._parts(steps) for s in self._effects(*part, limit)]
         if self.rough and found:
@@ -85,7 +88,7 @@ class Defect:
         return sorted((replace(s, allowed=limit) for s in found if s.effect > limit), key=lambda s: -s.effect)
 
     def _parts(self, steps: Any) -> Iterator[tuple[Any, Array]]:
-        """Groups of steps, as large as memory allows, each with the points of (0, 1) at which the defect is evaluated."""
+        """Groups of steps, as large as memory allows, each with the fractions of a step at which the defect is evaluated."""
         counts = POINTS + (ALONG * self.widths[steps] / np.sum(self.widths)).astype(int)
         for count in distinct(counts):
             inside, alike = self._inside(int(count)), steps[counts == count]
@@ -94,13 +97,14 @@ class Defect:
                 yield alike[first : first + size], inside
 
     def _inside(self, count: int) -> Array:
-        """Points of (0, 1), one in each of `count` equal intervals, shifted at random."""
+        """Fractions of a step, one in each of `count` equal intervals of (0, 1), shifted at random inside it."""
         by = np.array([self.random.random() for _ in range(count)])
         return (np.arange(count) + 0.5 + JITTER * (by - 0.5)) / count
 
     def _outstanding(self, limit: float) -> Any:
-        """Steps in which the defect at a single point stands out, for scenes without possible short events: half of the points
-        are spread evenly over time, so that long steps get more, the other half over the steps."""
+        """Numbers of the steps in which the defect at a single point is far larger than elsewhere (OUTSTANDING) and its effect is
+        above the limit; for scenes without possible short events. Half of the points are spread evenly over time, so that long
+        steps get more, the other half evenly over the steps."""
         t, budget = self.run.t, SHARE * self.run.stats.residuals
         count = min(int(budget * SINGLE), MOST)
         if count < FEWEST:
@@ -136,12 +140,13 @@ class Defect:
         return np.nan_to_num(out), y, yp
 
     def _effects(self, steps: Any, inside: Array, limit: float) -> list[Suspect]:
-        """Steps (m,) as suspects, with the effect of the defect at points (k,) of (0, 1) in each."""
+        """Steps (m,) as suspects, with the effect of the defect, from its values at fractions `inside` (m, k) or (k,) of each."""
         times = self.run.t[steps, None] + inside * self.widths[steps, None]
         F, y, yp = (a.reshape(*times.shape, -1) for a in self._residual(times.ravel()))
         smooth, rest = integrals(inside)
         right = (rest if self.rough else smooth + rest) @ F
-        if not self.rough or len(inside) == 1:  # rows without derivatives hold at every point, so their defect is not integrated
+        # rows without derivatives must hold at every point: their defect itself counts, not its integral
+        if not self.rough or len(inside) == 1:
             right[..., self._algebraic] = F[..., self._algebraic]
         moved = np.empty_like(y)
         for first in range(0, len(steps), BLOCK):
@@ -162,10 +167,11 @@ class Defect:
                 for i, row in enumerate(worst)]  # fmt: skip
 
     def _moved(self, step: int, times: Array, y: Array, yp: Array, given: Array) -> Array:
-        """Change of the unknowns (m, k, n), - J^-1 given, with J in the middle of a step."""
+        """Change of the unknowns -J^-1 given (m, k, n), with the iteration matrix J in the middle of step number `step`. times
+        (k,), y, yp (k, n): points in this step; given (m, k, n): mean defect up to each point of m steps."""
         k, h = len(times) // 2, float(self.widths[step])
         system = systems_at(self.run, times[k : k + 1], self.system)[0]
-        # y' = f with eliminated multipliers is chosen only where nothing is stiff: J is about the unit matrix over the step
+        # y' = f with eliminated multipliers is used only where nothing is stiff, so that J is close to the unit matrix over h
         if not system.has_pattern and system.rhs is not None:
             return -h * given
         right = given.reshape(-1, system.n)
@@ -179,26 +185,27 @@ class Defect:
                 J = np.zeros(system.jacobian_shape)
                 system.jacobian(float(times[k]), y[k], yp[k], 1 / h, J)
                 moved = np.asarray(np.linalg.solve(J, right.T).T)
-        # J is singular: the motion is not determined there, of which `singular_positions` warns
+        # a singular J: the motion is not determined there, and `singular_positions` warns about it
         except (np.linalg.LinAlgError, SingularMatrixError):
             return np.zeros_like(given)
         return -moved.reshape(given.shape)
 
     def _matrix_of(self, system: System) -> IterationMatrix:
-        """dF/dy + dF/dy' / step of the equations in force, whose pattern and order of elimination steps share."""
+        """The iteration matrix of a system; its pattern and order of elimination are used for all steps with the same system."""
         if self._matrix is None or self._matrix.system is not system:
             self._matrix = IterationMatrix(system, np.ones(1), np.zeros(0, complex))
         return self._matrix
 
     def _distance(self, times: Array, y: Array, moved: Array) -> Array:
-        """Largest distance of the motion in every step (m,)."""
+        """Largest distance (m,), in every step, between the motion y (m, k, n) at times (m, k) and that changed by `moved`."""
         t, before, after = times.ravel(), y.reshape(-1, self.system.n), (y + moved).reshape(-1, self.system.n)
         motions = self.prepared.states(t, after)[:2], self.prepared.states(t, before)[:2]
         return np.asarray(np.max(apart(self.prepared, self.run, *motions).reshape(times.shape), axis=1))
 
 
 def apart(prepared: Prepared, run: Solution, a: Motion, b: Motion) -> Array:
-    """`motion_distance` (k,) of two motions in a part of a run, with velocities measured by the speeds of the whole run."""
+    """`motion_distance` (k,) of two motions a and b in some steps of a run; differences of velocities are relative to the speeds
+    of the whole run."""
     some = run.t[:: len(run.t) // SAMPLES + 1]
     here = prepared.states(some, run(some))[:2]
     q_a, u_a, q_b, u_b = (np.concatenate(pair) for pair in zip((*a, *b), (*here, *here), strict=True))
@@ -206,8 +213,9 @@ def apart(prepared: Prepared, run: Solution, a: Motion, b: Motion) -> Array:
 
 
 def integrals(inside: Array) -> tuple[Array, Array]:
-    """Two matrices of weights (k, k) that turn values at points of (0, 1) into integrals from 0 to the next point (for the last
-    point, to 1): exactly for a polynomial fitted to the values, and by the trapezoidal rule for the remainder."""
+    """Two matrices (k, k) that turn values at k points of (0, 1) into integrals from 0 to the next point (for the last point, to
+    1). The sum of both is the integral: the first integrates a polynomial fitted to the values, exactly; the second the
+    remainder, by the trapezoidal rule."""
     degree = min(DEGREE, len(inside) // 2)
     basis = legendre.legvander(2 * inside - 1, degree)
     fit, to, one = np.linalg.pinv(basis), np.append(inside[1:], 1.0), np.eye(len(inside))

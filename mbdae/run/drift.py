@@ -1,4 +1,5 @@
-"""Drift of a run: energy gained or lost without a cause, and violation of joints held by their accelerations only (index 1).
+"""Drift of a run: energy gained or lost without a cause, and violation of joints where constraints are imposed on accelerations
+only (index 1).
 
 BDF of order above 2 adds energy to undamped motion: measured, a pendulum gains a fifth of its energy in 1e4 periods at rtol =
 1e-6, and a damped oscillator can be made to grow. Neither constraints nor local errors show that; the energy balance does.
@@ -17,15 +18,15 @@ from mbdae.system.motion.mechanics import Mechanics, in_units
 from mbdae.system.prepare import Prepared
 from mbdae.ties import largest
 
-ALLOWED = 10.0  #: largest ratio of energy error to energy exchanged, in units of the accuracy asked (or rtol)
+ALLOWED = 10.0  #: a warning is given where the energy error, relative to the energy exchanged, is above this times the accuracy
 SHARE = 1e-3  #: fraction of the energy exchanged below which there is no warning
 POINTS = 1000  #: number of steps of a run at which energies are compared
-ROUNDED = 100 * float(np.finfo(float).eps)  #: rounding of energies, over the largest
+ROUNDED = 100 * float(np.finfo(float).eps)  #: round-off of energies, relative to the largest energy of the run
 SAMPLES = 200  #: number of steps of a run at which constraint rows are evaluated
 
 
 def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[str]:
-    """A warning where the energy balance drifts; none if the run met its accuracy and has dissipation or drives.
+    """A warning where the energy balance drifts; none if the run met its accuracy and energy is dissipated or supplied.
 
     Constant steps, contacts and friction have a check of their own (`reliability`). Beams lose the energy of vibrations that long
     steps damp away (`lost_vibrations`), so that with beams only BDF is checked."""
@@ -50,8 +51,8 @@ def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[s
 
 
 def round_off(prepared: Prepared, e: Energy) -> float:
-    """Energy (J) below which differences of the energies of a run are rounding: a part of the largest energy of the run, of the
-    weight of all bodies times the scene's length, and of their kinetic energy at the scene's typical speed."""
+    """Energy (J) below which differences of the energies of a run are round-off: the fraction ROUNDED of the largest energy of
+    the run, or of a typical one (weight of all bodies times the scene's length, plus their m v^2 at the typical speed v)."""
     scene = prepared.model.scene
     mass = sum(body.mass for body in scene.bodies)
     typical = mass * (float(np.linalg.norm(scene.gravity)) + prepared.length / prepared.time**2) * prepared.length
@@ -60,7 +61,8 @@ def round_off(prepared: Prepared, e: Energy) -> float:
 
 
 def _at_rest(prepared: Prepared, tolerance: float) -> float:
-    """Kinetic energy (J) of the lightest body at a speed below which the tolerance cannot tell it from rest."""
+    """Kinetic energy (J) of the lightest body at the speed that is as large as the tolerance of velocities, so that the body may
+    as well be at rest."""
     masses = [b.mass for b in prepared.model.scene.bodies if b.mass > 0]
     return min(masses, default=0.0) * (tolerance * prepared.length / prepared.time) ** 2 / 2
 
@@ -73,16 +75,16 @@ def _order(run: Controlled) -> int:
 
 
 def row_sizes(mechanics: Mechanics, prepared: Prepared) -> Array:
-    """(m,) sizes of constraint rows, of which their violations are parts: how much a displacement by the scene's length, or by
-    1 rad, changes each at the start; between the scene's length (rows in m) and 1 (rows in rad)."""
+    """Sizes (m,) of constraint rows, to which their violations are related: how much a displacement by the scene's length, or a
+    rotation by 1 rad, changes each row at the start; bounded by the scene's length (for rows in m) and 1 (for rows in rad)."""
     least, most = sorted((prepared.length, 1.0))
     G = mechanics.constraint_matrix(np.array([prepared.start.t]), prepared.start.q)
     return np.asarray(np.clip(row_lengths(in_units(mechanics, G))[:, 0], least, most))
 
 
 def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:
-    """A warning where g over the scene's length, or G u + g_t over its speed, exceeds the accuracy asked for; where none was
-    asked, the accuracy expected of the tolerance."""
+    """A warning where the violation g of a constraint row, relative to its size, or its rate G u + g_t, relative to its size and
+    the scene's speed, exceeds the accuracy asked; where none was asked, the accuracy expected of the tolerance."""
     m, solver = prepared.mechanics, run.solver
     if not m.m:
         return []

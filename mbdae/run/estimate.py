@@ -4,19 +4,20 @@ If a tolerance smaller by the factor r makes the error smaller by r**fall or mor
 obey e <= x E with x = r**fall. They differ by at least E - e, so that e <= x / (1 - x) times their difference.
 
 Sequences of impacts violate this assumption: the time of each impact depends on all before, errors at neighbouring tolerances
-may be nearly equal, and at large tolerances they hardly fall. Measured on a slider-crank with clearance at tolerances from 1e-4
+may be nearly equal, and at large tolerances they hardly fall. Measured with a slider-crank with clearance at tolerances from 1e-4
 to 3e-10 (errors from 3e-6 to 2e-2): with one companion at 10 times the tolerance and the exponent of smooth motion, the estimate
 of Radau IIA is too small by more than a factor of 3 in 11 % of 104 pairs, by 13 at worst. With FALL_WITH_IMPACTS and two
 companions this happens never in 94 cases (at 3 and 30 times the tolerance; factor 2.2 at worst) and in 2 % of 83 (at 10 and 100
 times; 4.0 at worst); with IDA never in 28.
 
-Where the duration of an impact bounds the steps, and not the tolerance, runs at different tolerances take the same steps and are
-off by the same amount. The companions may therefore cover a larger part of an impact by one step (`CLOSER_IMPACTS` of `control`).
-Measured on 266 drawn scenes with balls and pins at up to six tolerances each (1366 cases): with the same part for all runs the
-estimate is too small by more than a factor of 3 in 44 % of 88 cases with DOP853 (327 at worst) and in 1.2 % of 1098 with Radau
-IIA (12 at worst); with the companions' parts, and the differences themselves where they contradict the assumed fall, in 2.5 %
-(4.1 at worst) and in 0.1 % (5.8 at worst). With IDA and CVODE never in 131. All runs with DOP853 have covered a quarter of these
-parts since (`Solver.impacts`).
+Where the duration of an impact bounds the steps, and not the tolerance, runs at different tolerances take the same steps and have
+the same error, which their difference does not show. Companions may therefore take longer steps during an impact than the run
+(`CLOSER_IMPACTS` of `control`). Measured on 266 scenes with balls and pins, drawn at random, at up to six tolerances each (1366
+cases): with the same bound for all runs the estimate is too small by more than a factor of 3 in 44 % of 88 cases with DOP853 (327
+at worst) and in 1.2 % of 1098 cases with Radau IIA (12 at worst). With longer steps of the companions, and with the differences
+themselves as estimate where they contradict the assumed fall (`contradicted`), that happens in 2.5 % (4.1 at worst) and in 0.1 %
+(5.8 at worst); with IDA and CVODE never in 131 cases. Since then runs with DOP853 take steps a quarter as long during impacts
+(`Solver.impacts`).
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from mbdae.integrators.solution import Solution
 from mbdae.system.base import Array, System
 
 FALL_WITH_IMPACTS = 0.5
-LEAST = 0.05  #: smallest ratio of error to difference that is assumed, even for very different tolerances
+LEAST = 0.05  #: smallest ratio that is assumed of the error of a run to its difference from a companion
 
 Run = tuple[float, Solution]  #: tolerance and solution of a run
 
@@ -48,23 +49,26 @@ def fall_of(system: System, solver: Solver) -> float:
 
 
 def share_of(system: System, solver: Solver, ratio: float) -> float:
-    """Ratio of the error of a run to its difference from one at a tolerance larger by 1 / ratio."""
+    """Assumed ratio of the error of a run to its difference from a companion; ratio: tolerance of the run over the
+    companion's."""
     x = ratio ** fall_of(system, solver)
     return float(max(x / (1 - x), LEAST))
 
 
 def contradicted(gaps: Sequence[float], ratios: Sequence[float], fall: float) -> bool:
-    """Whether the differences of a run from its companions show errors that fall more slowly than r**fall.
+    """Whether the differences of a run from its two companions show that errors fall more slowly than with the power `fall` of
+    the tolerance.
 
-    gaps, ratios: differences, and tolerances of the companions over that of the run, the largest first."""
+    gaps: differences from the companions; ratios: tolerances of these over that of the run; both for the looser companion
+    first."""
     (wide, near), (far, close) = gaps, ratios
     return bool(wide * (close**fall - 1) < near * (far**fall - 1))
 
 
 def estimated(system: System, solver: Solver, runs: Sequence[Run], measure: Measure, outputs: Array) -> float:
-    """Estimated error of the last of several runs with falling tolerances: the largest estimate from its companions, which are
-    the runs before it, as many as `companions` has; at least their largest difference, where two companions show that errors fall
-    more slowly than assumed."""
+    """Estimated error of the last of several runs with falling tolerances. Its companions are the runs before it, one or, with
+    contacts, two (`companions`). The largest of their estimates is taken; where two show that errors fall more slowly than
+    assumed, at least the larger difference."""
     tolerance, fine = runs[-1]
     gaps, ratios, found = [], [], 0.0
     for before, coarse in runs[-1 - len(companions(system, solver)) : -1]:

@@ -11,7 +11,7 @@ from mbdae.integrators.solution import Solution
 from mbdae.system.base import Array, System
 
 MOST = 4  #: largest number of excitations considered: those that change velocities and accelerations most
-LONG = 50.0  #: ratio of duration to mean step above which a changing input does not count as an excitation
+LONG = 50.0  #: a change of an input that lasts longer than this many mean steps does not count as an excitation
 
 
 def windows(system: System, run: Solution, span: float) -> Iterator[tuple[float, float]]:
@@ -49,7 +49,8 @@ def _merged(found: Array, near: float) -> list[tuple[float, float]]:
 
 
 def _change(system: System, run: Solution, excitation: tuple[float, float], h: float) -> float:
-    """Largest change of a velocity by an excitation over its scale, plus that by the jump of its acceleration within one step."""
+    """Largest change of a velocity, relative to its scale, during an `excitation` (begin, end), s, plus the change that the jump
+    of its acceleration causes within one step h (s)."""
     velocities = np.array([kind == "v" for kind in system.kinds])
     a, b = excitation
     aside = 1e-9 * max(abs(a), abs(b), h)

@@ -1,9 +1,9 @@
-"""Contacts that come and go inside single steps of a run.
+"""Contacts that close and open again inside single steps of a run.
 
 Solvers look at the gaps of contacts at the ends of their steps and judge what lies between by the cubic polynomial through gaps
-and their rates. Where a gap turns within a small part of a step, this polynomial says little: a small ball that flies past
-another one, the tip of a body that spins freely. Here the gaps are evaluated on the dense output of the run, at random points
-inside every step first, and then more closely wherever they may close.
+and their rates. Where a gap passes its minimum within a small fraction of a step, this polynomial does not show it: a small ball
+flies past another one, or the tip of a body that spins freely passes a wall. Here the gaps are evaluated on the dense output of
+the run, at random points inside every step first, and then at more and more points wherever they may close.
 """
 
 from __future__ import annotations
@@ -23,15 +23,16 @@ from mbdae.system.base import Array, System
 SEED = 20240301
 POINTS = 5  #: number of first points inside every step
 LEVELS = 20  #: largest number of times that an interval is halved
-AT_ONCE = 1000  #: steps looked at together
-DOUBT = 0.25  #: part of the distance of a gap from its cubic at the middle by which it may be off in either half
+AT_ONCE = 1000  #: number of steps whose gaps are evaluated together
+DOUBT = 0.25  #: in either half of an interval a gap may differ from its cubic by this fraction of the difference in the middle
 MOST = 20000  #: largest number of intervals that are halved together
 
-Pairs = Callable[[Array], Array]  #: times (k,) -> gaps and their rates (k, places, 2)
+Pairs = Callable[[Array], Array]  #: times (k,) -> gap and its rate at every place of contact (k, places, 2)
 
 
 class Hidden(NamedTuple):
-    """A contact that is closed at `deepest` (s) and open at `begin` and `end` (s) and at the ends of the step around them."""
+    """A contact that closed inside a step: it is closed at the time `deepest` (s), and open at both ends of the step. The times
+    `begin` and `end` (s), before and after it, are those between which it was found."""
 
     name: str
     begin: float
@@ -48,7 +49,8 @@ def stepped_over(hidden: Sequence[Hidden]) -> str:
 
 
 class _Intervals(NamedTuple):
-    """Intervals (k,) between two times inside steps: numbers of steps and contacts, and gaps and rates (k, 2) at both ends."""
+    """k intervals of time inside steps in which a contact is sought: numbers of their steps and of the places of contact, begin
+    and end (s), and gap and its rate (k, 2) at both ends."""
 
     step: Any
     place: Any
@@ -56,10 +58,10 @@ class _Intervals(NamedTuple):
     b: Array
     left: Array
     right: Array
-    doubt: Array  #: distance (k,) by which a gap may differ from its cubic
+    doubt: Array  #: distance (k,) by which the gap in an interval may differ from the cubic through both ends
 
     def chosen(self, which: Any) -> _Intervals:
-        """Those of a mask or of numbers."""
+        """The intervals that a mask or an array of indices selects."""
         return _Intervals(*(part[which] for part in self))
 
     def may_close(self, depth: float) -> Any:
@@ -77,13 +79,14 @@ class _Intervals(NamedTuple):
 
 
 def _off_cubic(gap: Array, s: Any, h: Array, left: Array, right: Array) -> Array:
-    """Distance of gaps at the part s of intervals of width h (s) from the cubics with gaps and rates (..., 2) at their ends."""
+    """Distance of gaps, at the fraction s of intervals of length h (s), from the cubics with gap and rate `left` and `right`
+    (..., 2) at the ends of the intervals."""
     return np.asarray(np.abs(gap - cubic(s, h, left[..., 0], right[..., 0], left[..., 1], right[..., 1])))
 
 
 def hidden_contacts(system: System, run: Solution, depth: float) -> list[Hidden]:
-    """Contacts that close by more than `depth` (m or rad) inside steps at whose ends they are open, in the order of time; of
-    several times in one step one is returned. They are counted in the statistics of the run."""
+    """Contacts that close by more than `depth` (m or rad) inside steps at whose ends they are open, in the order of time. Where a
+    contact closes several times in one step, one of them is returned. They are counted in the statistics of the run."""
     if system.guards is None or len(run.t) < 2:
         return []
     pairs, random, found = _pairs_of(system, run), Random(SEED), list[Hidden]()
@@ -96,7 +99,7 @@ def hidden_contacts(system: System, run: Solution, depth: float) -> list[Hidden]
 
 
 def _drawn(random: Random, steps: int) -> Array:
-    """Random parts (steps, POINTS), from 0.1 to 0.9."""
+    """Random numbers (steps, POINTS) from 0.1 to 0.9: where the first points are in their intervals of a step."""
     return np.array([random.uniform(0.1, 0.9) for _ in range(steps * POINTS)]).reshape(steps, POINTS)
 
 
@@ -123,8 +126,9 @@ def _one_by_one(system: System, times: Array, y: Array) -> Array:
 
 
 def _in_steps(pairs: Pairs, t: Array, parts: Array, depth: float) -> list[tuple[int, float, float, float]]:
-    """Number, begin, deepest time and end of contacts inside steps between the times t (n+1,), seen first from the parts
-    (n, POINTS) of the pieces into which every step is divided."""
+    """(number of a contact, begin, time at which it is closed, end) for contacts that close inside the steps between the times t
+    (n+1,). parts (n, POINTS): every step is divided into POINTS intervals; fraction of each interval at which gaps are evaluated
+    first."""
     steps = len(t) - 1
     inner = t[:-1, None] + (np.arange(POINTS) + parts) / POINTS * np.diff(t)[:, None]
     times = np.concatenate([t[:-1, None], inner, t[1:, None]], axis=1)

@@ -50,9 +50,9 @@ from mbdae.system.without_multipliers import WithoutMultipliers
 
 UNRESOLVED = ("part of the error are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with "
               "solver=mb.RadauIIA(3) follows them")  # fmt: skip
-#: ratio of the accuracy of a run that only locates an event to that of the run that ends there, and its largest accuracy
+#: a run that only locates an event is made to LOOSER times the accuracy of the run that then ends there, but at most to MOST
 LOOSER, MOST = 10.0, 1e-3
-NEARLY = 10.0  #: largest ratio of estimate to accuracy for which a tighter run is tried before one that resolves all vibrations
+NEARLY = 10.0  #: up to this ratio of estimate to accuracy a tighter run is tried before one that resolves all vibrations of beams
 
 
 def _same(value: Any) -> Any:
@@ -82,7 +82,7 @@ class Job:
             system = system.strictly(strict)
         with self._attaching(solver):
             if not solver.fixed and solver.rtol is None and getattr(solver, "atol", None) is not None:
-                solver = solver.at_accuracy(self.accuracy, system.label)  # the user set atol: run once, with rtol chosen to match
+                solver = solver.at_accuracy(self.accuracy, system.label)  # atol is the user's: one run, with the usual rtol
             if solver.fixed or solver.rtol is not None:
                 with python_warnings.catch_warnings(record=True) as caught:
                     python_warnings.simplefilter("always", AccuracyWarning)
@@ -109,8 +109,9 @@ class Job:
         return run_controlled(system, self.prepared, solver, accuracy, replace(self.asked, begin=self.begin), self.times)
 
     def _with_waves(self, run: Controlled, solver: Solver, system: SceneSystem) -> Controlled:
-        """The run if the elastic vibrations that its long steps damp away are small enough; else a tighter run if they are nearly
-        small enough (shorter steps damp less away), or one that resolves them all."""
+        """The run itself where the vibrations of beams that its long steps damp away are below the accuracy. Where they are above
+        it by at most the factor NEARLY, a tighter run, whose shorter steps damp less away; else one that resolves all
+        vibrations."""
         resolving = system_for(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
         run = with_lost_vibrations(self.prepared, resolving, run)
         if self.accuracy < run.estimate < NEARLY * self.accuracy and not self.prepared.contacts:
@@ -124,7 +125,8 @@ class Job:
         return _better(run, lambda: replace(self._controlled(resolving, solver), waves=True))
 
     def until(self, solver: Solver, ends: Callable[[Prepared, Solution], Any]) -> float | None:
-        """Time (s) of the event that ends a run, found by a run at a larger tolerance that stops after it; None without event."""
+        """Time (s) of the event that ends a run, found by a run at a larger tolerance that stops soon after it; None without
+        event. ends: function of a scene and a solution that returns the first event, or None."""
         looser = min(LOOSER * self.accuracy, MOST)
         if not solver.fixed and solver.rtol is None:
             solver = solver.at_accuracy(looser, self._system(solver).label)
@@ -133,14 +135,14 @@ class Job:
         return found
 
     def _found(self, solver: Solver, asked: Asked, ends: Callable[[Prepared, Solution], Any]) -> float | None:
-        """Time (s) of the event on one run, which is not stored in a checkpoint because it is short."""
+        """Time (s) of the event in one run of the solver; the run is not stored in a checkpoint, because it is short."""
         try:
             with python_warnings.catch_warnings(), keeping_runs(None):
                 python_warnings.simplefilter("ignore", AccuracyWarning)
                 found = solver.run(self._system(solver), asked)
         except WallClockError:
             raise
-        except SolverError as error:  # after the event the motion may end
+        except SolverError as error:  # the motion may break down soon after the event, which is then on the solution so far
             if not isinstance(error.solution, Solution):
                 return None
             found = error.solution
@@ -164,7 +166,7 @@ class Job:
             except (SolverError, OptionError) as error:
                 said = str(error)
                 runs, cpu = runs + 1, cpu + (cpu_of(error) if isinstance(error, SolverError) else 0.0)
-                failure = error if failure is None or isinstance(solver, RadauIIA) else failure  # it passes more than the others
+                failure = error if failure is None or isinstance(solver, RadauIIA) else failure  # Radau IIA fails least often
                 why = said if solver.label in said else f"{solver.label} stopped: {said}"
                 continue
             runs, cpu = runs + run.runs, cpu + run.cpu_s
@@ -180,8 +182,8 @@ class Job:
         return replace(best[0], runs=runs, cpu_s=cpu), best[1]
 
     def _missed(self, run: Controlled) -> str:
-        """Why another method should be tried, "" where it need not: the accuracy is missed, or joints held by their accelerations
-        only drift."""
+        """Why another method should be tried: the accuracy is missed, or joints drift because constraints are imposed on
+        accelerations only; "" where none need be tried."""
         if not run.estimate <= self.accuracy:
             return f"came to {run.estimate:.1e}"
         doubts = [*run.notes, *joint_drift(self.prepared, run, self.accuracy)] if self.form.label == "Index1" else []
@@ -202,7 +204,7 @@ class Job:
             made = Result(self.prepared, run.solution, info, times)
             found = kept_value(lambda: assessed(made, run, self.form.label == "Index1"), tuple, lambda kept: Assessment(*kept))
             known = found.within(known)
-            if found.reliable and not found.singular:  # otherwise the run has a warning already
+            if found.reliable and not found.singular:  # else a warning already says that the run is not to be relied on
                 missed = kept_value(lambda: rechecked(self.prepared, self.form, self._system(run.solver), run, known.asked),
                                     asdict, Rechecked.again)  # fmt: skip
                 info, known = replace(info, cpu_s=info.cpu_s + missed.cpu_s), missed.within(known)
@@ -214,7 +216,8 @@ class Job:
 
     @contextmanager
     def _attaching(self, solver: Solver) -> Iterator[None]:
-        """Where a run fails or is interrupted inside, attach its computed part to the error as a Result."""
+        """Context in which a run is made: where it fails or is interrupted, what was computed is attached to the error as a
+        Result."""
         try:
             yield
         except (SolverError, KeyboardInterrupt, SystemExit) as error:
@@ -235,7 +238,7 @@ class Job:
 
 
 def _better(run: Controlled, attempt: Callable[[], Controlled]) -> Controlled:
-    """The run, or that of an attempt if its estimate is smaller; with the cost of both."""
+    """The run, or that which `attempt` returns if its estimate is smaller; with the cost of both."""
     try:
         again = attempt()
     except FINAL:

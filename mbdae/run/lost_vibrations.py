@@ -15,10 +15,11 @@ from mbdae.system.distance import distance
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
 
-WINDOW = 5.0  #: duration of the short run in mean steps; slower vibrations are resolved by the run itself
+WINDOW = 5.0  #: length of a short run, in mean steps of the run; vibrations with longer periods are resolved by the run itself
 POINTS = 400  #: number of times at which both runs are compared
-#: factor of their distance: the largest amplitude may come after the short run (observed: 1.9 times as much), and the short run
-#: has the tolerance of a companion (observed: 6 % of an amplitude missed, at an eighth of the cost)
+#: factor on the distance of the two runs: the largest amplitude may come after the end of the short run (observed: 1.9 times as
+#: large), and the short run is made with the tolerance of a companion (observed: 6 % of an amplitude missed, an eighth of the
+#: cost)
 MARGIN = 2.1
 
 

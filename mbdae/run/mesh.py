@@ -1,4 +1,4 @@
-"""The discretisation error of beams, from the same run on a finer mesh.
+"""The discretisation error of beams, by the difference from the same run on a finer mesh.
 
 The finer mesh has the same elements with one order more; measured, the estimate is 0.5 to 1.9 times the error. A comparison with
 half the elements can give a thousandth of the error where a coarse mesh shifts the frequencies of vibrations (docs/beams.md).
@@ -28,14 +28,15 @@ from mbdae.system.prepare import Prepared, prepare
 
 TIMES = 201  #: number of times at which both meshes are compared
 PLACES = np.linspace(0, 1, 5)  #: places of every element at which they are compared
-INWARDS = 1e-6  #: distance, as a fraction of an element, from a shared node that selects the section of one element
+#: fraction of an element by which a place at its end is moved inside it, to find the element of the other mesh on the same side
+INWARDS = 1e-6
 
 
 def with_finer_beams(scene: SceneData) -> SceneData:
     """A copy of the scene with beams of one order more, or with twice as many elements where there is no higher order."""
     try:
         finer = copy.deepcopy(scene)
-    except TypeError as error:  # a law of the user contains an open file, a lock, ...
+    except TypeError as error:  # a law of the user's contains what cannot be copied: an open file, a lock, ...
         raise OptionError(f"scene '{scene.name}' cannot be copied, as a finer mesh needs ({error}): keep such an object, like an "
                           "open file, out of its laws") from error
     for beam in (body for body in finer.bodies if isinstance(body, Beam)):
@@ -72,7 +73,8 @@ def distance_of_meshes(a: tuple[Prepared, Array], b: tuple[Prepared, Array]) -> 
 
 
 def _along(line: Line, q: Array, other: Line, q_other: Array, length: float) -> float:
-    """Largest difference between the sections of a beam on two meshes."""
+    """Largest difference between the sections of a beam on two meshes with positions q and q_other (nt, nq): over `length` (m),
+    and of rotations in rad."""
     worst, ends = 0.0, other.mesh.places[np.r_[other.mesh.elements[:, 0], other.mesh.elements[-1, -1]]]
     for e, nodes in enumerate(line.mesh.elements):
         first, last = line.mesh.places[nodes[[0, -1]]]

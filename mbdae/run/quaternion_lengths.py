@@ -1,6 +1,7 @@
 """Quaternions of different length along a beam, which make interpolated rotations and strains wrong.
 
-A length common to all does not matter. Measured: lengths from 1 to 1.08 within an element change its strains by 1e-4."""
+A length other than 1 that is common to all does not matter. Measured: lengths from 1 to 1.08 within an element change its strains
+by 1e-4."""
 
 from __future__ import annotations
 
@@ -8,7 +9,7 @@ import numpy as np
 
 from mbdae.results.result import Result
 
-UNEQUAL = 1e-3  #: bound of largest over smallest length within an element, minus 1, above which there is a warning
+UNEQUAL = 1e-3  #: largest relative difference of the quaternion lengths in one element without a warning
 SAMPLES = 200  #: number of steps of the run at which lengths are compared
 
 

@@ -24,11 +24,11 @@ from mbdae.system.scene_system import SceneSystem
 from mbdae.system.start.start import Start
 
 FINER = 10.0  #: ratio of the accuracy of the run to that of the fine run
-BUDGET = 3000  #: largest number of residual evaluations between two points of the step
-BETWEEN = 8  #: number of instants compared between two points
+BUDGET = 3000  #: largest number of residual evaluations of the fine run between two points at which it stops
+BETWEEN = 8  #: number of times, between two such points, at which the run and the fine run are compared
 MOST = 5  #: largest number of suspicious steps of a run that are integrated again
-SHORTER = 0.8  #: ratio of the step proposed in the warning to the longest one that would resolve what acts
-WARNED = 3.0  #: ratio of a difference to the allowed one above which there is a warning
+SHORTER = 0.8  #: ratio of the step proposed in the warning to the longest one that would resolve the short event
+WARNED = 3.0  #: a warning is given where the motions differ by more than this many times what is allowed in the step
 UNCONTROLLED = 1e-6  #: accuracy assumed for runs with constant steps
 
 
@@ -62,13 +62,14 @@ class FineRun:
         return worst
 
     def _system(self, t: float, y: Array) -> SceneSystem:
-        """The equations with a consistent start at a state of the run."""
+        """The equations that start at the time t (s) with the state y (n,) of the run, and with consistent accelerations and
+        multipliers."""
         p, at = self.prepared, np.array([t])
         q, u, s = p.states(at, y[None])
         a, multipliers = p.mechanics.accelerations(at, q, u, s)
         start = Start(t, q[0], u[0], s[0], a[0], multipliers[0])
         system = system_for(replace(p, start=start), self.form, self.solver.highest_index)
-        return system.sampling(None)  # controllers hold their outputs inside of a step
+        return system.sampling(None)  # without sampling instants, since sampled controllers hold their outputs inside a step
 
     def _stops(self, suspect: Suspect) -> Array:
         """Times (s) at which the fine run stops: points with a large defect, their neighbours, the end of the step."""
@@ -79,8 +80,9 @@ class FineRun:
 
 @dataclass(frozen=True)
 class Contradiction:
-    """Something that acts from about begin to end (s) inside a step of `step` s and that the step missed: name of the equation
-    with the largest defect, resulting difference (as `motion_distance`), and longest step (s) that resolves it."""
+    """A short event that a step missed: it acts from about `begin` to `end` (s) inside the step of length `step` (s). equation:
+    name of the equation with the largest defect; difference: of the motion, as `motion_distance`; longest: longest step (s) that
+    would resolve the event."""
 
     begin: float
     end: float
@@ -91,7 +93,7 @@ class Contradiction:
 
     @classmethod
     def of(cls, run: Solution, suspect: Suspect, difference: float) -> Self:
-        """A contradiction from a suspect and the difference that its fine run showed."""
+        """The contradiction in a suspect step; difference: that of the motion from the fine run."""
         times, step = suspect.times[suspect.large], float(run.t[suspect.step + 1] - run.t[suspect.step])
         begin, end = float(times[0]), float(times[-1])
         return cls(begin, end, step, suspect.equation, difference, (end - begin + step / len(suspect.times)) / 2)
@@ -99,7 +101,8 @@ class Contradiction:
 
 @dataclass(frozen=True)
 class Rechecked:
-    """Contradictions between the equations of motion and a run, worst first; number of suspicious steps; CPU time, s."""
+    """Contradictions between the equations of motion and a run, worst first; suspects: number of suspicious steps; cpu_s: CPU
+    time of the check, s."""
 
     contradictions: tuple[Contradiction, ...] = ()
     suspects: int = 0
@@ -134,7 +137,8 @@ class Rechecked:
 
 
 def rechecked(prepared: Prepared, form: Form, system: SceneSystem, run: Controlled, asked: float | None) -> Rechecked:
-    """What a run missed between the points at which its solver evaluated the equations; system: the equations it solved."""
+    """Short events that a run missed because its solver did not evaluate the equations there; system: the equations it solved;
+    asked: the accuracy, None where none was asked."""
     begin, solution, solver = time.process_time(), run.solution, run.solver
     if len(solution.t) < 2:
         return Rechecked()

@@ -30,8 +30,8 @@ from mbdae.system.without_multipliers import WithoutMultipliers
 
 @dataclass(frozen=True)
 class Size:
-    """Size of a system: numbers of unknowns, equations, multipliers (of positions and of velocities), kernels, and operations of
-    kernels for residual and derivatives."""
+    """Size of a system: numbers of unknowns, of equations, of multipliers (lambda and mu), of kernels (compiled functions of
+    laws), and of the arithmetic operations of all kernels for one residual with its derivatives."""
 
     unknowns: int
     equations: int
@@ -42,7 +42,7 @@ class Size:
 
 @dataclass(frozen=True)
 class Reduction:
-    """The size of the system after a reduction, and why the reduction is possible."""
+    """A step by which the equations become fewer: the size of the system after it, and why it is possible."""
 
     reason: str
     size: Size
@@ -100,7 +100,7 @@ def absent(scene: SceneData) -> list[str]:
 
 
 def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, Assembly]]:
-    """Reason of each reduction and the system after it; every system includes the reductions before it."""
+    """(reason of a reduction, system after it) in order; every system includes the reductions before it."""
     spec, model = GGL().for_index(1).spec(), prepared.model
     by_rows = {c.name: "" for c in scene.joints if c.recursive or c.rigid}
 
@@ -115,7 +115,7 @@ def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, Assembl
         try:
             of = build(replaced(spatial, classical, Classical()) if classical else spatial, by_rows)
             yield reason, whole(of, constraint_rows(of))
-        except MbdaeError:  # some laws exist only in the plane
+        except MbdaeError:  # this reduction is left out: some laws of the scene exist only in the plane
             continue
     of = build(scene, by_rows)
     rows = constraint_rows(of)

@@ -25,14 +25,16 @@ from mbdae.system.start.contacts import ExpectedContact
 
 COARSE = 0.1  #: ratio of position tolerance to penetration above which a result is doubtful
 ALARM = 0.1  #: ratio of energy error to dissipated energy above which a result is not reliable
-MOVING = 1e-3  #: fraction of the largest kinetic energy that replaces a smaller dissipated energy in this ratio
-STORED = 0.1  #: fraction of the largest energy stored in a contact that replaces a smaller dissipated energy
+MOVING = 1e-3  #: in this ratio the dissipated energy is taken as this fraction of the largest kinetic energy at least
+STORED = 0.1  #: and as this fraction of the largest energy stored in a contact at least
 FEW_STEPS = 3  #: number of steps in the shortest contact below which it is not resolved
-#: least values for a backward whirl: ratio of whirl to spin rate, fraction of time in contact, turns around the race
+#: a motion is reported as a backward whirl from these values on: ratio of whirl rate to spin rate, fraction of the time in
+#: contact, number of turns of the pin around the race
 WHIRL_RATE, WHIRL_CONTACT, WHIRL_TURNS = 5.0, 0.9, 2.0
-#: largest step times angular frequency for which an unstable oscillation grows in a run as it does in the equations
+#: a step resolves an unstable oscillation, so that it grows in the run as in the equations, where step times angular frequency
+#: is at most this; longer steps damp it away
 RESOLVED_STEP = 1.0
-GROWN = 5.0  #: logarithm of the growth damped away by the steps above which there is a warning
+GROWN = 5.0  #: smallest logarithm of the growth that steps have damped away, summed over the run, for which there is a warning
 
 
 class Assessment(NamedTuple):
@@ -127,9 +129,10 @@ def _of_contact(result: Result, run: Controlled, expected: ExpectedContact) -> l
 
 
 def _finer(run: Controlled, form: str, wanted: float, else_do: str) -> str:
-    """Advice to take a smaller rtol, or another one where the solver does not take so small a tolerance."""
+    """Advice in words to take the rtol `wanted`, or, where round-off does not allow so small a one, the smallest allowed or
+    `else_do`."""
     least = run.solver.tightest.get(form, run.solver.tightest[""])
-    if least <= 3 * wanted:  # there is no warning up to three times what is wanted
+    if least <= 3 * wanted:  # with a tolerance of up to three times the wanted one the warning does not come again
         return f"use rtol = {max(wanted, least):.1g}"
     return f"rtol = {least:.1g}, the smallest it takes in this form, does not resolve that either; {else_do}"
 

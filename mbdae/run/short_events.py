@@ -16,9 +16,10 @@ from mbdae.system.assembled.right_hand_side import state_rate_outputs
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
 
-#: outputs of laws that are searched: forces, rows of joints, rates of internal states
+#: outputs of laws whose expressions are searched for steep functions: forces, constraint rows, rates of internal states
 STATED = (loads, position, state_rate_outputs)
-OF_ROTATIONS = ("sin", "cos", "UnevaluatedExpr")  #: functions of rotations, in nearly every law; UnevaluatedExpr is a bracket
+#: functions that are not steep: those of angles, which are in nearly every law; UnevaluatedExpr only marks a bracket
+OF_ROTATIONS = ("sin", "cos", "UnevaluatedExpr")
 
 
 def may_have_short_events(prepared: Prepared, system: SceneSystem) -> bool:
@@ -29,7 +30,7 @@ def may_have_short_events(prepared: Prepared, system: SceneSystem) -> bool:
 
 def _inputs(prepared: Prepared, system: SceneSystem) -> bool:
     if system.timeline is not None:
-        return False  # steps are bounded by the width of every input and end at every break
+        return False  # no step is longer than the time scale of an input, and steps end at all breaks
     inputs = prepared.mechanics.numbering.clock.expressions
     return any(se.diff(se.diff(se.diff(se.sympify(e), TIME), TIME), TIME) != 0 for e in inputs)
 
@@ -41,7 +42,7 @@ def _laws(prepared: Prepared) -> bool:
 
 @lru_cache(maxsize=512)
 def _switches(law: Any, structure: Any, sides: Any) -> bool:
-    """Whether a law between nodes of given kinds states a steep function."""
+    """Whether a law, with the given structure and kinds of nodes (`sides`), contains a steep function."""
     derived = derive(law, structure, sides)
     return bool(derived.noted("short_events.steep", lambda: any(
         _steep(e) for outputs in STATED for e in _subexpressions(plan(derived, outputs).kernel.expressions))))  # fmt: skip
@@ -60,7 +61,8 @@ def _subexpressions(expressions: Sequence[Any]) -> Iterator[Any]:
 
 def _steep(e: Any) -> bool:
     """Whether a subexpression may be steep: a function other than sine and cosine, a power with a symbol in the exponent
-    (symengine's exp is a power of e), or 1 / (1 + ...); powers of distances are not."""
+    (symengine's exp is a power of e), or a negative power of a sum with a constant, such as 1 / (1 + x^2). Powers
+    of distances are not steep in this sense."""
     if isinstance(e, se.Function):
         return type(e).__name__ not in OF_ROTATIONS
     if not isinstance(e, se.Pow):

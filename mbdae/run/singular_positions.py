@@ -16,11 +16,13 @@ from mbdae.system.base import Array
 from mbdae.system.rank.rows import nearly_vanishing, smallest, unit_rows_at
 
 SAMPLES = 200  #: number of positions evaluated along the run
-CHOSEN, REFINED = 5, 40  #: largest number of minima that are refined, and evaluations for each
-NEAR = 0.3  #: ratio of the smallest singular value to its median below which a minimum is refined
-LAST, BEFORE = 5, 20  #: numbers of steps before a stop, and of times of the whole run they are compared with
-SINGULAR = 1e-3  #: ratio of the smallest singular value before a stop to its median over the run below which it is named
-RELEASED = 3.0  #: growth of the smallest singular value without the row of a prescribed value, above which this value causes it
+CHOSEN, REFINED = 5, 40  #: largest number of minima between samples that are refined, and number of evaluations for each
+NEAR = 0.3  #: ratio of the smallest singular value to its median over the run below which its minimum is refined
+#: the singular values of the LAST steps before a run stopped are compared with those at BEFORE times of the whole run
+LAST, BEFORE = 5, 20
+SINGULAR = 1e-3  #: ratio of the smallest singular value before a stop to its median, below which the position counts as singular
+#: a prescribed value counts as the cause where, without its row, the smallest singular value is this many times as large
+RELEASED = 3.0
 UNCONTROLLED = 1e-6  #: violation that a run without a tolerance is assumed to resolve
 GOLDEN = (5**0.5 - 1) / 2
 
@@ -42,9 +44,9 @@ def singular_passages(result: Result, asked: float | None) -> list[str]:
 
 
 def singular_stop(result: Result) -> str:
-    """A sentence on the singular position that the last steps of a run come to; empty where they do not. Beside a turning point
-    of a loop the square of the singular value falls linearly with time, so that its last two values tell whether the next two
-    steps of the same length would reach it."""
+    """A sentence on the singular position at which a run stopped, or which it came near to; empty where there is none. Near a
+    turning point of a loop the square of the singular value falls linearly with time: its last two values show whether two more
+    steps of the same length would reach 0."""
     if not _loops(result) or len(result.solution.t) < 2:
         return ""
     last = result.solution.t[-LAST:]
@@ -69,8 +71,8 @@ def _loops(result: Result) -> list[str]:
 
 
 def _dependent(result: Result, t: float) -> tuple[str, list[str]]:
-    """Of the rows that nearly depend on each other at the time t (s): the joint that closes their loop, and the joints whose
-    prescribed coordinate makes them so: without its row the others are independent."""
+    """Where rows are nearly dependent at the time t (s): (the joint that closes their loop, joints whose prescribed coordinate is
+    the cause, since the other rows are independent without its row)."""
     at, mechanics, rank = result([t]), result.prepared.with_all_rows, len(result.prepared.rank.kept)
     (B,) = unit_rows_at(mechanics, at.t, at.q)
     factors, value = np.abs(nearly_vanishing(B, rank)), smallest(B, rank)

@@ -23,8 +23,9 @@ CONTINUED = "not measured: the run continues another one on the same mesh, whose
 
 @dataclass(frozen=True)
 class Verified:
-    """motion: largest difference from the other method; mesh: from the run on a finer mesh; reactions, finer: states of these two
-    runs, to compare reactions; unknown: {error: why it is not known}; runs: number of runs made."""
+    """What verify=True found. motion: largest difference from a run of another method; mesh: from a run on a finer mesh of the
+    beams; reactions, finer: states of these two runs, by which reactions are compared; unknown: {error: why it is not known};
+    runs: number of runs made."""
 
     motion: float | None = None
     reactions: tuple[OtherRun, ...] = ()
@@ -54,7 +55,7 @@ def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, ask
     """Differences from a run of another method at a tenth of the accuracy."""
     radau, form = isinstance(run.solver, RadauIIA), default_form(prepared)
     other: Solver = IDA() if radau else RadauIIA(3)
-    if prepared.model.lines:  # IDA would have to resolve the fastest vibrations of beams
+    if prepared.model.lines:  # with beams not IDA, whose steps would have to resolve the fastest vibrations
         other = RadauIIA(2) if radau and run.solver.label == "RadauIIA(3)" else RadauIIA(3)
         form = replace(form, waves=True)  # type: ignore[type-var]
     system = system_for(prepared, form, other.highest_index)
@@ -66,7 +67,7 @@ def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, ask
 
 
 def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Verified | None) -> Accuracy:
-    """The known errors of a run, and why others are not known; found: those from verify=True."""
+    """The known errors of a run, and why others are not known; found: errors that verify=True has shown, or None."""
     estimate = None if math.isnan(run.estimate) else run.estimate
     if estimate is None and found is None:
         return Accuracy(None, None, has_mesh=bool(prepared.model.lines))

@@ -1,8 +1,9 @@
-"""Pulses among the inputs of a scene, loads and prescribed motions that change during one interval alone, and their variation.
+"""Pulses among the inputs of a scene (loads and prescribed motions that change during one interval alone), and how they are
+varied.
 
-A pulse is found by sampling the inputs of the scene as stated, where it has to be wide enough for that. A varied one is the
-same expression with its time and its values scaled, so that its edges are known however narrow it has become: a reference
-that restarts at them (`extremes/reference.py`) cannot step over it.
+The pulse of the scene as stated is found by sampling its inputs, so it has to be wide enough for that. A varied pulse is the same
+expression with its time and its values scaled, so that its edges are known however narrow it has become: a reference run that
+restarts at the edges (`extremes/reference.py`) cannot step over it.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from mbdae.inputs.sensed import paths
 from mbdae.scene.record import encode, read
 
 NUMBERS = ("begin", "width", "strength")  #: quantities of a pulse that can be varied
-SAMPLES = 20001  #: times of the run at which inputs are sampled to find pulses
+SAMPLES = 20001  #: number of times at which inputs are sampled to find pulses, evenly spaced over the run
 CONSTANT = 1e-12  #: change of an input that counts as none, relative to its largest change
 BISECTIONS = 60
 PARTS = 8  #: number of parts of a pulse: a reference run restarts at each, so that it does not step over a smooth pulse
@@ -28,8 +29,8 @@ PARTS = 8  #: number of parts of a pulse: a reference run restarts at each, so t
 
 @dataclass(frozen=True)
 class Pulse:
-    """Inputs that change between begin and begin + width (s) alone; strength: their largest departure from what they are
-    before, in their own unit."""
+    """Inputs that change only between the times `begin` and `begin + width` (s); strength: their largest difference from their
+    value before the pulse, in their own unit."""
 
     begin: float
     width: float
@@ -42,8 +43,8 @@ class Pulse:
 
 
 def pulse_of(inputs: Sequence[Any], t_end: float) -> Pulse | None:
-    """The pulse of several expressions of time together in a run of t_end s; None where one changes at the start or the end of
-    the run, or none changes."""
+    """The pulse that several expressions of time make together in a run from 0 to t_end (s); None where one of them changes at
+    the start or the end of the run, or where none changes."""
     times = np.linspace(0.0, t_end, SAMPLES)
     seen = np.array([timed.values(e, times) for e in inputs])
     departure = np.abs(seen - seen[:, :1])
@@ -60,8 +61,8 @@ def pulse_of(inputs: Sequence[Any], t_end: float) -> Pulse | None:
 
 
 def _edge(inputs: Sequence[Any], rest: Any, small: float, quiet: float, changed: float) -> float:
-    """The time at which inputs leave their constant value `rest`, by bisection between a time with it (`quiet`) and one without
-    (`changed`): exact for a Piecewise, else where they differ by `small`."""
+    """The time (s) at which inputs leave their constant values `rest`, by bisection between a time `quiet` with these values and
+    a time `changed` with other ones: for a Piecewise its edge, else where an input differs from `rest` by `small`."""
     at = np.array([quiet])
     small = 0.0 if all(timed.values(e, at)[0] == value for e, value in zip(inputs, rest, strict=True)) else small
     for _ in range(BISECTIONS):
@@ -73,18 +74,20 @@ def _edge(inputs: Sequence[Any], rest: Any, small: float, quiet: float, changed:
 
 @dataclass(frozen=True)
 class Varying:
-    """The pulse of one statement, one of whose NUMBERS is varied. keys: where among its arguments the expressions are."""
+    """A pulse in the arguments of a statement, and which of its NUMBERS (`number`) is varied. keys: names of the argument, and of
+    entries inside it, in which the expressions of the pulse are."""
 
     keys: tuple[str, ...]
     pulse: Pulse
     number: str
 
     def at(self, value: float) -> Pulse:
-        """The pulse with the varied number at a value."""
+        """The pulse whose varied number has the given value."""
         return replace(self.pulse, **{self.number: value})
 
     def set(self, arguments: dict[str, Any], value: float) -> None:
-        """Replace the expressions of the statement by the pulse with the varied number at a value."""
+        """Replace the expressions in the arguments of the statement by those of the pulse whose varied number has the given
+        value."""
         old, new = self.pulse, self.at(value)
         pace = old.width / new.width if self.number == "width" else 1.0
         time = _exact(old.begin) + _exact(pace) * (timed.TIME - _exact(new.begin))
@@ -96,8 +99,9 @@ class Varying:
 
 
 def varying(arguments: dict[str, Any], keys: Sequence[str], t_end: float, name: str) -> Varying | None:
-    """The pulse in the arguments of a statement, for a run of t_end s, of which `keys` vary a number ("width", or "value", "0",
-    "width" for one of several inputs); None where they name another argument."""
+    """The pulse in the arguments of a statement, in a run of t_end (s), of which `keys` name a number to vary: ("width",) or, for
+    one of several inputs, ("value", "0", "width"). None where `keys` name another argument. name: as the user gave it, for
+    messages."""
     *path, number = keys
     if number not in NUMBERS or number in arguments or number in arguments.get("law", {}).get("values", {}):
         return None
@@ -112,13 +116,14 @@ def varying(arguments: dict[str, Any], keys: Sequence[str], t_end: float, name: 
 
 
 def pulses(statements: Any, t_end: float) -> list[Pulse]:
-    """The pulses of single expressions in statements, for a run of t_end s."""
+    """The pulses of single expressions in statements, in a run of t_end (s)."""
     alone = [_expression(holder[key]) for holder, key in _places(statements, ())]
     return [found for e in alone if (found := pulse_of([e], t_end)) is not None]
 
 
 def _places(holder: Any, path: Sequence[str]) -> Iterator[tuple[Any, Any]]:
-    """(list or mapping, key) of every expression of time alone in nested data below a path of names and numbers."""
+    """(list or mapping, key) of every expression that depends on time alone, in the nested data `holder` below a path of names
+    and indices."""
     for key, value in enumerate(holder) if isinstance(holder, list) else holder.items():
         rest = path[1:] if path and str(key) == path[0] else path
         if isinstance(value, dict) and "expression" in value:
@@ -133,5 +138,5 @@ def _expression(stated: Any) -> Any:
 
 
 def _exact(value: float) -> Any:
-    """A number as a fraction, so that moved times lose no digit."""
+    """A float as an exact fraction of symengine, so that times that are shifted and scaled lose no digit."""
     return se.Rational(*float(value).as_integer_ratio())

@@ -1,4 +1,4 @@
-"""The file that a user names by `resume=`: it keeps what is finished, so that the same call goes on after an interruption."""
+"""The file that a user names by `resume=`: it stores what is finished, so that the same call continues after an interruption."""
 
 from __future__ import annotations
 
@@ -21,18 +21,19 @@ _TYPES = {"str": (str,), "int": (int,), "float": (int, float), "bool": (bool,), 
 
 @dataclass
 class ResumeFile:
-    """A JSON file at `path` (None: nothing is kept). identity: plain data that say what is computed; a file in which they
-    differ is refused."""
+    """A JSON file at `path` (None: nothing is stored). identity: plain data that say what is computed; a file with another
+    identity is refused."""
 
     path: Path | None
     identity: dict[str, Any]
 
-    kind: ClassVar[str]  #: word for what is kept, in messages
+    kind: ClassVar[str]  #: word for what the file stores, in messages
     file_format: ClassVar[str]
 
     @contextmanager
     def stored(self) -> Iterator[dict[str, Any] | None]:
-        """The data of the file, None where there is none; damage found while they are read is an OptionError."""
+        """Context with the data of the file, None where there is no file; errors inside it mean that the file is damaged, and are
+        raised as OptionError."""
         if self.path is None or not self.path.exists():
             yield None
             return
@@ -54,7 +55,7 @@ class ResumeFile:
 
 
 def resume_path(path: Any) -> Path | None:
-    """The path a user gave, None for nothing; one that cannot be written is refused before anything runs."""
+    """The path that a user gave, or None; a path that cannot be written to is refused before anything is computed."""
     remedy = "give a file in a folder that exists and can be written to, or None"
     where: Path | None = optional("resume", path, file_to_write, remedy)
     if where is not None and not os.access(where.parent, os.W_OK):
@@ -63,14 +64,14 @@ def resume_path(path: Any) -> Path | None:
 
 
 def interruption(path: Any, done: int, total: int, what: str) -> str:
-    """How far an interrupted call came, and where that is kept."""
+    """A sentence on an interrupted call: how much it has finished, and where that is stored."""
     where = f"{path}; the same call goes on from there" if path is not None else "no file (resume=FILE names one)"
     return f"interrupted: {done} of {total} {what} are done and kept in {where}"
 
 
 @contextmanager
 def damage_refused(path: Path) -> Iterator[None]:
-    """Context in which a file is read: any error inside is raised as OptionError, that the file is damaged."""
+    """Context in which a file is read: errors that damaged data cause are raised as OptionError, with the file's name."""
     try:
         yield
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, zlib.error) as error:
@@ -101,7 +102,8 @@ def _fits(value: Any, declared: str) -> bool:
 
 
 def check_same(path: Path, what: str, there: Any, here: Any) -> None:
-    """OptionError where a file holds something else, with the first difference."""
+    """OptionError where the identity `there`, stored in the file, differs from that of the call, `here`, with the first
+    difference."""
     difference = first_difference(there, json.loads(json.dumps(here)))
     if difference:
         raise OptionError(f"resume = '{path}' holds another {what}: {difference}; ask for the same one, or name another file")

@@ -1,4 +1,5 @@
-"""The points of a sweep over numbers of a scene: in parts, which workers compute and which go to the disk as they come."""
+"""A sweep over numbers of a scene. Its points are divided into parts (ranges of points), which worker processes compute and which
+are written to the disk as soon as they are finished."""
 
 from __future__ import annotations
 
@@ -33,8 +34,9 @@ from mbdae.system.prepare import modelled
 from mbdae.values import BadValueError, array, number, option, several, shown, text, whole
 
 FORMAT = "mbdae sweep of a scene 3"
-PART, ALONE, PIECES = 512, 8, 8  #: points per part in batches, points per part run one by one, pieces of a part that failed
-STATEMENT = "statement.json"  #: file of a folder that says what its sweep is
+#: points per part: PART in native batches, ALONE where every point is a run of its own; a part that failed is divided into PIECES
+PART, ALONE, PIECES = 512, 8, 8
+STATEMENT = "statement.json"  #: file in the folder of a sweep with its identity: scene, grid, options
 FOLDER = "give a new folder, or that of an earlier call of the same sweep; None keeps nothing"
 GRID = "give a mapping of names such as 'crank.mass' to lists of numbers, or a list of such points"
 _NAME = re.compile(r"part(\d+)-(\d+)\.npz")
@@ -42,7 +44,7 @@ _NAME = re.compile(r"part(\d+)-(\d+)\.npz")
 
 @dataclass(frozen=True)
 class Points:
-    """The points of a grid: the outer product of the values (of `axes`), or a list (points, names)."""
+    """The points of a grid: all combinations of the values in `axes`, one for each name, or an array `listed` (points, names)."""
 
     names: tuple[str, ...]
     axes: tuple[Array, ...] | None
@@ -57,7 +59,7 @@ class Points:
         return tuple(map(len, self.axes)) if self.axes is not None else (len(self),)
 
     def values(self, first: int, last: int) -> Array:
-        """Points from number `first` to before `last` (k, names)."""
+        """Values (k, names) of the points with numbers from `first` to `last` - 1."""
         if self.axes is None:
             assert self.listed is not None
             return self.listed[first:last]
@@ -65,14 +67,14 @@ class Points:
         return np.stack([axis[i] for axis, i in zip(self.axes, where, strict=True)], axis=1)
 
     def extent(self) -> Array:
-        """Values of every name (k, names), repeated where a name has fewer than another one."""
+        """All values of every name, in columns (k, names); a name with fewer values than another has them repeated."""
         columns = self.axes if self.axes is not None else tuple(self.listed.T)  # type: ignore[union-attr]
         longest = max(map(len, columns))
         return np.stack([np.resize(column, longest) for column in columns], axis=1)
 
     @classmethod
     def of(cls, grid: Any) -> Points:
-        """The points of a grid as a user gives it; OptionError where it is none."""
+        """The points of a grid as a user gives it; OptionError for anything else."""
         if isinstance(grid, Mapping):
             axes = tuple(option(f"grid: {shown(name)}", values, _axis, GRID) for name, values in grid.items())
             return cls(_names(grid), axes, None)
@@ -90,7 +92,7 @@ def _names(point: Mapping[Any, Any]) -> tuple[str, ...]:
 
 
 def _axis(values: Any) -> Array:
-    """The values of a name, (k,)."""
+    """The values (k,) of one name, read from what a user gave."""
     listed = list(values) if several(values) else None
     if not listed:
         raise BadValueError(f"{shown(values)} is {'no list of numbers' if listed is None else 'empty'}")
@@ -103,11 +105,12 @@ def _axis(values: Any) -> Array:
 class SceneSweep(ListsAttributes):
     """A sweep over numbers of a scene.
 
-    grid: names and values; t (m,) outputs, s; names: unknowns; batched: whether native batches made it; why: why not.
-    What the runs returned is in parts, on the disk where a folder was given: `array` reads it."""
+    grid: its points; t (m,): output times, s; names: of the unknowns; batched: whether points run in native batches; why: reason
+    where they do not. Results are stored in parts, on the disk where a folder was given: `array` reads them."""
 
     def __init__(self, points: Points, job: SceneJob, folder: Path | None, statement: str = "") -> None:
-        """folder: of the parts, None for memory; statement: what this sweep is, whose hash each part in a folder carries."""
+        """folder: where parts are stored (None: in memory); statement: identity of the sweep, whose hash is stored in each
+        part."""
         self._statement, self._key = statement, hashlib.sha256(statement.encode()).hexdigest()
         self.grid, self.t, self.batched, self.why = points, job.outputs, job.lines is not None, job.why
         self._folder, self._parts = folder, dict[tuple[int, int], Any]()
@@ -139,12 +142,12 @@ class SceneSweep(ListsAttributes):
 
     @property
     def failures(self) -> dict[int, str]:
-        """Why points failed, by their number."""
+        """{number of a point: why it failed}."""
         return {first + i: error for (first, _), part in self._all() for i, error in enumerate(part["errors"]) if error}
 
     @property
     def warnings(self) -> dict[int, str]:
-        """Warnings of points, by their number."""
+        """{number of a point: its warnings}."""
         return {first + int(i): said for (first, _), part in self._all() for i, said in part["warnings"].items()}
 
     def point(self, i: int) -> dict[str, float]:
@@ -155,7 +158,7 @@ class SceneSweep(ListsAttributes):
 
     @property
     def done(self) -> int:
-        """Points computed or failed."""
+        """Number of points that are computed or have failed."""
         return sum(last - first for first, last in self._parts)
 
     @property
@@ -164,7 +167,7 @@ class SceneSweep(ListsAttributes):
         return self.done == len(self.grid)
 
     def missing(self) -> list[tuple[int, int]]:
-        """Ranges of numbers of points that are not done."""
+        """Ranges (first, last + 1) of the numbers of points that are not done."""
         ends = [0, *(number for part in sorted(self._parts) for number in part), len(self.grid)]
         return [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if a < b]
 
@@ -177,7 +180,7 @@ class SceneSweep(ListsAttributes):
         return _part(kept) if isinstance(kept, Path) else kept
 
     def add(self, place: tuple[int, int], part: dict[str, Any]) -> None:
-        """Keep the results of the points place[0] to place[1] - 1."""
+        """Store `part`, the results of the points with numbers place[0] to place[1] - 1."""
         self.names = self.names or tuple(part["names"])
         self._parts[place] = part
         if self._folder is not None:
@@ -186,7 +189,7 @@ class SceneSweep(ListsAttributes):
             self._parts[place] = path
 
     def read_folder(self, again: bool) -> None:
-        """Take over the finished parts of the folder, and write its statement; again: without parts in which a point failed."""
+        """Read which parts the folder has, and write its statement; again: whether parts in which a point failed are left out."""
         assert self._folder is not None
         for path in sorted(self._folder.glob("part*.npz")):
             named = _NAME.fullmatch(path.name)
@@ -207,7 +210,7 @@ class SceneSweep(ListsAttributes):
 
 
 def _part(path: Path) -> Any:
-    """A part of a sweep from its file; OptionError where that is damaged."""
+    """The part of a sweep in a file; OptionError where the file is damaged."""
     try:
         return read_tree(path)
     except DamagedError as error:
@@ -216,12 +219,12 @@ def _part(path: Path) -> Any:
 
 def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers: int | None, resume: Any, again: bool, tell: Any,
                 t_end: Any, accuracy: Any, outputs: Any) -> SceneSweep:  # fmt: skip
-    """`sweep` of a scene: see there."""
+    """`mb.sweep` of a scene; arguments as there, tell: its `progress`."""
     points, end = Points.of(grid), end_after(0.0, t_end)
     times = np.array([end]) if outputs is None else output_times(0.0, end, outputs)
     job = SceneJob(scene, points.names, end, plausible(accuracy), times)
     for name, value in zip(points.names, points.values(0, 1)[0], strict=True):
-        replace(job, names=(name,)).at([value])  # refuses unknown names before anything is computed
+        replace(job, names=(name,)).at([value])  # raises OptionError for an unknown name, before anything is computed
     job = planned(job, points.extent())
     if executor is None:
         _check_sent(job)
@@ -240,7 +243,7 @@ def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers:
 
 
 def _check_sent(job: SceneJob) -> None:
-    """Refuse a scene that cannot be sent to other processes."""
+    """Raise OptionError for a scene that cannot be sent (pickled) to other processes."""
     advice = ("define functions and classes of your own at the top level of a file, or pass "
               "executor=concurrent.futures.ThreadPoolExecutor()")  # fmt: skip
     try:
@@ -254,7 +257,8 @@ def _check_sent(job: SceneJob) -> None:
 
 def _compute(made: SceneSweep, job: Any, points: Points, left: Sequence[tuple[int, int]], executor: Executor | None,
              workers: int | None, tell: Any) -> None:  # fmt: skip
-    """Compute parts; one whose worker fails is divided, until the point at fault is alone."""
+    """Compute the parts `left` and add them to `made`. A part whose worker failed is divided and computed again, until the point
+    that causes the failure is in a part of its own."""
     while left:
         sent = {first: {"values": points.values(first, last)} for first, last in left}
         ends, left = dict(left), []
@@ -272,12 +276,13 @@ def _compute(made: SceneSweep, job: Any, points: Points, left: Sequence[tuple[in
 
 
 def _failed(error: str | None, outputs: int) -> dict[str, Any]:
-    """The part of one point that failed."""
+    """The results of a part that consists of one failed point."""
     return {"names": [], "y": np.full((1, outputs, 0), np.nan), "estimate": np.array([np.nan]), "errors": [error], "warnings": {}}
 
 
 def _folder(resume: Any, job: SceneJob, points: Points) -> tuple[Path | None, str]:
-    """The folder of a sweep, and its statement; one that holds another sweep is refused."""
+    """The folder of a sweep, made where it is missing, and the identity of the sweep as JSON; OptionError for the folder of
+    another sweep."""
     if resume is None:
         return None, ""
     folder: Path = option("resume", resume, path_of, FOLDER)

@@ -1,7 +1,9 @@
-"""A sweep over numbers of a scene: native batches where nothing but numbers of laws varies, else a run of its own per point.
+"""A sweep over numbers of a scene: points run in native batches where only parameters of laws vary, else each by a run of its
+own.
 
-Names are those of `mb.extremes` ("crank.mass"): arguments of statements. What a law then reads is found by modelling the scene at
-some of the values: a mass brings the inertia with it. So a point means the same in a batch and as a scene of its own.
+Names ("crank.mass") are arguments of statements of the scene, as for `mb.extremes`. Which parameters of laws ("numbers of laws")
+follow a name is found by modelling the scene at some of its values: a mass changes the inertia too, for example. So a point has
+the same meaning in a batch and as a scene of its own.
 """
 
 from __future__ import annotations
@@ -25,18 +27,21 @@ from mbdae.sweep.statements import changed
 from mbdae.system.base import Array
 from mbdae.system.prepare import modelled
 
-SAMPLED = 7  #: largest number of values of a name at which the numbers of laws are compared
-TOGETHER = 6  #: largest number of names of one item, all combinations of whose extreme values are checked
+SAMPLED = 7  #: largest number of values of a name at which the scene is modelled to see how numbers of laws follow it
+TOGETHER = 6  #: largest number of names that may belong to one item, because all combinations of their extreme values are checked
 STRAIGHT = 1e-12  #: largest deviation of a number of a law from a straight line, relative to its size
-BESIDE = 1.0009  #: factor on the values with which a batch is compiled, because numbers equal to 1 would be compiled in
-SAME = 1e-9  #: largest relative difference of start and equations between a batch and a scene of a point's own
-Line = tuple[float, float]  #: a number of a law at value 0, and its slope over the value
+#: factor on the values of names for which the scene of a batch is prepared: a number of a law that happens to be 1 would
+#: become a constant of the compiled equations, and could not be varied
+BESIDE = 1.0009
+SAME = 1e-9  #: largest relative difference of start and equations between a batch and a scene prepared for one point alone
+Line = tuple[float, float]  #: how a number of a law depends on the value of a name: number at value 0, and slope
 
 
 @dataclass(frozen=True)
 class SceneJob:
-    """A scene with the names that vary, the end (s), accuracy and outputs (m,) of its runs, and how its laws follow the names:
-    name -> number of a law -> straight line; None: every point is a scene of its own, `why`."""
+    """A scene with the names that vary, and the end (s), accuracy and output times (m,) of its runs. lines: {name: {number of a
+    law: straight line on which it follows the name}}; None where every point runs as a scene of its own, for the reason `why`.
+    middle: values of the names for which the scene of a batch is prepared."""
 
     scene: SceneData
     names: tuple[str, ...]
@@ -61,7 +66,7 @@ class SceneJob:
         self.__dict__.update(key=state.pop("_key"), **state)
 
     def at(self, values: Sequence[float]) -> SceneData:
-        """The scene of a point."""
+        """The scene with these values of the names."""
         scene = self.scene
         for name, value in zip(self.names, values, strict=True):
             scene, factor = changed(scene, name, float(value), self.t_end)
@@ -70,14 +75,15 @@ class SceneJob:
         return scene
 
     def numbers(self, values: Array) -> dict[str, Array]:
-        """Numbers of laws at points (k, names)."""
+        """Values (k,) of the numbers of laws at points (k, names)."""
         assert self.lines is not None
         return {number: begin + slope * values[:, i] for i, name in enumerate(self.names)
                 for number, (begin, slope) in self.lines[name].items()}  # fmt: skip
 
 
 def planned(job: SceneJob, values: Array) -> SceneJob:
-    """The job by batches where they apply at points (k, names), else with the reason why not."""
+    """The job, prepared for native batches where these give the same as scenes of their own at points (k, names); else with the
+    reason why not."""
     try:
         middle = tuple(float(np.median(values[:, i])) * BESIDE for i in range(len(job.names)))
         base = job.at(middle)
@@ -94,7 +100,8 @@ def planned(job: SceneJob, values: Array) -> SceneJob:
 
 
 def _lines(base: SceneData, name: str, values: Array, t_end: float) -> dict[str, Line]:
-    """How numbers of laws follow a name; OptionError where they do not do so on straight lines."""
+    """The straight lines on which numbers of laws follow the values (k,) of a name; OptionError where one follows on another
+    curve, or where the name changes more than such numbers."""
     known = np.unique(values)
     at = known[np.unique(np.linspace(0, len(known) - 1, SAMPLED).astype(int))]
     at = np.append(at, at[-1] * BESIDE**2) if len(at) == 1 else at
@@ -118,7 +125,8 @@ def _lines(base: SceneData, name: str, values: Array, t_end: float) -> dict[str,
 
 
 def _law_numbers(scene: SceneData) -> tuple[list[Any], list[float], dict[str, float]]:
-    """Which laws there are, where they act, and their own numbers by name."""
+    """Of the model of a scene: which laws there are, numbers for the places where they act, and the parameters of laws by
+    name."""
     if scene.problems:
         raise SceneError(scene.problems)
     model, _ = modelled(with_open_tree(scene) or scene)
@@ -134,8 +142,9 @@ def _law_numbers(scene: SceneData) -> tuple[list[Any], list[float], dict[str, fl
 
 
 def _check_together(job: SceneJob, values: Array) -> None:
-    """Refuse points (k, names) at which numbers of a statement are wrong together. Only their least and largest values are
-    combined: statements have bounds of numbers and of sums of them, which all points keep where these combinations do."""
+    """Raise an error where several numbers of one statement contradict each other at points (k, names). Only their least and
+    largest values are combined: statements bound numbers and sums of numbers, so that all points are valid where these
+    combinations are."""
     items = [name.partition(".")[0] for name in job.names]
     for item in dict.fromkeys(items):
         of_item = [i for i, other in enumerate(items) if other == item]
@@ -148,8 +157,8 @@ def _check_together(job: SceneJob, values: Array) -> None:
 
 
 def _compare(job: SceneJob, values: Array) -> None:
-    """Equations and start of some points (k, names) in a batch against those of scenes of their own: a name may
-    change more than the numbers of laws, and numbers that the equations do not read are left out."""
+    """Compare equations and start of a batch at some points (k, names) with those of scenes prepared for these points;
+    OptionError where they differ, because a name changes more than parameters that the equations read."""
     batch = _batches(job)
     for point in values:
         own = Batches(job.at(point), job.t_end, job.accuracy, job.outputs).system
@@ -165,11 +174,11 @@ def _told(job: SceneJob, point: Array) -> str:
     return ", ".join(f"{name} = {value:g}" for name, value in zip(job.names, point, strict=True))
 
 
-_ready: dict[str, Batches] = {}  #: the scene that this process has made ready for batches
+_ready: dict[str, Batches] = {}  #: the scene prepared last for batches in this process, by the key of its job
 
 
 def _batches(job: SceneJob) -> Batches:
-    """The scene of a job, ready for batches."""
+    """The scene of a job prepared for batches, once per process."""
     if job.key not in _ready:
         _ready.clear()
         numbers = [number for lines in (job.lines or {}).values() for number in lines]
@@ -178,7 +187,8 @@ def _batches(job: SceneJob) -> Batches:
 
 
 def solved(job: SceneJob, values: Array) -> dict[str, Any]:
-    """Points (k, names): y (k, m, n) at the outputs, estimate (k,), error of every point (None: none), warnings by its number."""
+    """Run the points (k, names). Returns {"names": of the unknowns, "y": (k, m, n) at the outputs, "estimate": (k,) of the error,
+    "errors": message of every point that failed, else None, "warnings": by the number of the point}."""
     if job.lines is None:
         return _each(job, values)
     batches = _batches(job)
@@ -189,7 +199,7 @@ def solved(job: SceneJob, values: Array) -> dict[str, Any]:
 
 
 def _each(job: SceneJob, values: Array) -> dict[str, Any]:
-    """Results as those of `solved`, by a scene and a call of `simulate` per point."""
+    """The same results as of `solved`, by one scene and one run per point."""
     names: tuple[str, ...] = ()
     found: list[Any] = []
     for point in values:

@@ -1,4 +1,5 @@
-"""A scene with another number in one of its statements: a scene is data (`mbdae.scene.record`), changed and replayed."""
+"""A scene with another number in one of its statements: the recorded statements (`mbdae.scene.record`) are changed and
+repeated."""
 
 from __future__ import annotations
 
@@ -22,10 +23,10 @@ Statements = list[Any]
 
 
 def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tuple[SceneData, float]:
-    """The scene with the argument `name` ("item.argument", dots go into a model or section, numbers into a list) set, and
-    the factor on the end of its run: a faster drive runs for the same number of turns. Pulses of inputs are sought in t_end s.
-    SceneError where the scene given is wrong."""
-    if scene.problems:  # replaying the statements could give another scene, without the mistake
+    """(scene with the argument `name` set to a value, factor on the end of its run). name: "item.argument"; further dots lead
+    into a joint model or section, numbers into a list. The factor lets a faster drive run for the same number of turns. t_end:
+    end of the run (s) in which pulses of inputs are sought. SceneError where the given scene has problems."""
+    if scene.problems:  # repeating only the recorded statements could give a scene without the problem
         raise SceneError(scene.problems)
     item, *keys = name.split(".")
     if not keys:
@@ -46,7 +47,7 @@ def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tu
 
 
 def call_of(scene: SceneData, statements: Statements, item: str) -> tuple[int, dict[str, Any]]:
-    """Number of the statement of an item, and its arguments by name."""
+    """Index of the statement that makes an item, and its arguments by name."""
     names = [item_name(s) for s in statements]
     if item not in names:
         raise OptionError(f"vary: there is no item '{item}' in scene '{scene.name}'; it has {items_of(scene)}")
@@ -57,7 +58,7 @@ def call_of(scene: SceneData, statements: Statements, item: str) -> tuple[int, d
 
 
 def _statement(scene: SceneData, method: str, call: dict[str, Any]) -> list[Any]:
-    """The statement with these arguments by name."""
+    """The statement `method(...)` with the arguments `call`, as plain data."""
     signature = inspect.signature(getattr(type(scene), method))
     bound = signature.bind_partial(None)
     further = {key: value for key, value in call.items() if key not in signature.parameters}
@@ -72,7 +73,7 @@ def items_of(scene: SceneData) -> str:
 
 
 def _set(call: dict[str, Any], method: str, keys: list[str], value: float, name: str) -> float:
-    """Set one argument of a statement; returns the factor on the end of the run."""
+    """Set the argument at the path `keys` among the arguments `call` of a statement; returns the factor on the end of the run."""
     if keys[0] == "speed" and len(keys) < 3:
         return _set_speed(call, method, value, name, "".join(keys[1:]))
     if keys == ["mass"] and method in ("rigid_body", "link"):
@@ -88,7 +89,7 @@ def _set(call: dict[str, Any], method: str, keys: list[str], value: float, name:
 
 
 def _set_mass(call: dict[str, Any], method: str, value: float) -> None:
-    """Set the mass, and the inertia in proportion: the same body with another density."""
+    """Set the mass of a body, and its inertia in proportion, as for the same body with another density."""
     if method == "rigid_body" and call["mass"]:
         call["inertia"] = (np.asarray(call["inertia"], dtype=float) * (value / call["mass"])).tolist()
     call.pop("mass_per_length", None)
@@ -96,7 +97,8 @@ def _set_mass(call: dict[str, Any], method: str, value: float) -> None:
 
 
 def _set_stiffness(call: dict[str, Any], value: float, name: str) -> None:
-    """Set the spring of a joint, the contact stiffness of a clearance, or EA of a beam with the others in proportion."""
+    """Set the spring stiffness of a joint, the contact stiffness of a clearance, or EA of a beam with its other stiffnesses in
+    proportion."""
     if call.get("spring") is not None:
         holder, key = _alone(_by_coordinate(call, "spring"), name, "spring")
         holder[key] = value
@@ -111,7 +113,8 @@ def _set_stiffness(call: dict[str, Any], value: float, name: str) -> None:
 
 
 def _fields(call: Mapping[str, Any], key: str, wanted: Sequence[str], name: str) -> dict[str, Any]:
-    """The fields of an object that is an argument."""
+    """The fields of the object (such as a joint model) that is the argument `key`; OptionError where it lacks one of the
+    `wanted`."""
     fields = (call.get(key) or {}).get("fields", {}) if isinstance(call.get(key), dict | None) else {}
     if not all(isinstance(fields.get(w), float | int | dict) for w in wanted):
         raise OptionError(f"vary: '{name}' needs a {key} with {' and '.join(wanted)}, which this item does not have; "
@@ -120,14 +123,14 @@ def _fields(call: Mapping[str, Any], key: str, wanted: Sequence[str], name: str)
 
 
 def _by_coordinate(call: dict[str, Any], option: str) -> list[tuple[dict[str, Any], str]]:
-    """(mapping, key) of every value of a joint's option: one value, or values by coordinate."""
+    """(mapping, key) of every value that a joint's option has: of one value, or of one for each coordinate."""
     stated = call.get(option)
     holder = stated["by"] if isinstance(stated, dict) and "by" in stated else call
     return [(holder, key) for key in ([option] if holder is call else holder) if holder.get(key) is not None]
 
 
 def _alone(places: list[tuple[dict[str, Any], str]], name: str, word: str) -> tuple[dict[str, Any], str]:
-    """The only one of some places; OptionError where there are several."""
+    """The only one of `places`, the values of an option by coordinate; OptionError where there is not exactly one."""
     if len(places) != 1:
         options = " or ".join(f"'{name.partition('.')[0]}.{word}.{key}'" for _, key in places)
         raise OptionError(f"vary: '{name}': this joint has a {word} in several coordinates; name one: {options}")

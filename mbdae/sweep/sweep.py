@@ -1,4 +1,5 @@
-"""A job at every point of a grid, in processes, in a cluster or in any executor; failures are rows, results resumable."""
+"""A job at every point of a grid, in processes, in a cluster or in any executor. A point that fails has a row with its error; an
+interrupted sweep can be continued."""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ Progress = Callable[[int, int], None]  #: called with the number of points done 
 
 @dataclass(frozen=True)
 class SweepRow:
-    """A point and the values that the job returned there, or its error (type and text). died: the worker process ended."""
+    """A point and the values that the job returned there, or its error (type and text). died: whether its worker process
+    ended."""
 
     point: dict[str, Any]
     values: dict[str, Any] | None
@@ -45,9 +47,9 @@ class SweepRow:
 
 @dataclass(frozen=True)
 class Sweep(ListsAttributes):
-    """Rows of a sweep in the order of its points; those of a sweep that was interrupted are fewer than `points`.
+    """Rows of a sweep in the order of its points; after an interruption there are fewer rows than `points`.
 
-    axes: name -> values of the outer product, None where a list of points was given.
+    axes: {name: values} where the grid is all combinations of values, None where a list of points was given.
     """
 
     points: tuple[dict[str, Any], ...]
@@ -56,12 +58,12 @@ class Sweep(ListsAttributes):
 
     @property
     def rows(self) -> list[SweepRow]:
-        """Rows of the points done."""
+        """Rows of the points that are done, as a list of SweepRow."""
         return [self.done[i] for i in sorted(self.done)]
 
     @property
     def failures(self) -> list[SweepRow]:
-        """Rows without values."""
+        """Rows of points that failed."""
         return [row for row in self.rows if row.values is None]
 
     @property
@@ -94,7 +96,7 @@ class Sweep(ListsAttributes):
             rows.append([*(_cell(row.point.get(name)) for name in names), *values])
         cells = [rows[0], *(line for line, row in zip(rows[1:], self.rows, strict=True) if row.error is None)]
         widths = [max(len(line[j]) for line in (cells if j >= len(names) else rows)) for j in range(len(rows[0]))]
-        widths += [0] * (len(names) + 1 - len(widths))  # for the errors, where every point failed
+        widths += [0] * (len(names) + 1 - len(widths))  # columns for the errors, where all points failed and there are no values
         return "\n".join("  ".join(f"{c:>{w}}" for c, w in zip(line, widths, strict=False)) for line in rows)
 
     def to_json(self, path: Any = None) -> str:
@@ -110,34 +112,35 @@ class Sweep(ListsAttributes):
 def sweep(job: SceneData, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, Any]], executor: Executor | None = None, *,
           workers: int | None = None, resume: Any = None, again: bool = False, progress: Progress | None = None, t_end: float,
           accuracy: float = 1e-6, outputs: Any = None) -> SceneSweep:  # fmt: skip
-    """Runs of a scene."""
+    """Signature where `job` is a scene."""
 
 
 @overload
 def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, Any]], executor: Executor | None = None, *,
           workers: int | None = None, resume: Any = None, again: bool = False,
           progress: Progress | None = None) -> Sweep:  # fmt: skip
-    """A function of the user's."""
+    """Signature where `job` is a function of the user's own."""
 
 
 @naming_arguments
 def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int | None = None, resume: Any = None,
           again: bool = False, progress: Progress | None = None, t_end: float | None = None, accuracy: float = 1e-6,
           outputs: Any = None) -> Sweep | SceneSweep:  # fmt: skip
-    """job(**point) -> dict at every point of a grid; where the job is a scene, its runs to t_end (s) with other numbers.
+    """Call job(**point), which returns a dict, at every point of a grid; where `job` is a scene, run it to t_end (s) at every
+    point.
 
     grid: name -> values (their outer product), or a list of points. executor: None for processes of this machine (`workers`
     of them, one per core by default, each with one BLAS thread), or any executor with the interface of concurrent.futures,
     such as dask.distributed's Client(...).get_executor(). What a job returns are numbers, texts, lists and arrays.
-    An error of a point is kept in its row. Where a worker process ends, its point is computed once more; where that one ends
-    too, the point is a failure. resume: a file that gets every row as it comes; with the same job and grid
-    only what is missing is computed, points whose worker died among it, and with again=True all that failed.
-    progress(done, all) is called after every point. Ctrl-C comes out as KeyboardInterrupt, whose attribute `solution` is the
-    Sweep of the points done. The worker processes end with this one, however it ends.
+    An error at a point is stored in its row. Where a worker process ends, its point is computed once more by another one; where
+    that ends too, the point has failed. resume: a file to which every row is written as soon as it is known. A later call with
+    the same job and grid computes only missing points, those whose worker died, and with again=True all that failed.
+    progress(done, all) is called after every point. Ctrl-C raises KeyboardInterrupt, whose attribute `solution` is the Sweep of
+    the points done. Worker processes end with this process, however it ends.
 
-    Of a scene the names are those of `mb.extremes` ("crank.mass"), accuracy and outputs those of `simulate`, and `resume` is a
-    folder; the result is a SceneSweep, of the unknowns at the outputs. Points are made in native batches where they can be; its
-    `why` says where they cannot.
+    Where `job` is a scene, names are those of `mb.extremes` ("crank.mass"), accuracy and outputs those of `simulate`, and
+    `resume` is a folder; the result is a SceneSweep with the unknowns at the outputs. Points run in native batches where
+    possible; else its `why` has the reason.
     """
     workers = optional("workers", workers, whole, "give the number of processes, 1 or more, or None for one per core",
                        least=1, most=MOST_WORKERS)  # fmt: skip
@@ -201,7 +204,7 @@ def _listed(values: Any) -> Any:
 
 
 def _scalars(point: Mapping[str, Any]) -> dict[str, Any]:
-    """Plain numbers instead of NumPy's, so that a point reads the same from a file."""
+    """The point with plain numbers instead of NumPy's, so that it is equal to the point read from a file."""
     wrong = [name for name in point if not (isinstance(name, str) and name.isidentifier())]
     if wrong:
         raise OptionError(f"grid: {shown(wrong[0])} is not the name of an argument: {GRID}")
@@ -213,7 +216,7 @@ def _scalar(value: Any) -> Any:
 
 
 def _check_job(job: Any, points: list[dict[str, Any]]) -> None:
-    """Refuse a job or points that cannot be sent to another process."""
+    """Raise OptionError for a job or points that cannot be sent (pickled) to another process."""
     advice = "move it to the top level of a file, or pass executor=concurrent.futures.ThreadPoolExecutor()"
     inner = job.func if isinstance(job, functools.partial) else job
     if getattr(inner, "__module__", None) == "__main__" and not hasattr(sys.modules["__main__"], "__file__"):
@@ -231,7 +234,7 @@ def _name(job: Any) -> str:
 
 
 def _row(point: dict[str, Any], found: Outcome) -> SweepRow:
-    """The row with plain values, as it would be read from a file."""
+    """The row of a point, with plain values as they would be read from a file."""
     if found.values is None:
         return SweepRow(point, None, found.error, found.died)
     try:
@@ -264,7 +267,7 @@ def _cell(value: Any) -> str:
 
 
 class _Kept:
-    """The file of a sweep: a line with job and grid, then a line per row; no file where no path is given."""
+    """The file of a sweep: a JSON line with job and grid, then one for every row. path None: no file."""
 
     def __init__(self, path: Any, statement: dict[str, Any], points: list[dict[str, Any]], again: bool) -> None:
         self.statement, self.points, self.again = statement, points, again
@@ -286,7 +289,7 @@ class _Kept:
         if lines:
             self._read(path, lines, json.loads(head))
         rows = [_json(_line(i, row)) for i, row in self.rows.items()]
-        write_file(path, "\n".join([head, *rows]) + "\n")  # drops an incomplete line, and rows to be computed again
+        write_file(path, "\n".join([head, *rows]) + "\n")  # without an incomplete last line and rows to be computed again
         self.file = path.open("a", encoding="utf-8")
 
     def _read(self, path: Path, lines: list[str], meant: dict[str, Any]) -> None:
@@ -301,7 +304,7 @@ class _Kept:
             try:
                 data = json.loads(line)
             except (ValueError, RecursionError):
-                continue  # the run was stopped while it was written
+                continue  # the line is incomplete, because the process ended while it was written
             with damage_refused(path):
                 number = whole(data["number"], least=0, most=len(self.points) - 1)
                 row = SweepRow(self.points[number], *(data[key] for key in ("values", "error", "died")))
@@ -311,7 +314,7 @@ class _Kept:
                 self.rows[number] = row
 
     def add(self, i: int, row: SweepRow) -> None:
-        """Append a row."""
+        """Append the row of point number i to the file, so that it is there if the process ends."""
         if self.file is not None:
             self.file.write(_json(_line(i, row)) + "\n")
             self.file.flush()

@@ -1,7 +1,7 @@
 """A worker process: it answers one message at a time, and ends when the process that started it ends.
 
 A thread of the worker waits on a handle of its parent that the operating system signals however the parent ends, and then ends
-the worker. The thread does not run while C code holds the interpreter; on Linux the kernel kills the worker also then.
+the worker. While C code holds Python's global lock the thread cannot run; on Linux the kernel kills the worker even then.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from mbdae.threads import keep_one_thread
 READY = b""
 PR_SET_PDEATHSIG = 1  #: of prctl(2): the signal a process gets when the thread that started it ends
 SAFE_PATH = "PYTHONSAFEPATH"
-LOOK = 1.0  #: s between two checks whether the parent still runs, where its handle is not signalled
+LOOK = 1.0  #: time (s) between two checks whether the parent still runs, in case its end does not signal its handle
 
 
 class WorkerDiedError(Exception):
-    """A worker ended before it answered; own_fault: by an error or exit of its own, not by a signal."""
+    """A worker process ended before it answered; own_fault: whether by an error or exit of its own, not by a signal."""
 
     def __init__(self, text: str, own_fault: bool) -> None:
         super().__init__(text)
@@ -89,7 +89,8 @@ def _ended(code: int) -> str:
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """Start Python without the working directory on its path: a file random.py there would replace Python's module random."""
+    """Context in which new Python processes start without the working directory on their path, where a file random.py would
+    replace Python's module of this name."""
     before = os.environ.get(SAFE_PATH)
     _set(SAFE_PATH, "1")
     try:
@@ -108,7 +109,7 @@ def _set(name: str, value: str | None) -> None:
 
 @contextmanager
 def _not_interrupted() -> Iterator[None]:
-    """Delay Ctrl-C while a process starts, which would print a traceback of Python's start-up."""
+    """Context that delays Ctrl-C while a process starts, because it would make Python print a traceback of its start-up."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -123,7 +124,7 @@ def _serve(connection: Connection, answer: Callable[[bytes], bytes], parent: int
     """The main loop of a worker."""
     _die_with(parent)
     _set(SAFE_PATH, safe_path)
-    signal.signal(signal.SIGINT, lambda *_: None)  # Ctrl-C goes to all; the parent ends its workers where it ends itself
+    signal.signal(signal.SIGINT, lambda *_: None)  # Ctrl-C reaches all processes; it is the parent that ends workers
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     keep_one_thread()

@@ -1,4 +1,4 @@
-"""Points of a sweep in worker processes, or in any executor. A worker that ends costs only the point it was computing."""
+"""Points of a sweep in worker processes, or in any executor. Where a worker process ends, only its present point is lost."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ Done = Generator[tuple[int, Outcome], None, None]  #: number and outcome of a po
 
 
 def answer(payload: bytes) -> bytes:
-    """The pickled outcome of a pickled job and point. What cannot be unpickled or pickled is a failure."""
+    """The pickled outcome of a pickled (job, point). Where one of these cannot be pickled or unpickled the outcome is a
+    failure."""
     try:
         job, point = pickle.loads(payload)
     except Exception as error:
@@ -64,7 +65,8 @@ def _text(error: BaseException) -> str:
 
 
 def with_processes(job: Job, points: dict[int, dict[str, Any]], workers: int | None) -> Done:
-    """Points in worker processes. One whose worker ends is computed once more by another; after that it is a failure."""
+    """Compute points in worker processes. A point whose worker ends is computed once more by another one; if that ends too, the
+    point has failed."""
     payloads = {i: pickle.dumps((job, point)) for i, point in points.items()}
     pool = _Workers(min(workers or os.cpu_count() or 1, len(points)))
     waiting, tried = list(payloads), set[int]()
@@ -99,7 +101,7 @@ class _Workers:
         if len(self.busy) >= self.count:
             return None
         worker = Worker(answer)
-        if not self._begun:  # the first one alone: an error that keeps workers from starting is printed once
+        if not self._begun:  # wait for the first one: an error that prevents workers from starting is then printed once
             self._wait_for_first(worker)
         return worker
 
@@ -114,7 +116,7 @@ class _Workers:
         self._begun = True
 
     def give(self, worker: Worker, i: int, payload: bytes) -> None:
-        """Send a point to a worker; where that has ended in the meantime, `answers` reports it."""
+        """Send point number i to a worker; where the worker has ended in the meantime, `answers` reports it."""
         self.busy[worker.connection] = worker, i
         worker.send(payload)
 
@@ -127,7 +129,7 @@ class _Workers:
             except WorkerDiedError as error:
                 found = Outcome(None, f"{DIED}: {error}", True)
             else:
-                if found is None:  # the worker has only started
+                if found is None:  # the message says that the worker has started, and is no answer
                     continue
                 self.idle.append(worker)
             del self.busy[connection]  # type: ignore[arg-type]
@@ -143,7 +145,7 @@ class _Workers:
 
 
 def with_executor(executor: Executor, job: Job, points: dict[int, dict[str, Any]]) -> Done:
-    """Points in an executor that the user started and ends."""
+    """Compute points in an executor, which the user has started and will end."""
     waiting = list(points)
     inside: dict[Future[Outcome], int] = {}
     broken = False
@@ -175,7 +177,7 @@ def _found(future: Future[Outcome]) -> Outcome:
 
 
 def _broken(future: Future[Outcome]) -> bool:
-    """Whether the executor broke."""
+    """Whether a future failed because its executor broke, not because of its job."""
     return not future.cancelled() and isinstance(future.exception(), BrokenExecutor)
 
 

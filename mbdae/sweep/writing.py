@@ -1,4 +1,4 @@
-"""Texts that users read, or write to a file they name."""
+"""Texts of results that are returned to users and, where they name a file, written to it."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from mbdae.system.base import Array, System
 from mbdae.values import number, set_option
 
 SECOND = (2, 2, 2)  #: order of positions, velocities and multipliers
-GAINS = 0.9  #: spectral radius at high frequencies from which long steps gain energy
+GAINS = 0.9  #: smallest spectral radius at high frequencies with which a warning says that long steps may gain energy
 
 
 class _Alpha(Stepped):
@@ -38,16 +38,17 @@ class _Alpha(Stepped):
 
     @property
     def rho_infinity(self) -> float:
-        """Spectral radius for high frequencies."""
+        """Spectral radius of a step at high frequencies: factor by which such vibrations are damped per step, 0 to 1."""
         raise NotImplementedError
 
     @property
     def coefficients(self) -> Alphas:
-        """Coefficients for accelerations."""
+        """Coefficients (alpha_m, alpha_f, gamma, beta) of the method for accelerations."""
         raise NotImplementedError
 
     def check(self, system: System) -> None:
-        """Refuse systems that are not equations of motion with multipliers as algebraic unknowns."""
+        """Raise OptionError for systems that are not equations of motion, or whose multipliers enter by their derivatives (as GGL
+        for IDA has them)."""
         kinds = [ORDER.index(k) if k in ORDER else -1 for k in system.kinds]
         if "v" not in system.kinds or -1 in kinds or kinds != sorted(kinds):
             raise OptionError(
@@ -62,7 +63,7 @@ class _Alpha(Stepped):
                               "are algebraic unknowns")  # fmt: skip
 
     def doubts(self, system: System) -> list[str]:
-        """Warnings on these options: known weaknesses of the method with them."""
+        """Warnings about known weaknesses of the method with the present options."""
         if self.rho_infinity < GAINS:
             return []
         less = "mb.GeneralizedAlpha(rho=0.7) or mb.HHT(alpha=0.1), which damp more"
@@ -123,7 +124,8 @@ class GeneralizedAlpha(_Alpha):
 class HHT(_Alpha):
     """Hilber, Hughes and Taylor: the member of the generalised-alpha family with alpha_m = 0, alpha_f = alpha.
 
-    alpha     0 (Newmark's trapezoidal rule, whose multipliers do not converge in index 3) to 1/3, or -1/3 to 0.
+    alpha     0 (Newmark's trapezoidal rule, whose multipliers do not converge in index 3) to 1/3 (most damping); -1/3 to 0 are
+              the same values with Hughes's sign.
               Its spectral radius for high frequencies is (1 - alpha) / (1 + alpha): 0.74 for 0.15
     step, accuracy  as in GeneralizedAlpha
     """
@@ -148,8 +150,9 @@ class HHT(_Alpha):
 
 
 def _begin(step: AlphaStep, h: float, stats: Stats) -> None:
-    """Set the algorithmic rates, which belong to times near the start, from one short step of Radau IIA; with the rates at the
-    start instead multipliers oscillate at first and lose their order. Where that step fails the rates at the start are used."""
+    """Set the algorithmic rates a and w at the start, which belong to times slightly off t0 (`Alphas.lead`), by a short step of
+    Radau IIA. With y'(t0) in their place multipliers would oscillate at first and converge with a lower order than 2. Where the
+    short step fails, y'(t0) is used all the same."""
     lead = min(step.A.lead, step.B.lead if step.size[2] else 0.0)
     if lead == 0:
         return

@@ -1,7 +1,8 @@
 """One step of the generalised-alpha method for equations of motion F(t, y, y') = 0 with y = (q, u, s, z, lambda, mu).
 
 Arnold, Bruels, Cardona, Error analysis of generalized-alpha Lie group time integration methods, Numer. Math. 129 (2015). The
-equations hold at the end of the step; with algorithmic accelerations a, displacements psi and the stabilising eta (mu):
+equations hold at the end of the step. With the algorithmic accelerations a, the displacements psi during the step and, in the GGL
+form, the multipliers eta (the unknowns mu), by which positions and velocities both satisfy their constraints:
 
     (1 - alpha_m) a1 + alpha_m a0 = (1 - alpha_f) u1' + alpha_f u0'
     u1 = u0 + h ((1 - gamma) a0 + gamma a1)
@@ -33,16 +34,16 @@ from mbdae.ties import largest
 
 CUBIC = 3  #: number of stages of Radau IIA whose polynomial is of degree 3
 ORDER = ("q", "v", "s", "z", "lambda", "mu")
-#: ROUND: unit of corrections, relative to displacements and velocities; TARGET: error that may remain, in this unit
+#: Newton's method stops where the remaining error is below TARGET units; a unit is ROUND times the scale of the unknown
 ROUND, TARGET = 1e-10, 3e-2
-NOISY = 1.0  #: largest correction, in this unit, that counts as round-off once corrections stop shrinking
+NOISY = 1.0  #: largest correction, in these units, that is accepted as round-off where corrections no longer shrink
 SLOW = 0.02  #: contraction factor of Newton's method above which the next step gets a new Jacobian
 LIMIT = 12
 
 
 @dataclass(frozen=True)
 class Alphas:
-    """Coefficients of the method for accelerations, or (first order) for rates of internal states."""
+    """Coefficients alpha_m, alpha_f, gamma and beta of the method, for accelerations or for the rates of internal states."""
 
     m: float
     f: float
@@ -51,12 +52,12 @@ class Alphas:
 
     @property
     def kappa(self) -> float:
-        """Derivative da1/du1'."""
+        """da1/du1', by the equation of the algorithmic accelerations."""
         return (1 - self.f) / (1 - self.m)
 
     @property
     def lead(self) -> float:
-        """Shift of time: a0 belongs to the time t0 + lead h."""
+        """The algorithmic acceleration a0 approximates the acceleration at the time t0 + lead h."""
         return self.m - self.f
 
     @classmethod
@@ -67,7 +68,8 @@ class Alphas:
 
 
 class AlphaStep:
-    """The state (t, y, y') of a run with the algorithmic rates a and w, and everything that one step needs."""
+    """The state (t, y, y') of a run, with the algorithmic accelerations a and the algorithmic rates w of internal states, and the
+    arrays and factors that a step needs. second, first: coefficients for accelerations, and for rates of internal states."""
 
     def __init__(self, system: System, second: Alphas, first: Alphas, stats: Stats) -> None:
         self.system, self.stats, self.A, self.B = system, stats, second, first
@@ -78,7 +80,7 @@ class AlphaStep:
         self.algebraic, self.mu = slice(ends[2], ends[4]), slice(ends[4], ends[5])
         nu, ns, m = self.size[1], self.size[2], self.size[5]
         self.stabilised = m > 0
-        #: slices of the unknowns of a step
+        # where u', s', (z, lambda) and eta are in the vector x of the unknowns of a step
         self.xu, self.xs, self.xz, self.xe = (slice(s.start - self.nq, s.stop - self.nq)
                                               for s in (self.u, self.s, self.algebraic, self.mu))  # fmt: skip
         self.t, self.y, self.yp = float(system.t0), system.y0.copy(), system.yp0.copy()
@@ -98,14 +100,15 @@ class AlphaStep:
         self._states, self._straight = ns > 0, np.arange(system.n) >= ends[2]
 
     def revive(self, kept: dict[str, Any]) -> None:
-        """Create the factors, where a stored state `kept` has some, before `go_back` fills them."""
+        """Create an object for the LU factors where the stored state `kept` has factors; `checkpoints.snapshot.go_back` then
+        fills it."""
         if kept["_factors"] is not None:
             self._factors = Factors(Orders(*self._pattern()), float)
 
     # -- the equations of a step
 
     def _begin(self, h: float) -> None:
-        """Parts of the step that do not depend on its unknowns."""
+        """Compute the terms of the equations of a step of h (s) that do not depend on its unknowns."""
         A, B, y, yp, self._h = self.A, self.B, self.y, self.yp, h
         part = (A.f * yp[self.u] - A.m * self.a) / (1 - A.m)
         self._part = part
@@ -132,7 +135,7 @@ class AlphaStep:
         Y[self.algebraic] = x[self.xz]
 
     def _predict(self, h: float) -> Array:
-        """Unknowns extrapolated from the last two steps; eta of the last step."""
+        """Starting values of Newton's method: the unknowns extrapolated from the last two steps; eta as in the last step."""
         last = np.concatenate([self.yp[self.u], self.yp[self.s], self.y[self.algebraic], self.y[self.mu]])
         self._last, x = last, last.copy()
         if self._old is not None:
@@ -150,7 +153,7 @@ class AlphaStep:
         self.stats.jacobians += 1
 
     def _directions(self) -> None:
-        """G at the start of the step."""
+        """Set `_G`, the constraint Jacobian (m, nu) at the start of the step, along whose rows eta displaces the bodies."""
         if self._velocity_rows is None:
             block = self._fy[self.algebraic.start :, self.u]
             filled = np.asarray(abs(block).sum(axis=1)).ravel() > 0
@@ -159,7 +162,7 @@ class AlphaStep:
         self._G = G if isinstance(G, np.ndarray) else G.toarray()
 
     def _factor(self, h: float) -> None:
-        """Scale and factorise dF/dx for the step h."""
+        """Scale and factorise dF/dx, x the unknowns of a step, for a step of h (s)."""
         column = self._columns.copy()
         column[self.xe] /= h
         self._column = column
@@ -169,7 +172,7 @@ class AlphaStep:
         entries = self._factors.orders.entries
         if not self.system.sparse:
             values = np.hstack(parts)[entries.row_of, entries.column_of]
-        else:  # products of sparse matrices may leave out entries that are zero
+        else:  # SciPy leaves out entries of products that are zero; they are put where the fixed pattern has them
             A = sp.hstack([sp.coo_matrix(part) for part in parts], format="coo")
             at = np.searchsorted(entries.column_of * entries.n + entries.row_of, A.col.astype(np.int64) * entries.n + A.row)
             values = np.bincount(at, A.data, entries.nnz)
@@ -184,9 +187,10 @@ class AlphaStep:
         self.stats.factorisations += 1
 
     def _blocks(self, fy: Any, fyp: Any, G: Any, factors: tuple[float, ...]) -> list[Any]:
-        """dF/dx without scaling, by columns: of u', s', z and lambda, eta."""
+        """The blocks of columns of dF/dx, not scaled: for u', for s', for z with lambda, and for eta. factors: the derivatives
+        du1/du1', dpsi/du1' and ds1/ds1', and h."""
         n, (by_u, by_psi, by_s, h) = self.nq, factors
-        D = fy[n:, self.q] @ -fy[: self.nq, self.u]  # dF/dpsi; q' = H u holds for displacements too
+        D = fy[n:, self.q] @ -fy[: self.nq, self.u]  # dF/dpsi = dF/dq H, because a displacement psi changes q by H psi
         blocks = [fyp[n:, self.u] + by_u * fy[n:, self.u] + by_psi * D]
         if self._states:
             blocks.append(fyp[n:, self.s] + by_s * fy[n:, self.s])
@@ -196,13 +200,13 @@ class AlphaStep:
         return blocks
 
     def _pattern(self) -> tuple[Entries, Searches]:
-        """Sparsity pattern of dF/dx, and how pivots are sought."""
+        """Sparsity pattern of dF/dx, and the functions that seek an order of elimination."""
         m, pattern = len(self._x), self.system.sparsity if self.system.pattern is None else self.system.pattern
         if pattern is None:
             return Entries.full(m), ()
         ones = sp.csc_matrix((np.ones(pattern.nnz), pattern.indices, pattern.indptr), shape=pattern.shape)
         G = ones[self._velocity_rows][:, self.u] if self.stabilised else None
-        blocks = self._blocks(-ones, -ones, G, (1.0, 1.0, 1.0, 1.0))  # with these signs no entries cancel
+        blocks = self._blocks(-ones, -ones, G, (1.0, 1.0, 1.0, 1.0))  # all terms of a sum have equal signs, so that none cancel
         found = sp.hstack(blocks, format="csc")
         found.sort_indices()
         return Entries(m, found.indptr, found.indices), searches(self.system.kinds[self.nq :])
@@ -210,7 +214,8 @@ class AlphaStep:
     # -- Newton's method
 
     def solve(self, h: float) -> None:
-        """Solve the step; raises StepFailedError."""
+        """Solve a step of h (s): with the present factors, with a new Jacobian, then with one for every correction; raises
+        StepFailedError."""
         fresh = self._factored == 0.0
         if self.stabilised or fresh:
             self._jacobian(self.t, self.y, self.yp)
@@ -235,7 +240,8 @@ class AlphaStep:
         raise self._failed(h, -1)
 
     def _iterate(self, h: float, x: Array, renewing: bool) -> bool:
-        """Correct x until the remaining error is below the tolerance; renewing: with a new Jacobian for every correction."""
+        """Newton's method from x, which is changed in place; returns whether it converged. renewing: a new Jacobian for every
+        correction."""
         previous, theta = inf, 0.0
         speed, unit = ROUND * (np.abs(self.y[self.u]) + self._speed), ROUND * self._unit
         for k in range(LIMIT * (1 + renewing)):
@@ -269,7 +275,8 @@ class AlphaStep:
         return True
 
     def _norm(self, dx: Array, h: float, speed: Array, unit: Array) -> float:
-        """Largest correction of a velocity, a displacement or an internal state, in units of the tolerance."""
+        """Largest change of a velocity (in units `speed`), a displacement (in units `unit`) or an internal state by a correction
+        dx."""
         rate = dx[self.xu]
         psi = self._by_psi * rate
         if self.stabilised:
@@ -305,11 +312,12 @@ class AlphaStep:
         return yp
 
     def inside(self, part: Array) -> Array:
-        """y (k, n) on the cubic polynomial of the step just solved, at parts (k,) of the step."""
+        """y (k, n) on the cubic polynomial of the step just solved, at fractions (k,) of the step."""
         return cubic_of_step(self._h, (self.y, self.yp), (self._Y, self._rates()))(part)
 
     def advance(self, h: float, t1: float) -> tuple[float, Array, Array, Array]:
-        """Move to t1 = t + h; returns (t1, y, y', inner increments (CUBIC - 1, n): of algebraic unknowns on a straight line)."""
+        """Move to t1 = t + h; returns (t1, y, y', increments (CUBIC - 1, n) of y from the start of the step to its inner nodes),
+        with algebraic unknowns interpolated linearly."""
         x, y = self._x, self._Y.copy()
         y[self.mu] = x[self.xe]
         yp = self._rates()

@@ -21,13 +21,14 @@ PAUSE = 1.0  #: shortest wall time (s) between two checkpoints
 
 
 class Stopping(BaseException):
-    """Ends a process that was asked to end, after its run has been stored."""
+    """Raised to end the process after it was asked to end (SIGTERM) and its run has been stored."""
 
 
 class Keeper:
-    """A folder for runs; every: accepted steps between two checkpoints.
+    """The folder in which a call stores its runs; every: accepted steps between two checkpoints.
 
-    inside: number of runs under way, whose step is finished before `stop` ends the process."""
+    stop: whether the process was asked to end; inside: number of runs that are under way (one run may make others): where it is
+    not 0, the present step is finished and stored before the process ends."""
 
     def __init__(self, folder: Path, every: int) -> None:
         self.folder, self.every = folder, every
@@ -36,12 +37,13 @@ class Keeper:
         self._kept_at = time.perf_counter()
 
     def next_run(self) -> RunFiles:
-        """The files of the next run of the call."""
+        """The files of the next run that the call makes; runs are numbered in the order in which they are made."""
         self._runs += 1
         return RunFiles(self, f"run{self._runs:05d}")
 
     def next_value(self) -> tuple[bool, Tree]:
-        """Whether the next long evaluation of the call has been stored, and the value it returned, as a tree."""
+        """(whether it is stored, its value as plain data) for the next long evaluation of the call that is no run of a solver,
+        such as the checks after a run. The runs made by a stored one are passed over."""
         self._values += 1
         if not self._place.exists():
             return False, None
@@ -49,8 +51,8 @@ class Keeper:
         return True, found
 
     def keep_value(self, plain: Tree) -> None:
-        """Store the value of the present evaluation. SIGTERM waits until the file is written: an interrupted zip archive raises
-        another error."""
+        """Store the value of the long evaluation just made. SIGTERM ends the process only after the file is written, because
+        writing an interrupted zip archive would raise another error."""
         self.inside += 1
         try:
             write_tree(self._place, [plain, self._runs])
@@ -65,23 +67,23 @@ class Keeper:
 
     @property
     def due(self) -> bool:
-        """Whether a checkpoint is due."""
+        """Whether a checkpoint is due: PAUSE after the last one, or because the process was asked to end."""
         return self.stop or time.perf_counter() - self._kept_at >= PAUSE
 
     def written(self) -> None:
-        """To be called after a checkpoint was written."""
+        """To be called after a checkpoint was written: the next one is due PAUSE later."""
         self._kept_at = time.perf_counter()
 
 
 class RunFiles:
-    """The files of one run."""
+    """The files of one run: one with its state and its last steps, and numbered ones with the steps before."""
 
     def __init__(self, keeper: Keeper, name: str) -> None:
         self.keeper, self.name = keeper, name
         self._state = keeper.folder / f"{name}.state.npz"
 
     def read(self) -> dict[str, Tree] | None:
-        """The state stored last, with all `steps` until then; None where none was stored."""
+        """The state that was stored last, with all steps until then under "steps"; None where none was stored."""
         if not self._state.exists():
             return None
         state: dict[str, Tree] = read_tree(self._state)
@@ -92,12 +94,14 @@ class RunFiles:
         return state
 
     def write(self, state: dict[str, Tree], chunks: int, steps: Tree) -> None:
-        """Store a state, the number of files with steps before it, and further steps in the same file."""
+        """Store a state of the run in one file, with the number `chunks` of files that hold the steps before, and further
+        steps."""
         write_tree(self._state, state | {"chunks": chunks, "steps": steps})
         self.keeper.written()
 
     def write_chunk(self, i: int, steps: Tree) -> None:
-        """Store steps in file i; `read` returns them only after the next `write`."""
+        """Store steps in the numbered file i. `read` returns them only after the next `write`, which states the number of
+        files."""
         write_tree(self._chunk(i), steps)
 
     def _chunk(self, i: int) -> Path:
@@ -108,13 +112,13 @@ _active: ContextVar[Keeper | None] = ContextVar("keeper", default=None)
 
 
 def active() -> Keeper | None:
-    """The keeper of the present call in this thread, or None."""
+    """The `Keeper` of the present call of `Scene.simulate` in this thread; None where its runs are not stored."""
     return _active.get()
 
 
 @contextmanager
 def keeping_runs(keeper: Keeper | None) -> Iterator[None]:
-    """Context in which every run is stored by the keeper; None: no run is stored."""
+    """Context in which every run of a solver is stored by the keeper; None: no run is stored."""
     token = _active.set(keeper)
     try:
         yield

@@ -22,12 +22,12 @@ from mbdae.integrators.matrices.iteration import keep_order, kept_order
 from mbdae.integrators.solution import Stats
 from mbdae.system.base import System
 
-#: reasons for the end of a stretch: end of a part, new equations, planned restart of the method
+#: why a stretch ended: end of a part of the run (a break), replaced equations, planned restart of the method
 END, RENEWED, PLANNED = "end", "renewed", "planned"
 
 
 class StepLoop(Protocol):
-    """The members of a run's loop that a record needs."""
+    """The interface of `integrators.loop.StepLoop` that a `Record` needs (that module imports this one)."""
 
     t_end: float
     system: System
@@ -49,7 +49,8 @@ class StepLoop(Protocol):
         """The equations at the beginning of the run."""
 
     def give_back(self, parts: Any, count: int) -> None:
-        """Append steps that an earlier process has made."""
+        """Append steps that an earlier process has made, up to `count` steps in all. parts: their arrays, as of
+        `steps_between`."""
 
     def end_again(self, renewed: bool, planned: bool) -> None:
         """End a stretch in the way it ended in an earlier process."""
@@ -61,14 +62,15 @@ class StepLoop(Protocol):
         """Counts (`Stats`) until now."""
 
     def steps_between(self, first: int, last: int) -> dict[str, Any]:
-        """Steps with numbers from `first` to `last` - 1."""
+        """The arrays of the steps with numbers from `first` to `last` - 1, for a file."""
 
     def solution(self) -> Any:
         """The steps accepted so far."""
 
 
 class Record:
-    """One run in the folder of a keeper. restarts: whether checkpoints restart its method; what: description of the run."""
+    """One run in the folder of a keeper. restarts: whether the method begins anew at checkpoints; what: description of the run in
+    words, by which a stored run is recognised."""
 
     def __init__(self, keeper: Keeper, restarts: bool, what: str) -> None:
         self.keeper, self.restarts, self.what = keeper, restarts, what
@@ -87,7 +89,8 @@ class Record:
 
     @contextmanager
     def guarding(self, loop: StepLoop) -> Iterator[None]:
-        """Context of the run that stores how the run ends. Its warnings are stored too, and issued at the end."""
+        """Context around a run that stores how it ends, complete or with a SolverError. Warnings of the run are stored too, and
+        issued at its end."""
         self.keeper.inside += 1
         try:
             with warnings.catch_warnings(record=True) as self._caught:
@@ -109,7 +112,8 @@ class Record:
     # -- what was made before
 
     def made_before(self, loop: StepLoop) -> bool:
-        """Whether an earlier process has completed the next stretch; its steps, or those of an incomplete one, are appended."""
+        """Whether an earlier process has completed the next stretch (call of `integrate`). Its steps, or those of an incomplete
+        stretch, are appended to the loop."""
         stored = self._stored
         if stored is None:
             return False
@@ -130,13 +134,13 @@ class Record:
         return False
 
     def goes_on(self, loop: StepLoop, method: Any) -> None:
-        """Restore the state of a method before its first step."""
+        """Restore the stored state of a method before its first step in this process."""
         if self._stored is not None:
             go_back(method, self._stored["method"])
             self._take_over(loop)
 
     def _take_over(self, loop: StepLoop) -> None:
-        """From here on new steps are made: restore counts, memories of the systems, and warnings."""
+        """Restore what is needed before new steps are made: counts, warnings, and what systems remember besides y."""
         stored, self._stored = self._stored, None
         assert stored is not None
         loop.go_on_counting(stored["stats"])
@@ -156,7 +160,7 @@ class Record:
 
     @property
     def room(self) -> int:
-        """Number of accepted steps after which the method is restarted."""
+        """Number of accepted steps, counted from the start of the run, after which the method is restarted next."""
         begin = self._ends[-1][0] if self._ends else 0
         return begin + self.keeper.every
 
@@ -171,7 +175,8 @@ class Record:
         return loop.t < loop.t_end and loop.count >= self.room
 
     def ended(self, loop: StepLoop, renewed: bool, planned: bool) -> None:
-        """To be called when a stretch has ended."""
+        """To be called when a stretch (call of `integrate`) has ended: remembers its end, and stores the run where that is
+        due."""
         self._ends.append((loop.count, RENEWED if renewed else PLANNED if planned else END))
         if planned:
             self._boundary = self._captured(loop, None)
@@ -186,7 +191,7 @@ class Record:
             raise Stopping
 
     def _finish(self, loop: StepLoop, error: SolverError | None = None) -> None:
-        if self._stored is not None:  # the run was complete already
+        if self._stored is not None:  # no step was made here: an earlier process had completed the run
             self._take_over(loop)
         elif not self._failed_before:
             failure = None if error is None else (str(error), error.time, error.culprit, error.solution is not None)
@@ -201,7 +206,7 @@ class Record:
                 "method": method, "failure": failure}  # fmt: skip
 
     def _write(self, loop: StepLoop, state: dict[str, Tree]) -> None:
-        """Store a state and the steps until then."""
+        """Store a state of the run, and the steps until then that are not stored yet."""
         if state["count"] > self._saved:
             self._files.write_chunk(self._chunks, loop.steps_between(self._saved, state["count"]))
             self._chunks, self._saved = self._chunks + 1, state["count"]

@@ -28,7 +28,7 @@ OBJECT = "object"
 
 
 def snapshot(method: Any) -> Tree:
-    """The state of a method as a tree of plain values."""
+    """The state of a method (an object that makes steps) as plain values and arrays in nested dictionaries and lists."""
     return _of_object(method, set())
 
 
@@ -41,7 +41,8 @@ def _of_object(thing: Any, seen: set[int]) -> Tree:
 
 
 def _of_value(value: Any, seen: set[int], native: bool) -> Tree:
-    """A value as part of the tree; Ellipsis where it is not part of the state."""
+    """A value as part of the tree; Ellipsis where it is not part of the state. seen: ids of objects that are in the tree already;
+    native: whether the value belongs to an object of `native`."""
     if id(value) in seen:
         return ...
     if isinstance(value, ctypes.Structure):
@@ -61,7 +62,7 @@ def _of_value(value: Any, seen: set[int], native: bool) -> Tree:
 
 
 def go_back(method: Any, state: Tree) -> None:
-    """Set the state of a new method to a stored one."""
+    """Set the state of a new method to a stored one, so that it makes the same steps as the method that was stored."""
     kept = state[OBJECT]
     if hasattr(method, "snapshot"):
         method.go_back(kept)
@@ -87,7 +88,7 @@ def _go_back_inside(there: Any, kept: Tree) -> None:
 
 
 def _put(thing: Any, name: str, value: Tree) -> None:
-    """Set an attribute; arrays are filled in place, because C and other objects have their address."""
+    """Set an attribute of `thing`; arrays are filled in place, because C code and other objects have their address."""
     there = getattr(thing, name, None)
     if isinstance(there, np.ndarray) and isinstance(value, np.ndarray) and there.shape == value.shape and there.flags.writeable:
         there[...] = value
@@ -98,7 +99,7 @@ def _put(thing: Any, name: str, value: Tree) -> None:
 
 
 def _like(value: Tree, there: Any) -> Any:
-    """A value with its lists turned into named tuples where `there` has named tuples."""
+    """A stored value in the types of `there`, the value of a new object: lists become named tuples where `there` has them."""
     if isinstance(value, list) and isinstance(there, list) and there:
         return [_like(part, there[0]) for part in value]
     if isinstance(value, tuple) and hasattr(there, "_fields"):
@@ -114,7 +115,7 @@ def _is_object(value: Any) -> bool:
 
 
 def _is_loop(value: Any) -> bool:
-    return hasattr(value, "run_end")  # the loop is stored by itself
+    return hasattr(value, "run_end")  # a StepLoop is no part of the state of a method, since `Record` stores its steps
 
 
 def _holds_object(value: Tree) -> bool:

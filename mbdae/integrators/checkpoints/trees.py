@@ -13,7 +13,7 @@ from mbdae.deferred import csc_matrix, issparse
 from mbdae.files import regular, replacing
 
 TEXT = "tree"
-Tree = Any  #: None, flags, numbers, texts, arrays, sparse matrices by columns, and lists, tuples and dictionaries of these
+Tree = Any  #: None, booleans, numbers, texts, arrays, sparse matrices (CSC), and lists, tuples and dictionaries of these
 
 
 class DamagedError(Exception):
@@ -21,7 +21,7 @@ class DamagedError(Exception):
 
 
 class NotPlainError(Exception):
-    """A value that a tree cannot hold."""
+    """A value is none of the plain values and arrays that a tree can hold."""
 
 
 def write_tree(path: Path, tree: Tree) -> None:

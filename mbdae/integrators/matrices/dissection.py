@@ -2,8 +2,8 @@
 
 Bodies are eliminated before the multipliers of their joints, which leaves the matrix of the joints: two joints that share a body
 are neighbours in its graph. A set of joints that divides this graph into two halves is eliminated last, and each half is divided
-in the same way (George, Nested dissection of a regular finite element mesh, 1973). Pivots stay on the diagonal: that of a
-multiplier comes from its bodies.
+in the same way (George, Nested dissection of a regular finite element mesh, 1973). All pivots are taken on the diagonal; that of
+a multiplier is zero at first and becomes nonzero by the elimination of its bodies.
 """
 
 from __future__ import annotations
@@ -18,30 +18,31 @@ from mbdae.deferred import connected_components, csr_matrix, dijkstra, identity,
 from mbdae.native.elimination import Entries, Index, Order
 
 MULTIPLIERS = ("lambda", "mu")
-#: part of a graph, along a coordinate, from which on a separator is looked for; it ends at the same distance from the other end
+#: a separator is sought in the middle of a graph, between the fractions MARGIN and 1 - MARGIN of its weight along a coordinate
 MARGIN = 0.35
-FEW = 8  #: groups of multipliers that are not divided any more
+FEW = 8  #: a graph of at most this number of groups of multipliers is not divided any more
 
 
 def dissected(kinds: Sequence[str], entries: Entries) -> Order | None:
-    """The order for a matrix with unknowns of these kinds, row i being the equation of unknown i; None without multipliers."""
+    """The order of elimination for a matrix (n, n) with unknowns of `kinds`, row i being the equation of unknown i; None for a
+    matrix without multipliers."""
     what, n = np.array(kinds), entries.n
     joint = np.isin(what, MULTIPLIERS)
     if not joint.any():
         return None
     row, column = entries.row_of, entries.column_of
-    own = (what[row] == "q") & (what[column] == "v")  # q' = H v: velocities of the same body
+    own = (what[row] == "q") & (what[column] == "v")  # q' = H v connects the positions with the velocities of the same body
     _, body = connected_components(_pattern(row[own], column[own], n), directed=False)
     here, there = joint[row] & ~joint[column], joint[column] & ~joint[row]
     touched = _pattern(np.r_[row[here], column[there]], body[np.r_[column[here], row[there]]], n)
     seen: dict[bytes, int] = {}
-    group = np.full(n, -1)  # multipliers with the same bodies fill in alike
+    group = np.full(n, -1)  # multipliers of the same bodies have the same pattern, so they are eliminated together
     for i in np.flatnonzero(joint):
         group[i] = seen.setdefault(touched.indices[touched.indptr[i] : touched.indptr[i + 1]].tobytes(), len(seen))
     bodies = _pattern(group[joint], np.flatnonzero(joint), n)[: len(seen)] @ touched
     step = np.empty(len(seen))
     step[_divided(bodies @ bodies.T, np.bincount(group[joint]))] = np.arange(len(seen))
-    first = np.full(n, -1.0)  # a body is eliminated just before its first multiplier
+    first = np.full(n, -1.0)  # when a body is eliminated: just before the first of its multipliers; -1 (first of all) without any
     by_body = bodies.tocsc()
     filled = np.flatnonzero(np.diff(by_body.indptr))
     first[filled] = np.minimum.reduceat(step[by_body.indices], by_body.indptr[filled])
@@ -57,7 +58,8 @@ def _pattern(row: Any, column: Any, n: int) -> Any:
 
 
 def _divided(graph: Any, weight: Index) -> Index:
-    """An order of the vertices of a graph (n, n), both halves before what divides them; weight (n,)."""
+    """An order of the vertices of a graph (n, n) by nested dissection: both halves, then the vertices that divide them. weight
+    (n,): number of multipliers in each vertex."""
     n = len(weight)
     if n <= FEW:
         return np.arange(n)
@@ -76,14 +78,14 @@ def by_degree(pattern: Any) -> Index:
     """The order (n,) of a symmetric pattern in which an unknown with the fewest neighbours left is eliminated next."""
     n = pattern.shape[0]
     pattern.data[:] = 1.0
-    dominant = pattern + identity(n) * (2.0 * n)  # pivots on the diagonal, because only the sparsity pattern counts here
+    dominant = pattern + identity(n) * (2.0 * n)  # a dominant diagonal, so that SuperLU orders by the sparsity pattern alone
     return np.asarray(np.argsort(splu(dominant.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).perm_c))
 
 
 def _separator(graph: Any, weight: Index) -> tuple[Index, Index, Index] | None:
-    """Two parts and what divides them: of the lightest sets of vertices across two coordinates, the one that is lightest beside
-    the smaller part. A coordinate is the difference of the distances from two vertices: u and v are far from each other, w from
-    both."""
+    """(vertices on one side, on the other side, vertices that separate them); None where no separator is found. A coordinate
+    orders the vertices: the difference of their distances from two far vertices, w and u, or w and v. Along each coordinate the
+    lightest separator is found; the one with the smaller ratio of its weight to that of the smaller side is returned."""
     found, least = None, np.inf
     u = int(np.argmax(_distances(graph, 0)))
     from_u = _distances(graph, u)
@@ -97,8 +99,8 @@ def _separator(graph: Any, weight: Index) -> tuple[Index, Index, Index] | None:
         if parts is None:
             continue
         one, other, between = (weight[part].sum() for part in parts)
-        if (beside := between / min(one, other)) < least:
-            found, least = parts, beside
+        if (ratio := between / min(one, other)) < least:
+            found, least = parts, ratio
     return found
 
 
@@ -107,9 +109,9 @@ def _distances(graph: Any, vertex: int) -> NDArray[np.float64]:
 
 
 def _cut(graph: Any, weight: Index, one: Index, other: Index) -> tuple[Index, Index, Index] | None:
-    """The lightest set of vertices without which no path leads from `one` to `other`, behind the parts on either side; None where
-    one of these is empty or they are neighbours. It is full in the largest flow from one to the other through vertices as wide as
-    their weights."""
+    """(vertices on the side of `one`, on the side of `other`, separator), the separator being the lightest set of vertices
+    without which no path leads from `one` to `other`; None where one of these is empty, or they are neighbours. By the theorem of
+    maximum flow and minimum cut: each vertex has its weight as capacity, and the separator are the vertices at capacity."""
     if not (len(one) and len(other)):
         return None
     n, edges, wide = len(weight), graph.tocoo(), int(weight.sum()) + 1

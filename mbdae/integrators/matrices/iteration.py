@@ -1,7 +1,7 @@
 """The iteration matrix dF/dy + (lambda/h) dF/dy' of a system, scaled and factorised.
 
-Unknowns of index k enter divided by h^-(k-1) times their scale, rows are equilibrated: otherwise the condition
-number grows like h^-4 (index 3) and round-off stops Newton's method.
+Unknowns of index k are divided by h^-(k-1) times their scale, and every row by its largest entry. Otherwise the condition
+number would grow like h^-4 for short steps (index 3), and round-off would stop Newton's method.
 """
 
 from __future__ import annotations
@@ -17,11 +17,12 @@ from mbdae.native.elimination import Entries, Order
 from mbdae.native.sparse import Matrix, SingularMatrixError
 from mbdae.system.base import Array, Kept, System
 
-EARLY = 1e-2  #: part of the motion's characteristic time: the step for which an order of elimination is sought
+EARLY = 1e-2  #: an order of elimination is sought for a step of this fraction of the motion's characteristic time
 
 
 class IterationMatrix(Matrix):
-    """The iteration matrix for given real and complex lambda: `refresh` sets the point, `factor` sets the step and factorises."""
+    """The iteration matrix for given real and complex lambda (eigenvalues of A^-1 of a collocation method): `refresh` evaluates
+    the Jacobian at a point, `factor` sets the step and factorises."""
 
     def __init__(self, system: System, real: Array, pairs: NDArray[np.complex128]) -> None:
         pattern = system.sparsity if system.pattern is None else system.pattern
@@ -33,8 +34,8 @@ class IterationMatrix(Matrix):
             self.orders.present = self._first_order(system.kept)
 
     def _first_order(self, kept: Kept) -> Order | None:
-        """An order of elimination for the matrix at the start, stored for all runs: a search takes as long as 100 factorisations.
-        Where pivots become too small in it, another order is sought."""
+        """An order of elimination, found for the matrix at the start and stored in `kept` for all runs of the system, because the
+        search takes as long as 100 factorisations. Where its pivots become too small later, another order is sought."""
         if "order" not in kept:
             system = self.system
             self.refresh(system.t0, system.y0, system.yp0)
@@ -48,7 +49,7 @@ class IterationMatrix(Matrix):
         return found
 
     def refresh(self, t: float, y: Array, yp: Array) -> None:
-        """Evaluate dF/dy and dF/dy'."""
+        """Evaluate dF/dy and dF/dy' at (t, y, y')."""
         values = self.system.jacobian_parts if self.system.pattern is None else self.system.jacobian_values
         self.fy[:], self.fyp[:] = (part.ravel(order="F") for part in values(t, y, yp))
 
@@ -81,14 +82,15 @@ def inverse_or_one(largest: Array) -> Array:
 
 
 def as_csc(system: System, data: Array) -> csc_matrix:
-    """Jacobian data of a sparse system as a matrix (n, n)."""
+    """The sparse matrix (n, n) with `data` (nnz,), the entries of a Jacobian, in the sparsity pattern of the system."""
     return csc_matrix((data, system.sparsity.indices, system.sparsity.indptr), shape=(system.n, system.n))
 
 
 def coupled_correction(system: System, A_inv: Array, h: float, times: Array, Y: Array, Yp: Array, R: Array) -> Array:
-    """Newton correction (s, n) of all stages together, with the Jacobian of every stage: exact, but expensive.
+    """Newton correction (s, n) of all s stages of a step of h, by one system of s n equations with the Jacobian of every stage:
+    without the approximation by one Jacobian, but expensive.
 
-    times (s,), Y, Yp, R (s, n): the present stages and their residual.
+    times (s,), Y, Yp, R (s, n): times, y, y' and residual of the stages; A_inv (s, s): inverse of the Runge-Kutta matrix.
     """
     s, n = R.shape
     parts = [system.jacobian_parts(times[i], Y[i], Yp[i]) for i in range(s)]

@@ -14,31 +14,37 @@ from mbdae.native.elimination import Entries, Order
 from mbdae.native.pivots import by_counts, is_small, largest_pivots, pivoted
 from mbdae.native.sparse import Searches
 
-#: kinds of unknowns whose own block is easily inverted: stresses by their compliance, positions by q' = H u
+#: kinds of unknowns that are eliminated first, because their own block is easily inverted: that of stresses is their compliance,
+#: that of positions follows from q' = H u
 FIRST = ("z", "q")
-#: FEW: unknowns up to which two orders are compared with stresses (largest pivots fill in much); CHEAP: multiplications of
-#: a factorisation below which the search ends
+#: FEW: in a matrix with stresses and more unknowns the order with the largest pivots is not tried, since its factors fill in;
+#: CHEAP: number of multiplications of a factorisation below which no further order is sought
 FEW, CHEAP = 600, 15_000
-#: number of entries of the inverse of the positions' block, over that of a matrix of more than FEW unknowns, above which
-#: positions are not eliminated first: in space the positions of all bodies that joints connect are one block
+#: above FEW unknowns positions are eliminated first only where the inverse of their block has at most COUPLED times the entries
+#: of the matrix. (In space it is full: joints couple the positions of all the bodies that they connect.)
 COUPLED = 2
-#: entries of the factors, over those of the matrix, above which an order by nested dissection is compared too: chains, trees and
-#: beams have 1 to 3, nets of bars more than 4
+#: ratio of the entries of the factors to those of the matrix, above which nested dissection is tried too: measured 1 to 3 for
+#: chains, trees and beams, more than 4 for nets of bars
 LOOPS = 4
-#: smallest pivot on the diagonal, or chosen by counts, relative to the largest of its column: a third to a half of the fill-in of
-#: the largest pivots, but 20 to 1000 times that in large nets and chains of bodies, whose multipliers have no diagonal
+#: smallest pivot, relative to the largest entry of its column, that is accepted on the diagonal or in a choice by counts. Fill-in
+#: is then a third to a half of that with the largest pivots; in large nets and chains of bodies, where the diagonal of
+#: multipliers is zero, 20 to 1000 times as much
 LARGE = 0.1
-#: smallest pivot on the diagonal, relative to the largest of its column, in the order by kinds: with larger values the factors of
-#: a stiff beam fill in, whose compliances are small beside its strains (0.24 s instead of 0.007 s for 1000 elements)
+#: the same bound where stresses and positions are eliminated first. The pivots of stresses are compliances, which are small in a
+#: stiff beam: with a larger bound they are refused, and its factors fill in (0.24 s instead of 0.007 s for 1000 elements)
 THRESHOLD = 1e-8
 
 
 def searches(kinds: Sequence[str]) -> Searches:
-    """How orders of elimination are sought for a matrix with unknowns of these kinds. Of a small one by counts of entries, with
-    the largest pivots where there are no stresses: smaller ones lose digits that runs need near singular positions. Of a large
-    one first the cheapest of stresses and positions first, the largest pivots and, with many loops, nested dissection; where that
-    loses too many digits, the cheaper of the first two. Then pivots on the diagonal (of more than FEW unknowns only with
-    stresses), or by counts, above `LARGE`; then the largest pivots."""
+    """Functions that seek an order of elimination for a matrix with unknowns of `kinds`; each is called where the order of the
+    one before loses too many digits:
+
+    1. for a small matrix an order by counts of entries, among the largest pivots (with stresses: those above LARGE), because
+       smaller ones lose digits that runs need near singular positions; for a large matrix the cheapest of the order with stresses
+       and positions first, the largest pivots and, with many loops, nested dissection;
+    2. for a large matrix the cheaper of the first two of these;
+    3. pivots above LARGE: on the diagonal (above FEW unknowns only with stresses), in a small matrix by counts;
+    4. the largest pivots."""
     share = LARGE if "z" in kinds else 1.0
 
     def cheapest(entries: Entries, values: NDArray[Any]) -> Order | None:
@@ -84,8 +90,9 @@ def _large_pivots(entries: Entries, values: NDArray[Any]) -> Order | None:
 
 
 def elimination_order(matrix: csc_matrix, kinds: Sequence[str]) -> NDArray[np.intp] | None:
-    """Stresses, positions, then the rest in an order of little fill-in; None where there is no such block, or where a strain is
-    rigid (its stress is then a multiplier)."""
+    """Stresses, positions, then all other unknowns in an order of little fill-in. None where there are no positions or no other
+    unknowns, where the block of positions is too full, or where a strain is rigid (zero compliance: its stress is a
+    multiplier)."""
     z, q = (np.flatnonzero(np.array(kinds) == kind) for kind in FIRST)
     rest = np.flatnonzero(~np.isin(kinds, FIRST))
     if not (len(q) and len(rest)) or not np.all(matrix.diagonal()[z]):
@@ -98,13 +105,14 @@ def elimination_order(matrix: csc_matrix, kinds: Sequence[str]) -> NDArray[np.in
     closure = _closure(block(q, q), COUPLED * matrix.nnz if matrix.shape[0] > FEW else matrix.shape[0] ** 2)
     if closure is None:
         return None
-    by_rest = closure @ block(q, rest)  # positions in terms of the rest
+    by_rest = closure @ block(q, rest)  # pattern of the positions as functions of the other unknowns
     left = block(rest, rest) + block(rest, q) @ by_rest + block(rest, z) @ (block(z, rest) + block(z, q) @ by_rest)
     return np.concatenate([z, q, rest[by_degree(left)]])
 
 
 def _closure(pattern: Any, most: int) -> Any:
-    """Sparsity pattern of the inverse of a block-diagonal matrix: full blocks; None where it has more than `most` entries."""
+    """Sparsity pattern of the inverse of a matrix that is block-diagonal up to a permutation: every block of the inverse is full.
+    None where the inverse has more than `most` entries."""
     count, label = connected_components(pattern, directed=False)
     if int(np.sum(np.bincount(label).astype(np.int64) ** 2)) > most:
         return None

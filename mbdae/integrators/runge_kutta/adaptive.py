@@ -22,10 +22,11 @@ from mbdae.integrators.watched.watch import StepWatch
 from mbdae.native.collocation import AGAIN, DIVERGED, DONE, LOOK, NO_RATES, NO_WIDTH, ORDER, VANISHED, Made
 from mbdae.system.base import Array, System
 
-#: number of consecutive steps that fail, each half as long as the one before, after which Newton's method uses a Jacobian per
-#: stage: SOON with few unknowns, else RESIST. It costs as much as 40 steps (clearance rotor at 1e-3: 1.4 s with 3, 2.1 s with 2)
+#: number of consecutive failed steps, each half as long as the one before, after which Newton's method uses a Jacobian for every
+#: stage: SOON with up to FEW_UNKNOWNS unknowns, else RESIST. That costs as much as 40 steps (measured with the clearance rotor at
+#: rtol 1e-3: 1.4 s with RESIST = 3, 2.1 s with 2)
 RESIST, SOON, FEW_UNKNOWNS = 3, 2, 100
-#: largest number of steps in one call, and in the first call where contacts or switches are watched
+#: largest number of steps in one call of the native method, and in the first call where contacts or switches are watched
 ROWS, FEW = 256, 8
 REMEDY = "see whether a force jumps or grows without bound there, or the position is singular; else loosen rtol"
 
@@ -52,7 +53,7 @@ class Adaptive:
         self.rows = min(self.most, ROWS if self.watch is None else FEW)
 
     def run(self, h0: float | None) -> None:
-        """Step until the end, or until the loop stops the run."""
+        """Step to `loop.t_end`, or until the loop ends the run; h0: first step (s), None: chosen here."""
         self.control.h = self.first_step() if h0 is None else h0
         self.control.smallest = 1e-12 * self.control.h
         self.loop.goes_on(self)
@@ -62,7 +63,8 @@ class Adaptive:
                 self.loop.keep(self)
 
     def _advance(self, solved: bool) -> int | None:
-        """Make steps and store those that hide no contact or switch. Returns why they ended, None where the loop ends."""
+        """Make steps and store those that hide no contact or switch. Returns the reason (code of `native.collocation`) for which
+        the native method stopped, None where the run ends. solved: whether the stages of the first step are solved already."""
         step, loop, watch, control, closely = self.step, self.loop, self.watch, self.control, self.rows == 1
         if watch is not None:
             control.bound = watch.bound() if closely else watch.bound_of_switches()
@@ -88,8 +90,9 @@ class Adaptive:
         return made.code if kept == count else DONE
 
     def _made(self, solved: bool) -> Made:
-        """Make steps. Where contacts or switches are watched the number of steps does not depend on the clock, because their
-        bounds are renewed between calls."""
+        """Make up to `rows` steps. A native call may return earlier, after some time. Where contacts or switches are watched it
+        is then repeated until all steps are made: bounds of the step are renewed between blocks, and must not depend on the
+        clock."""
         step, loop = self.step, self.loop
         made = step.run.steps(step.t, loop.t_end, solved, loop.evaluations_left, self.rows)
         step.count()
@@ -102,7 +105,8 @@ class Adaptive:
         return made
 
     def _kept(self, watch: StepWatch, made: Made, before: Any) -> int:
-        """Number of steps that can be stored; the others are undone."""
+        """Number of the steps `made` that can be stored; the method goes back to the end of the last of these. before: state of
+        the step control before these steps."""
         loop, closely = self.loop, self.rows == 1
         count, calm = len(made.t), len(made.t) - (made.code == LOOK)
         times, states = np.concatenate([[loop.t], made.t]), np.concatenate([loop.state[0][None], made.y])
@@ -128,7 +132,8 @@ class Adaptive:
         return kept
 
     def _go_back(self, made: Made, times: Array, increments: Array, kept: int, closely: bool, before: Any) -> None:
-        """Return to the last stored step; `before`: state of the step control where no step is stored."""
+        """Return to the last stored step. times, increments: of all `made` steps, of which the first `kept` are stored; closely:
+        whether the next one was examined by itself; before: state of the step control before the block."""
         control, loop = self.control, self.loop
         if closely:
             control.h, control.rejected = control.tried, control.careful
@@ -142,7 +147,7 @@ class Adaptive:
         loop.stats.rejected += closely
 
     def first_step(self) -> float:
-        """A small first step from the rates at the start; the controller then grows it by up to the factor GROW per step."""
+        """A small first step (s) from the rates at the start; the step control then enlarges the steps."""
         system, span = self.system, self.loop.t_end - self.step.t
         slow = np.asarray(system.index) < 3
         size = np.asarray(system.scale, dtype=float) + np.abs(system.y0)
@@ -151,7 +156,8 @@ class Adaptive:
         return min(share / rate if rate > 0 else inf, 0.01 * span, share * span)
 
     def _solved(self, ended: int) -> bool:
-        """Prepare the next call after the reason `ended`; returns whether the stages of the next step are solved already."""
+        """Prepare the next call of the native method, which stopped for the reason `ended`; returns whether the stages of the
+        next step are solved already. Raises SolverError where the run cannot go on."""
         step, h = self.step, self.control.width
         if ended in (ORDER, DIVERGED):
             try:
@@ -171,7 +177,7 @@ class Adaptive:
         return False
 
     def _shorten(self, h: float, failure: StepFailedError) -> None:
-        """Halve the step after one that could not be solved."""
+        """Halve the step h (s), which could not be solved; SolverError where it becomes too small."""
         self.loop.stats.rejected += 1
         if h < max(self.control.smallest, 10 * np.finfo(float).eps * abs(self.step.t)):
             raise self._too_small(h, str(failure), failure.culprit)
@@ -181,7 +187,7 @@ class Adaptive:
         return self.loop.failure(f"the step became too small (h = {h:.2e} s): {why}{self._where()}; {REMEDY}", culprit)
 
     def _warn(self) -> None:
-        """Warn once where the error estimate is round-off, because the tolerance is then not met."""
+        """Warn, once per run, where the error estimate consists of round-off: the tolerance is then not met."""
         noise, h = self.control.noise, self.control.noise_h
         if noise and not self.warned:
             self.warned = True

@@ -1,4 +1,4 @@
-"""Many runs of the same equations in one native call: from many starts, or with many values of their numbers.
+"""Many runs ("points") of the same equations in one native call: from many starts, or with many values of parameters of laws.
 
 Every point makes the same steps as a single run of DOP853; stages of the interpolant are evaluated only in steps with an output.
 """
@@ -55,13 +55,14 @@ class Batch(ListsAttributes):
 
 
 def is_watched(s: System, t_end: float) -> bool:
-    """Whether contacts, switches, controllers or inputs have to be watched in a run to t_end, s."""
+    """Whether a run to t_end (s) has contacts, switches, controllers or inputs for which its steps are shortened or end early."""
     line = s.timeline(s.t0, t_end) if s.timeline is not None else None
     return any(part is not None for part in (line, s.guards, s.switches, s.longest_step, s.sampled))
 
 
 def refuse_watched(system: System, t_end: float) -> None:
-    """Raise OptionError where numbers of laws may not vary in a batch of runs to t_end, s."""
+    """Raise OptionError for a batch of runs to t_end (s) with different numbers of laws where `is_watched`: contacts, switches
+    and inputs are watched with the numbers of the scene."""
     if is_watched(system, t_end):
         raise OptionError("numbers: the contacts, switching laws, sampled controllers or breaks of inputs of this scene are "
                           "watched with the numbers stated in the scene, so these cannot vary in a batch; build a scene for "
@@ -74,8 +75,9 @@ def solve_batch(system: System, t_end: float, solver: Any = None, *, starts: Any
     """Integrate the same equations at k points, one after the other, from system.t0 to t_end (s).
 
     solver: mb.DOP853 with its tolerances, which hold at all points; starts: y (k, n) or (n,) at t0, by default that of the
-    system; numbers: values (k,) or one of numbers of laws by name ("elbow.mass", those of all laws of the item); outputs: number
-    of equally spaced times, or the times, by default the end; max_wall: s of wall time of all points before a WallClockError;
+    system; numbers: {name: values (k,), or one value} of parameters of laws, such as "elbow.mass" (in all laws of that item);
+    outputs: number of equally spaced times, or the times, by default the end; max_wall: wall time (s) of all points, after which
+    a WallClockError is raised;
     progress(done, all): called at most 10 times per second.
     A point that fails has its message in `errors`; all others are run. Ctrl-C, and the end of max_wall, raise
     exceptions whose attribute `solution` is the Batch so far. OptionError where the system has no right-hand side, or a number
@@ -95,7 +97,7 @@ def solve_batch(system: System, t_end: float, solver: Any = None, *, starts: Any
 
 @dataclass(frozen=True)
 class _Points:
-    """Starts (k, n), and values (k, m) of numbers of laws, with their slots in an array that the equations read."""
+    """Starts (k, n), and values (k, m) of parameters of laws; at: where these are in the array that the equations read."""
 
     starts: Array
     values: Array
@@ -128,7 +130,7 @@ class _Points:
 
     @contextmanager
     def restored(self) -> Iterator[None]:
-        """Context after which the system has its own numbers again."""
+        """Context after which the laws of the system have their own parameters again."""
         before = None if self.at is None else self.at.W[self.at.slots]
         try:
             yield
@@ -137,12 +139,12 @@ class _Points:
                 self.at.W[self.at.slots] = before
 
     def take(self, i: int) -> None:
-        """Set the numbers of laws for point i."""
+        """Write the parameters of laws of point i to the array that the equations read."""
         if self.at is not None and i < len(self):
             self.at.W[self.at.slots] = self.values[i]
 
     def system(self, system: System, i: int) -> System:
-        """The system with the start and the numbers of point i."""
+        """The system with the start and the parameters of laws of point i."""
         self.take(i)
         rate = np.empty(system.n)
         system.rhs(system.t0, self.starts[i], rate)
@@ -150,7 +152,7 @@ class _Points:
 
 
 class _Run:
-    """A batch while it runs, with the arrays of its result; C fills one row per point."""
+    """A batch while it runs, with the arrays of its result, of which the native method fills one row per point."""
 
     def __init__(self, system: System, solver: DOP853, asked: Asked, points: _Points, tell: Progress | None) -> None:
         self.system, self.solver, self.asked, self.points, self.tell = system, solver, asked, points, tell
@@ -162,7 +164,7 @@ class _Run:
         self.done, self.told = 0, 0.0
 
     def result(self) -> Batch:
-        """Run all points."""
+        """Run all points, and return the batch."""
         self.wall, self.cpu = time.perf_counter(), time.process_time()
         try:
             if self._plain():
@@ -183,7 +185,8 @@ class _Run:
         return Batch(self.times, self.y, self.last, tuple(self.errors), steps, rejected, evaluations, cpu, wall)
 
     def _plain(self) -> bool:
-        """Whether nothing has to be watched between the steps of a run, so that C makes all points."""
+        """Whether nothing has to be watched between the steps of a run, so that the native method can run all points by
+        itself."""
         if self.points.at is not None:
             refuse_watched(self.system, self.asked.t_end)
         return not (is_watched(self.system, self.asked.t_end) or self.system.looks_at_steps)
@@ -202,20 +205,20 @@ class _Run:
         done = self.kept.done
         raised, equations.caught.error = equations.caught.error, None
         stops = raised is not None and not isinstance(raised, Exception)
-        if stops:  # the last point was interrupted
+        if stops:  # Ctrl-C came while the last of these points was run, which is not complete
             done -= 1
             self.y[done] = self.last[done] = np.nan
         for i in range(self.done, done):
             self.errors[i] = None
             if self.kept.code[i]:
                 self._alone(i)
-        self.points.take(done)  # the point to continue with
+        self.points.take(done)  # running a point alone has overwritten the parameters of the point to continue with
         self.done = done
         if raised is not None and stops:
             raise raised
 
     def _alone(self, i: int) -> None:
-        """Run one point by itself."""
+        """Run point i as a single run; its values, or the message of its failure, are stored."""
         self.y[i], self.last[i] = np.nan, np.nan
         left = None if self.asked.max_wall is None else self.asked.max_wall - (time.perf_counter() - self.wall)
         try:
@@ -230,7 +233,7 @@ class _Run:
         self.counts[:, i] = found.stats.steps, found.stats.rejected, found.stats.residuals
 
     def _look(self, done: int, ended: bool = False) -> None:
-        """Check the wall time, and report progress."""
+        """Check the wall time, and report that `done` points are done; ended: whether the time is known to be used up."""
         self.done, spent = done, time.perf_counter() - self.wall
         if ended or (self.asked.max_wall is not None and spent > self.asked.max_wall and done < len(self.points)):
             how_far = f"{done} of {len(self.points)} points are done"

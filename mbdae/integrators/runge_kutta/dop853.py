@@ -25,7 +25,7 @@ from mbdae.ties import largest
 METHOD = Method(STAGES, tuple((0, *entry) for entry in FIFTH) + tuple((1, *entry) for entry in THIRD), DENSE)
 #: stages of Radau IIA at whose nodes the interpolant is stored: with the start they determine its polynomial of degree 7
 NODES = 7
-#: largest number of steps in one call, and in the first call where contacts or switches are watched
+#: largest number of steps in one call of the native method, and in the first call where contacts or switches are watched
 ROWS, FEW = 256, 8
 
 
@@ -42,8 +42,8 @@ class DOP853(Solver):
 
     factors: ClassVar[dict[str, dict[str, float]]] = {"DOP853": {"ODE": 3e-3, "Index1": 3e-3, "DAE": 3e-3}}
     error_fall: ClassVar[float] = 0.6
-    #: at the begin of an impact forces grow with the power 1.5 of time, which polynomials of order 8 do not describe and the
-    #: error estimate does not see: with longer steps errors hardly fall with the tolerance, and runs agree that are equally wrong
+    #: at the begin of an impact forces grow with the power 1.5 of time. No polynomial describes that well, and the error estimate
+    #: does not see it: with longer steps errors would hardly fall with the tolerance, and runs would agree that are equally wrong
     impacts: ClassVar[float] = 0.25
     tightest: ClassVar[dict[str, float]] = {"": 1e-14}
     highest_index: ClassVar[int] = 0
@@ -69,7 +69,7 @@ class DOP853(Solver):
 
 
 class _Run:
-    """A run: blocks of steps, or single steps where blocks hide contacts or switches."""
+    """A run with DOP853, in blocks of steps; where a block passed over a contact or switch, in single steps."""
 
     def __init__(self, solver: DOP853, loop: StepLoop, h0: float | None) -> None:
         self.loop, self.system, rtol = loop, loop.system, solver.tolerance
@@ -79,7 +79,7 @@ class _Run:
         self.equations = rates_of(self.system)
         self.method = Explicit(self.equations, METHOD, radau_table(NODES).c[:-1], rtol, self.atol)
         self.h0 = h0
-        # largest number of steps in the next call; their largest length (s) because of what a step hid
+        # number of steps in the next call, and their largest length (s) where a step had passed over a contact or switch
         self.rows, self.landing = 1, inf
 
     def _start(self) -> None:
@@ -87,11 +87,12 @@ class _Run:
         code = self.method.start(loop.t, loop.state[0], loop.t_end - loop.t, self.h0)
         loop.stats.residuals += 2
         self.equations.raise_error()
-        if code:  # its function raises the error
+        if code:  # y' does not exist or is not finite at the start: the call of rhs raises the error that says why
             self.system.rhs(loop.t, loop.state[0], np.empty(self.system.n))
 
     def steps(self) -> None:
-        """Step to the end. Of a block only steps before one that may hide a contact or switch are stored; the next are single."""
+        """Step to the end, in blocks of steps. Of a block only the steps before one that may hide a contact or switch are stored;
+        the steps after these are made one by one."""
         self._start()
         loop, watch = self.loop, self.watch
         if self.system.longest_step is not None:
@@ -121,8 +122,9 @@ class _Run:
                 loop.keep(self)
 
     def _made(self, rows: int, longest: float) -> Steps:
-        """Make steps and count their cost. Where contacts or switches are watched the number of steps does not depend on the
-        clock, because their bounds are renewed between calls."""
+        """Make up to `rows` steps of at most `longest` (s). A native call may return earlier, after some time. Where contacts or
+        switches are watched it is then repeated until all steps are made: bounds of the step are renewed between blocks, and must
+        not depend on the clock."""
         loop = self.loop
         made = self._advanced(loop.t, rows, longest)
         while self.watch is not None and not made.code and len(made.t) < rows and made.t[-1] < loop.t_end \
@@ -142,7 +144,8 @@ class _Run:
         return made
 
     def _looked_at(self, watch: StepWatch, made: Steps, closely: bool) -> tuple[int, float]:
-        """Number of steps that can be stored, and the largest length (s) of the next step because of what a step hides."""
+        """Number of steps that can be stored, and the largest length (s) of the next step where one of these hides something.
+        closely: whether it is a single step, to be examined for contacts too."""
         times = np.concatenate([[self.loop.t], made.t])
         states = np.concatenate([self.loop.state[0][None], made.y])
         inside = inside_of(radau_table(NODES), states[:-1], increments_of(states, made.inner))
@@ -151,11 +154,11 @@ class _Run:
         return kept, landing
 
     def _failed(self) -> Exception:
-        """The error where the step became so small that it is round-off of the time."""
+        """The error for a step that became as small as the round-off of the time."""
         loop, (y, yp) = self.loop, self.loop.state
         where, F = "" if self.watch is None else self.watch.nearest(), np.empty(self.system.n)
         text = f"the step became smaller than the round-off of the time t; where the motion is stiff, use mb.RadauIIA(3){where}"
-        for h in (0.0, 1e-9 * (loop.run_end - float(loop.system.t0))):  # at the last state, and just after it
+        for h in (0.0, 1e-9 * (loop.run_end - float(loop.system.t0))):  # F at the last state, and just after it
             self.system.residual(loop.t + h, y + h * yp, yp, F)  # raises an error where accelerations are not determined
             if not np.isfinite(F).all():
                 culprit = self.system.equations[int(np.argmax(~np.isfinite(F)))]

@@ -23,13 +23,13 @@ from mbdae.integrators.runge_kutta.tables import CollocationTable
 from mbdae.integrators.solution import Interpolant
 from mbdae.system.base import Array, System
 
-#: constant step: last correction of the stage equations is TARGET times ROUND times each unknown
+#: with a constant step Newton's method ends where its correction of every unknown is below TARGET times ROUND times the unknown
 ROUND, TARGET = 1e-10, 1e-5
 
 
 class CollocationMethod(Solver):
-    """Base of implicit Runge-Kutta methods by collocation: a frozen dataclass that derives from it states its `table` and, as
-    fields, those of the options `rtol`, `atol`, `step` and `newton` of `RadauIIA` that it offers.
+    """Base of implicit Runge-Kutta methods by collocation. A frozen dataclass that derives from it defines `table` and has as
+    fields those of the options `rtol`, `atol`, `step` and `newton` (see `RadauIIA`) that users may set.
 
     `highest_index` is 0 (ordinary differential equations) where it is not stated; 3 is for stiffly accurate tables.
     """
@@ -52,7 +52,8 @@ class CollocationMethod(Solver):
         return self.step is not None
 
     def check(self, system: System) -> None:
-        """Raise OptionError for an index above 3; without a stage at the end of the step, for all but differential equations."""
+        """Raise OptionError for an index above 3; for a method without a stage at the end of the step, for all systems but
+        ordinary differential equations."""
         highest = int(np.max(system.index))
         if highest > 3:
             raise OptionError(f"index = {highest}: {self.label} solves index 1 to 3; reduce the index of the equations")
@@ -74,7 +75,7 @@ class CollocationMethod(Solver):
             constant_steps(loop, h, step, step.solve_surely, self.table.c[self.table.c < 1])
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
-        """The collocation polynomials, or polynomials through y and y' at the steps where these have a higher order."""
+        """The collocation polynomials, or polynomials through y and y' at ends of steps where these have a higher order."""
         if self.table.stiffly_accurate:
             return Collocation.of(len(self.table.c), t, y, pieces)
         return hermite(self.table.order, t, y, yp)

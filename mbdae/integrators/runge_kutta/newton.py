@@ -27,14 +27,16 @@ class Outcome:
 
 
 class StageNewton(Stages):
-    """The `Stages` of a system with counts of the work, and Newton's method with a Jacobian for every stage."""
+    """The stages of a step (`native.collocation.Stages`), to which Newton's method with a Jacobian for every stage is added."""
 
     def __init__(self, system: System, table: CollocationTable, matrix: IterationMatrix, stats: Stats) -> None:
         super().__init__(equations_of(system), table, matrix)
         self.system, self.coefficients, self.stats = system, table, stats
 
     def solve_full(self, t0: float, y0: Array, h: float, weights: Array, target: float, limit: int) -> Outcome:
-        """Newton's method on all stages together, with a Jacobian per stage and correction, where the usual iteration fails."""
+        """Newton's method on all stages of a step of h (s) together, with a new Jacobian of every stage for every correction,
+        where the iteration with one Jacobian fails. weights (n,): of unknowns in the norm; target: norm of a correction at which
+        it ends; limit: largest number of corrections."""
         times = t0 + self.coefficients.c * h
         norm, previous, theta = inf, inf, 0.0
         for k in range(1, limit + 1):

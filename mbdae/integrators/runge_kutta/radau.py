@@ -23,7 +23,8 @@ class RadauIIA(CollocationMethod):
     rtol    tolerance of the local error relative to each unknown (and to its scale, unless atol is given)
     atol    None, one number, or (n,)
     step    constant step in s: no error control; the last step is cut to end at t_end
-    newton  with a constant step: tolerance of the stage equations relative to each unknown and its scale (round-off)
+    newton  with a constant step: tolerance of the stage equations, relative to each unknown and its scale; None: as small as
+            round-off allows
     """
 
     stages: int = 3
@@ -63,7 +64,7 @@ class RadauIIA(CollocationMethod):
 
     @classmethod
     def variants(cls) -> list[RadauIIA]:
-        """The method with every number of stages."""
+        """The method with 2, 3 and 5 stages."""
         return [cls(stages) for stages in STAGES]
 
     @property

@@ -19,7 +19,7 @@ from mbdae.ties import largest
 
 #: contraction factor of Newton's method below which the Jacobian is used in the next step too, as in radau.c
 REUSE = 1e-2
-#: largest number of halvings to find starting values for a constant step
+#: a constant step that cannot be solved is halved up to this number of times to find starting values for Newton's method
 DEPTH = 6
 
 
@@ -27,8 +27,8 @@ DEPTH = 6
 class Demand:
     """Required accuracy of a step.
 
-    rtol, atol (n,): one unit of every norm is rtol |y| + atol; target: error of Newton's method in this unit;
-    limit: largest number of iterations.
+    rtol, atol (n,): errors are measured in units of rtol |y| + atol; target: largest error that Newton's method may leave, in
+    these units; limit: largest number of its iterations.
     """
 
     rtol: float
@@ -38,9 +38,9 @@ class Demand:
 
 
 class CollocationStep:
-    """The state (t, y, yp) of a run with a collocation method, and everything that one step needs.
+    """The state (t, y, yp) of a run with a collocation method, and the iteration matrix, stages and counts that a step needs.
 
-    estimate: whether error estimates are needed.
+    estimate: whether error estimates are needed; a method without a real eigenvalue then gets a further real factorisation.
     """
 
     def __init__(self, system: System, table: CollocationTable, stats: Stats, demand: Demand, estimate: bool) -> None:
@@ -54,10 +54,12 @@ class CollocationStep:
                        system.time, demand.target, demand.limit)  # fmt: skip
         self.y, self.yp = self.run.y, self.run.yp
         self.y[:], self.yp[:] = system.y0, system.yp0
-        self.run.table.here = system.guards is not None  # the Jacobian at a predicted state may belong to another contact
+        # with contacts the Jacobian is evaluated at the start of a step: at the predicted state other contacts may be closed
+        self.run.table.here = system.guards is not None
 
     def solve(self, h: float, full: bool = True) -> None:
-        """Solve the stage equations: with the present factors, then with a new Jacobian, then by full Newton if allowed."""
+        """Solve the stage equations of a step of h (s): with the present factors, else with a new Jacobian, else, if `full`, by
+        Newton's method with a Jacobian for every stage; raises StepFailedError."""
         while (code := self.run.solve(self.t, h)) == ORDER:
             self.find_order()
         self.count()
@@ -65,7 +67,8 @@ class CollocationStep:
             self.resist(full)
 
     def find_order(self) -> None:
-        """Factorise the matrix of the present step in another order of elimination, or else with a Jacobian at its start."""
+        """Factorise the iteration matrix in another order of elimination; where it is singular in all of them, request a Jacobian
+        at the start of the step."""
         table = self.run.table
         try:
             self.matrix.factor(table.width)
@@ -77,14 +80,15 @@ class CollocationStep:
             self.run.factored(table.width)
 
     def resist(self, full: bool) -> None:
-        """Remedy where a new Jacobian did not solve the stages: full Newton if allowed, else StepFailedError."""
+        """Where a new Jacobian did not solve the stages: if `full`, Newton's method with a Jacobian for every stage, else
+        StepFailedError."""
         if not full:
             raise self._failed()
         self.run.predict(self.run.table.width)
         self._solve_fully(self.run.table.width)
 
     def _solve_fully(self, h: float) -> None:
-        """Solve the stages by full Newton from the present increments."""
+        """Solve the stages by Newton's method with a Jacobian for every stage, beginning with the present increments."""
         demand, found = self.demand, self.newton.table
         outcome = self.newton.solve_full(self.t, self.y, h, self.weights(h), demand.target, demand.limit)
         found.iterations, found.norm = outcome.iterations, outcome.norm
@@ -94,7 +98,8 @@ class CollocationStep:
             self.renew()
 
     def weights(self, h: float) -> Array:
-        """(n,) (h/T)^(k-1) / tolerance for unknowns of index k, T the typical time of the motion."""
+        """Weights (n,) of unknowns in norms: (h/T)^(k-1) / tolerance for an unknown of index k, T the motion's characteristic
+        time."""
         power = (h / self.system.time) ** (np.asarray(self.system.index) - 1.0)
         return np.asarray(power / self._tolerance(self.y))
 
@@ -112,7 +117,8 @@ class CollocationStep:
         table.jacobians = table.factorisations = table.iterations = table.residuals = table.rejections = 0
 
     def advance(self, h: float, t1: float) -> tuple[float, Array, Array, Array | None]:
-        """Move to t1 = t + h; returns (t1, y, yp, inner increments (s-1, n)); None where the last stage is not the end."""
+        """Move to t1 = t + h; returns (t1, y, yp, increments (s-1, n) of y at inner stages), with None for the increments where
+        the last stage is not the end of the step."""
         inner = self.newton.Z[:-1].copy() if self.table.stiffly_accurate else None
         if self.run.advance(self.t, h):
             self.no_rates(t1)
@@ -121,7 +127,7 @@ class CollocationStep:
         return t1, self.y.copy(), self.yp.copy(), inner
 
     def no_rates(self, t: float) -> None:
-        """Raise the system's error where y' at the end of a step cannot be computed."""
+        """Call the right-hand side at the end of a step, where y' could not be computed, so that the system raises its error."""
         self.system.rhs(t, self.y, self.yp)
 
     def renew(self) -> None:
@@ -133,7 +139,7 @@ class CollocationStep:
         return np.asarray(self.y + self.table.end @ self.newton.Z)
 
     def inside(self, part: float | Array) -> Array:
-        """y (n,) or (k, n) on the polynomial of the step just solved, at a part or parts (k,) of the step."""
+        """y (n,) or (k, n) on the polynomial of the step just solved, at one fraction or fractions (k,) of the step."""
         return np.asarray(self.y + self.table.values(np.asarray(part)) @ self.newton.Z)
 
     def largest_error(self) -> str:
@@ -145,7 +151,8 @@ class CollocationStep:
         return self.system.names[largest(np.abs(self.yp) / self._tolerance(self.y))]
 
     def solve_surely(self, h: float, depth: int = DEPTH) -> None:
-        """Solve the stages of a constant step; if needed with starting values from shorter steps, halved up to `depth` times."""
+        """Solve the stages of a constant step h (s). Where that fails, starting values are found by steps of half the length,
+        which are halved again if needed, `depth` times at most."""
         try:
             self.solve(h)
         except StepFailedError:
@@ -160,7 +167,7 @@ class CollocationStep:
         self.run.table.stale, self.run.table.factored = True, 0.0
 
     def _substeps(self, h: float, depth: int) -> Array:
-        """Increments (s, n) at the stages of the step h, from two steps of half the size; the state is restored."""
+        """Increments (s, n) at the stages of a step of h, found by two steps of h/2; t, y, y' and step control are restored."""
         t, y, yp, control = self.t, self.y.copy(), self.yp.copy(), self.run.control()
         theta = 2 * self.table.c
         start = np.empty_like(self.newton.Z)

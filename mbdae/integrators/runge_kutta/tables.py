@@ -18,7 +18,7 @@ from mbdae.errors import OptionError
 from mbdae.system.base import Array
 from mbdae.values import array, option, whole
 
-EXACT = 1e-11  #: largest error of a condition on the coefficients that counts as fulfilled
+EXACT = 1e-11  #: a condition on the coefficients counts as fulfilled up to this error
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class CollocationTable:
         return np.eye(len(self.c))[-1] if self.stiffly_accurate else np.asarray(self.b @ self.A_inv)
 
     def _blocks(self) -> Array:
-        """(s, s) real block-diagonal form of A_inv."""
+        """Real block-diagonal form (s, s) of A_inv, a block of 2 by 2 for every complex pair: A_inv = T blocks T_inv."""
         blocks = np.diag(np.concatenate([self.real, np.repeat(self.pairs.real, 2)]))
         for j, value in enumerate(self.pairs):
             k = len(self.real) + 2 * j
@@ -134,7 +134,7 @@ def radau_table(s: int) -> CollocationTable:
 def _roots(p: Polynomial) -> Array:
     """Real roots of a polynomial, in rising order."""
     x = np.sort(np.asarray(p.roots()).real)
-    for _ in range(3):  # Newton's method improves the eigenvalues of the companion matrix
+    for _ in range(3):  # Newton's method reduces the round-off of the roots, which NumPy finds as eigenvalues of a matrix
         x = x - p(x) / p.deriv()(x)
     return x
 
@@ -142,7 +142,8 @@ def _roots(p: Polynomial) -> Array:
 def _real_transformation(
     vectors: NDArray[Any], is_real: NDArray[np.bool_], upper: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Real T and T_inv with the complex pairs written as (Re, Im): Z = t_r w_r + 2 Re(t w)."""
+    """Real T and T_inv from the eigenvectors (s, s) of A_inv, in columns. is_real (s,): which are real; upper (s,): which have an
+    eigenvalue with positive imaginary part. Every complex pair t, conj(t) becomes two real columns: Z = t_r w_r + 2 Re(t w)."""
     inverse = np.linalg.inv(vectors)
     columns = [vectors[:, j].real for j in np.flatnonzero(is_real)]
     rows = [inverse[j].real for j in np.flatnonzero(is_real)]

@@ -24,12 +24,12 @@ from mbdae.values import set_option, whole, word
 
 #: highest order of each method
 HIGHEST = {"Adams": 12, "BDF": 5}
-#: CVODE's own interpolant is sampled at the nodes of Radau IIA with this many stages. Measured errors against that interpolant:
-#: with 5 stages equal, with 4 larger by 30 % at rtol 1e-12, with cubics over one step 30 times as large at rtol 1e-11. Hermite
-#: polynomials through neighbouring steps have no correct digit where the step grows a thousandfold (at the start)
+#: CVODE's own interpolant is sampled at the nodes of Radau IIA with this many stages. Measured errors compared with that
+#: interpolant: equal with 5 stages, larger by 30 % with 4 at rtol 1e-12, 30 times as large with cubics over one step at rtol
+#: 1e-11. Hermite polynomials through neighbouring steps have no correct digit where the step grows a thousandfold (at the start)
 NODES = 5
-#: ratio of a step to the one before it, up to which it is interpolated by the polynomial of degree 5 with y and y' at both its
-#: ends and at the start of the step before; there that is as accurate as CVODE's interpolant, and needs no calls of it
+#: a step at most this many times as long as the one before is interpolated by the polynomial of degree 5 with y and y' at both
+#: its ends and at the start of the step before: it is as accurate there as CVODE's interpolant, which then need not be called
 TAME = 2.0
 
 
@@ -53,7 +53,7 @@ class CVODE(Solver):
         "CVODE (Adams)": {"ODE": 1e-3, "Index1": 1e-3, "DAE": 5e-4},
         "CVODE (BDF)": {"ODE": 1e-3, "Index1": 1e-3, "DAE": 5e-4},
     }
-    error_fall: ClassVar[float] = 0.4  # with rtol 30 times smaller; with rtol 10 times smaller errors of Adams sometimes rose
+    error_fall: ClassVar[float] = 0.4  # measured with rtol 30 times smaller; with 10 times smaller errors of Adams sometimes rose
     companion: ClassVar[float] = 30.0
     tightest: ClassVar[dict[str, float]] = {"": 1e-14}
     highest_index: ClassVar[int] = 0
@@ -99,7 +99,7 @@ class _Run(SundialsRun):
 
     def create(self) -> Method:
         solver, system, start = self.solver, self.system, (self.loop.t, *self.loop.state)
-        smooth = solver.method == "Adams" and self.watch is None  # with BDF, y' magnifies the errors of stiff unknowns
+        smooth = solver.method == "Adams" and self.watch is None  # in stiff equations (BDF) y' magnifies errors of y
         settings, nodes = self.settings(solver.max_order or HIGHEST[solver.method]), radau_table(NODES).c[:-1]
         tame = TAME if smooth else 0.0
         if native.why_not():
@@ -110,7 +110,8 @@ class _Run(SundialsRun):
         return native.Cvode(rates_of(system, rate_jacobian), settings, start, multistep=multistep, nodes=nodes, tame=tame)
 
     def accepted(self, watch: SundialsWatch) -> None:
-        """Request a new Jacobian where the present one belongs to other contacts; CVODE evaluates it at predicted states."""
+        """Request a new Jacobian where the present one was evaluated with other contacts closed: CVODE evaluates it at predicted
+        states."""
         newest = self.last.newest()
         if newest is not None:
             watch.jacobian_at(*newest)
@@ -118,7 +119,8 @@ class _Run(SundialsRun):
             self.last.renew()
 
     def probe(self, t: float, y: Array, yp: Array) -> list[Array]:
-        """F(t, y, y'), whose rows have more telling names, then f(t, y)."""
+        """F(t, y, y') and f(t, y); F first, because its rows, the equations of motion, have names that say more than those of
+        f."""
         out = np.empty(self.system.n)
         self.system.rhs(t, y, out)
         return [*super().probe(t, y, yp), out]

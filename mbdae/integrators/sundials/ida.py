@@ -21,10 +21,12 @@ from mbdae.system.base import Array, System
 from mbdae.ties import largest
 from mbdae.values import set_option, whole
 
-#: number of neighbouring steps in the interpolant; 4 lose all digits where the step jumps (start, last step), 2 gain nothing
+#: number of neighbouring ends of steps that a polynomial of the interpolant goes through. With 4 it has no correct digit where
+#: the length of the step jumps (at the start, in the last step); 2 have no advantage
 POINTS = 3
-#: angle (rad) in the motion's characteristic time up to which a beam may vibrate with tolerances above LOOSE: orders above 2
-#: excite vibrations that they do not resolve (errors 0.1 to 0.5 without warning at 1e-3, 2e-3 or no end at 1e-4, no end at 1e-5)
+#: with rtol of LOOSE or more, the fastest vibration of a beam may pass through at most the angle FAST (rad) in the motion's
+#: characteristic time: orders above 2 excite faster vibrations, which they do not resolve. Measured: errors of 0.1 to 0.5 without
+#: a warning at rtol 1e-3; an error of 2e-3, or a run that does not end, at 1e-4; a run that does not end at 1e-5
 FAST, LOOSE = 2000.0, 1e-5
 
 
@@ -43,7 +45,7 @@ class IDA(Solver):
     max_order: int = 5
 
     factors: ClassVar[dict[str, dict[str, float]]] = {"IDA": {"GGL": 2e-3, "ODE": 5e-3, "DAE": 2e-3}}
-    error_fall: ClassVar[float] = 0.4  # the error of a variable-order run varies by a factor of 5 between similar rtol
+    error_fall: ClassVar[float] = 0.4  # small, since errors of variable-order runs at similar rtol differ by a factor of 5
     companion: ClassVar[float] = 30.0
     tightest: ClassVar[dict[str, float]] = {"": 1e-13}
     alternative: ClassVar[str] = ", or use RadauIIA(3)"
@@ -96,14 +98,15 @@ class _Run(SundialsRun):
         if correction is None:
             worst = largest(np.abs(last.values))
             return self.loop.failure(f"{message}; {SINGULAR}", self.system.equations[worst])
-        if np.max(np.abs(correction) * weights) < 1.0:  # Newton's method converges, so the error test fails
+        if np.max(np.abs(correction) * weights) < 1.0:  # Newton's method converges, so the error test failed
             y, yp = self.loop.state
             correction = last.y - y - (last.t - self.loop.t) * yp
         text = f"{message}; see whether a force jumps or grows without bound there, or use mb.RadauIIA(3)"
         return self.loop.failure(text, self.system.names[largest(np.abs(correction) * weights)])
 
     def _newton_correction(self) -> Array | None:
-        """Correction (n,) of one more Newton iteration at the last point; None where the iteration matrix is singular."""
+        """Correction (n,) of one more Newton iteration at the last point that IDA evaluated; None where the iteration matrix is
+        singular."""
         system, last = self.system, self.last
         data = np.zeros(system.jacobian_shape)
         system.jacobian(last.t, last.y, last.yp, last.cj, data)

@@ -23,7 +23,8 @@ REPORT = re.compile(r"\s*\[\w+, Error: -?\d+\]")
 
 
 class PythonMethod(ABC):
-    """The interface of `native.sundials.Method`. Functions called by SUNDIALS use `with self`, which stores their exceptions."""
+    """Base of IDA and CVODE by scikit-sundae, with the interface of `native.sundials.Method`. Functions that SUNDIALS calls run
+    inside `with self`, which stores their exceptions, because they cannot pass through C."""
 
     def __init__(self, system: System, settings: Settings, start: tuple[float, Array, Array]) -> None:
         self.system, self.settings, self.error = system, settings, None
@@ -43,19 +44,20 @@ class PythonMethod(ABC):
 
     @abstractmethod
     def begin(self, t: float, y: Array, yp: Array) -> None:
-        """Start, or start again, at the time t."""
+        """Start the method, or restart it, at the time t (s) with y and y' (n,)."""
 
     @abstractmethod
     def slope(self, result: Any) -> Array:
         """y' (n,) at the end of a step."""
 
     def piece(self, start: tuple[float, Array, Array], last_step: float, end: tuple[float, Array, Array]) -> Array | None:
-        """Data of a step for the interpolant, or None."""
+        """Increments of y for the interpolant over the step from `start` to `end`, each (t, y, y'); None where y and y' at ends
+        of steps suffice. last_step: length of the step before, s."""
         return None
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """Numbers of evaluations, of rejected steps, and of Jacobians so far."""
+        """Numbers so far of evaluations of the equations, of rejected steps, and of evaluations of the Jacobian."""
         return self._residuals, self._rejected, self._jacobians
 
     def newest(self) -> tuple[float, Array] | None:
@@ -69,7 +71,8 @@ class PythonMethod(ABC):
 
     def advance(self, start: tuple[float, Array, Array], last_step: float, stop: float, toward: float, rows: int = 1,
                 left: float = np.inf) -> Steps:  # fmt: skip
-        """Make one step, whatever `rows` and `left` allow."""
+        """Make one step, not beyond the time `stop`. The arguments are those of `native.sundials.Method.advance`, which makes up
+        to `rows` steps with up to `left` evaluations."""
         none = np.empty((0, self.system.n))
         try:
             with redirect_stdout(_WithoutReports(sys.stdout)):
@@ -95,7 +98,8 @@ class PythonMethod(ABC):
             raise self.error
 
     def evaluated(self, t: float) -> None:
-        """Count an evaluation at t; where t is before that of the last evaluation, the last attempt was rejected."""
+        """Count an evaluation at the time t; where t is earlier than at the last evaluation, the last attempt of a step was
+        rejected."""
         self._rejected += t < self.t
         self.t = t
         self._residuals += 1
@@ -143,7 +147,8 @@ class IdaByPython(PythonMethod):
 
 
 class CvodeByPython(PythonMethod):
-    """CVODE for y' = f(t, y); nodes and tame as in `native.sundials.Cvode`."""
+    """CVODE for y' = f(t, y). nodes: fractions of a step at which its interpolant is sampled; tame: largest ratio of a step to
+    the one before for which that is not needed (TAME in `cvode`), 0 for none."""
 
     def __init__(self, *args: Any, method: str, nodes: Array, tame: float) -> None:
         self._multistep, self._nodes, self._tame = method, nodes, tame
@@ -169,19 +174,22 @@ class CvodeByPython(PythonMethod):
         (t0, y0, yp0), (t, y, yp) = start, end
         if self._tame and t - t0 <= self._tame * last_step:
             return None
-        step = self._method.step  # sets the solver back to t; otherwise its next step would only return there
+        # sampling moves the solver's time to the nodes; a last call at t sets it back, else its next step would only return to t
+        step = self._method.step
         own = np.array([step(t0 + c * (t - t0), method="normal").y - y0 for c in self._nodes])
         step(t, method="normal")
         ends = cubic(len(self._nodes) + 1, t - t0, (y0, yp0), (y, yp))
         return ends if (np.abs(own - ends) <= self.settings.rtol * np.abs(y) + self.settings.atol).all() else own
 
     def evaluated(self, t: float) -> None:
-        """Count an evaluation; those that choose the first step are not attempts, so that none of them is rejected."""
+        """Count an evaluation. Those by which CVODE chooses its first step do not count as attempts of a step that were
+        rejected."""
         self.t = min(self.t, t) if self._choosing else self.t
         super().evaluated(t)
 
     def rate(self, t: float, y: Array, out: Array) -> None:
-        """y', as called by CVODE; NaN where a new Jacobian is requested: see `cvode_rates` of native/sundials.c."""
+        """y', as called by CVODE. Where a new Jacobian was requested it returns NaN, which makes CVODE evaluate one
+        (`cvode_rates` of native/sundials.c)."""
         with self:
             if self._renew or (self._renewing and np.isnan(y[0])):
                 self._renew, self._renewing = False, True
@@ -193,7 +201,7 @@ class CvodeByPython(PythonMethod):
             self.y[:], self.values[:] = y, out
 
     def jacobian(self, t: float, y: Array, yp: Array, out: Array) -> None:
-        """df/dy, as called by CVODE; its first call belongs to the first attempt of a step."""
+        """df/dy, as called by CVODE. Its first call shows that the first step is chosen, and that CVODE now attempts it."""
         with self:
             self._choosing = False
             self._jacobians += 1

@@ -26,7 +26,8 @@ Method: TypeAlias = "native.Method | PythonMethod"  #: IDA or CVODE with its mem
 
 
 class SundialsRun(ABC):
-    """One run with SUNDIALS. last: the method, which knows the last point evaluated."""
+    """One run with SUNDIALS. last: IDA or CVODE with its memory, from which the last point evaluated can be read after a
+    failure."""
 
     last: Method
 
@@ -47,7 +48,7 @@ class SundialsRun(ABC):
         """The error that names the unknown or equation which prevented a step."""
 
     def accepted(self, watch: SundialsWatch) -> None:
-        """Called before a step of a watched run is stored."""
+        """Called before a step of a run with contacts or switches is stored; here without effect."""
         return
 
     def settings(self, order: int) -> Settings:
@@ -65,10 +66,11 @@ class SundialsRun(ABC):
                 self._steps()
         finally:
             self.__dict__.pop("last", None)
-            del self.watch  # it refers to this object; without it memory is freed at once
+            del self.watch  # it refers to this object: such a circle would keep the memory until the next garbage collection
 
     def _steps(self) -> None:
-        """Many steps per call where nothing is checked between them, else one per call; output times do not interrupt them."""
+        """Step to the end: many steps per call where nothing is checked between steps, else one per call. Steps do not end at
+        output times."""
         loop, watch, last = self.loop, self.watch, self.last
         together = watch is None and loop.system.longest_step is None and not loop.system.looks_at_steps
         rows, going = MOST_ROWS if together else 1, True
@@ -84,7 +86,7 @@ class SundialsRun(ABC):
                 raise not_finite(loop, self, message) or self.diagnosis(message)
 
     def _keep(self, made: Steps, watch: SundialsWatch | None) -> bool:
-        """Store a step, or have it repeated; returns whether the run goes on."""
+        """Store the step `made`, or restart the method to repeat it; returns whether the run goes on."""
         loop, t, y, yp = self.loop, float(made.t[0]), made.y[0], made.yp[0]
         if watch is not None:
             if watch.refuses(t, y, yp):
@@ -105,7 +107,8 @@ class SundialsRun(ABC):
         stats.newton_iterations, stats.factorisations = stats.residuals, stats.jacobians
 
     def probe(self, t: float, y: Array, yp: Array) -> list[Array]:
-        """The functions of the equations that SUNDIALS calls, evaluated at a point, arrays (n,): here F(t, y, y')."""
+        """Values (n,) at a point of the functions that SUNDIALS calls, to find out which equation is not finite; here F(t, y,
+        y')."""
         out = np.empty(self.system.n)
         self.system.residual(t, y, yp, out)
         return [out]
@@ -114,7 +117,8 @@ class SundialsRun(ABC):
 def not_finite(loop: StepLoop, run: SundialsRun, why: str) -> SolverError | None:
     """The error that names the equation which is not finite at the last point, or just after the last step.
 
-    Predicted states are checked first: later iterates are not finite themselves, and every row would seem wrong.
+    States predicted by y and y' at the last accepted step are checked first. The last iterates of SUNDIALS may not be finite
+    themselves, and then no row would be.
     """
     y, yp = loop.state
     soon = loop.t + 1e-9 * (loop.t_end - float(run.system.t0))

@@ -1,7 +1,8 @@
 """The arguments of functions that switch or vary within a narrow range, over one step of a solver.
 
-PHI(u) of the argument u of a steep function changes by one where u changes by about one width of the function: constant where
-the function is constant, the logarithm for a power. Arguments are evaluated on the polynomial of the step.
+The scale PHI(u) measures an argument u in widths of its function: where the function varies, PHI changes by one while u changes
+by about one width; where the function is constant, PHI is. For a power u^n it is proportional to ln|u|. Arguments are evaluated
+on the polynomial of the step.
 """
 
 from __future__ import annotations
@@ -14,38 +15,40 @@ import numpy as np
 from mbdae.symbolic.functions import limited, scales
 from mbdae.system.base import Array, Switches
 
-#: beyond these a function is constant: exp(-25) = 1e-11; sinh and exp are followed up to e^40, tanh up to 1 - 3e-8
+#: arguments beyond which a function counts as constant: -FLAT where it decays (exp(-25) = 1e-11), STEEP for sinh and exp,
+#: SATURATED for tanh (tanh 9 = 1 - 3e-8)
 FLAT, STEEP, SATURATED = 25.0, 40.0, 9.0
-#: range of the logarithm of the base in which powers are followed
+#: range of ln|u| in which PHI of a power u^n varies; outside it is constant
 LOGARITHMS = (-90.0, 40.0)
-#: part of the difference of its neighbours by which an extremum may lie beyond the nearest point
+#: an extremum between points may exceed the value at the nearest point by this fraction of the difference to the point beside it
 BEYOND = 0.5
-#: change of PHI at an extremum from which the extremum is located
+#: an extremum is located where the scaled argument PHI may differ by more than this between it and the nearest point
 MATTERS = 0.25
-#: part of an argument's change over the step: an extremum nearer to a kink may cross it
+#: an extremum nearer to a kink (argument 0) than this fraction of the argument's change over the step may cross the kink
 MARGIN = 1e-2
-#: points per round of a search in an interval; most rounds for an extremum, and for a place. A round is 4 or 8 times finer
+#: a search in an interval evaluates SECTIONS points per round and goes on in a quarter (for an extremum) or an eighth of it; most
+#: rounds for an extremum (ROUNDS), and for the place where an argument passes a value (PLACES)
 SECTIONS, ROUNDS, PLACES = 9, 20, 9
-#: largest relative error of a place, counted from the start of the step
+#: a place in the step is located to this fraction of its distance from the start of the step
 EXACT = 1e-3
-SMALL = 1e-3  #: part of the step over which the rate of PHI is a difference quotient
-ROUND_OFF = 1e-10  #: difference of an argument, over its magnitude, that may be round-off
+SMALL = 1e-3  #: the rate of a scaled argument PHI is its difference quotient over twice this fraction of the step
+ROUND_OFF = 1e-10  #: relative change of an argument up to which the change may be round-off
 TINIEST = 1e-300  #: added to a magnitude before its logarithm is taken, so that it is finite
 
 
 _between_logarithms = limited(*LOGARITHMS)
-#: kind of argument -> PHI of it, the scale on which its changes are counted
+#: kind of argument -> its scale PHI; that of a kink is constant, because only the sign of its argument matters
 STRETCHES: dict[str, Callable[[Any], Any]] = {
     **scales(SATURATED, STEEP), "kink": lambda u: 0.0 * u, "decaying": limited(-FLAT, STEEP),
     "power": lambda u: _between_logarithms(np.log(np.abs(u) + TINIEST)),
 }  # fmt: skip
 
 TOGETHER = 2**17  #: most numbers of states that are evaluated together: they stay in the cache of the processor
-Inside = Callable[[Array], Array]  #: y (k, n) on the polynomial of a step after parts (k,) of it
+Inside = Callable[[Array], Array]  #: fractions (k,) of a step -> y (k, n) there, on the polynomial of the step
 
 
 def _interpolation(nodes: Array, at: Array) -> Array:
-    """Weights (k, nodes) by which values at nodes give those of their polynomial at points (k,)."""
+    """Matrix (k, nodes) that turns values at `nodes` into those of their interpolating polynomial at the points `at` (k,)."""
     V, degree = np.polynomial.chebyshev.chebvander, len(nodes) - 1
     return np.asarray(np.linalg.solve(V(2 * nodes - 1, degree).T, V(2 * at - 1, degree).T).T)
 
@@ -53,23 +56,25 @@ def _interpolation(nodes: Array, at: Array) -> Array:
 NODES = 0.5 * (1 - np.cos(np.pi * np.arange(8) / 7))  #: Chebyshev's points of [0, 1], both ends included
 FINE = np.linspace(0.0, 1.0, 33)
 TO_FINE = _interpolation(NODES, FINE)
-#: weights of the values at `NODES`: slope at the start, differences of neighbouring fine points, slope at the end
+#: matrices that turn the values at `NODES` into (TO_SLOPES) the slopes at start and end, and (TO_RISES) the slope at the start,
+#: the differences between neighbouring points of FINE, and the slope at the end
 TO_SLOPES = np.diff(_interpolation(NODES, np.array([0.0, 1e-6, 1.0 - 1e-6, 1.0])), axis=0)[::2] * 1e6
 TO_RISES = np.vstack([TO_SLOPES[:1], np.diff(TO_FINE, axis=0), TO_SLOPES[1:]])
-#: weights of the values at `NODES`: start, end, and points just after and before the end on the tangent there
+#: matrix that turns the values at `NODES` into those at start and end, and just after and before the end on the tangent there
 TO_ENDS = np.vstack([np.eye(8)[[0, -1]], np.eye(8)[-1] + SMALL * TO_SLOPES[1], np.eye(8)[-1] - SMALL * TO_SLOPES[1]])
 
 
 def cubic_weights(part: Array) -> Array:
-    """Weights (k, 4) of y and h y' at the start and at the end of a step, in their cubic at parts (k,) of the step."""
+    """Weights (k, 4) of y and h y' at the start and at the end of a step in their cubic polynomial, at fractions (k,) of the
+    step."""
     s, r = part, 1 - part
     return np.stack([r * r * (1 + 2 * s), s * r * r, s * s * (3 - 2 * s), -s * s * r], axis=1)
 
 
 AT_NODES = cubic_weights(NODES)
-#: weights of the values at `NODES` in the last two Chebyshev coefficients of their polynomial: how well it describes the argument
+#: matrix that turns the values at `NODES` into the last two Chebyshev coefficients of their polynomial, which estimate its error
 TO_TAIL = np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * NODES - 1, 7))[-2:]
-#: error of the polynomial, over an argument's change in the step, above which the argument is evaluated at the fine points
+#: ratio of the polynomial's error to the argument's change in the step, above which arguments are evaluated at all points of FINE
 POOR = 1e-3
 
 
@@ -80,20 +85,20 @@ def cubic_of_step(h: float, start: tuple[Array, Array], end: tuple[Array, Array]
 
 
 class Course(NamedTuple):
-    """One argument over a step: parts of it (m,) and values (m,), monotone between them."""
+    """One argument over a step: its values u (m,) at fractions s (m,) of the step, between which it is monotone."""
 
     s: Array
     u: Array
 
     def changes(self) -> Any:
-        """Numbers of the intervals in which the argument changes its sign."""
+        """Indices of the intervals, between neighbouring points, in which the argument changes its sign."""
         return np.flatnonzero((self.u[1:] < 0) != (self.u[:-1] < 0))
 
 
 class StepArguments:
-    """The arguments of a system's switches over the last step.
+    """The na arguments of a system's switches over the last step.
 
-    at_nodes (8, na): values at `NODES`; kinks (na,): which arguments are of kinks.
+    at_nodes (8, na): their values at `NODES`; kinks (na,) bool: which of them switch a law where they vanish.
     """
 
     def __init__(self, switches: Switches) -> None:
@@ -110,15 +115,16 @@ class StepArguments:
         self._rise = TO_RISES @ self.at_nodes
         tail, size = np.abs(TO_TAIL @ self.at_nodes).sum(axis=0), np.abs(self.at_nodes).max(axis=0)
         self._fine: Array | None = None
-        # the polynomial of some argument is too inaccurate
+        # where the polynomial of some argument is too inaccurate, all are evaluated at the fine points
         if np.any(tail > POOR * np.ptp(self.at_nodes, axis=0) + ROUND_OFF * size):
             self._fine = self.at(FINE)
             self._rise[1:-1] = np.diff(self._fine, axis=0)
         self._ends = self.stretched(TO_ENDS @ self.at_nodes)
 
     def quiet(self, t: Array, y: Callable[[Array, slice], Array], n: int, limit: float) -> tuple[Any, Array]:
-        """Of steps between times t (m+1,), with y (m, 8, n) at parts (8,) of some of them: (m,) whether no argument has an
-        extremum, a change of sign or a variation of PHI above `limit`; and (m,) the largest rate of a PHI at the end, 1/s."""
+        """For m steps between times t (m+1,): whether (m,) no argument has an extremum, a change of sign or a variation of PHI
+        above `limit`, and the largest rate (m,) of a PHI at the end of each step, 1/s. y(parts, steps): n unknowns at fractions
+        (8,) of a slice of the steps."""
         h, few = np.diff(t), max(TOGETHER // (len(NODES) * n), 1)
         times = t[:-1, None] + NODES * h[:, None]
         U = np.concatenate([self.switches.arguments(times[some].ravel(), y(NODES, some).reshape(-1, n))
@@ -135,32 +141,33 @@ class StepArguments:
 
     @property
     def fine(self) -> Array:
-        """Arguments (33, na) at the fine points."""
+        """Arguments (33, na) at the points FINE."""
         if self._fine is None:
             self._fine = TO_FINE @ self.at_nodes
         return self._fine
 
     def at(self, parts: Array) -> Array:
-        """Arguments (k, na) at parts (k,) of the step."""
+        """Arguments (k, na) at fractions (k,) of the step."""
         return self.switches.arguments(self.t + parts * self.h, self.inside(parts))
 
     def stretched(self, U: Array) -> Array:
-        """PHI (k, na) of arguments (k, na)."""
+        """Arguments U (k, na) on their scales PHI, in widths of their functions."""
         out = np.empty_like(U)
         for stretch, columns in self._by_kind:
             out[:, columns] = stretch(U[:, columns])
         return np.asarray(out * self._weights)
 
     def stretch(self, i: int, u: Any) -> Any:
-        """PHI of values of argument i."""
+        """Values u of argument i on its scale PHI, in widths of its function."""
         return STRETCHES[self.switches.kinds[i]](u) * self._weights[i]
 
     def rate(self) -> float:
-        """Largest rate of a PHI at the end of the step, 1/s."""
+        """Largest rate of a scaled argument PHI at the end of the step, in widths per second."""
         return float(np.max(np.abs(self._ends[2] - self._ends[3]))) / (2 * SMALL * self.h)
 
     def suspects(self, limit: float) -> Any:
-        """(na,) whether PHI varies by more than `limit`, or an argument crosses a kink or has an extremum that may matter."""
+        """(na,) whether the PHI of an argument varies by more than `limit`, or the argument crosses a kink or has an extremum at
+        which it may do either."""
         turns = self._turns()
         if turns is not None:
             return self._turning(turns, limit)
@@ -168,7 +175,7 @@ class StepArguments:
         return over | (self.kinks & ((self.at_nodes[0] < 0) != (self.at_nodes[-1] < 0)))
 
     def _turns(self) -> Any:
-        """(33, na) fine points at which arguments have an extremum larger than round-off; None where there is none."""
+        """(33, na) bool: points of FINE at which arguments have an extremum larger than round-off; None where there is none."""
         rise = self._rise
         turns = rise[:-1] * rise[1:] <= 0
         if turns.any():
@@ -177,7 +184,7 @@ class StepArguments:
         return turns if turns.any() else None
 
     def _turning(self, turns: Any, limit: float) -> Any:
-        """`suspects` for a step with extrema; turns (33, na): the fine points at which arguments have them."""
+        """`suspects` for a step with extrema; turns (33, na) bool: points of FINE at which arguments have them."""
         F, rise = self.fine, self._rise
         steps, negative, stretched = np.abs(rise[1:-1]), F < 0, self.stretched(F)
         height = np.maximum(np.vstack([steps[:1], steps]), np.vstack([steps, steps[-1:]]))
@@ -190,7 +197,7 @@ class StepArguments:
         return over | crosses | np.any(turns & matters, axis=0)
 
     def course(self, i: int) -> Course:
-        """Argument i at the points of the step and at its extrema between them."""
+        """Argument i at the points FINE of the step and at its extrema between them."""
         s, u, rise, last = FINE.tolist(), self.fine[:, i].tolist(), self._rise[:, i], len(FINE) - 1
         turns = self._turns()
         for j in reversed(np.flatnonzero(turns[:, i])) if turns is not None else ():
@@ -205,15 +212,16 @@ class StepArguments:
         return Course(np.array(s), np.array(u))
 
     def _extremum(self, i: int, a: float, b: float, sign: float) -> tuple[float, float]:
-        """Part and value of the largest (sign 1) or smallest (-1) argument in an interval."""
+        """Fraction of the step and value of the largest (sign 1) or smallest (sign -1) argument i between fractions a and b."""
         part, value = 0.5 * (a + b), 0.0
         for _ in range(ROUNDS):
             s = np.linspace(a, b, SECTIONS)
             u = self.at(s)[:, i]
             best = int(np.argmax(sign * u))
             part, value = float(s[best]), float(u[best])
-            if (best == 0 and a > 0) or (best == SECTIONS - 1 and b < 1):  # the extremum is outside of the interval,
-                a, b = max(part - (b - a), 0.0), min(part + (b - a), 1.0)  # which was found by the polynomial
+            # the interval was found on a polynomial through few points: the extremum may lie beyond its end
+            if (best == 0 and a > 0) or (best == SECTIONS - 1 and b < 1):
+                a, b = max(part - (b - a), 0.0), min(part + (b - a), 1.0)
                 continue
             low, high = max(best - 1, 0), min(best + 1, SECTIONS - 1)
             a, b = float(s[low]), float(s[high])
@@ -222,7 +230,8 @@ class StepArguments:
         return part, value
 
     def _settled(self, i: int, value: float, change: float) -> bool:
-        """Whether an extremum near `value` is located well enough; change: to its neighbouring points."""
+        """Whether an extremum of argument i near `value` is located well enough; change: difference to its neighbouring
+        points."""
         farther = value + BEYOND * change
         if self._signed[i] and (farther < 0) != (value < 0):
             return False
@@ -231,12 +240,13 @@ class StepArguments:
         return bool(abs(self.stretch(i, farther) - self.stretch(i, value)) < MATTERS)
 
     def zero(self, i: int, course: Course, k: int) -> float:
-        """Part of the step just before argument i changes its sign in interval k of its course."""
+        """Fraction of the step just before argument i changes its sign in interval k of its course."""
         first = course.u[k] < 0
         return self.place(i, course, k, lambda v: (v < 0) != first)[0]
 
     def place(self, i: int, course: Course, k: int, beyond: Callable[[Any], Any]) -> tuple[float, float]:
-        """Parts of the step between which argument i first satisfies `beyond` in interval k of its course."""
+        """Two fractions of the step between which argument i begins to satisfy the condition `beyond` in interval k of its
+        course."""
         a, b = float(course.s[k]), float(course.s[k + 1])
         for _ in range(PLACES):
             s = np.linspace(a, b, SECTIONS)
@@ -250,7 +260,8 @@ class StepArguments:
         return a, b
 
     def noise(self, i: int, tolerance: Callable[[Array], Array]) -> tuple[float, float]:
-        """Change of argument i, and of its PHI, at the end of the step by the tolerance (n,) of the unknowns; random samples."""
+        """Change of argument i, and of its PHI, at the end of the step where all unknowns change by their tolerance (n,), with
+        random signs."""
         y = self.inside(np.ones(1))[0]
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (4, len(y)))
         u = self.switches.arguments(np.full(5, self.t + self.h), np.vstack([y, y + signs * tolerance(y)]))[:, i]

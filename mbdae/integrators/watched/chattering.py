@@ -1,8 +1,8 @@
 """Chattering: equations that jump where an argument vanishes, and drive the argument back to zero from both sides.
 
 On-off control, and friction by sign(rate) where a body sticks, keep the motion at the point of switching. Steps then cross the
-jump again and again, each by as little as the tolerance allows, and the run hardly advances. Other arguments that vanish often
-leave zero in between.
+jump again and again, each by as little as the tolerance allows, and the run hardly advances. An argument that merely vanishes
+often, as in a vibration, becomes far larger than the tolerance in between.
 """
 
 from __future__ import annotations
@@ -15,17 +15,18 @@ import numpy as np
 from mbdae.integrators.watched.arguments import NODES, StepArguments
 from mbdae.system.base import Array, System
 
-#: chattering: MOST changes of sign within PART of the run; at a lower rate a run has less than 1e4 of them, which it can afford
+#: an argument chatters where it changes its sign MOST times within the fraction PART of the run; at a lower rate a run has fewer
+#: than 1e4 such changes, which it can afford
 MOST, PART = 100, 1e-2
-#: STAYS: an argument remains at zero while it is below so many times its change by the tolerance (measured: 3, in one of some
-#: hundred steps 12); otherwise half of the count is dropped. LEAST: crossings by less than this part of that change (round-off of
-#: a body at rest) do not count
+#: an argument stays at zero while its magnitude in a step is below STAYS times its change by the tolerance of the unknowns
+#: (measured while chattering: 3 times, in one of some hundred steps 12 times); where it is larger, the count of changes of sign
+#: is halved. A change of sign by less than LEAST times that change is round-off of a body at rest, and is not counted
 STAYS, LEAST = 30.0, 1e-4
-#: HALVINGS of the step locate a change of sign; JUMPS: change of the equations across it, over their change in the
-#: whole step, above which the equations jump
+#: HALVINGS: number of bisections that locate a change of sign in the step; JUMPS: the equations jump there where their residuals
+#: change by more than this fraction of their change in the whole step
 HALVINGS, JUMPS = 40, 1e-3
 
-#: number of a kink -> changes of sign until now, and the time (s) of the first
+#: number of a kink -> number of changes of sign of its argument until now, and the time (s) of the first
 Counts = dict[int, tuple[int, float]]
 
 
@@ -37,7 +38,7 @@ class Endless(NamedTuple):
     span: float
 
     def told(self) -> str:
-        """The message on it."""
+        """The text of the error about it."""
         return (f"'{self.item}' switches without end: {self.times} times within {self.span:.1e} s, while the motion "
                 "stays there to within the tolerance. Its value jumps there and drives the motion back from both sides, "
                 "as on-off control and friction by the sign of a rate do: give the jump a width, as in tanh(x/width), state "
@@ -48,11 +49,12 @@ class Chattering:
     """Counts the changes of sign of every kink of a run while its argument stays near 0."""
 
     def __init__(self, system: System, arguments: StepArguments, tolerance: Callable[[Array], Array], known: Counts) -> None:
-        """known: counts of the run until now, whose parts share them."""
+        """known: counts of the run until now; the parts of a run (between breaks) share this dictionary."""
         self.system, self.arguments, self.tolerance, self._counts = system, arguments, tolerance, known
 
     def endless(self, span: float) -> Endless | None:
-        """Count the changes of sign in the last step, which is accepted. Returns what chatters in a run of `span` s, or None."""
+        """Count the changes of sign in the last step, which is accepted. Returns the argument that chatters, or None; span:
+        length of the run, s."""
         arguments, counts = self.arguments, self._counts
         negative = arguments.at_nodes < 0
         crossed = arguments.kinks & np.any(negative[1:] != negative[:-1], axis=0)
@@ -61,7 +63,7 @@ class Chattering:
             count, since = counts.pop(i, (0, arguments.t))
             leaves = largest > STAYS * noise
             count = count // 2 if leaves else count + int(crossed[i] and largest > LEAST * noise)
-            if count >= MOST:  # the last step had a change of sign
+            if count >= MOST:  # counts grow only by a change of sign in the last step, so that it has one
                 if arguments.t + arguments.h - since < PART * span and self._jumps(i):
                     return Endless(arguments.switches.names[i], count, arguments.t + arguments.h - since)
             elif count:
@@ -83,7 +85,8 @@ class Chattering:
         return bool(jump[row] > JUMPS * change[row])
 
     def _equations(self, parts: Array) -> Array:
-        """F (k, n) at parts (k,) of the last step, all with the same rates."""
+        """Residuals F (k, n) at fractions (k,) of the last step, all with the mean y' of the step, so that only a jump of the
+        equations makes them differ."""
         t, h = self.arguments.t, self.arguments.h
         y, out = self.arguments.inside(np.array([0.0, *parts, 1.0])), np.empty((len(parts), self.system.n))
         for i, part in enumerate(parts):

@@ -1,7 +1,8 @@
 """Step sizes near contacts: no step passes over a contact, and a step that begins a contact is short compared with the impact.
 
-Used where a system has `guards`. A contact is open where its gap is positive, closed where it is negative. Plain Python numbers
-are four times faster here than arrays, because contacts are few.
+Used where a system has `guards` (gap, rate of the gap and duration of an impact for every contact). A contact is open where its
+gap is positive, closed where it is negative. Plain Python numbers are four times faster here than arrays, because contacts are
+few.
 """
 
 from __future__ import annotations
@@ -18,26 +19,27 @@ from mbdae.integrators.watched.zero import zero_between
 from mbdae.native.contacts import Contacts
 from mbdae.system.base import Array, System
 
-#: part of the gap that one step may close
+#: fraction of an open gap that the next step may close
 APPROACH = 0.5
-#: part of the duration of an impact that one step may cover; with 0.1 Radau needs up to twice the steps for the same error
+#: longest step during an impact, as a fraction of its duration; with 0.1 Radau IIA needs up to twice the steps for the same error
 IMPACT = 0.2
-#: change of the penetration, over itself, up to which a step may be longer: a body at rest on a contact needs no short steps
+#: relative change of a penetration in the next step up to which that step may be longer: a body at rest on a contact needs no
+#: short steps
 REST = 0.1
-#: durations of an impact after which a contact counts as lasting: motion is smooth, and the error test alone bounds the step.
-#: With a bound on the step higher orders of BDF let a body at rest oscillate: 2 to 3 times the evaluations
+#: after this number of durations of an impact a contact counts as lasting: the motion is smooth then, and the error test alone
+#: bounds the step. With a further bound BDF of higher order lets a body at rest oscillate, at 2 to 3 times the evaluations
 LASTING = 3.0
-#: change of a penetration, over itself, above which the Jacobian is evaluated anew
+#: relative change of a penetration above which the Jacobian is evaluated anew
 CHANGE = 0.2
-#: a minimum of the gap between two points below this part of the smaller gap may be a contact
+#: a minimum of the gap inside a step may be a contact where it is below this fraction of the smaller gap at the ends
 MARGIN = 0.1
-#: largest weight of a slope in a cubic Hermite polynomial on [0, 1]
+#: largest weight of a slope in a cubic Hermite polynomial on [0, 1]: bounds how far a gap can fall below its values at the ends
 SLOPE = 4 / 27
 #: number of times a step is repeated with a shorter length at one place before it is accepted
 RETRIES = 4
-#: part of a step at either end within which a zero of the gap counts as being at that end
+#: fraction of a step at either end within which a zero of the gap counts as being at that end
 MET = 1e-2
-#: shortest step, over the time: shorter ones are round-off of the time
+#: shortest step, relative to the time t; shorter ones would be round-off of t
 ROUND = 1e3 * float(np.finfo(float).eps)
 
 
@@ -60,14 +62,14 @@ def guard_name(system: System, i: int) -> str:
 
 
 def cubic(s: Any, h: Any, g0: Any, g1: Any, r0: Any, r1: Any) -> Any:
-    """The cubic polynomial at the part s of a step of width h (s), with the values g0, g1 and rates r0, r1 at its ends: of one
-    gap or, as arrays, of many."""
+    """Value at the fraction s of a step of length h (s) of the cubic polynomial with the values g0, g1 and rates r0, r1 at its
+    ends: of one gap or, as arrays, of many."""
     bend = h * s * (1 - s) * ((1 - s) * r0 - s * r1)
     return g0 + s * s * (3 - 2 * s) * (g1 - g0) + bend
 
 
 class Cubic(NamedTuple):
-    """Cubic polynomial of a gap over a step: width (s), gaps (m or rad) and their rates at both ends."""
+    """Cubic polynomial of a gap over a step: length h (s), gaps g0, g1 (m or rad) and their rates r0, r1 at both ends."""
 
     h: float
     g0: float
@@ -76,17 +78,19 @@ class Cubic(NamedTuple):
     r1: float
 
     def value(self, s: float) -> float:
-        """Gap at the part s of the step."""
+        """Gap at the fraction s of the step."""
         found: float = cubic(s, *self)
         return found
 
     def suspect(self, margin: float) -> bool:
-        """Whether its minimum can be below margin times the smaller gap at the ends: a quick test, rarely true."""
+        """Whether the minimum can be below `margin` times the smaller gap at the ends: a cheap bound that rules out most
+        steps."""
         drop = max(-self.r0, 0.0) + max(self.r1, 0.0)
         return (1 - margin) * min(self.g0, self.g1) < SLOPE * self.h * drop
 
     def minimum(self) -> tuple[float, float]:
-        """Part of the step and gap at the minimum inside; those of the lower end where there is no minimum inside."""
+        """Fraction of the step and gap at the minimum inside; at the end with the smaller gap where there is no minimum
+        inside."""
         d0, d1, rise = self.h * self.r0, self.h * self.r1, self.g1 - self.g0
         a, b = d0 + d1 - 2 * rise, 3 * rise - 2 * d0 - d1
         square = b * b - 3 * a * d0
@@ -98,7 +102,7 @@ class Cubic(NamedTuple):
         return (0.0, self.g0) if self.g0 < self.g1 else (1.0, self.g1)
 
     def zero(self, upto: float) -> float:
-        """Part of the step at which the gap, positive at the start and negative at `upto`, vanishes."""
+        """Fraction of the step at which the gap vanishes, which is positive at the start and negative at the fraction `upto`."""
         low, high = 0.0, upto
         for _ in range(30):
             middle = 0.5 * (low + high)
@@ -114,14 +118,14 @@ class ContactSteps:
     """
 
     def __init__(self, system: System, stats: Stats, impact: float = IMPACT) -> None:
-        """impact: part of the duration of an impact that one step may cover."""
+        """impact: longest step during an impact, as a fraction of its duration."""
         self.system, self.stats, self.impact = system, stats, impact
         self._t = self._t_end = float(system.t0)
         self._here = self._before = self._end = self._contacts(system.t0, system.y0)
         self._inside = [0] * len(self._here)  # accepted steps in the present contact, if it began in this run
-        # times (s) after which the contact counts as lasting
+        # time (s) for each contact after which it counts as lasting
         self._lasting = [self._t + LASTING * c.duration for c in self._here]
-        self._stiff = [min(c.gap, 0.0) for c in self._here]  # gaps for which the present Jacobian was evaluated
+        self._stiff = [min(c.gap, 0.0) for c in self._here]  # gaps (0 where open) at which the present Jacobian was evaluated
         self._retries = 0
 
     def _contacts(self, t: float, y: Array) -> list[Contact]:
@@ -136,10 +140,11 @@ class ContactSteps:
         return np.asarray(self.system.guards(t, y)[0] if gaps is None else gaps(t, y))
 
     def bound(self) -> float:
-        """Largest step from the last accepted point, s: the time to close half the gap, or a small part of an impact."""
+        """Largest step from the last accepted point, s: the time in which half of an open gap closes, or a fraction of the
+        duration of an impact."""
         bound = inf
         for here, before, lasting in zip(self._here, self._before, self._lasting, strict=True):
-            # of both speeds, because at its turning point an impact has no speed
+            # the shorter of the durations by the last two speeds, because at the turning point of an impact the speed is 0
             short = self.impact * min(here.duration, before.duration)
             if here.gap < 0:
                 if self._t < lasting:
@@ -152,13 +157,15 @@ class ContactSteps:
 
     @cached_property
     def native(self) -> Contacts | None:
-        """The contacts as tables for native methods, which watch many steps at a time; None for guards in Python."""
+        """The contacts as tables for native methods, which check contacts after every step of a block; None for guards that are
+        Python functions."""
         made = getattr(self.system.guards, "native", None)
         return None if made is None else made({"impact": self.impact, "approach": APPROACH, "rest": REST, "margin": MARGIN,
                                                "slope": SLOPE, "change": CHANGE, "round": ROUND})  # fmt: skip
 
     def given(self) -> Contacts | None:
-        """`native` after the state at the last accepted step has been written to it."""
+        """The tables `native`, after the contacts at the last accepted step have been written to them; None for guards in
+        Python."""
         native = self.native
         if native is not None:
             native.here[:], native.before[:] = self._here, self._before
@@ -167,7 +174,8 @@ class ContactSteps:
         return native
 
     def take(self, t: Array, y: Array, dropped: int) -> None:
-        """Take the contacts from `native` after steps; y (2, n): last two states, at t (2,); dropped: number of later steps."""
+        """Take over the state of the contacts from `native` after a block of steps. y (2, n): the last two accepted states, at
+        times t (2,); dropped: number of steps after these that were made but not accepted."""
         native = self.native
         assert native is not None
         self._t, self._retries = float(t[1]), 0
@@ -198,7 +206,8 @@ class ContactSteps:
         return self._t + part * h
 
     def _hidden(self, i: int) -> tuple[float, bool] | None:
-        """Part of the step at which contact i may close, and whether it does; None where the end of the step shows it well."""
+        """Fraction of the step at which contact i may close, and whether it certainly does; None where it does not close, or
+        where the step ends soon enough after it."""
         here, end, cubic = self._here[i], self._end[i], self._cubic(i)
         short = self.impact * min(here.duration, end.duration)
         if not (here.gap > 0 and cubic.h > short):
@@ -212,7 +221,7 @@ class ContactSteps:
         if not (0 < part < 1 and least < MARGIN * min(here.gap, end.gap)):
             return None
         part = cubic.zero(part) if least < 0 else part
-        # steps of this length are never repeated, so that no shorter one is asked for
+        # a step as short as `short` is never repeated, so that none shorter than that is asked for
         return max(part, short / cubic.h), least < 0
 
     def count_hidden(self, inner: list[tuple[float, Array]]) -> None:
@@ -225,9 +234,8 @@ class ContactSteps:
                 self.stats.missed_dips += dips or any(contacts[i].gap < 0 for contacts in between)
 
     def shorter(self, h: float, inside: Callable[[float], Array]) -> float | None:
-        """Width (s) that the step of width h should have, so that it ends where a contact (a hidden one too) closes or opens.
-
-        inside: part of the step -> y (n,) on its polynomial. None: accept the step.
+        """Length (s) that the step of length h should have had, so that it ends where a contact closes or opens, also one that
+        does so inside the step only. None: accept the step. inside: fraction of the step -> y (n,) on its polynomial.
         """
         when = self.hidden()
         if when is not None:
@@ -238,7 +246,7 @@ class ContactSteps:
         part, gaps = None, None
         for i in crossed:
             if gaps is not None and (gaps[i] < 0) == (self._here[i].gap < 0):
-                continue  # it opens or closes later than the first contact found
+                continue  # where the first one found closes or opens, this one has not done so yet: it does later
             found = self._zero(i, h, inside)
             if MET < found < 1 - MET and (part is None or found < part):
                 part, gaps = found, self._gaps(self._t + found * h, inside(found))
@@ -248,7 +256,7 @@ class ContactSteps:
         return part * h
 
     def _zero(self, i: int, h: float, inside: Callable[[float], Array]) -> float:
-        """Part of the step at which contact i closes or opens, on the polynomial of the step."""
+        """Fraction of the step at which contact i closes or opens, on the polynomial of the step."""
 
         def gap(part: float) -> float:
             if part in (0.0, 1.0):
@@ -258,7 +266,7 @@ class ContactSteps:
         return 0.0 if gap(0.0) == 0.0 else zero_between(gap, 0.01 * MET)
 
     def keep(self) -> None:
-        """Accept the last step, and count its contacts."""
+        """To be called when the last step is accepted: counts its contacts."""
         self._before, self._here, self._t, self._retries = self._here, self._end, self._t_end, 0
         for i, (before, here) in enumerate(zip(self._before, self._here, strict=True)):
             if here.gap < 0:
@@ -273,7 +281,7 @@ class ContactSteps:
                 self._inside[i] = 0
 
     def jacobian_at(self, t: float, y: Array) -> None:
-        """To be called when the Jacobian was evaluated at (t, y)."""
+        """To be called when the Jacobian was evaluated at (t, y): remembers the penetrations there for `stiffness_changed`."""
         self._stiff = [min(c.gap, 0.0) for c in self._contacts(t, y)]
 
     def stiffness_changed(self) -> bool:

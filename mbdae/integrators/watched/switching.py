@@ -1,7 +1,8 @@
 """Step sizes where equations switch (kinks) or vary within a narrow range (peaks): no step passes over a kink or a peak.
 
-A step over which PHI of an argument (`arguments.py`) varies by more than `LIMIT` is repeated shorter; one that crosses a kink
-is repeated so that it ends there. Used where a system has `switches`.
+PHI is an argument of a law, measured in widths of the law's function (`arguments.py`). A step over which it varies by more than
+`LIMIT` is repeated with a shorter length; one that crosses a kink is repeated so that it ends there. Used where a system has
+`switches`.
 """
 
 from __future__ import annotations
@@ -15,18 +16,20 @@ from mbdae.integrators.solution import Stats
 from mbdae.integrators.watched.arguments import MARGIN, Course, Inside, StepArguments
 from mbdae.system.base import Array, System
 
-#: largest variation of PHI: LIMIT over an accepted step, REACH over the next step by its rate, AGAIN over a repeated step
+#: largest variation of a scaled argument PHI: LIMIT over an accepted step, REACH over the next step (predicted by the rate of
+#: PHI), AGAIN over a step that is repeated
 LIMIT, REACH, AGAIN = 2.5, 1.0, 1.25
 #: number of times a step is repeated with a shorter length at one place before it is accepted
 RETRIES = 10
-#: part of a step: a single kink nearer to its end counts as at the end; one as near to its start belongs to the step before
+#: fraction of a step: a single kink nearer to its end counts as being at the end; one that is as near to its start was at the end
+#: of the step before
 MET = 1e-2
-#: arguments below this many times their change by the tolerance of the unknowns count as 0
+#: an argument below this many times its change by the tolerance of the unknowns counts as 0
 NOISE = 3.0
-#: TINY: shortest part of a step that becomes a step of its own; ROUND: shortest step over the time (shorter is round-off)
+#: TINY: smallest fraction of a step at which a kink is placed; ROUND: shortest step relative to the time t (shorter is round-off)
 TINY, ROUND = 1e-9, 1e3 * float(np.finfo(float).eps)
 
-Found = tuple[float, int, bool]  #: part of a step, number of an argument, whether a kink or peak is certainly hidden there
+Found = tuple[float, int, bool]  #: fraction of a step, number of an argument, whether it certainly has a kink or peak there
 
 
 class SwitchingSteps:
@@ -66,15 +69,15 @@ class SwitchingSteps:
         return part * h
 
     def keep(self) -> None:
-        """Accept the step, and bound the next one."""
+        """Accept the step, and bound the next one by the rate at which arguments vary at its end."""
         self._retries, self._reached, self._goal = 0, self._goal, -1
         rate, U = self.arguments.rate(), self.arguments.at_nodes
         self._bound = REACH / rate if rate > 0 else inf
         self.crossed = bool((((U[0] < 0) != (U[-1] < 0)) & self.arguments.kinks).any())
 
     def quiet(self, t: Array, y: Callable[[Array, slice], Array], n: int) -> int:
-        """Of steps between times t (m+1,), with y (m, k, n) at parts (k,) of some of them: how many of the first hide nothing;
-        these are accepted."""
+        """Number of steps, of those between times t (m+1,), before the first that may hide a kink or peak; these are accepted. y,
+        n: as for `StepArguments.quiet`."""
         calm, rate = self.arguments.quiet(t, y, n, LIMIT)
         h = np.diff(t)
         calm[1:] = calm[1:] & (h[1:] * rate[:-1] <= REACH * (1 + 1e-9))
@@ -85,7 +88,8 @@ class SwitchingSteps:
         return count
 
     def count_hidden(self) -> None:
-        """Count a kink or peak hidden inside a constant step; a kink that is crossed once is not hidden."""
+        """Count a constant step that passed over a peak, or over several kinks. A kink that is crossed once does not count,
+        because the end of the step shows it."""
         found = self._found(constant=True)
         if found is not None and found[2]:
             self._count(found[1], found[0])
@@ -98,7 +102,7 @@ class SwitchingSteps:
     # -- what a step hides
 
     def _found(self, constant: bool = False) -> Found | None:
-        """The first place in the step at which it should have ended, or None."""
+        """The first place in the step at which the step should have ended, or None; constant: whether it is a constant step."""
         asked = self.arguments.suspects(LIMIT)
         if not asked.any():
             return None
@@ -112,7 +116,8 @@ class SwitchingSteps:
         return min(found, default=None)
 
     def _scale(self, i: int) -> Found | None:
-        """Place where PHI of argument i has varied by AGAIN, if it varies by more than LIMIT over the step."""
+        """The place in the step until which PHI of argument i has varied by AGAIN; None where it varies by less than LIMIT over
+        the whole step."""
         arguments, course = self.arguments, self.arguments.course(i)
         if arguments.switches.kinds[i] == "power":
             course = self._with_zeros(i, course)
@@ -126,14 +131,15 @@ class SwitchingSteps:
         return part, i, arguments.noise(i, self.tolerance)[1] < 1
 
     def _with_zeros(self, i: int, course: Course) -> Course:
-        """The course with the zeros of argument i as further points, because the logarithm is infinite there."""
+        """The course of argument i (the base of a power) with its zeros as further points, because ln|u| has its minimum
+        there."""
         s, u = course
         for k in reversed(course.changes()):
             s, u = np.insert(s, k + 1, self.arguments.zero(i, course, k)), np.insert(u, k + 1, 0.0)
         return Course(s, u)
 
     def _crossings(self, i: int) -> list[float]:
-        """Parts of the step at which argument i changes its sign, without the kink at which the last step was to end."""
+        """Fractions of the step at which argument i changes its sign, without the kink at which the last step was made to end."""
         course = self.arguments.course(i)
         changes = course.changes()
         if not len(changes) or self._is_noise(i, course):
@@ -142,7 +148,7 @@ class SwitchingSteps:
         return found[1:] if self._reached == i and found[0] < MET else found
 
     def _near_misses(self, i: int) -> list[float]:
-        """Parts of the step at which argument i has an extremum so near to 0 that it may cross it."""
+        """Fractions of the step at which argument i has an extremum so near to 0 that it may cross 0."""
         course = self.arguments.course(i)
         s, u = course
         rise = np.diff(u)

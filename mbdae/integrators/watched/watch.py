@@ -1,4 +1,4 @@
-"""Bounds of the step beside the error test: contacts, kinks of the equations, and functions with narrow peaks."""
+"""Bounds of the step in addition to the error test: contacts, kinks of the equations, and functions with narrow peaks."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class StepWatch:
     called when the step is accepted.
     """
 
-    #: part of the duration of an impact that one step may cover
+    #: longest step during an impact, as a fraction of its duration
     impact: float = IMPACT
 
     def __init__(self, loop: StepLoop, tolerance: Tolerance) -> None:
@@ -48,18 +48,19 @@ class StepWatch:
         return max(min(bounds), ROUND * abs(self.loop.t))
 
     def bound_of_switches(self) -> float:
-        """Largest step (s) because of switches alone, where native methods watch the contacts."""
+        """Largest step (s) by switches and not by contacts, for native methods, which bound the step by contacts themselves."""
         return inf if self.switching is None else max(self.switching.bound(), ROUND * abs(self.loop.t))
 
     def look(self, t: float, y: Array, inside: Inside) -> None:
-        """Evaluate the last step: its end (t, y), and inside: parts (k,) of the step -> y (k, n) on its polynomial."""
+        """Evaluate contacts and switches over the last step, which ends at (t, y). inside: fractions (k,) of the step -> y (k, n)
+        on its polynomial."""
         if self.contacts is not None:
             self.contacts.look(t, y)
         if self.switching is not None:
             self.switching.look(self.loop.t, t - self.loop.t, inside)
 
     def shorter(self, h: float, inside: Inside) -> float | None:
-        """Width (s) that the step of width h should have had; None: accept the step."""
+        """Length (s) that the step of length h should have had; None: accept the step."""
         widths = [None if self.contacts is None else self.contacts.shorter(h, lambda part: inside(np.array(part))),
                   None if self.switching is None else self.switching.shorter()]  # fmt: skip
         return min((width for width in widths if width is not None), default=None)
@@ -70,11 +71,12 @@ class StepWatch:
         return self.contacts is not None and self.contacts.native is None
 
     def kept(self, t: Array, y: Array, inside: Callable[..., Array], closely: bool) -> tuple[int, float]:
-        """Of steps between times t (m+1,) to states y (m, n), made already, how many can be accepted, and the largest length (s)
-        of the next step because of what one hides. inside: parts (k,), steps -> y (m, k, n) on the polynomials of
-        these steps, by default of all.
+        """How many of m steps, made already, can be accepted, and the largest length (s) of the next step where the one after
+        them hides a contact or switch. t (m+1,), y (m, n): times and states at the ends of the steps; inside: fractions (k,) of a
+        step, a slice of the steps (default all) -> y (m, k, n) on their polynomials.
 
-        closely: it is one step, checked for contacts and switches; else native methods have checked the contacts of all steps."""
+        closely: it is a single step, in which contacts and switches are sought; else the native method has checked the contacts
+        of all steps."""
         if not closely:
             return (len(y) if self.switching is None else self.switching.quiet(t, inside, y.shape[1])), inf
 
@@ -90,7 +92,7 @@ class StepWatch:
         return 1, inf
 
     def keep(self) -> None:
-        """Accept the step."""
+        """To be called when a step is accepted."""
         for part in (self.contacts, self.switching):
             if part is not None:
                 part.keep()
@@ -104,14 +106,15 @@ class StepWatch:
             raise loop.failure(found.told(), "", ChatteringError)
 
     def count_hidden(self, inner: Callable[[], list[tuple[float, Array]]]) -> None:
-        """Count what a constant step hides; inner: times (s) and states inside it."""
+        """Count contacts, kinks and peaks that a constant step passes over; inner: function that returns times (s) and states
+        inside the step."""
         if self.contacts is not None:
             self.contacts.count_hidden(inner())
         if self.switching is not None:
             self.switching.count_hidden()
 
     def jacobian_at(self, t: float, y: Array) -> None:
-        """To be called when the Jacobian was evaluated at (t, y)."""
+        """To be called when the Jacobian was evaluated at (t, y): remembers the penetrations there for `stiffness_changed`."""
         if self.contacts is not None:
             self.contacts.jacobian_at(t, y)
 
@@ -121,15 +124,16 @@ class StepWatch:
         return of_contacts or (self.switching is not None and self.switching.crossed)
 
     def nearest(self) -> str:
-        """Part of a message: the contact that is closed, or will close first."""
+        """A clause for messages: the contact that is closed, or will close first."""
         return "" if self.contacts is None else self.contacts.nearest()
 
 
 class SundialsWatch(StepWatch):
     """The watch of a run with SUNDIALS, which is given a stop time before each step, and is restarted to repeat a step."""
 
-    #: with a tolerance too coarse for an impact, 0.2 loses 45 % of the impact's speed, 0.1 loses 28 %; a body coming to rest had
-    #: 250 contacts with 0.2, 28 with 0.1 (37 are right, rtol 1e-3). With finer tolerances both cost the same
+    #: smaller than IMPACT. Measured with a tolerance too coarse for an impact (rtol 1e-3): the body loses 45 % of its speed with
+    #: 0.2, 28 % with 0.1; a body coming to rest had 250 contacts with 0.2, 28 with 0.1, and has 37. With finer tolerances both
+    #: cost the same
     impact = 0.1
 
     def __init__(self, loop: StepLoop, tolerance: Tolerance) -> None:
@@ -143,7 +147,8 @@ class SundialsWatch(StepWatch):
         return float(min(loop.t_end, loop.t + self.bound(), until))
 
     def refuses(self, t: float, y: Array, yp: Array) -> bool:
-        """Whether the last step, which ends with these values, has to be repeated; the next steps then end at what it hid."""
+        """Whether the last step, which ends at (t, y, yp), has to be repeated; the next steps then do not pass the contact or
+        kink that it hid."""
         self.look(t, y, cubic_of_step(t - self.loop.t, self.loop.state, (y, yp)))
         hidden = None if self.contacts is None else self.contacts.hidden()
         shorter = None if self.switching is None else self.switching.shorter()
@@ -156,7 +161,7 @@ class SundialsWatch(StepWatch):
 
 
 def stop_time(loop: StepLoop, watch: SundialsWatch | None) -> float:
-    """Time (s) that the next step must not pass: end of the part, bounds of the watch, and bounds by inputs of time."""
+    """Time (s) that the next step must not pass, by the end of the part of the run, the watch and the inputs of time."""
     stop = loop.t_end if watch is None else watch.stop()
     longest = loop.system.longest_step
     return stop if longest is None else min(stop, loop.t + max(longest(loop.t), ROUND * abs(loop.t)))

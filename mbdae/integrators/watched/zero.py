@@ -10,10 +10,12 @@ ITERATIONS = 100
 
 
 def zero_between(f: Callable[[float], float], within: float) -> float:
-    """A zero of f in [0, 1] to within a distance; f(0) and f(1) differ in sign, or one of them is 0 (else ValueError).
+    """A zero of f in [0, 1], with an error of at most `within`; f(0) and f(1) differ in sign, or one of them is 0 (else
+    ValueError).
 
-    a: the point before the last; b: the best point; c: the zero lies between b and c. The next point is that of the parabola or
-    straight line through them where it shortens the interval fast enough, else the middle."""
+    b: the best point so far; a: the one before it; c: a point with the other sign, so that the zero lies between b and c. The
+    next point is the zero of the parabola or straight line through these points, or, where that shortens the interval too slowly,
+    the middle between b and c."""
     a, b = 0.0, 1.0
     at_a, at_b = f(a), f(b)
     if at_a == 0 or at_b == 0:
@@ -39,13 +41,14 @@ def zero_between(f: Callable[[float], float], within: float) -> float:
 
 def _next(before: float, step: float, half: float, a: tuple[float, float], c: tuple[float, float],
           within: float) -> tuple[float, float]:  # fmt: skip
-    """The last and the next step from b; a, c: distance of each point from b, and its value over that at b."""
+    """The last and the next step from the best point b. before: the step before the last; half: half of the way to c; a, c:
+    distance of these points from b, and ratio of their values to that at b."""
     (to_a, ratio_a), (to_c, ratio_c) = a, c
     if abs(before) <= within or abs(ratio_a) <= 1:
         return half, half
-    if to_a == to_c:  # the straight line through both points
+    if to_a == to_c:  # a and c are the same point: the straight line through b and c
         found = to_c / (1 - ratio_c)
-    else:  # the parabola in the values through all three
+    else:  # the parabola through a, b and c, position as a function of the value
         found = to_a * ratio_c / ((1 - ratio_a) * (ratio_c - ratio_a)) - to_c * ratio_a / ((1 - ratio_c) * (ratio_c - ratio_a))
     inside = found / half > 0 and 2 * abs(found) < min(abs(before), 3 * abs(half) - within)
     return (step, found) if inside else (half, half)

@@ -27,9 +27,11 @@ Truth = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition by its text: functions g (k,) that change their sign, whether each is an equation g = 0 (else it holds where
-    g > 0) and whether it also holds where g = 0, and the tree that joins them: an index of a function, or
-    "and", "or", "not" with a list of such parts."""
+    """A condition on sensors, made of k comparisons of functions g with 0.
+
+    name: its text; functions (k,): g of every comparison; equations (k,): whether it is g = 0, else it is g > 0; meeting (k,):
+    whether it holds also where g = 0; tree: how comparisons are joined: the index of one, or ("and", "or" or "not", list of
+    trees)."""
 
     name: str
     functions: tuple[Expr, ...]
@@ -43,7 +45,7 @@ class Condition:
         return len(self.functions) == 1 and self.equations[0]
 
     def holds(self, atoms: Truth) -> bool:
-        """Whether the condition holds; atoms (k,): whether each of its comparisons does."""
+        """Whether the condition holds; atoms (k,): whether each of its comparisons holds."""
         return _joined(self.tree, atoms)
 
 
@@ -56,7 +58,8 @@ def _joined(tree: Any, atoms: Truth) -> bool:
 
 
 def conditions(scene: Any, option: str, given: Any) -> list[Condition]:
-    """The conditions given for an option, one or a list; OptionError where one is no condition or reads an unknown sensor."""
+    """The conditions `given` for an option (one or a list), which is named in messages; OptionError where one is no condition or
+    reads an unknown sensor."""
     if given is None:
         return []
     if not isinstance(given, list | tuple):
@@ -66,7 +69,7 @@ def conditions(scene: Any, option: str, given: Any) -> list[Condition]:
 
 
 def _read(scene: Any, stated: str, given: Any) -> Condition:
-    """Read a condition; stated: the option and its value, as messages begin."""
+    """The condition `given`; stated: the option and its value, with which messages begin."""
     try:
         e = _condition_of(scene, given)
         name = given if isinstance(given, str) else str(given)
@@ -82,7 +85,7 @@ def _read(scene: Any, stated: str, given: Any) -> Condition:
 
 
 def _condition_of(scene: Any, given: Any) -> Expr:
-    """A condition as symengine sees it."""
+    """A condition as an expression of symengine."""
     if isinstance(given, bool | np.bool_):
         raise BadValueError(f"a comparison with == of symbols is Python's own, which is {given} at once; write it as text, "
                             f"'J.angle == 0', or as sympy.Eq(...)")  # fmt: skip
@@ -91,7 +94,7 @@ def _condition_of(scene: Any, given: Any) -> Expr:
     else:
         try:
             e = se.sympify(given)
-        except Exception:  # SymPy and symengine may raise anything
+        except Exception:  # SymPy and symengine raise errors of many types
             raise BadValueError(f"it is no condition; {EXAMPLE}") from None
     if not is_condition(e):
         raise BadValueError(f"it is no condition; {EXAMPLE}")
@@ -101,11 +104,12 @@ def _condition_of(scene: Any, given: Any) -> Expr:
 
 
 def _sides(scene: Any, given: Any) -> tuple[Any, Any] | None:
-    """Left and right side of an equation as stated, which symengine may exchange; None where it is no single equation."""
+    """Left and right side of an equation in the order in which the user stated them, since symengine may exchange them; None
+    where the condition is not a single equation."""
     if isinstance(given, str):
         try:
             left, right = (text.read(_with_symbols(scene, part)) for part in given.split("=="))
-        except ValueError:  # several conditions, or a sign other than ==
+        except ValueError:  # the text is not of the form left == right
             return None
         return left, right
     return (given.lhs, given.rhs) if type(given).__name__ == "Equality" and hasattr(given, "lhs") else None
@@ -128,12 +132,12 @@ def _with_symbols(scene: Any, given: str) -> str:
 
 
 def _length(match: re.Match[str]) -> str:
-    """The text of the magnitude of a vector, by its components."""
+    """The magnitude of a vector written out by its components, as text."""
     return f"sqrt({' + '.join(f'{match[1]}[{i}]**2' for i in range(3))})"
 
 
 class _Atoms:
-    """The comparisons in one condition: functions, equations and meeting as in `Condition`."""
+    """The comparisons of one condition, collected while it is read: functions, equations and meeting as in `Condition`."""
 
     def __init__(self) -> None:
         self.functions: list[Expr] = []
@@ -150,10 +154,10 @@ class _Atoms:
         less, more = e.args
         if kind == "Unequality":
             return "not", [self._atom(more - less, True)]
-        return self._atom(more - less, kind == "Equality", kind == "LessThan")  # a > b is kept as b < a
+        return self._atom(more - less, kind == "Equality", kind == "LessThan")  # symengine stores a > b as b < a
 
     def equation(self, left: Any, right: Any) -> int:
-        """Index of an equation; its function is left - right, so that it rises where the left side rises."""
+        """Add the equation left = right, whose function left - right rises where the left side does; returns its index."""
         return self._atom(left - right, True)
 
     def _atom(self, g: Expr, equation: bool, meeting: bool = True) -> int:

@@ -1,5 +1,6 @@
-"""An expression of sensors over a run. The instants at which its floors and inner conditions switch are found first, those of
-inner ones first; between two instants these are constant, so that the expression is smooth there."""
+"""An expression of sensors over a run. The instants at which its floors (integer parts) and conditions inside it switch are found
+first, those of nested ones before those around them. Between two instants these are constant, so that the expression is
+smooth."""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ HALF = se.Rational(1, 2)
 
 
 class _Held(NamedTuple):
-    """The value of a floor, or of a comparison (0 or 1), between times `edges` (m+1,): values (m,)."""
+    """A floor, or a comparison (0 or 1), over a run: its constant values (m,) between the times `edges` (m+1,), and its
+    symbol."""
 
     symbol: Expr
     edges: Array
@@ -56,7 +58,8 @@ class Course:
         return np.asarray((self.edges[1:] + self.edges[:-1]) / 2)
 
     def _held_part(self, node: Expr, args: list[Expr]) -> Expr | None:
-        """A symbol in place of a floor, and (symbol > 1/2) in place of a comparison; None for other nodes."""
+        """What replaces a node of the expression with arguments `args`: a symbol for a floor, (symbol > 1/2) for a comparison;
+        None where the node stays."""
         kind = type(node).__name__
         if kind == "floor" and args[0].free_symbols:
             return self._hold(kind, args[0], se.sin(se.pi * args[0]), 1.0)
@@ -65,7 +68,8 @@ class Course:
         return None
 
     def _hold(self, kind: str, u: Expr, switch: Expr, least: float) -> Expr:
-        """The symbol for a floor or comparison, which may change where `switch` changes its sign or vanishes."""
+        """The symbol for a floor or comparison (`kind`) of u, which may change where `switch` changes its sign or vanishes.
+        least: size of `switch` to which its round-off is relative at least."""
         found = self._zeros(switch, least=least)
         self._switched = distinct(np.r_[self._switched, [root.time for root in found.roots]])
         self.edges = distinct(np.r_[self.edges, self._switched])

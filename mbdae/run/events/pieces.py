@@ -21,25 +21,26 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 
 DEGREE = 16
-RESOLVED = 1e-13  #: a polynomial is accurate where its last coefficients, over the largest value of the function, are below this
-NOISE = 64 * float(np.finfo(float).eps)  #: round-off of a function, relative to its largest terms
+RESOLVED = 1e-13  #: a polynomial is accurate where its last coefficients are below this times the function's largest value
+NOISE = 64 * float(np.finfo(float).eps)  #: round-off of a function, relative to the sum of the magnitudes of its terms
 LEVELS = 42  #: halvings of a step at most: a kink or jump inside is then located to round-off
 #: last coefficients that halving does not reduce are round-off where they are below ROUGH times the largest value of the
 #: function; its round-off is then taken as AMPLIFIED times these coefficients
 ROUGH, AMPLIFIED = 1e-5, 8.0
-MOST = 200_000  #: most intervals that are halved at a time; where there are more, none is halved
-WIDTHS = 2.5  #: largest change of an argument over an interval, in widths of its function
-POOR = 1e-3  #: the polynomial of an argument is good enough where its last coefficients are below this share of its change
+MOST = 200_000  #: where more intervals than this would have to be halved at once, none is halved any more
+WIDTHS = 2.5  #: an interval is halved where an argument changes by more than this many widths of its function over it
+POOR = 1e-3  #: the polynomial of an argument is accurate enough where its last coefficients are below this fraction of its change
 NODES = np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
 FIT = np.linalg.inv(chebyshev.chebvander(NODES, DEGREE))
 
-#: scales of the functions; beyond these arguments their values do not change in double precision
+#: scale of every kind of function, in which its argument is measured in widths of the function; beyond arguments of 19 (tanh) and
+#: 745 (exp) values do not change in double precision
 _SCALES = {**scales(19.0, 745.0), "decaying": limited(-745.0, 745.0)}
 
 
 class Pieces(NamedTuple):
-    """Intervals (m,) with the coefficients (m, DEGREE + 1) of the polynomials on them; size: sum of the largest terms of the
-    function, noise: its round-off."""
+    """Intervals of time from `low` to `high` (m,), with the Chebyshev coefficients c (m, DEGREE + 1) of the polynomials on them;
+    size: largest sum of the magnitudes of the coefficients; noise: round-off of the function."""
 
     low: Array
     high: Array
@@ -49,7 +50,8 @@ class Pieces(NamedTuple):
 
 
 class Steep(NamedTuple):
-    """Functions with a characteristic width in an expression: their arguments, and scales on which a change of 1 is a width."""
+    """Functions with a characteristic width in an expression: their arguments, and scales that turn an argument into a number of
+    widths."""
 
     arguments: tuple[Expr, ...]
     scales: tuple[Callable[[Any], Any], ...]
@@ -67,7 +69,8 @@ class Steep(NamedTuple):
 
 
 def steep_functions(e: Expr) -> Steep:
-    """The functions with a characteristic width in an expression whose floors and conditions are symbols already."""
+    """The functions with a characteristic width in an expression; its floors and conditions must have been replaced by
+    symbols."""
     found = list(dict.fromkeys(pair for node in nodes(e) for pair in _steep(node)))
     scales_of = (_logarithm(weight) if weight else _SCALES[kind] for _, (kind, weight) in found)
     return Steep(tuple(u for u, _ in found), tuple(scales_of))
@@ -91,14 +94,16 @@ def _of_power(base: Expr, exponent: Expr) -> Iterator[tuple[Expr, tuple[str, flo
 
 
 def _logarithm(weight: float) -> Callable[[Any], Any]:
-    """The scale of |u|^weight in widths; an interval that contains 0 is many widths long."""
+    """The scale of the power |u|^weight: u -> number of its widths, weight ln|u|, with the sign of u and bounded; so an interval
+    that contains 0 is many widths long."""
     bounded = limited(*LOGARITHMS)
     return lambda u: np.sign(u) * weight * (bounded(np.log(np.abs(u) + TINIEST)) - LOGARITHMS[0])
 
 
 def resolved(function: Callable[[Array], Array], edges: Array, steep: Steep | None = None, least: float = 0.0) -> Pieces:
-    """Polynomials that reproduce a function between edges (n+1,), in the order of time. function: times (k,) -> (k,) its values,
-    or (k, 1 + na) with the arguments of `steep` as further columns; least: least size of the function to assume."""
+    """Polynomials that reproduce a function between the times `edges` (n+1,), in the order of time. function: times (k,) -> its
+    values (k,), or (k, 1 + na) with the arguments of `steep` as further columns; least: the size of the function, to which errors
+    are relative, is taken as this at least."""
     low, high, done, size, noise = edges[:-1], edges[1:], list[tuple[Array, ...]](), least, 0.0
     before = np.full(len(low), np.inf)
     for level in range(LEVELS + 1):
@@ -128,7 +133,9 @@ def resolved(function: Callable[[Array], Array], edges: Array, steep: Steep | No
 
 
 def _stays(tail: Array, before: Array, size: float) -> Any:
-    """(2n,) whether halving n intervals reduced the last coefficients of neither half, so that they may be round-off."""
+    """For the 2 n halves of n intervals: whether halving reduced the last coefficients in neither half, so that these are
+    round-off. tail (2 n,): largest of the last coefficients of each half; before (2 n,): that of the interval it comes from;
+    size: of the function."""
     n = len(tail) // 2
     same = (tail > 0.25 * before) & (tail <= ROUGH * size)
     both = same[:n] & same[n:]

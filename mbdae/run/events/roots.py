@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from mbdae.run.events.pieces import Pieces, Steep, resolved
 from mbdae.system.base import Array
 
-SAME = 1e-10  #: zeros closer together than this share of the run are one zero, which round-off has split
-NEGLIGIBLE = 1e-17, 1e-15  #: last coefficients of a polynomial and of its derivative are left out below this share of the largest
+SAME = 1e-10  #: zeros closer together than this fraction of the run count as one zero that round-off has split
+#: last coefficients of a polynomial, and of its derivative, below this fraction of the largest one are left out
+NEGLIGIBLE = 1e-17, 1e-15
 
 
 class Root(NamedTuple):
@@ -29,14 +30,15 @@ class Root(NamedTuple):
 
 
 class Zeros(NamedTuple):
-    """Zeros of a function in the order of time, and the value up to which it counts as 0."""
+    """Zeros of a function in the order of time; noise: magnitude up to which the function counts as 0."""
 
     roots: list[Root]
     noise: float
 
 
 class _Bracket(NamedTuple):
-    """Places a, b (-1 to 1) in interval i between which its polynomial changes its sign, and the signs at a and b."""
+    """Two places a, b of interval i, -1 to 1 from its begin to its end, between which its polynomial changes its sign; before,
+    after: signs at a and b."""
 
     i: int
     a: float
@@ -46,29 +48,30 @@ class _Bracket(NamedTuple):
 
 
 def roots(function: Callable[[Array], Array], edges: Array, touch: float = 0.0, merge: bool = True) -> list[Root]:
-    """Zeros of a function, (k,) at times (k,), between edges (n+1,): breaks and ends of steps, where it may jump. touch: extremes
-    nearer to 0 than this, over the largest value of the function, count as touching it; merge: whether zeros between which it
-    stays as near to 0 as that are merged into one."""
+    """Zeros of a function: times (k,) -> values (k,). edges (n+1,): times between which it is smooth; there (at breaks and ends
+    of steps) it may jump. touch: an extremum whose magnitude, relative to the largest value of the function, is below this counts
+    as a zero; merge: whether neighbouring zeros between which the function stays that small are merged into one."""
     return zeros(function, edges, touch, merge).roots
 
 
 def zeros(function: Callable[[Array], Array], edges: Array, touch: float = 0.0, merge: bool = True, steep: Steep | None = None,
           switched: Array | None = None, least: float = 0.0) -> Zeros:  # fmt: skip
-    """`roots` with the round-off of the function. steep, least: as `pieces.resolved` takes them; switched: edges at which the
-    function switches, so that it may vanish from there on: zeros there are not merged."""
+    """`roots`, and the round-off of the function. steep, least: as for `pieces.resolved`; switched: those of the edges at which a
+    floor or condition in the function switches. The function may vanish from there on, so that zeros there are not merged."""
     pieces = resolved(function, edges, steep, least)
     if pieces.size == 0:
         return Zeros([], 0.0)
     near = max(pieces.noise, touch * pieces.size)
     found = sorted(_inside(pieces, near) + _at_edges(pieces, near))
     begin, end = float(edges[0]), float(edges[-1])
-    found = [root for root in found if root.before or root.after or root.time in (begin, end)]  # not inside of stretches of 0
+    found = [root for root in found if root.before or root.after or root.time in (begin, end)]  # none inside a stretch of zeros
     alone = np.isin([root.time for root in found], np.zeros(0) if switched is None else switched)
     return Zeros(_merged(found, alone, function, SAME * (end - begin), near if merge else pieces.noise), pieces.noise)
 
 
 def _inside(pieces: Pieces, near: float) -> list[Root]:
-    """Zeros inside the intervals of polynomials that may have some there."""
+    """Zeros inside the intervals, of those polynomials whose coefficients allow a zero. near: magnitude up to which an extremum
+    counts as a zero."""
     with np.errstate(invalid="ignore"):
         may = np.abs(pieces.c[:, 0]) <= np.abs(pieces.c[:, 1:]).sum(axis=1) + near
     found: list[Root] = []
@@ -81,7 +84,7 @@ def _inside(pieces: Pieces, near: float) -> list[Root]:
 
 
 def _with_extremes(pieces: Pieces, chosen: NDArray[np.intp]) -> list[tuple[int, Array]]:
-    """Numbers of intervals with the places in (-1, 1) of the extremes of their polynomials."""
+    """(number of an interval, places in (-1, 1) of the extremes of its polynomial) for the chosen intervals."""
     if not len(chosen):
         return []
     d = chebyshev.chebder(pieces.c[chosen].T).T
@@ -91,7 +94,8 @@ def _with_extremes(pieces: Pieces, chosen: NDArray[np.intp]) -> list[tuple[int, 
 
 
 def _of_one(pieces: Pieces, i: int, extremes: Array, near: float) -> tuple[list[Root], list[_Bracket]]:
-    """Where one polynomial touches 0, and between which places it changes its sign."""
+    """Zeros where the polynomial of interval i touches 0, and brackets in which it changes its sign. extremes: places of its
+    extremes; near: magnitude up to which an extremum counts as a zero."""
     low, high, c = float(pieces.low[i]), float(pieces.high[i]), _shortened(pieces.c[i], NEGLIGIBLE[0])
     x = np.concatenate([[-1.0], extremes, [1.0]])
     y = chebyshev.chebval(x, c)
@@ -110,17 +114,17 @@ def _of_one(pieces: Pieces, i: int, extremes: Array, near: float) -> tuple[list[
 
 
 def _shortened(c: Array, part: float) -> Array:
-    """A polynomial without its last coefficients below a part of the largest."""
+    """A polynomial without its last coefficients, as far as these are below the fraction `part` of the largest."""
     return c[: int(np.max(np.flatnonzero(np.abs(c) > part * np.max(np.abs(c), initial=0.0)), initial=0)) + 1]
 
 
 def _sign(signs: Array) -> int:
-    """The first sign that is not 0."""
+    """The first of the signs (-1, 0, 1) that is not 0; 0 where all are."""
     return next((int(s) for s in signs if s), 0)
 
 
 def _extremes(d: Array) -> Array:
-    """Places inside (-1, 1) at which a derivative vanishes, or nearly does."""
+    """Places inside (-1, 1) at which the derivative with Chebyshev coefficients d vanishes, or nearly does."""
     d = _shortened(d, NEGLIGIBLE[1])
     if len(d) < 2:
         return np.zeros(0)
@@ -130,7 +134,7 @@ def _extremes(d: Array) -> Array:
 
 
 def _crossings(pieces: Pieces, brackets: list[_Bracket]) -> list[Root]:
-    """The zeros between places with different signs, all halved together."""
+    """The zeros in brackets, found by bisection of all of them at once."""
     if not brackets:
         return []
     i, a, b, before, after = (np.array(column) for column in zip(*brackets, strict=True))
@@ -180,16 +184,17 @@ def _after(pieces: Pieces, i: int) -> int:
 
 
 def _near(c: Array, end: float, small: float) -> int:
-    """Sign of a polynomial just inside an end of its interval, 0 where it vanishes nearly everywhere."""
+    """Sign of a polynomial just inside an end (-1 or 1) of its interval: at the point nearest to the end where its magnitude is
+    above `small`; 0 where there is none."""
     y = chebyshev.chebval(end * (1 - np.concatenate([[0.0], np.logspace(-9, 0, 28)])), c)
     return _sign(np.sign(np.where(np.abs(y) <= small, 0.0, y)).astype(int))
 
 
 def _merged(found: list[Root], alone: NDArray[np.bool_], function: Callable[[Array], Array], same: float,
             level: float) -> list[Root]:  # fmt: skip
-    """The zeros after merging neighbours into one in their middle: those between which the function stays within `level`, a zero
-    of higher order that round-off or the error of the run has split, except where one is `alone`; and those nearer than `same`
-    (s) without a change of sign between them."""
+    """The zeros `found`, with neighbours merged into one zero in their middle. Merged are zeros between which the magnitude of
+    the function stays within `level` (round-off or the error of the run has split a zero of higher order), except where `alone`
+    forbids it; and zeros nearer to each other than `same` (s) without a change of sign between them."""
     if len(found) < 2:
         return found
     times = np.array([root.time for root in found])

@@ -18,7 +18,7 @@ from mbdae.system.base import Array
 
 
 class Seen:
-    """A condition and the courses of its functions over a solution. touch: see `roots.roots`."""
+    """When a condition holds on a solution. courses: values of its functions over the solution; touch: as for `roots.roots`."""
 
     def __init__(self, condition: Condition, courses: list[Course], solution: Solution, touch: float) -> None:
         self.condition, self._courses = condition, courses
@@ -86,22 +86,22 @@ class Seen:
 
     @cached_property
     def _truth(self) -> list[bool]:
-        """Whether the condition holds between instants: before the first, ..., after the last."""
+        """Whether the condition holds before the first of the instants, between every two of them, and after the last."""
         edges = np.concatenate([[self._begin], self._instants, [self._end]])
         atoms = self._atoms((edges[1:] + edges[:-1]) / 2)
         found = [self.condition.holds(row) for row in atoms]
-        if edges[1] == edges[0] and len(found) > 1:  # an instant at the start: nothing is before it
+        if edges[1] == edges[0] and len(found) > 1:  # an instant at the start, before which there is no time to evaluate
             found[0] = found[1]
         if edges[-1] == edges[-2] and len(found) > 1:
             found[-1] = found[-2]
         return found
 
     def _values(self, t: Array) -> Array:
-        """Values (k, functions) at times (k,)."""
+        """Values of the condition's functions, (k, number of functions), at times (k,)."""
         return np.stack([course(t) for course in self._courses], axis=1)
 
     def _atoms(self, t: Array) -> NDArray[np.bool_]:
-        """Whether each comparison holds (k, functions), at times (k,) at which none of them changes."""
+        """Whether each comparison holds, (k, number of comparisons), at times (k,) at which none of them changes."""
         values = self._values(t)
         zero = np.abs(values) <= self._noise
         return np.asarray(np.where(zero, np.array(self.condition.meeting), (values > 0) & ~np.array(self.condition.equations)))
@@ -111,7 +111,8 @@ class Seen:
         return self.condition.holds(self._atoms(np.array([self._begin]))[0])
 
     def _during(self, t: float, here: list[Root | None]) -> Any:
-        """Which comparisons hold at an instant: equations that are met there, and what is positive."""
+        """Which comparisons hold at an instant t: equations g = 0 with a zero there, and comparisons g > 0 where g is positive.
+        here: the zero of every function at t, or None."""
         values = self._values(np.array([t]))[0]
         return np.array([(root is not None) if equation else (root is None and value > 0)
                          for root, equation, value in zip(here, self.condition.equations, values, strict=True)])  # fmt: skip

@@ -1,4 +1,5 @@
-"""Values of sensors over a run, for conditions: sensors that loads may read as loads read them, all others from results."""
+"""Values of sensors over a run, for conditions. Sensors that loads may read are evaluated as for loads; all others are read from
+results."""
 
 from __future__ import annotations
 
@@ -27,16 +28,16 @@ from mbdae.system.prepare import Prepared
 from mbdae.values import BadValueError
 
 MANY = 50_000  #: most times that are evaluated at once
-#: quantities of joints, forces and contacts that results show beside their coordinates
+#: quantities of joints, forces and contacts that results have in addition to their coordinates
 SHOWN = ("force", "torque", "power", "gap", "gap_rate", "penetration", "normal_force", "friction_force", "slip", "length", "rate",
          "friction_power", "wear_rate", "orbit")  # fmt: skip
-#: quantities of bodies that results show beside their coordinates
+#: quantities of bodies that results have in addition to their coordinates
 MOTION = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration", "rotation", "strain",
           "stress_resultants", "fibre_stress", "von_mises")  # fmt: skip
 
 
 def check(scene: Any, path: str) -> None:
-    """Raise BadValueError where a path names nothing that results show."""
+    """Raise BadValueError where a path such as "J.angle" names no quantity of the scene that results have."""
     try:
         sensed(scene, path)
     except BadValueError as refused:
@@ -61,7 +62,7 @@ def may_be_observed(scene: Any, path: str) -> bool:
 
 
 def in_sensors(scene: Any, e: Expr) -> Expr:
-    """An expression with the expressions of named signals put in for their symbols."""
+    """An expression in which the symbols of named signals are replaced by the expressions of these signals."""
     named = {symbol(one.name): se.sympify(one.value) for one in scene.signals if one.kind == "signal"}
     while e.free_symbols & named.keys():
         e = substituted(e, named)
@@ -69,7 +70,8 @@ def in_sensors(scene: Any, e: Expr) -> Expr:
 
 
 class Signals:
-    """The time, sensors and tables of time that some expressions read, as `symbols`, and their values over a solution."""
+    """The time, the sensors and the tables of time that some expressions contain, as `symbols`, and their values over a
+    solution."""
 
     def __init__(self, prepared: Prepared, solution: Solution, expressions: Sequence[Expr]) -> None:
         self._prepared, self.solution = prepared, solution
@@ -91,7 +93,7 @@ class Signals:
         return Observer(model, moved, [read[n] for n in observed]) if observed else None, shown
 
     def plain(self, e: Expr) -> Expr:
-        """The expression with symbols for its tables."""
+        """The expression with a symbol in place of every table."""
         return e.subs(dict(zip(self._tables, self.symbols[len(self.symbols) - len(self._tables) :], strict=True)))
 
     @property
@@ -103,7 +105,7 @@ class Signals:
         return distinct(np.concatenate([t, *(times for part in found for times in part)]))
 
     def __call__(self, t: Array) -> Array:
-        """Values (k, symbols) at times (k,)."""
+        """Values of `symbols`, (k, number of symbols), at times (k,)."""
         return np.concatenate([self._some(part) for part in np.array_split(t, max(1, -(-len(t) // MANY)))])
 
     def _some(self, t: Array) -> Array:
@@ -125,7 +127,7 @@ class Signals:
 
 
 def _between_nodes(model: Any, moved: Any, one: Expr) -> bool:
-    """Whether a sensor lies between the nodes of a beam, where results interpolate."""
+    """Whether a sensor is at a place between the nodes of a beam, where only results can interpolate its value."""
     try:
         Observer(model, moved, [one])
     except SceneError:
@@ -134,7 +136,8 @@ def _between_nodes(model: Any, moved: Any, one: Expr) -> bool:
 
 
 def probe(prepared: Prepared, paths: Sequence[str]) -> None:
-    """Raise OptionError where a sensor that only results show is no single number at the start."""
+    """Raise OptionError where a sensor that loads may not read, so that it is read from results, is not a single number at the
+    start."""
     paths = [path for path in paths if not may_be_observed(prepared.model.scene, path)]
     result = started(prepared) if paths else None
     for path in paths:

@@ -30,7 +30,8 @@ from mbdae.scene.variants import keeping
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
-BEYOND, NARROW = 0.02, 1e-6  #: how far a run continues after its event, over the time until it; NARROW if it fails there
+#: a run continues after its event for this fraction of the time until the event; NARROW where the run fails with BEYOND
+BEYOND, NARROW = 0.02, 1e-6
 
 
 class Watched:
@@ -58,7 +59,8 @@ class Watched:
         return first
 
     def with_turns(self, prepared: Prepared, prepare_again: Callable[[Any], Prepared]) -> Prepared:
-        """The scene with further unknowns for angles that conditions read and that rotations give only up to whole turns."""
+        """The scene with joint angles as further unknowns, where conditions read them in space: the rotation of a body gives an
+        angle only up to whole turns. prepare_again: prepares the changed scene."""
         model = prepared.model
         read = {path for path in self._paths if may_be_observed(model.scene, path)}
         sensors = [sensed(model.scene, path) for path in sorted(read)]
@@ -70,7 +72,8 @@ class Watched:
 
     def result(self, job: Job, solver: Solver, made: Callable[[Job], tuple[Controlled, Job]], outputs: Any,
                verify: bool) -> Result:  # fmt: skip
-        """The result of a run up to its event, or to its end without one, with all recorded events. made: runs a job."""
+        """The result of a run up to its event, or to its end without one, with all recorded events. made: function that executes
+        a job; outputs: as the user gave them."""
         self._check_tables(job.prepared.start.t, job.asked.t_end)
         run, job, event = self._to_event(job, solver, made) if self.until else (*made(job), None)
         if event is not None:
@@ -94,7 +97,8 @@ class Watched:
 
     def _to_event(self, job: Job, solver: Solver, made: Callable[[Job], tuple[Controlled, Job]]
                   ) -> tuple[Controlled, Job, Event | None]:  # fmt: skip
-        """A run that continues a little after its event, its job and the event; a run to its end where there is none."""
+        """A run that continues a little after its event, its job, and the event; without an event the run to its end, and
+        None."""
         begin, end = job.prepared.start.t, job.asked.t_end
         near = job.until(solver, self.end)
         beyond = BEYOND
@@ -108,7 +112,7 @@ class Watched:
                 event = self.end(job.prepared, known, job.accuracy) if isinstance(known, Solution) else None
                 if event is None or beyond <= NARROW:
                     raise
-                near, beyond = event.time, NARROW  # the motion cannot be continued far after the event
+                near, beyond = event.time, NARROW  # the run fails soon after the event, so that it has to stop closer to it
                 continue
             event = self.end(done.prepared, run.solution, job.accuracy)
             if event is not None or stop == end:
@@ -117,7 +121,8 @@ class Watched:
 
     def events(self, prepared: Prepared, solution: Solution, end: Event | None,
                accuracy: float) -> tuple[tuple[Event, ...], list[str]]:  # fmt: skip
-        """Recorded events in the order of time, with the one that ended the run; notes on conditions left undecided."""
+        """Recorded events in the order of time, with `end`, the one that ended the run; and notes on conditions that the accuracy
+        leaves undecided."""
         found, notes = _events(self.record, prepared, solution, accuracy)
         notes += _events(self.until, prepared, solution, accuracy, until=True)[1]
         same = 0.0 if end is None else SAME * (solution.t[-1] - solution.t[0])
@@ -136,8 +141,8 @@ def _times(job: Job, outputs: Any, end: float) -> Array:
 
 def _events(conditions: list[Condition], prepared: Prepared, solution: Solution, touch: float,
             until: bool = False) -> tuple[list[Event], list[str]]:  # fmt: skip
-    """Events of conditions on a solution, and notes on conditions that are missed by less than the accuracy `touch`; until:
-    only those at which they begin to hold, the start among them where they hold there."""
+    """Events of conditions on a solution, and notes on conditions that are missed by less than the accuracy `touch`. until:
+    whether only events are asked for at which a condition begins to hold; the start is one where it holds there."""
     found, notes = list[Event](), list[str]()
     for condition in conditions:
         signals = Signals(prepared, solution, condition.functions)
