@@ -1,4 +1,4 @@
-"""Forms: which equations are integrated."""
+"""Forms: the sets of equations in which a scene can be integrated (GGL, index 3, index 1, ODE)."""
 
 from mbdae.formulations.base import Form
 from mbdae.formulations.build import default_form, system_for

@@ -1,4 +1,4 @@
-"""A form: which equations of a scene are integrated."""
+"""The base class of forms: a form is a set of equations in which a scene is integrated, such as GGL."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.model.model import Model
 from mbdae.system.model.numbering import Row
 
-#: what to give for the option `waves`, for messages
+#: end of the error messages about a wrong value of the option `waves`: the valid values and their meaning
 WAVES = "give True to have Radau IIA resolve elastic vibrations, False to let it step over them"
 
 
@@ -21,16 +21,17 @@ class Form(ABC):
 
     @abstractmethod
     def spec(self) -> FormSpec:
-        """The equations, the unknowns and their index, as the assembly needs them."""
+        """What the form prescribes for the assembly of a scene: its equations, the blocks of unknowns, their index and
+        options."""
 
     def refusal(self, model: Model, rows: list[Row]) -> str | None:
         """Why this form cannot describe the scene, or None."""
         return None
 
     def for_index(self, highest: int) -> Form:
-        """The variant of this form for a solver that takes unknowns up to index `highest`."""
+        """The variant of this form for a solver that can integrate unknowns up to the differentiation index `highest`."""
         return self
 
     def for_time(self, characteristic: float) -> Form:
-        """This form with the options that follow from the characteristic time (s) of a scene."""
+        """This form with those options filled in that depend on the characteristic time (s) of a scene."""
         return self

@@ -1,4 +1,4 @@
-"""The equations of a prepared scene in a form."""
+"""Makes the System, the equations that a solver integrates, of a prepared scene in a form such as GGL."""
 
 from __future__ import annotations
 
@@ -22,8 +22,10 @@ def default_form(prepared: Prepared, highest_index: int = 1) -> Form:
 @building
 def system_for(prepared: Prepared, form: Form | None = None, highest_index: int = 1,
                open: bool = False) -> SceneSystem:  # fmt: skip
-    """The System in the variant of the form that suits a solver which takes unknowns up to `highest_index`; open: see `Assembly`
-    (not where multipliers are eliminated)."""
+    """The System of a prepared scene, in the variant of the form for a solver that integrates unknowns up to `highest_index`.
+
+    form: None chooses `default_form`. open: parameters of the laws can be varied between runs, see `Assembly`; it has no effect
+    where the multipliers are eliminated."""
     form = form if form is not None else default_form(prepared, highest_index)
     refusal = form.refusal(prepared.model, prepared.rows)
     if refusal:

@@ -26,10 +26,10 @@ class GGL(Form):
     """Constraints of positions and of velocities are both satisfied, so that neither drifts.
 
     C.W. Gear, B. Leimkuhler, G.K. Gupta, J. Comput. Appl. Math. 12-13 (1985) 77.
-    With `algebraic=False` the multipliers are time derivatives of unknowns (lambda = Lambda', mu = M'): an index-1
-    algebraic unknowns (index 2): Radau IIA passes singular positions in this variant, not in the other. By default the
-    solver decides; the equations as such (`Scene.system`) are of index 1. waves: Radau resolves elastic vibrations instead
-    of stepping over them.
+    algebraic: False makes the multipliers time derivatives of unknowns (lambda = Lambda', mu = M'), which lowers the index of
+    the equations to 1. True makes them algebraic unknowns of index 2; in this variant alone Radau IIA can pass singular
+    positions. None (default): True for solvers that take index 2, else False; `Scene.system` gives the equations of index 1.
+    waves: Radau IIA resolves elastic vibrations instead of stepping over them.
     """
 
     algebraic: bool | None = None

@@ -15,15 +15,17 @@ from mbdae.system.assembled.acceleration_kernel import POSITION, VELOCITY, stabi
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.values import array, flag, number, set_option, several, word
 
-#: default alpha times the characteristic time: errors of joints decay as fast as the motion changes, so the rows are no stiffer
-#: than the motion. Measured with CVODE on five scenes: 3 takes up to 2.5, 10 up to 4, 100 up to 12 times the evaluations of 1 for
-#: no smaller error; 0 drifts, with 5 to 50 times the error (docs/accuracy.md)
+#: default of Baumgarte's alpha times the characteristic time of the scene. With 1, constraint violations decay as fast as the
+#: motion changes, so that the constraint rows are no stiffer than the motion. Measured with CVODE on five scenes: 3 takes up to
+#: 2.5, 10 up to 4, 100 up to 12 times the evaluations of 1 without a smaller error; with 0 the constraints drift and the error is
+#: 5 to 50 times as large (docs/accuracy.md)
 RATE = 1.0
 MULTIPLIERS = ("derivatives", "algebraic", "eliminated")
 
 
 def index1_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """q' = H u, M u' + G^T lambda = f, G u' + gamma + 2 alpha (G u + g_t) + beta^2 g = 0."""
+    """q' = H u, M u' + G^T lambda = f, G u' + gamma + 2 alpha (G u + g_t) + beta^2 g = 0; g: constraints, G: their Jacobian,
+    d2g/dt2 = G u' + gamma."""
     if isinstance(d.law, Element):
         return [*kinematics(d), *dynamics(d)]
     return [*dynamics(d), *stabilised(d), *state_rows(d)]
@@ -38,12 +40,13 @@ class Index1(Form):
     baumgarte    alpha (1/s): an error of a joint decays like exp(-alpha t); or the pair (alpha, beta) of
                  G u' + gamma + 2 alpha (G u + g_t) + beta^2 g = 0. None: 1 over the characteristic time of the scene; a
                  fixed alpha is too weak for a fast scene and makes a slow one stiff. 0: no stabilisation
-    multipliers  "derivatives" of unknowns (for IDA, whose error test fails on multipliers themselves), "algebraic" unknowns
-                 (Radau IIA), or "eliminated": u' and lambda are solved for at every state, which leaves y' = f(t, y) (CVODE);
-                 None: the solver decides, the equations as such have them as derivatives
-    waves        Radau resolves elastic vibrations instead of stepping over them
+    multipliers  "derivatives": they are time derivatives of unknowns (for IDA, whose error test fails where multipliers are
+                 unknowns themselves); "algebraic": they are unknowns (for Radau IIA); "eliminated": u' and lambda are solved
+                 for at every state, which leaves y' = f(t, y) (for CVODE). None: as the solver needs it; `Scene.system` gives
+                 "derivatives"
+    waves        Radau IIA resolves elastic vibrations instead of stepping over them
 
-    A run whose joints are open by more than the accuracy at its end warns of it.
+    A run warns where its constraints are violated by more than the accuracy at the end.
     """
 
     baumgarte: float | Sequence[float] | None = None

@@ -15,7 +15,7 @@ from mbdae.values import flag, set_option
 
 
 def index3_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """q' = H u, M u' + G^T lambda = f, g = 0."""
+    """q' = H u, M u' + G^T lambda = f, g = 0; g: constraints, G: their Jacobian, H: from u to q'."""
     if isinstance(d.law, Element):
         return [*kinematics(d), *dynamics(d)]
     return [*dynamics(d), *scaled(d, position(d)), *state_rows(d)]

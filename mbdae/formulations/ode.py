@@ -16,8 +16,8 @@ from mbdae.values import flag, set_option
 
 @dataclass(frozen=True)
 class ODE(Form):
-    """q' = H u, M u' = f, for scenes without constraints. mixed: beams keep their stress resultants as unknowns, as Radau IIA
-    takes them; waves: Radau IIA resolves elastic vibrations instead of stepping over them."""
+    """q' = H u, M u' = f, for scenes without constraints. mixed: the stress resultants of beams are algebraic unknowns, which
+    Radau IIA can integrate; waves: Radau IIA resolves elastic vibrations instead of stepping over them."""
 
     mixed: bool = False
     waves: bool = False

@@ -1,4 +1,5 @@
-"""A beam over a mesh: its strain kernel with the reference strains, its constant mass, gyroscopic and load kernels."""
+"""Kernels of a meshed beam: internal forces, gyroscopic moments and distributed loads of its elements, and their constant
+masses."""
 
 from __future__ import annotations
 
@@ -33,10 +34,10 @@ def derived_beam(numbers: Mapping[str, float], kind: NodeKind, mixed: bool = Tru
 
 
 def strain_kernel(mesh: LineMesh, numbers: Mapping[str, float], kind: NodeKind, mixed: bool = True) -> LineKernel:
-    """Kernel of the internal forces and, where `mixed`, of the rows of the stress unknowns. A beam as drawn is free of stress.
+    """Kernel of the internal forces and, where `mixed`, of the rows of the stress unknowns.
 
-    numbers: parameters of `Beam` (see `Section.numbers`), without the reference strains: those are the strains of the
-    interpolated reference curve.
+    numbers: parameters of `Beam` (see `Section.numbers`), without the reference strains. These are the strains of the beam as
+    drawn, computed here from its interpolated curve, so that the beam as drawn is free of stress.
     """
     rigid = [name for name, value in numbers.items() if name.startswith("compliance_") and value == 0]
     if rigid and not mixed:
@@ -48,7 +49,8 @@ def strain_kernel(mesh: LineMesh, numbers: Mapping[str, float], kind: NodeKind, 
 
 
 def load_kernel(mesh: LineMesh, law: LineLoad, kind: NodeKind, given: tuple[str, ...] = ()) -> LineKernel:
-    """Kernel of a distributed load; given: its components that are inputs. A dead load is `mesh.lumped` times its value."""
+    """Kernel of a distributed load on a beam. given: names of its components that depend on time and so are inputs of the kernel.
+    Loads of constant value and direction (dead loads) need no kernel: their nodal forces are `mesh.lumped` times the value."""
     at = mass_points(mesh.order)
     constants = {name: getattr(law, name) for name in law.params if name not in given}
     d = derive_line(LineLoad, law.structure(frozenset(given)), kind)
@@ -56,12 +58,13 @@ def load_kernel(mesh: LineMesh, law: LineLoad, kind: NodeKind, given: tuple[str,
 
 
 def turns(mesh: LineMesh, kind: NodeKind) -> Array:
-    """Constant rotations from nodes to sections: quaternions, or angles in the plane."""
+    """Constant rotations from the axes of nodes to those of the sections there, of m elements of order p: quaternions
+    (m, p + 1, 4), or angles (m, p + 1), rad, in the plane. They are not 0 at corners, where two sections share a node."""
     return mesh.offsets if kind is NodeKind.PLANAR else mesh.turns
 
 
 def reference_positions(mesh: LineMesh, kind: NodeKind) -> Array:
-    """q (n, nq) of the nodes as drawn."""
+    """Positions q (n, nq) of the n nodes of a beam as drawn."""
     if kind is NodeKind.PLANAR:
         return np.column_stack([mesh.positions[:, :2], mesh.headings])
     return np.hstack([mesh.positions, mesh.quaternions])
@@ -73,7 +76,8 @@ def _measures(mesh: LineMesh, at: Table) -> dict[str, Array]:
 
 
 def _reference_strains(mesh: LineMesh, kind: NodeKind) -> dict[str, Array]:
-    """(m, points) strains of the interpolated reference curve: the rows of the law at zero stress and reference."""
+    """Strains (m, points) of the curve as drawn, by their parameter names: the values of the law's rows (strain less reference
+    strain less compliance times stress) where stresses and reference strains are set to 0."""
     d, at = derived_beam({}, kind), strain_points(mesh.order)
     constants = dict.fromkeys(d.parameters, 0.0) | {"ds": mesh.measure(at), "weight": 1.0}
     kernel = LineKernel(d, at, constants, turns(mesh, kind))
@@ -95,7 +99,8 @@ def mass_blocks(mesh: LineMesh, numbers: Mapping[str, float], kind: NodeKind) ->
 
 
 def _to_sections(mesh: LineMesh, kind: NodeKind) -> Array:
-    """(m, p + 1, nu, nu) velocities of sections from those of nodes: spins are resolved in turned axes."""
+    """Matrices (m, p + 1, nu, nu) that map velocities of nodes to those of sections: the angular velocity is the same, but its
+    components are in the axes of the section instead of those of the node."""
     U = np.tile(np.eye(kind.sizes[1]), (*mesh.elements.shape, 1, 1))
     if kind is NodeKind.SPATIAL:
         columns = rotation_columns(list(se.symbols("P1:5")))
@@ -112,15 +117,16 @@ def _numeric(symbols: list[Any], expressions: list[Any], x: Array) -> Array:
 
 @lru_cache(maxsize=1)
 def _cross() -> Array:
-    """E (3, 3, 3) with (a x b)_i = E_ijk a_j b_k, from the vector product of the laws."""
+    """Permutation symbol E (3, 3, 3), (a x b)_i = E_ijk a_j b_k, derived from the vector product `Vec.cross` of the laws."""
     a, b = Vec(*se.symbols("a1:4")), Vec(*se.symbols("b1:4"))
     return np.array([[[float(se.diff(se.diff(e, j), k)) for k in b] for j in a] for e in a.cross(b)])
 
 
 class GyroscopicKernel(ElementKernel):
-    """Omega_i x (M Omega)_i at the nodes of every element, M its rotary mass: keeps energy and angular momentum.
+    """Gyroscopic moments Omega_i x (M Omega)_i at the nodes i of every element. M is the rotary part of its consistent mass
+    matrix, which also couples different nodes. With moments of this form energy and angular momentum are conserved.
 
-    Inputs and outputs are body-frame spins and moments of the nodes.
+    Inputs: angular velocities of the nodes; outputs: moments on them, both in the axes of the node.
     """
 
     def __init__(self, blocks: Array, count: int) -> None:
@@ -157,7 +163,7 @@ class GyroscopicKernel(ElementKernel):
         return block(found, len(gather), len(places))
 
     def _spins(self, part: Operations, gather: NDArray[np.intp]) -> tuple[int, int]:
-        """Slots of the spins and of the angular momenta (elements, 3 count)."""
+        """First slots of the angular velocities Omega and of the angular momenta M Omega, (elements, 3 count) each."""
         width = 3 * self.count
         W, L = part.slots(gather.size), part.zeros(gather.size)
         part.set(W + np.arange(gather.size), gather)

@@ -19,15 +19,17 @@ from mbdae.native.program import Operations, block
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.vectors import Expr
 
-#: number of operations below which LLVM optimises a kernel (small ones take milliseconds; large ones seconds, for a few per cent)
+#: number of operations below which LLVM optimises a kernel: this takes milliseconds for small kernels, but seconds for large
+#: ones, which then run only a few per cent faster
 _OPTIMISE_BELOW = 400
 
 
 class Kernel:
     """Evaluates `expressions` of `symbols` at N points at once: x (N, inputs) -> out (N, outputs), both C-contiguous.
 
-    width: number of expressions, needed where `expressions` is a function that is called when they are first needed; key: key of
-    the machine code on disk, None: it is made from the expressions."""
+    expressions may be a function that returns them, which is called when they are first needed; then width, their number, has to
+    be given. level: LLVM's level of optimisation, None: by size. key: key of the machine code on disk, None: a hash of the
+    expressions."""
 
     def __init__(self, symbols: Sequence[Expr], expressions: Sequence[Expr] | Callable[[], Sequence[Expr]],
                  level: int | None = None, width: int | None = None, key: str | None = None) -> None:  # fmt: skip
@@ -54,7 +56,7 @@ class Kernel:
 
     @cached_property
     def _fixed(self) -> NDArray[np.float64]:
-        """The values of a kernel without inputs."""
+        """The constant outputs of a kernel without inputs, (outputs,)."""
         found = recall(self.key)
         if found is None:
             keep(self.key, found := tuple(float(e) for e in self.expressions))
@@ -68,7 +70,8 @@ class Kernel:
 
     @cached_property
     def tangent(self) -> Kernel:
-        """A kernel of the changes of the values, linear in the changes of the inputs; these are its further inputs."""
+        """The kernel of the derivative along a direction: it returns the changes of the outputs for changes of the inputs, which
+        it reads after the inputs themselves."""
         changes = {s: se.Symbol(f"change_{s}") for s in self.symbols}
 
         def expressions() -> list[Expr]:
@@ -78,7 +81,7 @@ class Kernel:
         return Kernel([*self.symbols, *changes.values()], expressions, self.level, self.width, part_key(self.key, "tangent"))
 
     def straight(self) -> tuple[Program, list[Expr]]:
-        """The kernel as a straight-line program: the program and its outputs."""
+        """The kernel as a straight-line program (assignments one after the other, without branches), and its outputs."""
         program = Program()
         return program, [program.let(e) for e in self.expressions]
 
@@ -98,23 +101,24 @@ class Kernel:
     def __call__(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
         if self.symbols:
             self.compiled(x, out=out)
-        else:  # LLVM takes no function without arguments
+        else:  # LLVM cannot compile a function without arguments
             out[...] = self.once(x)
 
     def emit(self, part: Operations, gather: NDArray[np.intp], first: int | None = None) -> NDArray[np.intp]:
-        """Append the kernel to a native program, at points whose inputs are in slots gather (points, inputs). Returns the slots
-        of its values (points, outputs), which begin at `first` where that is given."""
+        """Append the evaluation of this kernel at points to a native program, whose numbers are in one array. gather (points,
+        inputs): slots, indices of the inputs in that array. Returns the slots (points, outputs) of the values, which begin at
+        `first` where that is given."""
         if gather.shape[1:] != (len(self.symbols),):
             raise internal(f"a compiled function of {len(self.symbols)} arguments was given places of arguments of shape "
                            f"{gather.shape}, whose last number should be {len(self.symbols)}")  # fmt: skip
         if self.symbols:
             return part.call(self, gather, first)
         first = part.slots(len(gather) * self.width) if first is None else first
-        part.load(first, np.tile(self._fixed, len(gather)))  # LLVM takes no function without arguments
+        part.load(first, np.tile(self._fixed, len(gather)))  # LLVM cannot compile a function without arguments
         return block(first, len(gather), self.width)
 
     def values(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Outputs (..., outputs) for inputs (..., inputs)."""
+        """Outputs (..., outputs) for inputs x (..., inputs), by the compiled kernel."""
         if not self.symbols:
             return self.once(x)
         x = np.ascontiguousarray(x, dtype=float)

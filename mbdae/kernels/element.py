@@ -14,16 +14,21 @@ from mbdae.symbolic.outputs import Target
 
 Array = NDArray[Any]
 
-GOLDEN = (5**0.5 - 1) / 2  #: its multiples, without their whole parts, have no regular distances
+#: golden ratio: the fractional parts of its multiples are spread irregularly over 0 to 1. They serve as a state at which no
+#: derivative is 0 by chance
+GOLDEN = (5**0.5 - 1) / 2
 
 
 class ElementKernel(ABC):
-    """A law over m elements of the same kind; emitted like a `Kernel` whose points are the elements.
+    """A law over m elements of the same kind, for example the strains of beam elements. In native programs it is used like a
+    `Kernel` that is evaluated once per element.
 
     inputs   columns of x: ("q", node, i), ("u", node, i), ("z", j) algebraic unknowns, ("p", name) prescribed values
-    targets  columns of the outputs: ("u", node, i) momentum rows, left-hand side, ("z", j) rows of the algebraic unknowns
+    targets  columns of the outputs: ("u", node, i) terms on the left-hand side of the equations of motion, ("z", j) rows of the
+             algebraic unknowns
 
-    Nodes are numbered within the element. x is (N, inputs), N a multiple of m: several states of all elements in order.
+    Nodes are numbered within the element. x is (N, inputs), where N is a multiple of m: the inputs of all elements in order for
+    the first state, then for the second one, ...
     """
 
     elements: int
@@ -32,7 +37,7 @@ class ElementKernel(ABC):
 
     @abstractmethod
     def values(self, x: Array) -> Array:
-        """Outputs (N, outputs)."""
+        """Outputs (N, outputs) for inputs x (N, inputs)."""
 
     @abstractmethod
     def full_jacobian(self, x: Array) -> Array:
@@ -40,35 +45,37 @@ class ElementKernel(ABC):
 
     @abstractmethod
     def emit(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Append the kernel to a native program. Returns the slots of its values (elements, outputs)."""
+        """Append the evaluation of all elements to a native program, see `Kernel.emit`. gather: slots of the inputs (elements,
+        inputs). Returns the slots of the values (elements, outputs)."""
 
     @abstractmethod
     def emit_jacobian(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Append the derivatives to a native program. Returns their slots (elements, places)."""
+        """Append the derivatives to a native program. Returns their slots (elements, len(jacobian_places))."""
 
     @cached_property
     def _places(self) -> tuple[Array, Array]:
-        """Entries (outputs, inputs) of the Jacobian that do not vanish in an irregular state."""
+        """Row and column numbers (outputs, inputs) of the entries of the Jacobian that are not identically zero, found at a state
+        of irregular numbers."""
         x = 0.3 + 0.6 * (np.arange(1.0, self.elements * len(self.inputs) + 1) * GOLDEN % 1).reshape(self.elements, -1)
         outputs, inputs = np.nonzero(np.any(self.full_jacobian(x) != 0, axis=0))
         return outputs, inputs
 
     @cached_property
     def jacobian_places(self) -> list[tuple[int, Target]]:
-        """(output, input) of every derivative `jacobian` returns."""
+        """Of every derivative that `jacobian` returns the number of the output and the input by which it is differentiated."""
         return [(int(o), self.inputs[i]) for o, i in zip(*self._places, strict=True)]
 
     def jacobian(self, x: Array) -> Array:
-        """(N, places) derivatives, those that do not vanish."""
+        """(N, len(jacobian_places)) derivatives: the entries of `full_jacobian` that are not identically zero."""
         return self.full_jacobian(x)[:, *self._places]
 
 
 class ElementJacobian:
-    """The derivatives of an element kernel, emitted like a kernel."""
+    """The derivatives of an element kernel, with the method `emit` of a kernel, so that both are used alike."""
 
     def __init__(self, kernel: ElementKernel) -> None:
         self.kernel = kernel
 
     def emit(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Append the derivatives to a native program. Returns their slots (elements, places)."""
+        """Append the derivatives of all elements to a native program, by `ElementKernel.emit_jacobian`; returns their slots."""
         return self.kernel.emit_jacobian(part, gather)

@@ -1,6 +1,7 @@
-"""A law on a line as one kernel over elements: interpolate, evaluate all points, scatter with the transpose.
+"""A law on a line (a beam) as one kernel over its elements: nodal values are interpolated at the integration points, the law is
+evaluated there, and its forces are distributed to the nodes by the transpose of the interpolation.
 
-All elements share one table of shape functions; numbers of an element are stored for every point.
+All elements share one table of shape functions; the parameters of an element are stored for every integration point.
 """
 
 from __future__ import annotations
@@ -27,13 +28,15 @@ from mbdae.symbolic.line import Field, LineDerived
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 
-#: products of factors and derivatives formed together, which bounds the memory
+#: number of products (entry of a `Spread` times derivative) that are formed at once, which bounds the memory
 TOGETHER = 1_000_000
 
 
 class Spread(NamedTuple):
-    """Constant sparse matrix from the derivatives at the points to those of an element, which have this shape and are numbered
-    row by row: rows, rising, and columns (k,) of its entries, and these."""
+    """Constant sparse matrix that maps the derivatives at the integration points of an element to those of the whole element.
+
+    shape: that of the element's derivatives, which are numbered row by row; rows (ascending), columns and factors (k,): places
+    and values of the k entries of the sparse matrix."""
 
     shape: tuple[int, int]
     rows: NDArray[np.intp]
@@ -42,11 +45,11 @@ class Spread(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Number of its rows."""
+        """Number of rows of the sparse matrix."""
         return self.shape[0] * self.shape[1]
 
     def of(self, values: Array) -> Array:
-        """Its product (*shape, N) with derivatives (D, N)."""
+        """Product (*shape, N) of the sparse matrix with the derivatives (D, N) at the points of N elements."""
         found = np.zeros((self.size, values.shape[1]), values.dtype)
         rows, first = np.unique(self.rows, return_index=True)
         size = TOGETHER // max(len(self.rows), 1) + 1
@@ -56,10 +59,11 @@ class Spread(NamedTuple):
 
 
 class LineKernel(ElementKernel):
-    """A law on a line over m elements; `turns` are the constant rotations from nodes to sections, see `Nodes`.
+    """A law on a line over m elements. Inputs: positions q of the nodes, with damping also their velocities u, then the stresses
+    point by point, then the parameters `given`.
 
-    constants: parameter -> number, (m,) or (m, points); given: parameters that are inputs instead, one number per element
-    (prescribed in time). Inputs: positions q of the nodes, where damped their velocities u, stresses point by point.
+    at: shape functions at the integration points; constants: parameter -> number, (m,) or (m, points); turns: constant rotations
+    from nodes to sections, see `Nodes`; given: parameters that are prescribed in time and so are inputs, one number per element.
     """
 
     def __init__(self, derived: LineDerived, at: Table, constants: Mapping[str, Any], turns: Array | None = None,
@@ -73,7 +77,7 @@ class LineKernel(ElementKernel):
         self.elements = len(self.numbers)
         self.fields = self._table(derived.fields)
         self.duals = self._table([f for f, _ in derived.duals])
-        #: stress unknowns of an element, `N1[0]` at the first point
+        #: names of the stress unknowns of an element, such as N1[0] at the first integration point
         self.names = [f"{name}[{g}]" for g in range(self.points) for name in derived.stresses]
         n, stresses = self.nodes, [("z", j) for j in range(len(self.names))]
         positions = [("q", a, i) for a in range(n.count) for i in range(n.nq)]
@@ -95,7 +99,8 @@ class LineKernel(ElementKernel):
 
     @property
     def point(self) -> Kernel:
-        """Kernel of the duals (generalised forces of the fields) and the rows at one point."""
+        """Kernel of the law at one integration point: its duals (the generalised forces on the interpolated fields), then its
+        rows of the stress unknowns."""
         return _point(self.derived, self.parameters)
 
     def values(self, x: Array) -> Array:
@@ -137,7 +142,7 @@ class LineKernel(ElementKernel):
         return q, u, X.reshape(N * self.points, -1)
 
     def _buffer(self, N: int, is_complex: bool) -> Array:
-        """(N, points, inputs) with the numbers of the law filled in; reused by all calls."""
+        """Array (N, points, inputs) for the inputs of the law, with its constant parameters filled in; reused by all calls."""
         if (N, is_complex) not in self._buffers:
             X = np.empty((N, self.points, len(self.point.symbols)), dtype=complex if is_complex else float)
             X[:, :, X.shape[2] - self.numbers.shape[2] :] = np.tile(self.numbers, (N // len(self.numbers), 1, 1))
@@ -145,32 +150,33 @@ class LineKernel(ElementKernel):
         return self._buffers[N, is_complex]
 
     def _split(self, values: Array, N: int) -> tuple[Array, Array]:
-        """Duals (N, points * duals) and rows (N, points * stresses)."""
+        """The outputs of `point`, split into duals (N, points * duals) and rows (N, points * stresses)."""
         values = values.reshape(N, self.points, -1)
         n = len(self.derived.duals)
         return values[:, :, :n].reshape(N, -1), values[:, :, n:].reshape(N, -1)
 
     def _covector(self, duals: Array) -> Array:
-        """Generalised forces of the nodes' positions (N, count, nq)."""
+        """Generalised forces (N, count, nq) on the positions of the nodes, from those on the fields at the points (`duals`)."""
         return self.nodes.back((duals @ self.duals.T).reshape(len(duals), self.nodes.count, self.nodes.nq))
 
     # -- derivatives
 
     @property
     def point_jacobian(self) -> Kernel:
-        """Kernel of the duals, then of the derivatives of duals and rows by the variables of the law, at one point."""
+        """Kernel of the duals (see `point`), then of the derivatives of duals and rows by the variables of the law, at one
+        integration point."""
         return _point_jacobian(self.derived, self.parameters)[0]
 
     @cached_property
     def _spread(self) -> Spread:
-        """From the derivatives at the points to those of an element."""
+        """The matrix that maps the derivatives at the integration points to those of an element."""
         d, points = self.derived, range(self.points)
         outputs = _with_identity(self.duals, self.points, len(d.duals), len(d.rows))
         columns = _with_identity(self.fields, self.points, len(d.fields), len(d.stresses), 1 + d.damped)
         o, i = np.array(_point_jacobian(d, self.parameters)[1], dtype=int).reshape(-1, 2).T
         left = outputs[:, [g * len(d.outputs) + k for g in points for k in o]]
         right = columns[:, [g * len(d.variables) + k for g in points for k in i]]
-        products = left[:, None, :] * right[None, :, :]  # for every column; there is none where all inputs are prescribed in time
+        products = left[:, None, :] * right[None, :, :]  # the last axis is empty where all inputs are prescribed in time
         flat = products.reshape(len(left) * len(right), left.shape[1])
         at = np.nonzero(flat)
         return Spread((len(left), len(right)), at[0], at[1], flat[at])
@@ -180,7 +186,7 @@ class LineKernel(ElementKernel):
         return self._assembled(_evaluated(self.point_jacobian, X).reshape(len(x), self.points, -1), q, u)
 
     def _assembled(self, values: Array, q: Array, u: Array) -> Array:
-        """(N, outputs, inputs) derivatives, which are linear in the values of `point_jacobian` (N, points, width)."""
+        """Derivatives (N, outputs, inputs) of the elements, from the values (N, points, width) of `point_jacobian`."""
         N, n, D = len(values), self.nodes, len(self.derived.duals)
         covector = self._covector(values[:, :, :D].reshape(N, -1))
         K = self._spread.of(values[:, :, D:].reshape(N, -1).T)
@@ -196,7 +202,8 @@ class LineKernel(ElementKernel):
 
 
 def merged(kernels: Sequence[LineKernel]) -> LineKernel:
-    """One kernel for the elements of several lines, one after the other; law, order and kind of nodes have to be equal."""
+    """One kernel for the elements of several lines, one line after the other; their laws, orders and kinds of nodes have to be
+    equal."""
     first = kernels[0]
     if len({(k.derived, k.at, k.given, k.turns is None) for k in kernels}) > 1:
         raise internal("beams of different laws, orders or kinds of nodes were to share one compiled function; they need one "
@@ -209,7 +216,7 @@ def merged(kernels: Sequence[LineKernel]) -> LineKernel:
 
 @made_once("derive", 64)
 def _point(derived: LineDerived, parameters: tuple[str, ...]) -> Kernel:
-    """The kernel of a law at one point; made once per process."""
+    """The kernel of a law at one integration point; made once per process."""
     symbols = [*derived.variables, *map(se.Symbol, parameters)]
     return Kernel(symbols, derived.outputs, key=code_key(symbols, derived.outputs, None))
 
@@ -227,7 +234,7 @@ def _point_jacobian(derived: LineDerived, parameters: tuple[str, ...]) -> tuple[
 
 
 def _per_point(values: Sequence[Any], points: int) -> Array:
-    """(m, points, parameters) from numbers, (m,) or (m, points)."""
+    """The parameters as one array (m, points, parameters); each is given as a number, as (m,) or as (m, points)."""
     arrays = [np.asarray(v, dtype=float) for v in values]
     arrays = [a[:, None] if a.ndim == 1 else a for a in arrays]
     shape = np.broadcast_shapes(*(a.shape for a in arrays), (1, points))
@@ -235,12 +242,13 @@ def _per_point(values: Sequence[Any], points: int) -> Array:
 
 
 def _evaluated(kernel: Kernel, X: Array) -> Array:
-    """Values by the compiled kernel for real numbers, by NumPy for complex ones (complex step)."""
+    """Values of a kernel at X: compiled for real numbers, by NumPy for complex ones (derivatives by the complex step)."""
     return kernel.oracle(X) if np.iscomplexobj(X) else kernel.values(X)
 
 
 def _with_identity(table: Array, points: int, fields: int, extra: int, copies: int = 1) -> Array:
-    """Operator from values at the points (fields `copies` times, then `extra` of its own) to nodal and own values."""
+    """Matrix that maps values at the integration points to an element: `fields` numbers per point, `copies` times (positions and
+    rates), by the table of shape functions to nodal values; `extra` further numbers per point (stresses) unchanged."""
     nodal = table.reshape(len(table), points, fields)
     width = copies * fields + extra
     rows = len(table)

@@ -1,7 +1,9 @@
-"""The nodes of a line element: from their unknowns to the interpolated fields, and from forces on these back to nodes.
+"""The nodes of a line element: conversion of their unknowns to the interpolated fields, and of forces on the fields to forces on
+the nodes.
 
-Section positions and quaternions are interpolated component by component. With g the generalised force of a node's quaternion,
-P' = 1/2 Q(P) Omega and the moment 1/2 Q(P)^T g share one constant tensor, and so do their derivatives.
+Positions and quaternions of the sections are interpolated component by component. A quaternion P changes by P' = 1/2 Q(P) Omega,
+and a generalised force g on it is the moment 1/2 Q(P)^T g. Q is linear in P, so that both, and their derivatives, are products
+with one constant tensor.
 """
 
 from __future__ import annotations
@@ -19,21 +21,23 @@ from mbdae.symbolic.vectors import Vec
 
 @lru_cache(maxsize=1)
 def kinematic_tensor() -> Array:
-    """H (4, 3, 4) with P'_a = H_acb Omega_c P_b, from the statement of the kinematics."""
+    """H (4, 3, 4) with P'_a = H_acb Omega_c P_b, derived from `rate_from_body_spin`, which all laws use."""
     P, w = se.symbols("P1:5"), se.symbols("w1:4")
     rates = rate_from_body_spin(P, Vec(*w))
     return np.array([[[float(se.diff(se.diff(e, c), b)) for b in P] for c in w] for e in rates])
 
 
 class Nodes:
-    """N elements of `count` nodes; arrays are (N, count, components), derivatives (rows, columns, N) element by element."""
+    """The nodes of N elements, `count` per element. Arrays of nodal values are (N, count, components), those of derivatives
+    (rows, columns, N). A section is the beam's cross-section at a node, whose axes may differ from the node's by a constant
+    rotation."""
 
     def __init__(self, kind: NodeKind, count: int, turns: Array | None) -> None:
         """`turns`: (m, count, 4) rotations from node to section, or (m, count) angles in the plane; None: none."""
         self.flat, self.count = kind is NodeKind.PLANAR, count
         self.nq, self.nu = kind.sizes
-        self.offset: Array | None = None  #: (m, count) rotations in the plane, rad
-        self.T: Array | None = None  #: (m, count, 4, 4): P of the section = T P of the node
+        self.offset: Array | None = None  #: (m, count) in the plane: angle of the section less that of the node, rad
+        self.T: Array | None = None  #: (m, count, 4, 4) in space: quaternion of the section = T times that of the node
         if turns is not None and self.flat and np.any(turns):
             self.offset = turns
         elif turns is not None and not self.flat and np.any(turns != np.eye(4)[0]):
@@ -46,7 +50,7 @@ class Nodes:
     # -- values
 
     def turned(self, q: Array) -> Array:
-        """Rates or variations (N, count, nq) of nodes, converted to those of their sections."""
+        """Rates or variations (N, count, nq) of the positions of nodes, converted to those of their sections."""
         if self.T is None:
             return q
         P = np.einsum("mnab,mnb->mna", self._tiled(self.T, len(q)), q[..., 3:])
@@ -59,7 +63,7 @@ class Nodes:
         return np.concatenate([q[..., :2], q[..., 2:] + self._tiled(self.offset, len(q))[..., None]], axis=-1)
 
     def back(self, covector: Array) -> Array:
-        """Generalised forces (N, count, nq) of sections, converted to those of nodes: the transpose of `turned`."""
+        """Generalised forces (N, count, nq) on positions of sections, converted to those on nodes: the transpose of `turned`."""
         if self.T is None:
             return covector
         g = np.einsum("mnab,mna->mnb", self._tiled(self.T, len(covector)), covector[..., 3:])
@@ -73,14 +77,14 @@ class Nodes:
         return np.concatenate([u[..., :3], rates], axis=-1)
 
     def forces(self, q: Array, covector: Array) -> Array:
-        """Forces and body-frame moments (N, count, nu) from generalised forces of q (N, count, nq)."""
+        """Forces and moments (N, count, nu), the moments in node axes, from the generalised forces (N, count, nq) on q."""
         if self.flat:
             return covector
         moments = np.einsum("mnac,mna->mnc", self._spin_columns(q), covector[..., 3:])
         return np.concatenate([covector[..., :3], moments], axis=-1)
 
     def _spin_columns(self, q: Array) -> Array:
-        """Q(P) / 2 of every node, (N, count, 4, 3)."""
+        """Matrices Q(P) / 2 (N, count, 4, 3) of every node, with P' = Q(P) Omega / 2 for its quaternion P."""
         by_quaternion = kinematic_tensor().reshape(12, 4).T
         return np.asarray((q[..., 3:].reshape(-1, 4) @ by_quaternion).reshape(*q.shape[:2], 4, 3))
 
@@ -93,7 +97,7 @@ class Nodes:
         return self._on_columns(K, self._tiled(self.T, K.shape[-1]))
 
     def turn_rows(self, K: Array) -> Array:
-        """Rows (count * nq, columns, N) of generalised forces of sections, converted to those of nodes."""
+        """Derivatives (count * nq, columns, N) of generalised forces on sections, converted to those of forces on nodes."""
         return self.turn_columns(K.swapaxes(0, 1)).swapaxes(0, 1)
 
     def velocity_columns(self, K: Array, q: Array) -> Array:
@@ -103,7 +107,7 @@ class Nodes:
         return self._on_columns(K, self._spin_columns(q))
 
     def position_columns(self, K: Array, u: Array) -> Array:
-        """Derivatives by q' (rows, count * nq, N), converted to those by the positions on which q' depends at constant u."""
+        """Derivatives by q' (rows, count * nq, N), converted to those by q, on which q' = H(q) u depends at constant u."""
         if self.flat:
             return np.zeros_like(K)
         moved = self._on_columns(K, np.einsum("acb,mnc->mnab", kinematic_tensor(), u[..., 3:]))
@@ -111,7 +115,8 @@ class Nodes:
         return moved
 
     def force_rows(self, K: Array, q: Array) -> Array:
-        """Rows (count * nq, columns, N) of generalised forces of q, converted to forces and moments (count * nu, columns, N)."""
+        """Derivatives (count * nq, columns, N) of generalised forces on q, converted to those (count * nu, columns, N) of forces
+        and moments."""
         return self.velocity_columns(K.swapaxes(0, 1), q).swapaxes(0, 1)
 
     def geometric(self, covector: Array) -> Array:
@@ -124,9 +129,9 @@ class Nodes:
         return K.reshape(self.count * self.nu, self.count * self.nq, -1)
 
     def _on_columns(self, K: Array, A: Array) -> Array:
-        """K times blockdiag(I, A) at every node: K (rows, count * nq, N), A (N, count, 4, k)."""
+        """Derivatives K (rows, count * nq, N) times the block-diagonal matrix of I (3, 3) and A (N, count, 4, k) per node."""
         rows, _, N = K.shape
         blocks = K.reshape(rows, self.count, self.nq, N)
-        A = np.ascontiguousarray(A.transpose(2, 1, 3, 0))  # elements last, as in K: fast products
+        A = np.ascontiguousarray(A.transpose(2, 1, 3, 0))  # the axis of elements last, as in K, which makes the products fast
         turned = sum(blocks[:, :, 3 + a, None] * A[a] for a in range(4))
         return np.concatenate([blocks[:, :, :3], turned], axis=2).reshape(rows, -1, N)

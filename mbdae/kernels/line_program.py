@@ -1,8 +1,9 @@
-"""A law on a line as operations of a native program: nodes to sections, sections to points, the law, and forces back to nodes.
+"""A law on a line (a beam) as operations of a native program, in the same steps as `LineKernel` in Python.
 
-Per element: section positions from node positions (corners turn them by constant matrices T), their rates by P' = H Omega P with
-the constant tensor H of `kinematic_tensor`, the law's variables by the table of shape functions, and the same maps transposed
-for forces. The derivatives of an element pass through the same maps on both sides.
+In every element the positions of the sections follow from those of the nodes (at corners by constant matrices T), their rates by
+P' = H Omega P with the constant tensor H of `kinematic_tensor`, and the variables of the law at the integration points by the
+table of shape functions. The forces of the law are brought back to the nodes by the transposes of these maps, and its derivatives
+by the maps on the right and their transposes on the left.
 """
 
 from __future__ import annotations
@@ -19,11 +20,12 @@ from mbdae.native.program import Operations, block
 
 Index = NDArray[np.intp]
 Array = NDArray[Any]
-Entries = Sequence[tuple[Any, ...]]  #: terms of products: numbers of the slots, and a factor where there is one
+Entries = Sequence[tuple[Any, ...]]  #: terms of sums: slot of the sum, then slots or numbers of the factors of the term
 
 
 class LineProgram:
-    """The elements of a line kernel in a part of a program; slots below are those of the first element.
+    """Appends the elements of a line kernel to the native program `part`. Slots are given for the first element: those of the
+    following elements lie a constant number of slots, the step, further on.
 
     kernel: a `LineKernel`; gather: slots of its inputs (elements, inputs)."""
 
@@ -32,7 +34,7 @@ class LineProgram:
         n = kernel.nodes
         self.a, self.nu = n.count * n.nq, n.count * n.nu
         self.elements, self.inputs = gather.shape
-        #: (a, c, b, H_acb) of all entries of the kinematic tensor
+        #: (a, c, b, H_acb) of all nonzero entries of the kinematic tensor; empty in the plane
         H = kinematic_tensor()
         self.spin: Entries = [] if n.flat else [(*at, float(H[at])) for at in zip(*np.nonzero(H), strict=True)]
         self.e = part.slots(gather.size)
@@ -41,18 +43,19 @@ class LineProgram:
     # -- steps that values and derivatives share
 
     def move(self, to: Any, from_: Any, to_step: int, from_step: int) -> None:
-        """Copy within every element."""
+        """W[to] = W[from_] for slots of the first element, likewise in all others, to_step and from_step slots further on
+        each."""
         self.part.set(to, from_, self.elements, to_step, from_step)
 
     def products(self, to: int, from_: int, by: int, entries: Entries, steps: tuple[int, int, int]) -> None:
-        """out[i] += w x[j] y[k] for entries (i, j, k, w), in every element."""
+        """W[to + i] += w W[from_ + j] W[by + k] for entries (i, j, k, w), in every element; steps: of to, from_ and by."""
         if entries:
             i, j, k, w = zip(*entries, strict=True)
             self.part.multiply(to + np.array(i), from_ + np.array(j), by + np.array(k), np.array(w, dtype=float), self.elements,
                                *steps)  # fmt: skip
 
     def turned(self, first: int, step: int) -> tuple[int, int]:
-        """Convert node vectors (count, nq) to those of the sections. Returns the slot and the step of the result."""
+        """Convert positions or rates (count, nq) of nodes to those of the sections. Returns slot and step of the result."""
         n = self.nodes
         if n.T is None:
             return first, step
@@ -64,13 +67,14 @@ class LineProgram:
         return found, self.a
 
     def _turn(self, to: int, from_: int, entries: Entries, to_step: int, from_step: int) -> None:
-        """out[i] += T[node, a, b] x[j] for entries (i, j, node, a, b), in every element."""
+        """W[to + i] += T[node, a, b] W[from_ + j] for entries (i, j, node, a, b), in every element."""
         i, j, node, a, b = np.array(entries).T
         assert self.nodes.T is not None
         self.part.add(to + i, from_ + j, self.nodes.T[:, node, a, b], self.elements, to_step, from_step)
 
     def points(self, point: Kernel) -> int:
-        """Evaluate the law at all points. Returns the slot of its values (elements, points, width)."""
+        """Evaluate `point`, the kernel of the law at one integration point, at all points. Returns the slot of its values
+        (elements, points, width)."""
         kernel, points, width = self.kernel, self.kernel.points, len(point.symbols)
         X, size = self.part.slots(self.elements * points * width), points * width
         self.part.load(X, self._constants(width))
@@ -92,7 +96,8 @@ class LineProgram:
         return int(point.emit(self.part, block(X, self.elements * points, width))[0, 0])
 
     def _constants(self, width: int) -> Array:
-        """(elements, points, width) numbers of the law, and what the constant rotations of planar nodes add to its variables."""
+        """Constant part (elements, points, width) of the law's inputs: its parameters, and in the plane what the constant
+        rotations of the nodes add to its variables."""
         kernel, n = self.kernel, self.nodes
         X = np.zeros((self.elements, kernel.points, width))
         X[:, :, width - kernel.numbers.shape[2] :] = kernel.numbers
@@ -102,7 +107,7 @@ class LineProgram:
         return X
 
     def _rates(self) -> tuple[int, int]:
-        """q' (count, nq) of the nodes. Returns the slot and the step."""
+        """Compute q' (count, nq) of the nodes. Returns slot and step of the result."""
         n, velocities = self.nodes, self.e + self.a
         if n.flat:
             return velocities, self.inputs
@@ -115,7 +120,8 @@ class LineProgram:
         return found, self.a
 
     def covector(self, values: int, width: int) -> int:
-        """Generalised forces (count, nq) of the nodes' positions, from the duals at the points."""
+        """Slot of the generalised forces (count, nq) on the nodes' positions, from those on the interpolated fields (duals),
+        which are the first of the `width` numbers of every integration point in the slots from `values` on."""
         kernel, n, found = self.kernel, self.nodes, self.part.zeros(self.elements * self.a)
         table = kernel.duals.reshape(self.a, kernel.points, -1)
         rows, g, d = np.nonzero(table)
@@ -132,7 +138,7 @@ class LineProgram:
     # -- values
 
     def values(self) -> int:
-        """The slot of the outputs (elements, targets)."""
+        """Append all steps of the values. Returns the slot of the outputs (elements, targets)."""
         kernel, n = self.kernel, self.nodes
         point, out = kernel.point, len(kernel.targets)
         values, width, duals = self.points(point), point.width, len(kernel.derived.duals)
@@ -155,7 +161,7 @@ class LineProgram:
     # -- derivatives
 
     def jacobian(self) -> int:
-        """The slot of the derivatives (elements, places)."""
+        """Append all steps of the derivatives. Returns their slot (elements, len(jacobian_places))."""
         kernel, a = self.kernel, self.a
         point = kernel.point_jacobian
         values, width, duals = self.points(point), point.width, len(kernel.derived.duals)
@@ -174,7 +180,8 @@ class LineProgram:
         return self._placed(K, rows, columns, self.covector(values, width))
 
     def _in_the_plane(self, values: int, width: int, duals: int, spread: Any, columns: int) -> int:
-        """Slot of the derivatives in the plane, where rotations are angles: one constant map from the points to the places."""
+        """Slot of the derivatives in the plane: there rotations are angles, so that the derivatives of an element are one
+        constant matrix times those at the points."""
         outputs, inputs = self.kernel._places
         place = np.full(spread.size, -1)
         place[(outputs + self.a - self.nu) * columns + inputs] = np.arange(len(outputs))
@@ -186,7 +193,8 @@ class LineProgram:
         return found
 
     def _turned_derivatives(self, K: int, rows: int, columns: int, blocks: list[int]) -> int:
-        """Derivatives of sections by sections, converted to nodes by nodes: T on the right, its transpose on the left."""
+        """Derivatives K of forces on sections by positions of sections, converted to those of forces on nodes by positions of
+        nodes: T^T K T. blocks: first columns of the positions and of their rates."""
         n, a, size = self.nodes, self.a, rows * columns
         rotations = [(node, node * n.nq + 3) for node in range(n.count)]
         by_nodes = self.part.zeros(self.elements * size)
@@ -206,7 +214,7 @@ class LineProgram:
         return found
 
     def _by_velocities(self, K: int, rows: int, columns: int) -> tuple[int, int]:
-        """Derivatives by positions and their rates, converted to those by positions and velocities: q' = H(q) u."""
+        """Derivatives by q and q', converted to those by q and u with q' = H(q) u. Returns their slot and number of columns."""
         n, a, nu = self.nodes, self.a, self.nu
         wide, size = columns - a + nu, rows * (columns - a + nu)
         found = self.part.zeros(self.elements * size)
@@ -228,7 +236,8 @@ class LineProgram:
         return found, wide
 
     def _placed(self, K: int, rows: int, columns: int, covector: int) -> int:
-        """Rows of positions, converted to forces and moments, with the derivative of the moments at constant covectors."""
+        """Derivatives of the generalised forces on q, converted to those of forces and moments; with what the change of this
+        conversion with q adds at constant generalised forces `covector`. Returns the slot of the entries `jacobian_places`."""
         kernel, n = self.kernel, self.nodes
         places = kernel._places
         count, a = len(places[0]), self.a

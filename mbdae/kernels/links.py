@@ -1,7 +1,6 @@
-"""Kernels of the joints of a tree, one by one: compiled once for every kind of joint with the body it carries.
-
-Their number does not grow with the tree; `system/motion/ordered_tree.py` has their order and the slots that they read.
-"""
+"""Kernels of single joints for the articulated-body recursion over large trees, see `symbolic/links`. They are compiled once for
+every kind of joint with the body it carries, so that their number does not grow with the tree; `system/motion/ordered_tree.py`
+calls them in order and chooses the slots that they read."""
 
 from __future__ import annotations
 
@@ -27,11 +26,12 @@ from mbdae.symbolic.tree_motion import Link, Member, TreeStructure
 from mbdae.symbolic.vectors import Expr, Vec
 
 Place = tuple[Any, ...]
-OPTIMISED = 1500  #: number of operations up to which LLVM optimises a kernel: it runs for every body, and is compiled once
+#: number of operations up to which LLVM optimises a kernel; more than elsewhere, because one such kernel is run for many bodies
+OPTIMISED = 1500
 
 
 class Stated(NamedTuple):
-    """A program, the meaning of its inputs, and its outputs with their targets."""
+    """A straight-line program, the meaning of its input symbols, and its outputs, each with the place that it belongs to."""
 
     program: Program
     known: Mapping[Expr, Place]
@@ -39,8 +39,8 @@ class Stated(NamedTuple):
 
 
 class ProgramKernel(Kernel):
-    """The kernel of a straight-line program, which is made where it is not on disk. inputs, targets: the meaning of its inputs
-    and of its values."""
+    """The kernel of a straight-line program; the program is derived only where the kernel is not on disk. inputs, targets: the
+    meaning of its inputs and of its values."""
 
     def __init__(self, stated: Callable[[], Stated], key: str | None) -> None:
         self._find = stated
@@ -74,14 +74,17 @@ class ProgramKernel(Kernel):
 
     @cached_property
     def column(self) -> dict[Place, int]:
-        """The column of every target among the values."""
+        """Target (what an output belongs to) -> number of the output."""
         return {target: i for i, target in enumerate(self.targets)}
 
 
 class BodyKernels:
-    """The kernels of a body of one kind and of the joint that carries it on a node of the kind `parent`. outward: motion of the
-    body from that of the carrying body, see `LinkProgram.outward`; shape: the structure on which the passes depend; freedoms:
-    places of the unknowns of the joint (or of a root), ("up", node, i)."""
+    """The kernels of a body and of the joint by which another body (its parent) carries it, or of a root.
+
+    find: derives the program; kinds: kinds of nodes of parent and body; quaternion: whether rotations are evaluated as
+    quaternions; heavy: whether the freedoms have an inertia of their own. outward: kernel of the motion of the body from that of
+    its parent, see `LinkProgram.outward`; shape: the structure that selects the kernels of the passes; freedoms: places
+    ("up", node, i) of the second rates of the joint's coordinates (of a root: of its own unknowns)."""
 
     def __init__(self, find: Callable[[], LinkProgram | RootProgram], kinds: tuple[NodeKind, NodeKind], quaternion: bool,
                  heavy: bool, key: str | None) -> None:  # fmt: skip
@@ -96,7 +99,8 @@ class BodyKernels:
 
     @cached_property
     def _made(self) -> tuple[LinkProgram | RootProgram, Program, list[tuple[Place, Expr]]]:
-        """The program, its part that is left at zero accelerations, and the entries of the derivatives in that part."""
+        """The program as found; the same with all accelerations set to 0, on which the outputs depend linearly; and the outputs
+        of the latter with their places."""
         found = self._find()
         entries = found.outward(self._quaternion)
         program, values = found.still(entries)
@@ -118,13 +122,13 @@ class BodyKernels:
 
 
 def _is_known(place: Place, e: Expr) -> bool:
-    """Whether a number of a body is constant."""
+    """Whether an entry of X, S or c (see `LinkProgram.outward`) is an integer constant, so that the passes contain it."""
     return place[0] in ("X", "S", "c") and isinstance(e, se.Integer)
 
 
 @lru_cache(maxsize=256)
 def projection(shape: Shape) -> ProgramKernel:
-    """The kernel that projects forces on the freedoms of a body and transfers them to the body that carries it."""
+    """The kernel that projects forces on a body on the freedoms of its joint and transfers them to the body that carries it."""
     return _kernel(shape, "projected", projected)
 
 
@@ -158,13 +162,14 @@ def link_kernels(parent: NodeKind, link: Link, members: tuple[Member, ...], quat
 
 @lru_cache(maxsize=8)
 def root_kernels(kind: NodeKind, quaternion: bool) -> BodyKernels:
-    """The kernels of a body with unknowns of its own."""
+    """The kernels of the root of a tree: a body that no joint carries, whose unknowns are its own q and u."""
     return BodyKernels(lambda: RootProgram(kind), (NodeKind.GROUND, kind), quaternion, True, key_of("root", kind.name))
 
 
 @lru_cache(maxsize=128)
 def member_kernel(kinds: tuple[NodeKind, ...], member: Member) -> ProgramKernel:
-    """Kernel of the forces of a law between bodies of these kinds; the law's nodes are numbers in `kinds`."""
+    """Kernel of the forces of a law between several bodies of a tree. kinds: kinds of these nodes; member: the law, whose node
+    numbers are positions in `kinds`."""
 
     def stated() -> Stated:
         found = MemberProgram(kinds, member)
@@ -178,13 +183,14 @@ def member_kernel(kinds: tuple[NodeKind, ...], member: Member) -> ProgramKernel:
 
 @lru_cache(maxsize=16)
 def node_motion(kind: NodeKind, heads: tuple[str, ...]) -> ProgramKernel:
-    """Kernel of q, u and u' ("up") of a body, those named in `heads`, from the numbers of its motion."""
+    """Kernel of q, u and u' of a body from its motion as the outward pass leaves it. heads: which of "q", "u", "up" to return."""
     return _node_kernel(kind, lambda found: found.motion(heads), "motion", *heads)
 
 
 @lru_cache(maxsize=8)
 def node_load(kind: NodeKind, role: str) -> ProgramKernel:
-    """Kernel of the force and moment on a body, from its rows of laws outside of the tree."""
+    """Kernel of the force and the moment on a body from what laws outside of the tree added to its rows. role: "wu" for equations
+    of motion, "wq" for corrections of the rates of positions."""
     return _node_kernel(kind, lambda found: found.load(role), "load", role)
 
 
@@ -198,12 +204,13 @@ def _node_kernel(kind: NodeKind, entries: Callable[[NodeProgram], Sequence[tuple
 
 
 def alone(link: Link, general: bool) -> Link:
-    """A joint alone, as node 1 on node 0. general: its numbers are given at run time, also where they are 0, 1 or -1."""
+    """A joint taken out of its tree: it carries node 1 on node 0. general: all its parameters are inputs at run time, also those
+    equal to 0, 1 or -1, which otherwise become constants of the kernel."""
     numbers = tuple((name, None if general else value) for name, value in link.numbers)
     return replace(link, parent=0, first=1, numbers=numbers)
 
 
 def between(member: Member, nodes: Mapping[int, int], general: bool) -> Member:
-    """A law with its nodes renumbered by `nodes`. general: its numbers are given at run time."""
+    """A law with its nodes renumbered: `nodes` maps the old numbers to the new ones. general: as in `alone`."""
     numbers = tuple((name, None if general else value) for name, value in member.numbers)
     return Member(member.law, tuple(None if n is None else nodes[n] for n in member.nodes), numbers)

@@ -1,6 +1,7 @@
 """Expressions as NumPy source: the reference for compiled kernels, and for derivatives by the complex step.
 
-Every node is written with its own parentheses and evaluated by NumPy, in real or complex numbers; LLVM has no part in it.
+Every operation of an expression is written in parentheses of its own, so that NumPy evaluates it exactly as stated, in real or
+complex numbers and without LLVM.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ def _smaller(*values: Any) -> Any:
 
 
 def _piecewise(*parts: Any) -> Any:
-    """The value before the first condition that holds; parts are value, condition, value, ..."""
+    """The value that stands before the first true condition; NaN where none is true. parts: value, condition, value, ..."""
     found: Any = np.nan
     for value, condition in zip(parts[-2::-2], parts[::-2], strict=True):
         found = np.where(condition, value, found)
@@ -38,7 +39,8 @@ def _special(name: str) -> Callable[[Any], Any]:
     return lambda a: getattr(import_module("scipy.special"), name)(a)
 
 
-#: NumPy functions by the name of symengine's class; conditions compare real parts
+#: NumPy function of every function of symengine, by the name of its class. Comparisons use real parts, so that the imaginary
+#: parts of the complex step do not disturb them
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{name: getattr(np, name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "log")},
     **{name: getattr(np, "arc" + name[1:]) for name in ("asin", "acos", "atan", "asinh", "acosh", "atanh")},

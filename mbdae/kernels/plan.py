@@ -17,7 +17,7 @@ from mbdae.symbolic.outputs import Target, derivatives, input_symbols, insert
 from mbdae.symbolic.rebuild import jumps_with, symbols_of
 from mbdae.symbolic.vectors import Expr
 
-Place = tuple[int, Target]  #: number of an output, and the unknown by which it is differentiated
+Place = tuple[int, Target]  #: an entry of the Jacobian: number of an output, and the unknown by which it is differentiated
 Outputs = Callable[[Derived], Sequence[tuple[Target, Expr]]]  #: selects outputs of a law, see `symbolic.outputs`
 
 
@@ -31,8 +31,8 @@ class Inputs:
 
 
 class Plan:
-    """The outputs of a law, without derivatives. Tables are read from disk where they are kept; expressions are then derived when
-    they are first asked for."""
+    """The outputs of a law, without derivatives. The tables (what the outputs belong to and which inputs they read) come from
+    disk where an earlier process stored them; the expressions are derived only when something asks for them."""
 
     def __init__(self, d: Derived, outputs: Outputs, *options: str) -> None:
         self.derived, self._outputs = d, outputs
@@ -43,11 +43,11 @@ class Plan:
         self._read(*found)
 
     def _made(self) -> tuple[Any, ...]:
-        """The tables in the form kept on disk."""
+        """The tables in the form in which they are stored on disk; `_read` takes them apart again."""
         return self._targets(), _kept(self.inputs(self.inserted))
 
     def _read(self, targets: list[Target], inputs: Any) -> None:
-        self.targets, self.all_inputs = targets, _inputs(*inputs)  #: inputs of all outputs
+        self.targets, self.all_inputs = targets, _inputs(*inputs)  #: inputs on which any output depends
 
     def _targets(self) -> list[Target]:
         return [target for target, _ in self._entries]
@@ -58,12 +58,12 @@ class Plan:
 
     @cached_property
     def expressions(self) -> list[Expr]:
-        """The outputs, in unknowns and names of intermediate results."""
+        """The outputs, in terms of unknowns, parameters and symbols for intermediate results."""
         return [e for _, e in self._entries]
 
     @cached_property
     def inserted(self) -> list[Expr]:
-        """The outputs, in unknowns and parameters alone."""
+        """The outputs with the intermediate results inserted, in terms of unknowns and parameters alone."""
         return insert(self.derived, self.expressions)
 
     @cached_property
@@ -71,7 +71,8 @@ class Plan:
         return {symbol: target for target, symbol in input_symbols(self.derived)}
 
     def inputs(self, expressions: Sequence[Expr], used: set[Expr] | None = None) -> Inputs:
-        """The unknowns and parameters on which some expressions depend, in a fixed order; `used`: their symbols, if known."""
+        """The unknowns and parameters on which some expressions depend, in a fixed order. used: the symbols in the expressions,
+        None: they are looked for."""
         if used is None:
             used = symbols_of(expressions)
         unknowns = [(s, t) for s, t in self._unknown.items() if s in used]
@@ -81,12 +82,16 @@ class Plan:
 
     @cached_property
     def kernel(self) -> Kernel:
-        """All outputs in one kernel."""
+        """One kernel that evaluates all outputs."""
         return Kernel(self.all_inputs.symbols, lambda: self.inserted, None, len(self.targets), part_key(self.key, "all"))
 
 
 class _Sorted(NamedTuple):
-    """The outputs and derivatives of a law, sorted: their numbers and places, and the expressions of each kernel."""
+    """The outputs and derivatives of a law, sorted.
+
+    nonlinear: numbers of the nonlinear outputs, and residual their expressions; jacobian_places and jacobian: the derivatives
+    that vary; constant_places: those that are constant; offset_places: numbers of the linear outputs; constants: expressions of
+    the constant derivatives, then of the constant parts of the linear outputs."""
 
     nonlinear: list[int]
     constant_places: list[Place]
@@ -100,9 +105,9 @@ class _Sorted(NamedTuple):
 class LinearisedPlan(Plan):
     """The outputs of a law with their exact derivatives, sorted into constant, linear and nonlinear.
 
-    A derivative that depends on parameters only is constant; an output whose derivatives are all constant, that does not depend
-    on time and does not jump (a floor has the derivative 0) is linear: it needs no kernel. sort: False leaves all outputs and
-    derivatives in the kernels, whose inputs then are all parameters.
+    A derivative that depends on parameters only is constant. An output is linear where all its derivatives are constant and it
+    neither depends on time nor jumps (as floor(x), whose derivative is 0): its terms are added without a kernel. sort: False
+    keeps all outputs and derivatives in the kernels, so that all parameters are inputs and can be varied.
     """
 
     def __init__(self, d: Derived, outputs: Outputs, sort: bool = True) -> None:
@@ -125,7 +130,7 @@ class LinearisedPlan(Plan):
 
     @cached_property
     def all_inputs(self) -> Inputs:  # type: ignore[override]
-        """Inputs of all outputs."""
+        """The inputs on which any of the outputs depends."""
         return self.inputs(self.inserted)
 
     def _kernel(self, part: str, inputs: Inputs, width: int) -> Kernel:
@@ -157,19 +162,21 @@ class LinearisedPlan(Plan):
                        chosen(values, False), [self.inserted[i] for i in nonlinear])  # fmt: skip
 
     def _origin(self, d: Derived) -> dict[Expr, Expr]:
-        """Point at which the offset of a linear output is evaluated: all unknowns 0, quaternions (1, 0, 0, 0), where R exists."""
+        """Point at which the constant part of a linear output is evaluated: all unknowns 0, but quaternions (1, 0, 0, 0), because
+        a zero quaternion has no rotation matrix."""
         first = {f.q[f.kind.translations] for f in d.frames if f.kind.by_quaternion}
         return {symbol: se.Integer(1 if symbol in first else 0) for symbol in self._unknown}
 
     def _offset(self, i: int, places: list[tuple[int, Target]], values: list[Expr], origin: dict[Expr, Expr]) -> Expr:
-        """Value of a linear output at the origin without its linear terms there."""
+        """Constant part of the linear output i: its value at `origin` less its linear terms there."""
         symbol = {target: s for s, target in self._unknown.items()}
         linear = sum((v * origin[symbol[t]] for (o, t), v in zip(places, values, strict=True) if o == i), se.Integer(0))
         return self.inserted[i].subs(origin) - linear
 
 
 def _key(d: Derived, outputs: Outputs, *words: str) -> str | None:
-    """The key of a plan: the law's statement and the outputs, by the name of the function of mbdae that selects them."""
+    """The key of a plan on disk, from the key of the law, the name of the function `outputs`, and further words. None where the
+    law has no key, or where the function is not one of mbdae, because its name would not identify it."""
     module, name = getattr(outputs, "__module__", ""), getattr(outputs, "__qualname__", "<")
     if d.key is None or "<" in name or not str(module).startswith("mbdae."):
         return None
@@ -192,5 +199,5 @@ def plan(d: Derived, outputs: Outputs) -> Plan:
 
 @made_once("derive", 512)
 def linearised_plan(d: Derived, outputs: Outputs, sort: bool = True) -> LinearisedPlan:
-    """The plan with derivatives; made once per process."""
+    """The plan of a derived law for some outputs, with their derivatives; made once per process. sort: see `LinearisedPlan`."""
     return LinearisedPlan(d, outputs, sort)

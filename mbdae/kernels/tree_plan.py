@@ -22,14 +22,14 @@ from mbdae.symbolic.tree import OPERATIONS, tree_program
 from mbdae.symbolic.tree_motion import Link, TreeStructure
 from mbdae.symbolic.vectors import Expr
 
-CHUNK = 3000  #: operations of one kernel at most: LLVM compiles 3000 in 0.1 to 0.2 s, 10000 in seconds
-OPTIMISED = 1000  #: operations up to which LLVM optimises a kernel, which takes a few hundredths of a second
-#: a kernel that solves for the accelerations has at most MOST_SOLVED of them and LONGEST_SOLVED operations
+CHUNK = 3000  #: largest number of operations of one kernel: LLVM compiles 3000 in 0.1 to 0.2 s, but 10000 in seconds
+OPTIMISED = 1000  #: number of operations up to which LLVM optimises a kernel; that takes at most some hundredths of a second
+#: a kernel that solves for the accelerations of a tree is made up to this number of accelerations, and of operations
 MOST_SOLVED, LONGEST_SOLVED = 16, 2000
 
 
 class Piece(NamedTuple):
-    """A kernel with the meaning of its inputs (see `TreeProgram`) and the targets of its outputs."""
+    """A kernel of a tree, with the meaning of its inputs (see `TreeProgram.inputs`) and of its outputs."""
 
     inputs: tuple[tuple[Any, ...], ...]
     targets: tuple[Any, ...]
@@ -37,8 +37,8 @@ class Piece(NamedTuple):
 
 
 class ProgrammedTree:
-    """The program of a tree with its derivatives, and the kernels cut from it. Raises OverflowError where its Jacobian takes more
-    than `OPERATIONS` operations."""
+    """The straight-line program of a whole tree with its derivatives, and kernels that contain parts of it. Raises OverflowError
+    where the Jacobian takes more than `OPERATIONS` operations."""
 
     def __init__(self, structure: TreeStructure) -> None:
         self.structure, self.tree = structure, tree_program(structure)
@@ -66,7 +66,7 @@ class ProgrammedTree:
         return [self._piece(self.rows)]
 
     def forward(self) -> list[Piece]:
-        """Kernel of q, u and u' of the loaded nodes."""
+        """Kernel of q, u and u' of the loaded nodes: the bodies of the tree on which laws outside of it act."""
         return [self._piece(self.motion)]
 
     def jacobian(self) -> list[Piece]:
@@ -78,7 +78,7 @@ class ProgrammedTree:
         return self._chunks([((t, p), e) for t, p, e in self.derivatives if p[0] == "up" and t[0] == "u" and t[1] <= 0])
 
     def rates(self) -> list[Piece]:
-        """Kernel of the accelerations, see `TreePlan.rates`; none where the program is long."""
+        """Kernel of the accelerations, see `TreePlan.rates`; an empty list where there is none."""
         rows = {t: e for t, e in self.rows if t[0] == "u"}
         number = {t[1:]: i for i, t in enumerate(rows)}
         entries = {(number[t[1:]], number[p[1:]]): e for t, p, e in self.derivatives
@@ -98,11 +98,11 @@ class ProgrammedTree:
         return [Piece(tuple(self.places[s] for s in symbols), tuple(rows), Kernel([*symbols, *forces], outputs, 2))]
 
     def motion_of_all(self) -> list[Piece]:
-        """Kernel of q, u and u' of every carried node."""
+        """Kernel of q, u and u' of every body that the joints of the tree carry."""
         return [self._piece(self.tree.states(carried_nodes(self.structure)))]
 
     def velocities(self) -> list[Piece]:
-        """Kernels of the derivatives of the velocities of all carried nodes."""
+        """Kernels of the derivatives of the velocities of all carried bodies by the velocity unknowns of the tree."""
         nodes = carried_nodes(self.structure)
         motion = [(t, e) for t, e in self.tree.states(nodes, accelerations=False) if t[0] == "u"]
         seeds = [s for s, place in self.places.items() if place[0] == "u"]
@@ -127,8 +127,8 @@ class ProgrammedTree:
 
 
 class TreePlan:
-    """The kernels of a tree, read from disk where they are kept. Raises OverflowError where its Jacobian takes more than
-    `OPERATIONS` operations. operations: number of operations of the whole program."""
+    """The kernels of a tree, read from disk where an earlier process stored them. Raises OverflowError where the Jacobian takes
+    more than `OPERATIONS` operations. operations: number of operations of the whole program."""
 
     def __init__(self, structure: TreeStructure) -> None:
         self.structure, self.key = structure, structure_key(structure)
@@ -148,17 +148,18 @@ class TreePlan:
 
     @cached_property
     def programmed(self) -> ProgrammedTree:
-        """The program of the tree, derived when it is first asked for."""
+        """The program of the tree, derived when it is first needed."""
         return ProgrammedTree(self.structure)
 
     def _cut(self, what: str, n: int) -> Kernel:
-        """Kernel n of a sort, cut from the program."""
+        """Kernel n of those that the method `what` of `ProgrammedTree` returns."""
         if what not in self._pieces:
             self._pieces[what] = getattr(self.programmed, what)()
         return self._pieces[what][n].kernel
 
     def _known(self, what: str) -> list[Piece]:
-        """The kernels of one sort, made from their tables; expressions are derived when they are first asked for."""
+        """The kernels that the method `what` of `ProgrammedTree` returns, made from tables on disk where these exist; expressions
+        are then derived only when something asks for them."""
         key = part_key(self.key, what)
         tables = recall(key)
         if tables is None:
@@ -180,12 +181,12 @@ class TreePlan:
 
     @cached_property
     def forward(self) -> Piece:
-        """Kernel of q, u and u' of the loaded nodes."""
+        """Kernel of q, u and u' of the loaded nodes: the bodies of the tree on which laws outside of it act."""
         return self._known("forward")[0]
 
     @cached_property
     def jacobian(self) -> list[Piece]:
-        """Kernels of the derivatives; targets (row or state, input)."""
+        """Kernels of the derivatives of `residual` and `forward`; a target is the pair of an output of these and an input."""
         return self._known("jacobian")
 
     @cached_property
@@ -195,29 +196,32 @@ class TreePlan:
 
     @cached_property
     def rates(self) -> Piece | None:
-        """Kernel of the accelerations of a tree on which no law outside acts, and of the pivots of its mass matrix; its targets
-        are the rows. Further inputs are the forces of all other laws in these rows, right-hand side. None where the program is
-        long."""
+        """Kernel of the accelerations of a tree on whose bodies no law outside of it acts, and of the pivots of its mass matrix;
+        targets: the equations of motion. After the inputs of the tree it reads one number per equation: what other laws (on the
+        joint coordinates) add to its right-hand side. None where bodies are loaded, the root is free, or the kernel would be
+        larger than MOST_SOLVED or LONGEST_SOLVED allow."""
         return next(iter(self._known("rates")), None)
 
     @cached_property
     def motion_of_all(self) -> Piece:
-        """Kernel of q, u and u' of every carried node."""
+        """Kernel of q, u and u' of every body that the joints of the tree carry."""
         return self._known("motion_of_all")[0]
 
     @cached_property
     def velocities(self) -> list[Piece]:
-        """Kernels of the derivatives of the velocities of all carried nodes by those of the coordinates and the root."""
+        """Kernels of the derivatives of the velocities of all carried bodies by those of the joint coordinates and of the
+        root."""
         return self._known("velocities")
 
 
 def carried_nodes(structure: TreeStructure) -> tuple[int, ...]:
-    """Numbers of all carried nodes."""
+    """Numbers in the tree of all nodes that its joints carry: all but the root, which has number 0."""
     return tuple(range(1, len(structure.links) + 1))
 
 
 def structure_key(structure: TreeStructure) -> str | None:
-    """The key of a tree on disk: its shape, the motions of its joints and the statements of its laws; None: a law has no key."""
+    """The key of a tree on disk, from its shape, the motions of its joints and the statements of its laws; None where a law has
+    no key."""
     if not store().used:
         return None
     try:

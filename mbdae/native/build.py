@@ -1,8 +1,8 @@
 """Compilation of the native core into a shared library: at installation (hatch_build.py), and again in a clone whose C files
 have changed since (library.py).
 
-It imports nothing but Python's own modules, so that it runs before anything is installed. By hand, with the warnings of the
-compiler::
+This module imports nothing but Python's standard library, so that it runs before anything is installed. This command compiles
+by hand and shows the warnings of the compiler::
 
     python -m mbdae.native.build
 
@@ -26,15 +26,18 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-#: the shared library. The dot in its stem keeps Python from importing it as an extension module; it suits every Python version
+#: the shared library. It is no extension module and does not depend on the version of Python; the dot in its name keeps Python
+#: from importing it as one
 LIBRARY = HERE / f"mbdae.core{SUFFIX}"
 #: the compiler that an installation requires from the package index where no compiler of the system works
 ZIGLANG = "ziglang==0.17.1"
-#: targets of zig; glibc 2.17 (manylinux2014), so that the library opens on every Linux that NumPy and SciPy have wheels for
+#: target that zig compiles for, by `platform_name`. glibc 2.17 (manylinux2014) is old enough that the library can be loaded on
+#: every Linux for which NumPy and SciPy have wheels
 ZIG_TARGETS = {"linux-x86_64": "x86_64-linux-gnu.2.17", "linux-aarch64": "aarch64-linux-gnu.2.17",
                "win-amd64": "x86_64-windows-gnu", "win-arm64": "aarch64-windows-gnu",
                "macosx-x86_64": "x86_64-macos.11.0", "macosx-arm64": "aarch64-macos.11.0"}  # fmt: skip
-#: flags with which every compiler gives the same numbers: no fused multiply-add, no -ffast-math, baseline processors
+#: flags with which results are the same to the last bit whatever the compiler: no fused multiply-add (-ffp-contract=off), no
+#: -ffast-math, and no instructions beyond those of the oldest supported processors
 FLAGS = ["-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-Wall", "-Wextra", "-shared"]
 TRIAL = "#include <math.h>\n#include <string.h>\ndouble trial(double x) { return sin(x); }\n"
 REMEDY = ("Install a C compiler (Debian, Ubuntu: apt install gcc libc6-dev; Fedora: dnf install gcc;\n"
@@ -81,12 +84,12 @@ def has_musl() -> bool:
 
 
 def is_zig(command: list[str]) -> bool:
-    """Whether a compiler command is zig, which has to be told its target."""
+    """Whether a compiler command is zig, which needs the target to compile for as a flag."""
     return any(Path(part).stem in ("zig", "ziglang") for part in command)
 
 
 def flags(command: list[str]) -> list[str]:
-    """Flags of a shared library for this platform."""
+    """Flags with which a compiler command makes a shared library for this platform."""
     chosen = [*FLAGS, *([] if sys.platform == "win32" else ["-fPIC"])]
     if is_zig(command):
         target = ZIG_TARGETS[platform_name()]
@@ -95,7 +98,7 @@ def flags(command: list[str]) -> list[str]:
 
 
 def refusal(command: list[str]) -> str:
-    """Why a compiler command does not work, "" where it does; it is tried on three lines of C in a temporary folder."""
+    """Why a compiler command does not work, "" where it does: it compiles three lines of C in a temporary folder as a trial."""
     if shutil.which(command[0]) is None:
         return "not found"
     with tempfile.TemporaryDirectory(prefix="mbdae-") as folder:  # readable by this user only
@@ -105,7 +108,8 @@ def refusal(command: list[str]) -> str:
 
 
 def run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run a command and keep its output. Libraries preloaded into this process (by a sanitizer) are kept out of the compiler."""
+    """Run a command in a folder and capture its output. Libraries that are preloaded into this process (those of a sanitizer) are
+    not preloaded into the compiler too."""
     env = {name: value for name, value in os.environ.items() if name not in ("LD_PRELOAD", "DYLD_INSERT_LIBRARIES")}
     return subprocess.run(command, cwd=folder, env=env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                           stderr=subprocess.STDOUT, encoding="utf-8", errors="replace")  # fmt: skip
@@ -145,10 +149,10 @@ def needs_ziglang() -> bool:
 
 
 def compile_library(command: list[str]) -> str:
-    """Compile the library in place; returns what the compiler said, warnings.
+    """Compile the library in place; returns the output of the compiler: its warnings.
 
-    Processes that do so at once do not disturb each other: each writes into a folder of its own, beside the library and readable
-    by this user only, and moves the library out of it when it is complete.
+    Several processes may do so at the same time: each compiles in a temporary folder of its own, which only this user can read,
+    and moves the finished library to its place.
     """
     if not sources():
         raise BuildError(f"There are no C files in {HERE}: only a clone or a source archive of mbdae can be compiled.")
@@ -165,7 +169,7 @@ def compile_library(command: list[str]) -> str:
 
 def compiled(command: list[str], part: Path) -> subprocess.CompletedProcess[str]:
     """Run the compiler. part: file for the library, relative to this folder."""
-    defined = f'-DMBDAE_SOURCES="{digest()}"'  # computed before compiling: a file changed meanwhile is noticed at the next use
+    defined = f'-DMBDAE_SOURCES="{digest()}"'  # hashed first: a file changed during compilation is seen at the next use
     further = shlex.split(os.environ.get("MBDAE_CFLAGS", ""))
     names = [path.name for path in sources()]  # without folders: no path of this machine gets into the library
     whole = [*command, *flags(command), defined, *further, *names, "-o", str(part), "-lm"]
@@ -181,8 +185,8 @@ def compiled(command: list[str], part: Path) -> subprocess.CompletedProcess[str]
 def wheel_platform(command: list[str]) -> str:
     """Platform tag of a wheel: the systems on which the library runs.
 
-    zig binds to glibc 2.17 at most whatever the machine has, which is what manylinux2014 promises. A compiler of the system binds
-    to the glibc of this machine: such a wheel is tagged linux_x86_64, and the package index does not accept it.
+    A library compiled by zig needs glibc 2.17 or later, whatever this machine has, as manylinux2014 demands. One compiled by the
+    system's compiler may need the glibc of this machine: such a wheel is tagged linux_x86_64, which the package index refuses.
     """
     name, machine = platform_name(), platform.machine()
     if sys.platform == "darwin":

@@ -14,14 +14,14 @@ from mbdae.native.elimination import Array, address
 from mbdae.native.equations import RAISED, SLICE, Equations, Number, Pointer, Stepping, Stretches, Whole
 from mbdae.native.radau import Stages, functions
 
-#: return codes, as in radau.c; a further one is RAISED
+#: return codes of the functions of radau.c, where their meaning is stated; besides RAISED: a callback raised an exception
 DONE, DIVERGED, ORDER, NO_WIDTH, VANISHED, NO_RATES, LOOK = 0, 3, 4, 5, 6, 7, 8
-FIRST, AGAIN = 1, 2  #: values of `rejected`: the next step is the first, or repeats a rejected one
+FIRST, AGAIN = 1, 2  #: values of `Table.rejected`: the next step is the first one of the run, or repeats a rejected one
 ARRAYS = ("y", "yp", "last", "weights", "power")
 
 
 class Table(ctypes.Structure):
-    """`Run` of radau.c."""
+    """The C struct `Run` of radau.c, with the same members in the same order."""
 
     _fields_ = (*((name, Pointer) for name in ("stages", "matrix", "rates", "atol", "order")),
                 *((name, Number) for name in ("rtol", "time", "target")), ("limit", Whole),
@@ -36,8 +36,8 @@ class Table(ctypes.Structure):
 
 
 class Made(NamedTuple):
-    """Accepted steps: their ends t (m,), y and y' there (m, n), increments of y at inner nodes (m, s - 1, n), local error
-    estimates (m,) in units of the tolerance; code: why the call ended."""
+    """Accepted steps: times t (m,) at their ends, y and y' there (m, n), increments of y from the begin of the step to its inner
+    collocation nodes (m, s - 1, n), local error estimates (m,) in units of the tolerance; code: why the call ended."""
 
     t: Array
     y: Array
@@ -47,17 +47,17 @@ class Made(NamedTuple):
     code: int
 
     def then(self, more: Made) -> Made:
-        """These steps and those made after them."""
+        """These steps followed by those in `more`, as one object."""
         t, y, yp, inner, errors = (np.concatenate(both) for both in zip(self[:-1], more[:-1], strict=True))
         return Made(t, y, yp, inner, errors, more.code)
 
 
 class Run(Stepping):
-    """An integration at the state y, yp (n,); table: the present step and the step size control.
+    """An integration under way, which has reached y, yp (n,); table: the present step and the step size control.
 
-    rates: y' = f(t, y), for a method whose last stage is not the end of the step; atol, order (n,): absolute tolerance and
-    (differentiation index - 1) of each unknown; time: typical time of the motion, s; target: share of the tolerance at which
-    Newton's iteration stops; limit: most iterations.
+    rates: y' = f(t, y), needed by a method whose last stage is not the end of the step, None: not needed; atol, order (n,):
+    absolute tolerance and (differentiation index - 1) of each unknown; time: characteristic time of the motion, s; target: error
+    of Newton's iteration, over the tolerance, at which it stops; limit: largest number of its iterations.
     """
 
     def __init__(self, stages: Stages, rates: Equations | None, atol: Array, order: Array, rtol: float, time: float,
@@ -85,12 +85,13 @@ class Run(Stepping):
         self._at, self._c, self._shape = ctypes.addressof(self.table), functions(), (s - 1, n)
 
     def watch(self, contacts: Contacts | None) -> None:
-        """Check contacts after every step and return LOOK where one needs a closer check in Python; None: check none."""
+        """Have `steps` check these contacts after every step and return LOOK where one needs a closer check in Python; None: no
+        contacts are checked."""
         self._contacts = contacts
         self.table.contacts = None if contacts is None else ctypes.addressof(contacts.table)
 
     def predict(self, h: float) -> None:
-        """Starting values of Newton's iteration for a step of h (s)."""
+        """Compute the starting values of Newton's iteration for a step of h (s)."""
         self._c.run_predict(self._at, h)
 
     def factored(self, h: float) -> None:
@@ -117,12 +118,13 @@ class Run(Stepping):
         return Made(times[:m], y[:m], yp[:m], inner[:m], errors[:m], code)
 
     def control(self) -> tuple[Any, ...]:
-        """State of the step size control, from which `back` can repeat the next step."""
+        """State of the step size control, with which `back` can return to this point to make the next step once more."""
         table = self.table
         return self.last.copy(), table.last_h, table.accepted, table.accepted_error
 
     def back(self, y: Array, yp: Array, control: tuple[Any, ...]) -> None:
-        """Go back to a state and to what `control` returned there; the length of the next step is not changed."""
+        """Go back to an earlier point: its y and yp, and what `control` returned there. The length of the next step stays as it
+        is."""
         self.y[:], self.yp[:] = y, yp
         table = self.table
         self.last[:], table.last_h, table.accepted, table.accepted_error = control

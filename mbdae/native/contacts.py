@@ -14,13 +14,14 @@ from mbdae.native.elimination import Array, address
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.program import address_of
 
-#: impact speeds (m/s, rad/s) at which durations of impacts are tabulated; in between their logarithms are interpolated
+#: impact speeds (m/s, rad/s) at which the durations of impacts are tabulated for C, from 1e-14 to 1e6, eight in a decade; in
+#: between log(duration) is interpolated linearly over log(speed)
 SPEEDS = 10.0 ** (np.arange(161) / 8 - 14)
 NUMBERS = ("impact", "approach", "rest", "margin", "slope", "change", "near", "round")
 
 
 class Table(ctypes.Structure):
-    """`Contacts` of contacts.h."""
+    """The C struct `Contacts` of contacts.h, with the same members in the same order."""
 
     _fields_ = (("values", Pointer), ("scene", Pointer), ("count", Whole), ("positions", Whole),
                 *((name, Pointer) for name in ("logarithms", "by_joints", "known", "at")), ("reach", Number),
@@ -31,12 +32,14 @@ class Table(ctypes.Structure):
 class Contacts:
     """Contacts whose gaps and gap rates are evaluated in C.
 
-    here, before (count, 3): gap (m or rad), rate and duration (s) of an impact at the last step and the one before; lasting
-    (count,): times (s) after which a contact no longer counts as an impact; stiff (count,): gaps for which the Jacobian in use
-    was evaluated; inside (count,): number of steps inside the present contact."""
+    here, before (count, 3): gap (m or rad), its rate, and the duration (s) of an impact at this rate, at the end of the last step
+    and of the one before; lasting (count,): times (s) from which on a contact that is still closed counts as resting, no longer
+    as an impact; stiff (count,): gaps at which the Jacobian in use was evaluated; inside (count,): number of steps since the
+    contact closed."""
 
     def __init__(self, scene: Any, by_joints: Sequence[bool], numbers: Mapping[str, float]) -> None:
-        """scene: `Values` of gap and gap rate of every contact; by_joints: whether joints add to the effective mass of each."""
+        """scene: `Values` of gap and gap rate of every contact; by_joints: of every contact, whether its effective mass contains
+        bodies that joints tie to those in contact; numbers: the constants `NUMBERS` of the checks."""
         count = len(by_joints)
         if count < 1 or scene.width != 2 * count or set(numbers) != set(NUMBERS):
             raise internal(f"the watch over contacts in C has {count} contacts, which need {2 * count} values (gap and gap rate "
@@ -52,8 +55,8 @@ class Contacts:
                            **numbers)  # fmt: skip
 
     def hold(self, durations: Sequence[Array], known: NDArray[Any], at: Array, reach: float) -> None:
-        """Set the durations (s) at SPEEDS of impacts at every contact. known (count,): whether the effective mass was computed
-        at the positions `at`; reach: distance from these up to which it is used."""
+        """Set the durations (s) of impacts at SPEEDS, an array of every contact. known (count,): whether its effective mass was
+        computed at the positions `at` (k,); reach: change of any of these up to which that mass is used."""
         found, self._at = np.array(durations, dtype=float), np.array(at, dtype=float)
         if found.shape != self._logarithms.shape or len(known) != len(found) or len(self._at) > self._scene.n:
             raise internal(f"the watch over contacts in C was given durations of impacts of shape {found.shape} instead of "

@@ -21,13 +21,13 @@ Index = NDArray[np.int64]
 
 
 class OrderTable(ctypes.Structure):
-    """`Order` of sparse.h."""
+    """The C struct `Order` of sparse.h, with the same members in the same order."""
 
     _fields_ = (("n", Whole), *((name, Pointer) for name in ("low", "up", "run", "first", "rows", "columns", "col", "origin",
                                                              "to")))  # fmt: skip
 
 
-#: the library with the function that finds what fills in
+#: function that opens the library and states the types of the function for the fill-in, for ctypes
 functions = declared(("lu_fill", Whole, (Whole, Pointer, Pointer, Whole, Pointer, Pointer, Pointer, Pointer)))
 
 
@@ -37,7 +37,7 @@ def address(array: NDArray[Any]) -> int:
 
 
 def whole(what: Any) -> Index:
-    """Integers as C reads them: contiguous, 64 bits."""
+    """An array of integers as C reads it: contiguous, 64 bits each."""
     return np.ascontiguousarray(what, dtype=np.int64)
 
 
@@ -63,12 +63,12 @@ class Entries:
         return cls(n, np.arange(n + 1) * n, np.tile(np.arange(n), n))
 
     def matrix(self, values: NDArray[Any]) -> csc_matrix:
-        """The matrix (n, n) with these entries (nnz,)."""
+        """The matrix (n, n) with this pattern whose entries have the values (nnz,)."""
         return csc_matrix((values, self.row_of, self.indptr), shape=(self.n, self.n))
 
 
 class Order:
-    """An order of elimination, in which pivot i is in row rows[i] and column columns[i], and the pattern of L + U in it.
+    """An order of elimination: pivot i is in row rows[i] and column columns[i]; with the pattern of L + U for this order.
 
     work: number of multiplications of a factorisation; size: number of entries of L + U, fill-in included.
     """
@@ -84,7 +84,7 @@ class Order:
         i, j = row_of[entries.row_of], column_of[entries.column_of]
         ptr, col, diag = filled(n, i, j)
         self.size = len(col)
-        low, up = diag - ptr[:-1], ptr[1:] - diag  # entries of the rows of L and of U
+        low, up = diag - ptr[:-1], ptr[1:] - diag  # number of entries in every row of L, and of U
         self.low = np.concatenate([[0], np.cumsum(low)])
         self.up = self.size - np.concatenate([[0], np.cumsum(up)])
         row = np.repeat(np.arange(n), low + up)

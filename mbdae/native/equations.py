@@ -1,7 +1,7 @@
 """Equations as the integrators in C call them: compiled equations of a scene by address, a user's DAE in Python by callbacks.
 
-An exception in a callback is kept, C returns with a negative code, and `raise_error` then raises the exception. Signals such as
-that of Ctrl-C wait while C runs (`Signals`); the next callback, which finds them in `Caught`, calls their handlers.
+An exception in a callback is stored, C returns with a negative code, and `raise_error` then raises the exception. The handlers of
+signals such as that of Ctrl-C are not called while C runs (`Signals`), but by the next callback, which finds them in `Caught`.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ JACOBIAN = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Poi
 RATES = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer)
 RATE_JACOBIAN = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Pointer)
 SINGULAR, RAISED = 2, -1
-SLICE = 0.05  #: s of wall time after which a call returns, so that signals, progress and limits are checked
-#: most addresses for which a callback keeps NumPy arrays; an integrator uses only a few
+SLICE = 0.05  #: wall time (s) after which a call into C returns, so that Python handles signals, progress and limits of the run
+#: largest number of addresses for which a callback keeps a NumPy array (`_Call.at`); an integrator uses only a few addresses
 MOST_SEEN = 64
-#: (system, t, y, y') -> df/dy (n, n) of y' = f(t, y)
+#: function (system, t, y, y') that returns df/dy (n, n) of y' = f(t, y)
 RateJacobian = Callable[[Any, float, Any, Any], Any]
 
 
 class Table(ctypes.Structure):
-    """`Equations` of core.h."""
+    """The C struct `Equations` of core.h, with the same members in the same order."""
 
     _fields_ = (("self", Pointer), ("n", Whole), ("nnz", Whole), ("residual", Pointer), ("jacobian", Pointer),
                 ("rates", Pointer), ("rate_jacobian", Pointer))  # fmt: skip
 
 
 class Stretches(ctypes.Structure):
-    """`Stretches` of core.h."""
+    """The C struct `Stretches` of core.h, with the same members in the same order."""
 
     _fields_ = (("edges", Pointer), ("count", Whole), ("share", Number), ("kinks", Pointer), ("kink_count", Whole))
 
 
 class Caught:
-    """The first exception of callbacks (error, None: none), and the signals whose handlers callbacks have to call."""
+    """error: the first exception that a callback raised, or None; signals: those whose handlers the callbacks have to call."""
 
     def __init__(self) -> None:
         self.error: BaseException | None = None
@@ -51,8 +51,10 @@ class Caught:
 
 
 class Equations:
-    """The table of a system and the objects it refers to; caught: exceptions of its callbacks; make: compiles the parts
-    ("residual", "jacobian", "rates") that are about to be called, None where all are ready."""
+    """The table by which C calls the equations of a system, and the objects to which it holds addresses (`kept`).
+
+    caught: exceptions of callbacks; make: function that compiles those of "residual", "jacobian" and "rates" that are about to be
+    called, None where nothing has to be compiled."""
 
     def __init__(self, table: Table, *kept: Any, caught: Caught | None = None, make: Callable[..., None] | None = None) -> None:
         self.table, self._kept, self.caught, self._make = table, kept, caught or Caught(), make
@@ -70,7 +72,7 @@ class Equations:
 
     @property
     def address(self) -> int:
-        """Address of the table."""
+        """Address of the table, which C functions take as an argument."""
         return ctypes.addressof(self.table)
 
     def raise_error(self) -> None:
@@ -81,7 +83,8 @@ class Equations:
 
 
 class Listening:
-    """Context of a method that calls equations from C. Where these are Python callbacks, signals wait while C runs."""
+    """Context manager of a method whose C functions call equations. Where the equations are Python callbacks, handlers of signals
+    are delayed while C runs, see `Signals`."""
 
     def __init__(self, equations: Equations) -> None:
         self.equations = equations
@@ -98,7 +101,7 @@ class Listening:
             signals.__exit__(*error)
 
     def native(self, function: Any, *args: Any) -> int:
-        """Call a function of C, while signals wait; its return code."""
+        """Call a function of C, with handlers of signals delayed meanwhile; returns its code."""
         if self._signals is None:
             return int(function(*args))
         self._signals.inside = True
@@ -108,12 +111,13 @@ class Listening:
 
 
 class Stepping(Listening):
-    """A method that makes many steps in a call; its table holds `stretches`."""
+    """A method that makes many steps in one call of C; its table has a member `stretches` that limits them."""
 
     table: Any
 
     def bound(self, edges: Any, share: float, kinks: Any = ()) -> None:
-        """Limit steps to a share of the intervals between edges (k,), s, and end steps at the kinks (l,), s, of inputs."""
+        """Limit the length of steps to a share of the interval between two edges (k,), s, in which they lie, and let steps end at
+        the kinks (l,), s: instants at which a derivative of an input jumps."""
         self._edges, self._kinks = np.array(edges, dtype=float), np.array(kinks, dtype=float)
         self.table.stretches = Stretches(self._edges.ctypes.data, len(self._edges), share, self._kinks.ctypes.data,
                                          len(self._kinks))  # fmt: skip
@@ -140,7 +144,7 @@ def rates_of(system: Any, rate_jacobian: RateJacobian | None = None) -> Equation
 
 
 def called(system: Any, rate_jacobian: RateJacobian | None = None) -> Equations:
-    """The equations of a System that is evaluated in Python."""
+    """The equations of a System that is evaluated in Python, with callbacks for C. rate_jacobian: as in `rates_of`."""
     caught, parts = Caught(), [_Residual(system), _Jacobian(system)]
     if system.rhs is not None:
         parts.append(_Rates(system))
@@ -152,7 +156,8 @@ def called(system: Any, rate_jacobian: RateJacobian | None = None) -> Equations:
 
 
 class _Call:
-    """A function of a System as C calls it. Arrays are copies where a user's function could keep or change them."""
+    """A function of a System as a callback of C. It passes copies of C's arrays, because a user's function could store or change
+    them."""
 
     kind: Any
 
@@ -165,7 +170,8 @@ class _Call:
         raise NotImplementedError
 
     def at(self, address: int, size: int | None = None) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """`seen`, cached: making the array takes longer than evaluating a small residual."""
+        """The array of `size` numbers (None: n) at an address, a view without a copy. Arrays are stored for later calls, because
+        making one takes longer than evaluating a small residual."""
         key = address, self.n if size is None else size
         found = self._seen.get(key)
         if found is None:
@@ -175,7 +181,7 @@ class _Call:
         return found
 
     def guarded(self, caught: Caught) -> Any:
-        """The function as a C callback, which keeps an exception and returns a code."""
+        """The function as a C callback that stores an exception in `caught` and returns a code: 0, SINGULAR or RAISED."""
 
         def call(_: Any, *args: Any) -> int:
             try:
@@ -184,7 +190,7 @@ class _Call:
                 self(*args)
             except SolverError:  # there is no value at this state: the integrator may try a shorter step
                 return SINGULAR
-            except BaseException as error:  # C cannot pass it on; `raise_error` does
+            except BaseException as error:  # cannot pass through C: `raise_error` raises it afterwards
                 caught.error = caught.error or error
                 return RAISED
             return 0
@@ -229,5 +235,5 @@ class _RateJacobian(_Call):
 
 
 def seen(address: int, size: int) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """The doubles (size,) at an address as an array, without a copy."""
+    """The array (size,) of double precision numbers at an address, a view without a copy."""
     return np.ctypeslib.as_array((Number * size).from_address(address))

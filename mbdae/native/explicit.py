@@ -23,7 +23,7 @@ class _Coefficients(ctypes.Structure):
 
 
 class Table(ctypes.Structure):
-    """`Explicit` of explicit.c."""
+    """The C struct `Explicit` of explicit.c, with the same members in the same order."""
 
     _fields_ = (("e", Pointer), *((name, _Coefficients) for name in ("stages", "errors", "dense")),
                 *((name, Pointer) for name in ("c", "nodes", "atol")), ("inner", Whole),
@@ -33,9 +33,9 @@ class Table(ctypes.Structure):
 
 
 class Batch:
-    """Many runs from initial values starts (k, n); of each, y at `times` and at the end, a return code and counts are kept.
-    numbers (k, m): values of each run for `slots` (m,) of the work array W. Raises ValueError where sizes do not fit, a slot is
-    outside of W, or times are not increasing between `begin` and `end`."""
+    """k runs from `begin` to `end` (s) with the initial values starts (k, n). Of each run y at `times` and at the end, a return
+    code and counts of steps are stored. numbers (k, m): the values that the m entries `slots` of the work array W have in each
+    run. Raises ValueError where sizes do not fit, a slot is outside of W, or times do not increase from `begin` to `end`."""
 
     def __init__(self, begin: float, end: float, starts: Array, times: Array, W: Array, slots: Whole64, numbers: Array) -> None:
         k, n = starts.shape
@@ -64,7 +64,8 @@ Entries = Sequence[tuple[int, int, float]]
 
 
 class Method:
-    """Coefficients of a method as (row, column, value), row by row: of its stages, two error estimates and dense output.
+    """Coefficients of an explicit Runge-Kutta method: of its stages, its two error estimates and its dense output, each a list of
+    the nonzero entries (row, column, value) of a matrix, row by row.
 
     Raises ValueError where an entry is outside of its array or not in the order of rows."""
 
@@ -88,7 +89,8 @@ class Method:
 
 
 class Steps(NamedTuple):
-    """Accepted steps: ends t (m,), y and y' there (m, n), increments at inner nodes (m, inner, n); code: why the call ended."""
+    """Accepted steps: times t (m,) at their ends, y and y' there (m, n), increments of y from the begin of the step to the nodes
+    of dense output (m, inner, n); code: why the call ended."""
 
     t: Array
     y: Array
@@ -97,12 +99,12 @@ class Steps(NamedTuple):
     code: int
 
     def then(self, more: Steps) -> Steps:
-        """These steps and those made after them."""
+        """These steps followed by those in `more`, as one object."""
         t, y, yp, inner = (np.concatenate(both) for both in zip(self[:-1], more[:-1], strict=True))
         return Steps(t, y, yp, inner, more.code)
 
 
-#: the library with the functions of explicit.c
+#: function that opens the library and states the types of the functions of explicit.c for ctypes
 _functions = declared(
     ("explicit_steps", ctypes.c_int, (Pointer, *[Number] * 4, Whole, *[Pointer] * 5)),
     ("explicit_begin", ctypes.c_int, (Pointer, Number, Number)), ("explicit_batch", ctypes.c_int, (Pointer, Pointer, Number)),
@@ -110,7 +112,7 @@ _functions = declared(
 
 
 class Runs(ctypes.Structure):
-    """`Batch` of explicit.c."""
+    """The C struct `Batch` of explicit.c, with the same members in the same order."""
 
     _fields_ = (*((name, Whole) for name in ("points", "width", "outputs", "point", "begun", "taken")),
                 *((name, Number) for name in ("from_", "end", "t")),
@@ -119,7 +121,8 @@ class Runs(ctypes.Structure):
 
 
 class Explicit(Stepping):
-    """An integration by a method; nodes: fractions of a step at which dense output is stored."""
+    """An integration by an explicit method; nodes: fractions of a step at which dense output is stored. rtol, atol (n,):
+    tolerances."""
 
     def __init__(self, equations: Equations, method: Method, nodes: Array, rtol: float, atol: Array) -> None:
         n = int(equations.table.n)
@@ -141,7 +144,8 @@ class Explicit(Stepping):
         self._y[:], self._K[0], self.table.h, self.table.after_rejection = y, rate, h, 0
 
     def start(self, t: float, y: Array, span: float, h: float | None = None) -> int:
-        """Start from y (n,) at t; returns a code. First step: h (s), or one found from two evaluations, at most `span` (s)."""
+        """Start from y (n,) at t; returns a code, 0 for success. h: first step (s); None: it is estimated from two evaluations
+        of y', at most `span` (s)."""
         self._y[:] = y
         code = self.native(_functions().explicit_begin, self._at, t, span)
         if h is not None:
@@ -149,7 +153,8 @@ class Explicit(Stepping):
         return code
 
     def advance(self, t: float, end: float, most: float, rows: int, longest: float = np.inf) -> Steps:
-        """Steps up to `longest` (s) from t towards end: at most `rows`, until `most` evaluations or SLICE seconds are used."""
+        """Make steps from t towards end, each no longer than `longest` (s); stop after `rows` steps, `most` evaluations of y', or
+        SLICE seconds of wall time."""
         times, y, yp = np.empty(rows), np.empty((rows, self.n)), np.empty((rows, self.n))
         inner, made = np.empty((rows, self.inner, self.n)), Whole()
         self.table.longest = longest
@@ -160,7 +165,7 @@ class Explicit(Stepping):
         return Steps(times[:m], y[:m], yp[:m], inner[:m], code)
 
     def go_on(self, batch: Batch) -> None:
-        """Continue a batch for SLICE seconds of wall time."""
+        """Continue the runs of a batch for SLICE seconds of wall time; `Batch.done` counts those that have ended."""
         if batch.n != self.n:
             raise internal(f"the starts of a batch have {batch.n} unknowns, its equations {self.n}")
         self.table.longest = np.inf

@@ -15,7 +15,7 @@ from typing import Any
 from mbdae.errors import LibraryError
 from mbdae.native import build
 
-#: number of the interface between C and Python, `mbdae_interface` of version.c
+#: version number of the interface between C and Python. It has to equal `mbdae_interface` of version.c, or the library is refused
 INTERFACE = 12
 
 
@@ -37,7 +37,8 @@ def library() -> ctypes.CDLL:
 
 
 def declared(*functions: tuple[str, Any, tuple[Any, ...]]) -> Callable[[], Any]:
-    """A function that opens the library, with functions of it declared: name, type of the result, types of the arguments."""
+    """A function that opens the library and states the types of some of its functions for ctypes. functions: of each its name,
+    the type of its result and those of its arguments."""
 
     @cache
     def opened() -> Any:

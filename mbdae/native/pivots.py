@@ -1,4 +1,4 @@
-"""Search for pivots: elimination orders chosen by the present values of a matrix."""
+"""Orders of elimination for sparse LU factors, chosen by the present values of a matrix, so that its pivots are large enough."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from mbdae.native.library import declared
 functions = declared(("lu_choose", Whole, (Whole, Whole, Number, *[Pointer] * 8)))
 
 
-#: most unknowns, and most of these times entries, for which pivots are chosen by counts, without SciPy: 8 ms and 9 MB for 780
-#: unknowns with 9000 entries
+#: largest number of unknowns, and largest product of it with the number of entries, for which `by_counts` chooses the pivots:
+#: it takes 8 ms and 9 MB for 780 unknowns with 9000 entries, but its memory grows with the square of the unknowns
 MANY, MOST = 1000, 20_000_000
 
 
 def is_small(entries: Entries) -> bool:
-    """Whether pivots are chosen by counts: SciPy, which finds orders for any size, takes 0.15 s to be imported."""
+    """Whether a matrix is small enough for `by_counts`. SuperLU suits any size, but importing SciPy for it takes 0.15 s."""
     return entries.n <= MANY and entries.n * entries.nnz <= MOST
 
 
 def largest_pivots(entries: Entries, values: NDArray[Any]) -> Order | None:
-    """The order with the largest pivots of the present values."""
+    """The order in which every pivot is the largest entry of its column for the present values: partial pivoting."""
     if is_small(entries):
         return by_counts(entries, values)
     return pivoted(entries, entries.matrix(values), np.arange(entries.n), permc_spec="COLAMD")
@@ -44,8 +44,9 @@ def pivoted(entries: Entries, ordered: csc_matrix, order: NDArray[Any], **option
 
 
 def by_counts(entries: Entries, values: NDArray[Any], share: float = 1.0) -> Order | None:
-    """The order whose pivots have the fewest other entries in their rows and columns (Markowitz), of those that are at least
-    `share` of the largest in their column, with n^2 numbers of memory; None where the matrix is singular."""
+    """The order by Markowitz counts: in every step the pivot is the entry with the fewest other entries in its row and column,
+    among those of at least `share` times the largest magnitude in their column. It needs memory for n^2 numbers; None where the
+    matrix is singular."""
     n, complex_ = entries.n, values.dtype.kind == "c"
     if n > MANY:
         raise internal(f"the order of elimination of a matrix of {n} unknowns was to be found by a search that takes {MANY} "

@@ -1,7 +1,7 @@
-"""Equations as lists of operations on one array of doubles, run in C; see `evaluation.c` for what an operation does.
+"""Equations as lists of operations on one array W of numbers, run in C; see `evaluation.c` for what an operation does.
 
-A list is built once: `slots` reserves entries of the array, the other methods append operations. `table` checks every slot
-against the size of the array and builds the table that C reads; wrong slots raise ValueError.
+A slot is the index of an entry of W. A list is built once: `Operations.slots` reserves slots, other methods append operations.
+`table` checks every slot against the size of W and builds the table that C reads; wrong slots raise ValueError.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 CALL, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU, POSITIVE, PASS, LOOKUP = range(11)
-READ = 3  #: results of LOOKUP: the value of a table and its first two derivatives
+READ = 3  #: number of results of LOOKUP: the value of a table and its first two derivatives
 
 
 class Operation(ctypes.Structure):
-    """`Operation` of evaluation.c."""
+    """The C struct `Operation` of evaluation.c, with the same members in the same order."""
 
     _fields_ = (
         *((name, Whole) for name in ("kind", "times", "count", "first", "inputs", "outputs", "to_step", "from_step", "by_step",
@@ -36,14 +36,14 @@ class Operation(ctypes.Structure):
 
 
 class Part(ctypes.Structure):
-    """`Part` of evaluation.c: operations one after the other."""
+    """The C struct `Part` of evaluation.c: operations that are run one after the other."""
 
     _fields_ = (("first", Pointer), ("count", Whole))
 
 
 class Step(NamedTuple):
-    """One operation. fields: those of `Operation`, and the kernel of a CALL; tables: its arrays of slots and weights; slots: the
-    lowest slot it uses, and the one after the highest."""
+    """One operation. fields: values for the members of `Operation`, and the kernel of a CALL or PASS; tables: its arrays of slots
+    and weights; slots: the lowest slot that it uses, and the one after the highest."""
 
     fields: dict[str, Any]
     tables: dict[str, Array | Index]
@@ -52,15 +52,15 @@ class Step(NamedTuple):
 
 @dataclass
 class _Room:
-    """Size of the array that several lists of operations share, and the constants in it, each with its first slot."""
+    """The array that several lists of operations share: its size, and the constants in it, each with its first slot."""
 
     size: int
     constants: list[tuple[int, Array]] = field(default_factory=list)
 
 
 class Operations:
-    """Operations in the order in which they run, not yet bound to an array. size: number of slots; base: a list whose array this
-    one shares."""
+    """A list of operations in the order in which they run; the array is made later. size: number of slots reserved before, by the
+    caller; base: another list, with which this one shares the array."""
 
     def __init__(self, size: int = 0, base: Operations | None = None) -> None:
         self._room: _Room = _Room(size) if base is None else base._room
@@ -72,30 +72,30 @@ class Operations:
         return self._room.size
 
     def slots(self, count: int) -> int:
-        """Reserve `count` slots; returns the first."""
+        """Reserve `count` consecutive entries (slots) of the array; returns the index of the first."""
         first, self._room.size = self.size, self.size + int(count)
         return first
 
     def zeros(self, count: int) -> int:
-        """Reserve `count` slots that are set to 0 whenever the operations run; returns the first."""
+        """Reserve `count` slots that are set to 0 whenever the operations run; returns the index of the first."""
         first = self.slots(count)
         self.load(first, np.zeros(count))
         return first
 
     def constant(self, values: ArrayLike) -> int:
-        """Reserve slots for constants, which `fill` writes once; returns the first."""
+        """Reserve slots for constants, which `fill` writes once into the array; returns the first slot."""
         numbers = np.array(values, dtype=float).ravel()
         first = self.slots(len(numbers))
         self._room.constants.append((first, numbers))
         return first
 
     def fill(self, W: Array) -> None:
-        """Write the constants into the array."""
+        """Write the constants, for which `constant` reserved slots, into the array W."""
         for first, numbers in self._room.constants:
             W[first : first + len(numbers)] = numbers
 
     def part(self, *others: Operations) -> Operations:
-        """A further list on the same array, which begins with the operations of others."""
+        """A new list on the same array, which begins with a copy of the operations of other lists."""
         made = Operations(base=self)
         for other in others:
             made.steps += other.steps
@@ -114,8 +114,9 @@ class Operations:
         return block(first, points, width)
 
     def hand_on(self, kernel: Any, gather: ArrayLike, to: ArrayLike, first: int | None = None) -> Index:
-        """Like `call`, but point by point: the first values of each point are added to slots to (points, count) before the
-        inputs of the next point are read, so that these may depend on them."""
+        """Like `call`, but the points are evaluated one after the other: the first `count` values of a point are added to the
+        slots `to` (points, count) before the inputs of the next point are read, so that a point can use results of those before
+        it (a recursion along a tree)."""
         slots, sums = np.asarray(gather, dtype=np.int64), np.asarray(to, dtype=np.int64)
         (points, inputs), width, count = slots.shape, kernel.width, sums.shape[-1] if sums.ndim == 2 else -1
         if sums.shape != (points, count) or count > width:
@@ -127,32 +128,34 @@ class Operations:
         return block(first, points, width)
 
     def load(self, first: int, values: ArrayLike) -> None:
-        """Write numbers into consecutive slots."""
+        """Append an operation that writes these constants into consecutive slots from `first` on whenever the operations run."""
         numbers = np.asarray(values, dtype=float).ravel()
         self._add(LOAD, {"weight": numbers}, (first, len(numbers)), times=1, count=len(numbers), first=first)
 
     def set(self, to: ArrayLike, from_: ArrayLike, times: int = 1, to_step: int = 0, from_step: int = 0) -> None:
-        """Copy slots, `times` times: in each repetition the slots are to_step and from_step further on."""
+        """W[to] = W[from_], `times` times: in each repetition the slots lie to_step and from_step further on."""
         self._map(SET, times, {"to": to, "from_": from_}, None, to_step=to_step, from_step=from_step)
 
     def add(self, to: ArrayLike, from_: ArrayLike, weight: ArrayLike = 1.0, times: int = 1, to_step: int = 0,
             from_step: int = 0) -> None:  # fmt: skip
-        """W[to] += weight * W[from]. weight: one for all, (entries,), or (times, entries)."""
+        """W[to] += weight * W[from_], repeated as in `set`. weight: one number, (len(to),), or (times, len(to))."""
         self._map(ADD, times, {"to": to, "from_": from_}, weight, to_step=to_step, from_step=from_step)
 
     def multiply(self, to: ArrayLike, from_: ArrayLike, by: ArrayLike, weight: ArrayLike = 1.0, times: int = 1,
                  to_step: int = 0, from_step: int = 0, by_step: int = 0) -> None:  # fmt: skip
-        """W[to] += weight * W[from] * W[by]."""
+        """W[to] += weight * W[from_] * W[by], repeated as in `set`."""
         self._map(MULTIPLY, times, {"to": to, "from_": from_, "by": by}, weight, to_step=to_step, from_step=from_step,
                   by_step=by_step)  # fmt: skip
 
     def cholesky(self, n: int, width: int, matrix: int, right: int) -> None:
-        """Solve with the symmetric band matrix at slot `matrix`, n rows of `width` entries that end on the diagonal, for the
-        right side at slot `right`, in place."""
+        """Factorise a symmetric band matrix in place by Cholesky and solve for one right-hand side, in whose slots the solution
+        is written. matrix: first slot of its n rows of `width` entries each, the last of which is on the diagonal; right: first
+        slot of the right-hand side (n,)."""
         self._add(CHOLESKY, {}, (matrix, n * width), (right, n), times=1, count=n, inputs=width, first=matrix, outputs=right)
 
     def solve(self, n: int, width: int, matrix: int, right: int, times: int) -> None:
-        """Solve for further right-hand sides, stored one after the other, with the factors that `cholesky` computed."""
+        """Solve for `times` further right-hand sides, stored one after the other from slot `right` on, with the factors that
+        `cholesky` left at slot `matrix`."""
         self._add(SOLVE, {}, (matrix, n * width), (right, n * times), times=times, count=n, inputs=width, first=matrix,
                   outputs=right)  # fmt: skip
 
@@ -162,14 +165,16 @@ class Operations:
         self._add(LU, {}, (matrix, n * n), (right, n * times), times=times, count=n, first=matrix, outputs=right)
 
     def positive(self, at: ArrayLike) -> None:
-        """Return SINGULAR unless all slots hold positive numbers; `bad` is the index in `at` of the first that does not."""
+        """Stop the run with the code SINGULAR unless all slots `at` hold positive numbers; `Scene.bad` then is the index in `at`
+        of the first that does not."""
         self._map(POSITIVE, 1, {"from_": at}, None)
 
     def lookup(self, packed: Array, at: int, side: int, a: float, b: float) -> int:
-        """Read a table (`inputs.tables.Table.packed`) at a x + b with x in slot `at`; where that is a point of the table, on the
-        side of a x + b with x in slot `side`. Returns the first of three slots: value and first two derivatives."""
+        """Read a table (`inputs.tables.Table.packed`) at a x + b, where x is in slot `at`. Where this is exactly a point of the
+        table, at which its derivatives may jump, the slot `side` holds another x, and a x + b tells on which side of the point to
+        read. Returns the first of three slots: the value of the table and its first two derivatives."""
         first, points = self.slots(READ + 3), (len(packed) - 9) // 6
-        self._room.constants.append((first + READ, np.array([0.0, a, b])))  # the segment last used, a, b
+        self._room.constants.append((first + READ, np.array([0.0, a, b])))  # segment of the table read last, a, b
         if len(packed) != 9 + 6 * points or points < 2:
             raise internal(f"a table of an input of time was stored in {len(packed)} numbers: 9, and 6 for each of two or more "
                            "points, are needed")  # fmt: skip
@@ -197,7 +202,7 @@ class Operations:
         self._add(kind, tables, times=times, count=count, **steps)
 
     def _add(self, kind: int, tables: dict[str, Any], *ranges: tuple[int, int], **fields: Any) -> None:
-        kept = {name: np.array(table, order="C") if table.flags.writeable else table for name, table in tables.items()}  # copied
+        kept = {name: np.array(table, order="C") if table.flags.writeable else table for name, table in tables.items()}
         for name, table in kept.items():
             if name != "weight" and table.size:
                 last = max((fields["times"] - 1) * fields.get(f"{name.rstrip('_')}_step", 0), 0)
@@ -208,12 +213,12 @@ class Operations:
 
     @property
     def widest(self) -> int:
-        """Largest number of inputs of a kernel."""
+        """Largest number of inputs of a kernel in this list, for which C needs room."""
         return max((f["inputs"] for f, *_ in self.steps if f["kind"] in (CALL, PASS)), default=0)
 
     @property
     def reads(self) -> frozenset[int]:
-        """Slots from which kernels and copies take numbers."""
+        """All slots from which the operations take numbers, except the matrices of CHOLESKY, SOLVE and LU."""
         tables = [tables[name] for _, tables, _ in self.steps for name in ("from_", "by") if name in tables]
         return frozenset(int(i) for table in tables for i in table.flat)
 
@@ -252,7 +257,7 @@ def _whole(ranges: Sequence[tuple[int, int]]) -> tuple[int, int]:
 
 
 class Scene(ctypes.Structure):
-    """`Scene` of evaluation.c."""
+    """The C struct `Scene` of evaluation.c, with the same members in the same order."""
 
     _fields_ = (
         ("W", Pointer), ("x", Pointer),
@@ -262,7 +267,7 @@ class Scene(ctypes.Structure):
     )  # fmt: skip
 
 
-#: the library with the functions of evaluation.c
+#: function that opens the library and states the types of the functions of evaluation.c for ctypes
 core = declared(
     ("scene_residual", ctypes.c_int, (Pointer, Number, Pointer, Pointer, Pointer)),
     ("scene_jacobian", ctypes.c_int, (Pointer, Number, Pointer, Pointer, Pointer, Pointer)),
@@ -274,5 +279,5 @@ core = declared(
 
 
 def address_of(name: str) -> int | None:
-    """Address of a function of the compiled library; None would be a null pointer, which no function has."""
+    """Address of a function of the compiled library; never None, which ctypes returns for a null pointer."""
     return ctypes.cast(getattr(core(), name), Pointer).value

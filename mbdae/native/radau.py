@@ -14,12 +14,14 @@ from mbdae.native.equations import Equations, Number, Pointer, Whole
 from mbdae.native.library import declared
 from mbdae.native.sparse import Matrix
 
-STAGNATION = 0.03  #: as in radau.c: corrections that no longer shrink are accepted below this share of the tolerance
+#: Newton's iteration also ends where its corrections shrink no more (by round-off), if they are below this share of the
+#: tolerance; equal to STAGNATION of radau.c
+STAGNATION = 0.03
 NAMES = ("c", "A_inv", "T", "T_inv", "V_inv", "end", "e")
 
 
 class Table(ctypes.Structure):
-    """`Radau` of radau.c."""
+    """The C struct `Radau` of radau.c, with the same members in the same order."""
 
     _fields_ = (("equations", Pointer), ("matrix", Pointer), ("s", Whole), ("n", Whole), ("reals", Whole), ("pairs", Whole),
                 *((name, Pointer) for name in NAMES), ("gamma0", Number),
@@ -28,7 +30,7 @@ class Table(ctypes.Structure):
                 ("residuals", Whole))  # fmt: skip
 
 
-#: the library with the functions of radau.c
+#: function that opens the library and states the types of the functions of radau.c for ctypes
 functions = declared(
     ("radau_slopes", None, (Pointer, Number)),
     ("radau_predict", None, (Pointer, Pointer, Number, Number, Pointer)),
@@ -44,11 +46,12 @@ functions = declared(
 
 
 class Stages:
-    """Solves F(t0 + c_i h, y0 + Z_i, sum_j A_inv[i, j] Z_j / h) = 0 for the increments Z (s, n).
+    """Solves F(t0 + c_i h, y0 + Z_i, sum_j A_inv[i, j] Z_j / h) = 0 for the increments Z (s, n) of the s stages.
 
-    Z, Y, Yp, R, correction (s, n): increments, stages, slopes, residuals and last correction; Z holds the starting values on
-    entry to `solve`. error, scaled (n,): the last estimate of the local error, absolute and in units of the tolerance.
-    coefficients: a `CollocationTable`; matrix: begins with its eigenvalues; `estimate` needs a real one.
+    Z, Y, Yp, R, correction (s, n): increments y - y0, values y and y', residuals and last correction of the stages; Z holds the
+    starting values on entry to `solve`. error, scaled (n,): the last estimate of the local error, absolute and in units of the
+    tolerance. coefficients: a `CollocationTable`; matrix: the iteration matrices, whose lambda are the eigenvalues of A_inv
+    (further ones may follow); `estimate` needs a real eigenvalue.
     """
 
     def __init__(self, equations: Equations, coefficients: Any, matrix: Matrix) -> None:
@@ -82,26 +85,28 @@ class Stages:
         self._at, self._c = ctypes.addressof(self.table), functions()
 
     def forget_rate(self) -> None:
-        """Require at least two iterations in the next solve: the known rate of convergence belongs to other factors."""
+        """Require at least two iterations in the next `solve`, because the rate of convergence measured last belongs to LU
+        factors that are no longer in use."""
         self.table.rate = inf
 
     def predict(self, yp: Array, h: float, last_h: float, last: Array | None) -> None:
-        """Starting increments: the last polynomial continued from its increments (s, n) over last_h; a straight line where
-        last_h is 0."""
+        """Compute starting values of the increments for a step of h (s): by extrapolation of the collocation polynomial of the
+        last step, of length last_h (s) with increments last (s, n), or along the slope yp (n,) where last_h is 0."""
         self._yp[:] = yp
         if last_h:
             self._last[:] = last
         self._c.radau_predict(self._at, self._inputs[1], h, last_h, address(self._last))
 
     def slopes(self, h: float) -> None:
-        """Compute the slopes Yp from the increments Z."""
+        """Compute the slopes y' of the stages, Yp, from the increments Z."""
         self._c.radau_slopes(self._at, h)
 
     def solve(self, t0: float, y0: Array, h: float, weights: Array, target: float, limit: int) -> bool:
-        """Iterate with the present factors until the expected remaining correction is below target: whether it is.
+        """Newton's iteration with the present LU factors, until its remaining error, estimated from the rate of convergence, is
+        below target. Returns whether it has converged.
 
-        weights (n,): those of the norm, in which 1 is the tolerance; limit: most iterations. The table then has the number of
-        `iterations`, the last rate of convergence `theta` and the `norm` of the last correction.
+        weights (n,): those of the norm, in which 1 is the tolerance; limit: largest number of iterations. Afterwards `table` has
+        the number of `iterations`, the last rate of convergence `theta` and the `norm` of the last correction.
         """
         self._y[:], self._weights[:] = y0, weights
         code = self._c.radau_solve(self._at, t0, self._inputs[0], h, self._inputs[2], target, limit)
@@ -110,13 +115,13 @@ class Stages:
         return bool(code > 0)
 
     def noise(self, weights: Array) -> float:
-        """Norm of the correction that round-off alone can cause."""
+        """Norm of the Newton correction that round-off of the residual alone can cause."""
         self._weights[:] = weights
         return float(self._c.radau_noise(self._at, self._inputs[2]))
 
     def estimate(self, t: float, y: Array, yp: Array, h: float, weights: Array, careful: bool) -> float:
-        """Filtered embedded estimate of the local error of the step from (t, y, yp), in units of the tolerance. careful: filter
-        it once more where it is 1 or larger."""
+        """Embedded estimate of the local error of the step from (t, y, yp), in units of the tolerance; a solution with the
+        iteration matrix filters out stiff components. careful: filter once more where the estimate is 1 or larger."""
         if not len(self.matrix.real):
             raise internal("the error estimate of a collocation method needs a real eigenvalue of its coefficients, these have "
                            "none")  # fmt: skip

@@ -1,7 +1,8 @@
 """Signals while C runs: their handlers are called later, where an exception that they raise can be passed on.
 
-Python runs the handler of a signal, Ctrl-C among them, before the first instruction of the next Python function. Where that is a
-callback from C, no `try` in it is active yet: ctypes prints the exception, drops it, and C reads a result never written.
+Python calls the handler of a signal, such as that of Ctrl-C, before the first instruction of the next Python function. Where this
+function is a callback from C, its `try` block has not begun yet: ctypes then prints an exception of the handler and drops it, and
+C goes on with a result that was never written.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ NUMBERS = tuple(signal.valid_signals())
 
 
 class Signals:
-    """Context in which handlers of signals wait while `inside` is true; `deliver` calls those that wait. Threads other than the
-    main one get no signals: nothing is done there."""
+    """Context manager that replaces the handlers of all signals: while `inside` is true (C runs), signals are put into the list
+    `waiting`, and `deliver` calls their handlers later. In other threads than the main one, which get no signals, it does
+    nothing."""
 
     def __init__(self) -> None:
         self.inside = False
@@ -45,7 +47,7 @@ class Signals:
             self._before[number](number, frame)
 
     def deliver(self) -> None:
-        """Call the handlers that wait."""
+        """Call the handlers of the signals in `waiting`."""
         while self.waiting:
             number, frame = self.waiting.pop(0)
             self._before[number](number, frame)

@@ -19,18 +19,19 @@ from mbdae.native.elimination import Array, Entries, Index, Order, address
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.library import declared
 
-#: LAPACK's dense factorisation is faster than the sparse one where that takes more than FEW multiplications, and more than DENSE
-#: times those of the dense one (measured with full matrices, sparse against dense: as fast with 25 unknowns, a third slower with
-#: 50, half as fast with 80)
+#: LAPACK's dense LU is used where the sparse factorisation would take more than FEW multiplications and more than DENSE times
+#: those of the dense one. Measured with full matrices, the sparse code is as fast as LAPACK with 25 unknowns, a third slower
+#: with 50, and half as fast with 80
 FEW, DENSE = 5000, 0.5
-#: largest relative error of a solution with factors that are kept, by which Newton's method converges; TOLERABLE with more than
-#: SMALL unknowns, where other orders are dear (a chain of 2000 rods has 1.2e-4, another order takes 90 times as long)
+#: an order of elimination is kept while the relative error of a solution with its LU factors is below ACCURATE: Newton's method
+#: still converges with it. TOLERABLE is the limit with more than SMALL unknowns if no order reaches ACCURATE, because orders
+#: with larger pivots are expensive (a chain of 2000 rods has an error of 1.2e-4; another order takes 90 times as long)
 ACCURATE, TOLERABLE = 1e-4, 1e-2
-SMALL = 500  #: most unknowns for which LAPACK's dense LU is tried last, where the pivots are too small in every order
+SMALL = 500  #: largest number of unknowns for which dense LU of LAPACK is tried where every sparse order has too small pivots
 
 
 class SingularMatrixError(Exception):
-    """A matrix could not be factorised; `unknown` is the column at fault, or -1."""
+    """A matrix could not be factorised; `unknown` is the number of the column without a pivot, -1 where it is not known."""
 
     def __init__(self, unknown: int = -1) -> None:
         super().__init__("iteration matrix is singular or not finite")
@@ -38,7 +39,7 @@ class SingularMatrixError(Exception):
 
 
 class FactorsTable(ctypes.Structure):
-    """`Factors` of sparse.h."""
+    """The C struct `Factors` of sparse.h, with the same members in the same order."""
 
     _fields_ = (("n", Whole), ("nnz", Whole), ("complex", Whole), ("row_of", Pointer), ("column_of", Pointer),
                 ("order", Pointer), ("surely", Whole), ("least", Number), ("accurate", Number),
@@ -47,14 +48,14 @@ class FactorsTable(ctypes.Structure):
 
 
 class MatrixTable(ctypes.Structure):
-    """`Matrix` of sparse.h."""
+    """The C struct `Matrix` of sparse.h, with the same members in the same order."""
 
     _fields_ = (("n", Whole), ("nnz", Whole), ("reals", Whole), ("pairs", Whole), ("ready", Whole),
                 *((name, Pointer) for name in ("row_of", "column_of", "scale", "power", "eigenvalues", "fy", "fyp", "row",
                                                "column", "w", "factors")))  # fmt: skip
 
 
-#: the library with the functions of sparse.h
+#: function that opens the library and states the types of the functions of sparse.h for ctypes
 functions = declared(
     ("lu_factor", Whole, (Pointer,)),
     ("lu_solve", None, (Pointer, Pointer)),
@@ -76,13 +77,13 @@ def lapack(name: str) -> int:
     return int(api.PyCapsule_GetPointer(capsule, api.PyCapsule_GetName(capsule)))
 
 
-#: functions that search for an order of elimination, tried in turn: from the pattern and values of a matrix (n, n), real or
-#: complex, to an order, or None where none is found. The last one chooses the largest pivots. No functions: dense factors
+#: functions that look for an order of elimination, tried one after the other. Each gets the pattern and the values of a matrix
+#: (n, n), real or complex, and returns an order or None. The last function chooses the largest pivots. Empty: dense LU
 Searches = tuple[Callable[[Entries, NDArray[Any]], Order | None], ...]
 
 
 class Orders:
-    """The order of elimination that matrices with the same pattern share, found when it is first needed."""
+    """The order of elimination that all matrices with one pattern share; `present` is None until one is found."""
 
     def __init__(self, entries: Entries, searches: Searches) -> None:
         self.entries, self.searches = entries, searches
@@ -90,7 +91,7 @@ class Orders:
 
 
 class Factors:
-    """LU factors of a matrix (n, n), real or complex, whose entries are written to `values` (nnz,)."""
+    """LU factors of a matrix (n, n), real or complex; the caller writes its entries into `values` (nnz,)."""
 
     def __init__(self, orders: Orders, dtype: Any) -> None:
         entries, self.orders = orders.entries, orders
@@ -112,7 +113,8 @@ class Factors:
             self.renew()
 
     def renew(self) -> None:
-        """Find an order of elimination for the present values; SingularMatrixError where there is none."""
+        """Find another order of elimination, with which the present values have large enough pivots, and factorise in it. Raises
+        SingularMatrixError where there is none."""
         if not np.isfinite(self.values).all():
             raise SingularMatrixError
         orders, n = self.orders, self.orders.entries.n
@@ -131,12 +133,13 @@ class Factors:
             raise SingularMatrixError(bad if bad < n else -1)
 
     def _begun(self, order: Order | None, surely: bool, accurate: float = ACCURATE) -> int:
-        """Factorise in an order, without checking the factors if `surely`, else to a relative error of a solution, for later
-        values too; -1, or the column at fault (n: the factors)."""
+        """Factorise the present values in an order. Returns -1 if that succeeds, else the number of the column without a pivot,
+        or n where the factors are not accurate enough. surely: skip this check of accuracy now; accurate: largest relative error
+        of a solution that it accepts, also for later values."""
         self._take(order)
         self.table.surely, self.table.accurate = surely, accurate
         bad = int(functions().lu_factor(self._at))
-        self.table.surely = False  # the factors of later values are checked
+        self.table.surely = False  # so that the factors of later values are checked for accuracy
         return bad
 
     def _take(self, order: Order | None) -> None:
@@ -154,7 +157,8 @@ class Factors:
         self.table.lu = address(self._lu)
 
     def left_out(self, order: Order, least: float) -> NDArray[np.bool_]:
-        """Factorise without the unknowns whose pivots are at most `least`, which are then 0 in solutions; returns which (n,)."""
+        """Factorise in an order and leave out the unknowns whose pivots are at most `least`; they are 0 in solutions. Returns
+        which are left out, (n,) bool."""
         self.order, self.table.order, self.table.surely, self.table.least = order, ctypes.addressof(order.table), True, least
         self._lu = np.zeros(order.size, self.dtype)
         self.table.lu = address(self._lu)
@@ -165,7 +169,8 @@ class Factors:
         return out
 
     def snapshot(self) -> dict[str, Any]:
-        """A copy of the factors, their order and the shared order, as plain values."""
+        """A copy of the factors, of the order in which they were made, and of the order that matrices of this pattern share, as
+        plain values, for `go_back`."""
         arrays = (self.values, self._lu, self._swaps)
         return {"begun": bool(self.table.lu), "own": _pivots(self.order), "shared": _pivots(self.orders.present),
                 "accurate": self.table.accurate, "arrays": [array.copy() for array in arrays]}  # fmt: skip
@@ -186,8 +191,8 @@ class Factors:
             array[:] = values
 
     def solve(self, b: NDArray[Any]) -> NDArray[Any]:
-        """Solution (n,) for a right-hand side (n,), with one step of iterative refinement: an order is kept as long as Newton's
-        iteration converges with its factors, which may have lost digits."""
+        """Solution (n,) for a right-hand side (n,), with one step of iterative refinement, because the factors may have lost
+        digits (see ACCURATE)."""
         if not self.table.lu:
             raise internal("a linear system was to be solved while nothing is factorised")
         right = np.array(b, dtype=self.dtype)
@@ -212,12 +217,13 @@ def _differ(some: list[Index] | None, others: list[Index] | None) -> bool:
 class Matrix:
     """Iteration matrices dF/dy + (lambda / h) dF/dy' for real and complex lambda, scaled and factorised.
 
-    fy, fyp (nnz,): entries of both parts, written by the caller; row, column (n,): the scaling of equations and unknowns.
-    `factors` solve for a right-hand side multiplied by `row`, in unknowns to be multiplied by `column`.
+    fy, fyp (nnz,): entries of dF/dy and dF/dy', written by the caller; row, column (n,): factors by which equations and unknowns
+    are scaled. To solve A x = b with `factors`: multiply b by `row`, solve, multiply the result by `column`.
     """
 
     def __init__(self, entries: Entries, scale: Any, power: Any, real: Any, pairs: Any, searches: Searches) -> None:
-        """scale, power (n,): scale * h^-power is the unit in which an unknown is measured."""
+        """scale, power (n,): scale * h^-power is the unit in which an unknown is measured, h: step; real, pairs: the lambda, of a
+        complex pair one; searches: see `Searches`."""
         n, nnz = entries.n, entries.nnz
         self.entries = entries
         self.scale, self.power = np.array(scale, dtype=float), np.array(power, dtype=float)
@@ -242,14 +248,14 @@ class Matrix:
         self._factor = functions().matrix_factor
 
     def factor(self, h: float) -> None:
-        """Scale and factorise for the step h."""
+        """Scale and factorise the iteration matrices of all lambda for a step of h (s)."""
         bad = self._factor(self.address, h, 0)
         while bad >= 0:
             self.factors[bad].renew()
             bad = self._factor(self.address, h, bad + 1)
 
     def solved(self, right: Array) -> Array:
-        """Solutions (k, n) for as many right-hand sides, with the factors of the first lambda, which is real."""
+        """Solutions (k, n) for the right-hand sides (k, n), with the matrix of the first lambda, which has to be real."""
         if right.shape[1:] != (self.entries.n,) or not (len(self.real) and self.table.ready):
             raise internal(f"a linear system of {self.entries.n} unknowns was given right-hand sides of shape {right.shape}, or "
                            "nothing is factorised")  # fmt: skip
@@ -258,7 +264,7 @@ class Matrix:
         return np.asarray(x * self.column)
 
     def mass(self, x: Array) -> Array:
-        """dF/dy' x, shape (n,)."""
+        """The product dF/dy' x, shape (n,)."""
         given, out = self._vector(x), np.empty(self.entries.n)
         functions().matrix_mass(self.address, address(given), address(out))
         return out

@@ -1,7 +1,8 @@
-"""IDA and CVODE in the shared libraries that scikit-sundae brings, over `Equations`.
+"""IDA and CVODE of SUNDIALS, in the shared libraries that scikit-sundae brings, for equations given as an `Equations` table.
 
-Only functions of SUNDIALS are used, no layouts of its structures: these differ between releases, the functions of 7.x do not.
-Its linear solvers come with it: dense, and SuperLU_MT for matrices with a pattern.
+Only functions of SUNDIALS are called and no members of its structures are read: the layout of structures differs between
+releases, the functions are the same in all of 7.x. Linear systems are solved by solvers of the same libraries: dense LU, or
+SuperLU_MT for matrices with a sparsity pattern.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ from mbdae.native.signals import Signals
 from mbdae.native.sundials_library import UnavailableError, sundials
 from mbdae.native.sundials_steps import MOST_ROWS, Array, Block, Run, Settings, Steps
 
-#: wall time (s) after which a call of the loop returns, so that Ctrl-C, limits and progress are checked
+#: wall time (s) after which a call of the step loop in C returns, so that Python handles Ctrl-C, limits and progress
 SLICE = 0.05
 STUCK = 1000
-CSC = 0  #: SUNSparseMatrix: compressed columns
+CSC = 0  #: argument of SUNSparseMatrix for matrices stored by columns (CSC)
 ADAMS, BDF = 1, 2
 SAID = {
     "ERR_FAIL": "the error test failed too many times", "CONV_FAIL": "Newton's iteration failed too many times",
@@ -35,13 +36,14 @@ SAID = {
 
 
 class Method:
-    """A solver of SUNDIALS with its memory, which `close` frees; also a context manager. Attributes are those of the last call.
+    """A solver of SUNDIALS (IDA or CVODE) and the memory that SUNDIALS allocated for it, which `close` frees; a context manager.
 
-    y, yp, values (n,): the state last evaluated, and the residual or rates there; t, cj: its time, and the factor of dF/dy'.
+    y, yp, values (n,): the state at which SUNDIALS last evaluated the equations, and the residual (IDA) or y' (CVODE) there; t:
+    its time, s; cj: the factor in the Jacobian dF/dy + cj dF/dy' evaluated last.
     """
 
-    inner = 0  #: number of nodes inside a step, values at which are in `Steps.pieces`
-    prefix: str  #: prefix of the solver's functions in SUNDIALS
+    inner = 0  #: number of points inside a step at which dense output is stored, see `Steps.pieces`
+    prefix: str  #: prefix of the names of the solver's functions in SUNDIALS: IDA or CVode
 
     def __init__(self, equations: Equations, settings: Settings, start: tuple[float, Array, Array]) -> None:
         self.equations, self.settings, self.signals = equations, settings, Signals()
@@ -87,14 +89,14 @@ class Method:
         raise NotImplementedError
 
     def _initialise(self, t: float) -> None:
-        """Set the initial values in the memory and the functions that SUNDIALS calls."""
+        """Give SUNDIALS the initial values at t (s), and the functions by which it evaluates the equations."""
         raise NotImplementedError
 
     # -- counts and the last point
 
     @property
     def t(self) -> float:
-        """Time of the last point, s."""
+        """Time of the last evaluation, s."""
         return float(self.run.t)
 
     @property
@@ -104,7 +106,7 @@ class Method:
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """Evaluations, rejected steps, and Jacobians so far."""
+        """Numbers of evaluations of the equations, of rejected steps and of Jacobians so far."""
         return self.run.evaluations, self.run.rejected, self.run.jacobians
 
     def newest(self) -> tuple[float, Array] | None:
@@ -113,7 +115,7 @@ class Method:
         return (self.run.jacobian_t, self._jacobian_y.copy()) if fresh else None
 
     def renew(self) -> None:
-        """Have the next step begin with a new Jacobian."""
+        """Let SUNDIALS evaluate a new Jacobian at the begin of the next step."""
         self.run.renew = 1
 
     # -- steps
@@ -127,14 +129,15 @@ class Method:
 
     def advance(self, start: tuple[float, Array, Array], last_step: float, stop: float, toward: float, rows: int = MOST_ROWS,
                 left: float = np.inf) -> Steps:  # fmt: skip
-        """Steps from `start`, the last accepted point, no further than `stop`: at most `rows`, until more than `left`
-        evaluations were made or SLICE seconds have passed. toward: end of the run, s. `raise_error` raises exceptions later."""
+        """Make steps from the last accepted point, `start` (t, y, y'), up to the time `stop`; end after `rows` steps, `left`
+        evaluations, or SLICE seconds of wall time. last_step: length of the step before (s); toward: end of the run (s).
+        `raise_error` afterwards raises exceptions of callbacks."""
         block, run = self._block, self.run
         if block is None or block.made == block.room:
-            self._before, self._block = block, Block(self.n, self.inner)  # keep the old block: it holds the last step
+            self._before, self._block = block, Block(self.n, self.inner)  # C still reads the last step in the old block
             block = self._block
             run.inner, run.pieces = block.inner.ctypes.data, 0
-        if self.inner and (run.from_y is None or start[0] != run.from_t):  # otherwise C still has the state after its last step
+        if self.inner and (run.from_y is None or start[0] != run.from_t):  # else C still has this start itself
             y, yp = self._start = [np.ascontiguousarray(a, dtype=float) for a in start[1:]]
             run.from_y, run.from_yp = y.ctypes.data, yp.ctypes.data
         run.from_t, run.last_step, run.toward, first_piece = start[0], last_step, toward, run.pieces
@@ -155,7 +158,7 @@ class Method:
         return Steps(block.t[part], block.y[part], block.yp[part], pieces, code)
 
     def raise_error(self) -> None:
-        """Raise the exception of a callback, if one was raised; then call the handlers of signals that came meanwhile."""
+        """Raise the exception of a callback, if one was raised; else call the handlers of signals that arrived while C ran."""
         self.equations.raise_error()
         self.signals.deliver()
 
@@ -170,7 +173,8 @@ class Method:
     # -- vectors, matrices and linear solvers
 
     def _call(self, name: str, *args: Any, checked: bool = True) -> Any:
-        """Call a function of the solver on its memory; checked: RuntimeError where it returns a negative code."""
+        """Call the function of the solver with this name, without prefix, on its memory. checked: RuntimeError where it returns a
+        negative code."""
         function = getattr(self.S, self.prefix + name)
         code = function(*args) if name == "Free" else function(self.memory, *args)
         if checked and code < 0:
@@ -180,14 +184,14 @@ class Method:
         return code
 
     def _owned(self, made: int | None, free: Callable[..., Any]) -> int:
-        """An object that SUNDIALS allocated, to be freed by `close`."""
+        """Register the object at the address `made`, which SUNDIALS allocated, to be freed by `close`; returns the address."""
         if not made:
             raise MemoryError(f"no memory is left for {self.prefix} of SUNDIALS: end other programs, or take fewer unknowns")
         self._free.callback(free, made)
         return made
 
     def _silent_context(self) -> int:
-        """A context that prints nothing: neither errors nor warnings."""
+        """A SUNContext that prints neither errors nor warnings."""
         S, context, logger = self.S, Pointer(), Pointer()
         S.SUNContext_Create(0, ctypes.byref(context))
         self._free.callback(lambda: S.SUNContext_Free(ctypes.byref(context)))
@@ -206,7 +210,7 @@ class Method:
         return seen(self.S.N_VGetArrayPointer(vector), self.n)
 
     def _address(self, array: NDArray[Any]) -> int:
-        """Address of an array, which is kept alive."""
+        """Address of an array; a reference to the array is stored, so that Python does not free it while C uses it."""
         self._kept.append(array)
         return array.ctypes.data
 
@@ -228,13 +232,13 @@ class Method:
         self._call("SetJacFn", getattr(self.C, f"{self.prefix.lower()}_jacobian"))
         self._call("SetMaxOrd", settings.order)
         self._call("SetInitStep", settings.first_step)
-        self._call("SetMaxNumSteps", -1)  # no limit
+        self._call("SetMaxNumSteps", -1)  # a negative number: steps are not limited
 
     def _start_vectors(self) -> tuple[int, ...]:
         return (self._y,)
 
     def _linear_solver(self) -> tuple[int, int]:
-        """A dense matrix and its linear solver."""
+        """Make a dense matrix and its linear solver; returns their addresses."""
         S, n = self.S, self.n
         matrix = self._owned(S.SUNDenseMatrix(n, n, self._context), S.SUNMatDestroy)
         return matrix, self._owned(S.SUNLinSol_Dense(self._y, matrix, self._context), S.SUNLinSolFree)
@@ -252,10 +256,11 @@ class Ida(Method):
         super().__init__(*args)
 
     def _linear_solver(self) -> tuple[int, int]:
-        """A dense matrix and solver, or a sparse matrix of the pattern and SuperLU_MT."""
+        """Make a dense matrix and its linear solver, or a sparse matrix of the pattern and SuperLU_MT; returns their
+        addresses."""
         S, n, run, pattern, nnz = self.S, self.n, self.run, self._pattern, int(self.equations.table.nnz)
         if not self._sparse:
-            if nnz != n * n:  # places of the pattern's entries in the dense matrix
+            if nnz != n * n:  # the Jacobian has a pattern: where each of its entries is in the dense matrix, stored by columns
                 run.place = self._address(pattern.indices + n * np.repeat(np.arange(n, dtype=np.int64), np.diff(pattern.indptr)))
             return super()._linear_solver()
         matrix = self._owned(S.SUNSparseMatrix(n, n, nnz, CSC, self._context), S.SUNMatDestroy)
@@ -281,8 +286,8 @@ class Ida(Method):
 class Cvode(Method):
     """CVODE: variable-order Adams or BDF for y' = f(t, y).
 
-    nodes: fractions of a step at which dense output of CVODE is stored in `pieces`; where tame > 0, only for steps longer than
-    `tame` times the step before."""
+    multistep: ADAMS or BDF; nodes: fractions of a step at which dense output of CVODE is stored in `Steps.pieces`. tame: where it
+    is above 0, dense output is stored only for steps longer than `tame` times the step before."""
 
     prefix, inner = "CVode", 4
 
@@ -314,17 +319,18 @@ def why_not(sparse: bool = False) -> str:
     return ""
 
 
-#: the library with the functions of sundials.c
+#: function that opens the library and states the types of the functions of sundials.c for ctypes
 core = declared(("sundials_steps", ctypes.c_int, (Pointer, Number, Number, Whole, *[Pointer] * 5)))
 
 
 @cache
 def _flag_name(prefix: str, code: int) -> str:
-    """Name of a code, such as IDA_ERR_FAIL; cached: SUNDIALS allocates it every time and leaves it to the caller."""
+    """Name of a return code, such as IDA_ERR_FAIL; cached, because SUNDIALS allocates the text at every call and never frees
+    it."""
     name = getattr(sundials(), f"{prefix}GetReturnFlagName")(code)
     return name.decode() if name else str(code)
 
 
 def _pointer(function: Any) -> int:
-    """Address of a function."""
+    """Address of a function of a shared library."""
     return ctypes.cast(function, Pointer).value or 0

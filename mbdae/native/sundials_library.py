@@ -1,5 +1,5 @@
-"""The shared libraries of SUNDIALS that scikit-sundae brings, opened without importing it: that imports SciPy's optimisation,
-which takes up to half a second where nothing else needs it."""
+"""The shared libraries of SUNDIALS from the package scikit-sundae, opened without importing this package, because it imports
+scipy.optimize, which takes up to half a second."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from typing import Any
 import numpy as np
 
 MAJOR = 7  #: major release of SUNDIALS whose functions are declared here
-#: folder of the libraries, beside the package in wheels for Linux and Windows, inside of it in those for macOS
+#: folder of the libraries in the wheels of scikit-sundae: beside the package (Linux, Windows), or inside of it (macOS)
 BESIDE, WITHIN = "scikit_sundae.libs", ".dylibs"
 
-_P, _I, _N, _D = c_void_p, c_int, c_int64, c_double  # c_int64 suits 32-bit indices too: they are the lower half of a register
+_P, _I, _N, _D = c_void_p, c_int, c_int64, c_double  # c_int64 serves for 32-bit indices too: C reads the lower half
 _OWN = {
     "SUNDIALSGetVersionNumber": (_I, _P, _P, _P, c_char_p, _I), "SUNContext_Create": (_I, _I, _P), "SUNContext_Free": (_I, _P),
     "SUNContext_ClearErrHandlers": (_I, _P), "SUNContext_GetLogger": (_I, _P, _P), "N_VGetArrayPointer": (_P, _P),
     "SUNLogger_SetErrorFilename": (_I, _P, c_char_p), "SUNLogger_SetWarningFilename": (_I, _P, c_char_p),
     "N_VDestroy": (None, _P), "SUNMatDestroy": (None, _P), "SUNLinSolFree": (_I, _P),
 }  # fmt: skip
-#: vectors, matrices and the dense solver are in the library of each method too
+#: functions called in the library of IDA: vectors, matrices and the dense linear solver too, which each method's library contains
 _IDA = {
     "N_VNew_Serial": (_P, _N, _P), "SUNDenseMatrix": (_P, _N, _N, _P), "SUNDenseMatrix_Data": (_P, _P),
     "SUNLinSol_Dense": (_P, _P, _P, _P), "SUNSparseMatrix": (_P, _N, _N, _N, _I, _P), "SUNSparseMatrix_Data": (_P, _P),
@@ -49,12 +49,12 @@ FUNCTIONS: dict[str, dict[str, tuple[Any, ...]]] = {
 
 
 class UnavailableError(Exception):
-    """The libraries cannot be used here."""
+    """The libraries of SUNDIALS cannot be used on this machine; the text says why."""
 
 
 class Functions:
-    """The functions of SUNDIALS as attributes; index: type of its indices. The sparse solver is opened when it is asked for: it
-    brings a BLAS library of its own."""
+    """The functions of SUNDIALS as attributes. files: paths of its libraries; index: integer type of matrix indices. The library
+    of the sparse solver is opened only when its function is first used, because it loads a BLAS library of its own."""
 
     def __init__(self, files: dict[str, Path]) -> None:
         self._files = files
@@ -64,7 +64,7 @@ class Functions:
         self.index = self._index()
 
     def __getattr__(self, name: str) -> Any:
-        """A function of a library that is not open yet."""
+        """A function by its name; Python calls this only for functions of a library that is not open yet, and it opens that."""
         for library, functions in FUNCTIONS.items():
             if name in functions:
                 self._open(library)
@@ -94,8 +94,8 @@ class Functions:
                                    f"{MAJOR}.x: install a scikit-sundae that brings it")  # fmt: skip
 
     def _index(self) -> type[np.signedinteger[Any]]:
-        """Type of indices in this build, told by the column pointers 0, 1, 2 of a sparse identity matrix: read as int32 they are
-        0, 0, 1 where indices are int64."""
+        """Integer type of matrix indices in this build of SUNDIALS. It is found from the column pointers 0, 1, 2 of a sparse
+        identity matrix (2, 2): if they are int64, the first three numbers read as int32 are 0, 0, 1."""
         context = c_void_p()
         self.SUNContext_Create(0, ctypes.byref(context))
         dense = self.SUNDenseMatrix(2, 2, context)
@@ -120,7 +120,7 @@ def sundials() -> Functions:
 
 
 def files() -> dict[str, Path]:
-    """Files of the libraries by name ("core", "ida", ...)."""
+    """Name of a library of SUNDIALS, such as "core" or "ida" -> its file."""
     spec = find_spec("sksundae")
     if spec is None or spec.origin is None:
         raise UnavailableError("scikit-sundae, which brings SUNDIALS, is not installed: pip install scikit-sundae")

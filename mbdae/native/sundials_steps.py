@@ -13,12 +13,12 @@ from mbdae.native.equations import Number, Pointer, Whole
 
 Array = NDArray[np.float64]
 
-#: largest number of steps in a block, and largest size of a block in bytes
+#: largest number of steps in a `Block`, and its largest size in bytes
 MOST_ROWS, BLOCK_BYTES = 4096, 2**22
 
 
 class Run(ctypes.Structure):
-    """`Run` of sundials.c."""
+    """The C struct `Run` of sundials.c, with the same members in the same order."""
 
     _fields_ = (
         ("e", Pointer), ("array", Pointer), ("data", Pointer), ("columns", Pointer), ("rows", Pointer), ("ida", Pointer),
@@ -45,9 +45,10 @@ class Settings:
 
 @dataclass(frozen=True)
 class Steps:
-    """Steps made in one call: ends t (m,), y and yp (m, n), and dense output inside each step (None: not stored).
+    """Steps made in one call: times t (m,) at their ends, y and yp (m, n) there; pieces: of each step the dense output inside it
+    (inner, n), or None where none is stored.
 
-    code: negative or STUCK where the method could not continue after the last of them."""
+    code: negative, or STUCK, where the method could not continue after the last step."""
 
     t: Array
     y: Array
@@ -57,7 +58,8 @@ class Steps:
 
 
 class Block:
-    """Arrays for steps still to be made; the arrays of finished steps are views of them."""
+    """Arrays that C fills with steps of n unknowns, each with `inner` points of dense output; the arrays in `Steps` are views of
+    them."""
 
     def __init__(self, n: int, inner: int) -> None:
         self.room = max(1, min(MOST_ROWS, BLOCK_BYTES // (8 * n * (2 + inner))))
@@ -68,5 +70,5 @@ class Block:
         self._addresses = [(a.ctypes.data, a.strides[0]) for a in (self.t, self.y, self.yp, self.stored)]
 
     def addresses(self) -> list[int]:
-        """Addresses of the next row of t, y, yp and stored."""
+        """Addresses of the first rows of t, y, yp and stored that have no step yet, where C writes the next ones."""
         return [first + self.made * stride for first, stride in self._addresses]

@@ -1,7 +1,8 @@
 """The derivative of a list of operations along a direction, as operations on the same array.
 
-The differential of slot k is in slot k + distance, after all other slots; that of a constant is 0. Slots that kernels read must
-not be overwritten later in the list, because the derivative reads them again after the list has run.
+The derivative (differential) of the number in slot k is put into slot k + distance, where distance is the number of slots that
+the list had; that of a constant is 0. The operations of the derivative run after those of the list and read their slots again: a
+slot that a kernel has read must not be overwritten later in the list.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from mbdae.native.program import ADD, CALL, CHOLESKY, LOAD, MULTIPLY, PASS, POSI
 
 
 class Tangent:
-    """Differentials of slots: their slots are reserved at once, their operations are made when `part` is first read.
+    """The differentials of all slots of a list of operations. Their slots are reserved when this object is made, their operations
+    are made when `part` is first read.
 
-    distance: from a slot to that of its differential."""
+    distance: number of slots from a number to its differential."""
 
     def __init__(self, of: Operations) -> None:
         self.distance, self._of = of.size, of
@@ -25,7 +27,7 @@ class Tangent:
 
     @cached_property
     def part(self) -> Operations:
-        """Operations that compute the differentials, to run after the list itself."""
+        """The operations that compute the differentials; they have to be run after the list of operations they belong to."""
         part = self._of.part()
         for step in self._of.steps:
             self._add(part, step)

@@ -1,7 +1,7 @@
-"""The System interface: what every solver sees, and all it sees.
+"""The System interface, by which solvers see equations. Solvers use nothing else of a scene.
 
-A System is the implicit equation F(t, y, y') = 0 with its exact Jacobian. A scene in a form
-(`formulations/`) is one, a textbook DAE (`system/dae.py`) is another.
+A System is the implicit equation F(t, y, y') = 0 with its exact Jacobian. A scene in a form (`formulations/`) is one, equations
+that a user gives as functions (`system/dae.py`) are another.
 """
 
 from __future__ import annotations
@@ -45,13 +45,16 @@ class Places(NamedTuple):
 class Switches:
     """Arguments u(t, y) of functions in the equations that switch, or that vary within a narrow range of u alone.
 
-    arguments  (t (k,), y (k, n)) -> (k, na) their values at k points, pure numbers where not "kink" or "power"
-    kinds      of every argument: "kink" (the equations change where u changes its sign), "decaying" (exp(u)), "saturating"
-               (tanh(u), erf(u)), "growing" (sinh(u), cosh(u)), "arc" (atan(u), asinh(u)), "periodic" (sin(u)), "power" (|u|^a)
+    arguments  function (t (k,), y (k, n)) -> values u (k, na) of the na arguments at k points; they have no unit, except those of
+               kind "kink" and "power"
+    kinds      of every argument the function that it belongs to: "kink" (the equations change where u changes its sign),
+               "decaying" (exp(u)), "saturating" (tanh(u), erf(u)), "growing" (sinh(u), cosh(u)), "arc" (atan(u), asinh(u)),
+               "periodic" (sin(u)), "power" (|u|^a)
     weights    (na,) factor of every argument's change: |a| of a power, 1 of all others
-    names      of every argument, for messages: the item it belongs to
+    names      of every argument the item of the scene that it belongs to, for messages
 
-    Adaptive solvers end a step where a kink is crossed, and no step over which a function of an argument changes and returns."""
+    Adaptive solvers end a step where a kink is crossed. They repeat a step with a smaller length where one of the functions would
+    change and change back within it, which the error estimate cannot see."""
 
     arguments: Callable[[Array, Array], Array]
     kinds: tuple[str, ...]
@@ -70,8 +73,8 @@ class Switches:
 
 @dataclass(frozen=True)
 class Numbers:
-    """Numbers of laws in an array W that the native evaluation reads: their slots (m,), and for each which of the names asked
-    for it belongs to (m,)."""
+    """Numbers of laws that may be varied between runs. W: the array that the native evaluation reads; slots (m,): their indices
+    in W; of (m,): of each the position of its name in the list of names asked for."""
 
     W: Array
     slots: NDArray[np.int64]
@@ -83,7 +86,7 @@ def _words(value: Any, **bounds: Any) -> tuple[Any, ...]:
 
 
 class Kept(dict[str, Any]):
-    """Results that solvers store for later runs, by name: shared by the Systems of a run's parts, empty in copies."""
+    """Results that solvers store for later runs, by name. The Systems of the parts of a run share one; a copy is empty."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Kept, ()
@@ -100,8 +103,8 @@ class System:
     index     (n,) index of each unknown as in RADAU5: 1 differential (or index-1 algebraic), 2, 3
     scale     (n,) typical magnitude of each unknown in its own unit; the tolerance is relative to it
     t0, y0, yp0  consistent start; see `starting`
-    sparsity  None (dense Jacobian) or a scipy CSC pattern; decides the meaning of `out` in `jacobian`
-    sparse    whether there is one: scenes make it when they are asked for it
+    sparsity  None (full Jacobian) or its pattern as a scipy CSC matrix; decides the shape of `out` in `jacobian`
+    sparse    whether `sparsity` is a pattern; can be asked without computing it
     label     short name of the form, for tables ("GGL", "Index3", "ODE", "DAE")"""
 
     n: int
@@ -115,14 +118,15 @@ class System:
     yp0: Array
     sparsity: Any
     label: str = ""
-    #: characteristic time of the motion, s: errors of unknowns of higher index are weighed by the step over this time
+    #: characteristic time of the motion, s: solvers multiply errors of unknowns of index above 1 by powers of step / time
     time: float = 1.0
-    #: CSC pattern (n, n) of the Jacobian where it is known although `sparsity` may be None; see `jacobian_values`
+    #: CSC pattern (n, n) of the entries that `jacobian_values` returns, None: not known; `sparsity` may be None all the same,
+    #: where dense linear algebra is faster
     pattern: Any = None
 
     @property
     def sparse(self) -> bool:
-        """Whether the Jacobian is given by its entries, in the places of `sparsity`."""
+        """Whether `jacobian` writes the entries of the pattern `sparsity`, instead of a full matrix."""
         return self.sparsity is not None
 
     @property
@@ -138,56 +142,56 @@ class System:
 
 
     kept: Kept | None = None  #: results that solvers store for later runs of the same equations; None: nothing is stored
-    #: optional parts of the interface; None where a system does not have them
+    #: optional parts of the interface, None where a system does not have them. rhs: function (t, y, out) with out[:] = y'
     rhs: Any = None
-    rate_jacobian: Any = None  #: (t, y) -> dy'/dy (n, n) of systems with a right-hand side that know it
-    #: (t, y, directions (k, n)) -> dy'/dy times each (k, n), where these products cost less than dy'/dy
+    rate_jacobian: Any = None  #: function (t, y) -> dy'/dy (n, n), for systems with `rhs`
+    #: function (t, y, directions (k, n)) -> products of dy'/dy with each direction (k, n), where these cost less than dy'/dy
     rate_products: Any = None
-    partition: Any = None
-    #: the equations as native methods call them (`mbdae.native.equations.Equations`); None: by calls of the functions here
+    partition: Any = None  #: the parts M, f, g and G of equations of motion, see `mb.DAE`
+    #: table by which native methods call the equations (`mbdae.native.equations.Equations`); None: they call the functions here
     native: Any = None
-    displaced: Callable[[Array, Array], Array] | None = None  #: (q, displacements) -> displaced q; None: displacements are added
-    #: contacts: (t, y) -> (gap, gap rate, duration), each (nc,): gap in m (> 0 apart, < 0 penetrating), its time derivative in
-    #: m/s, and the duration in s of an impact at the present approach speed (> 0; inf: no impact). Adaptive solvers keep
-    #: their steps short where a contact is near and never step over one
+    #: function (q, virtual displacements) -> displaced q, for rotations that are not added; None: displacements are added to q
+    displaced: Callable[[Array, Array], Array] | None = None
+    #: contacts: function (t, y) -> (gap, gap rate, duration), each (nc,): gap in m (> 0 apart, < 0 penetrating), its time
+    #: derivative in m/s, and the duration in s of an impact at the present approach speed (> 0; inf: no impact). Adaptive
+    #: solvers shorten their steps where a contact is near, so that none is stepped over
     guards: Callable[[float, Array], tuple[Array, Array, Array]] | None = None
-    #: name of each contact (used in messages); "contact[i]" where there are fewer
+    #: name of each contact, used in messages; contacts beyond the length of this tuple are called "contact[i]"
     guard_names: tuple[str, ...] = ()
-    #: unit of each gap, m or rad; m where there are fewer
+    #: unit of each gap, m or rad; m for contacts beyond the length of this tuple
     guard_units: tuple[str, ...] = ()
-    guard_jumps: bool = False  #: whether the force of a contact jumps when the bodies touch: steps across that are of order 1
-    #: functions in the equations that switch or vary within a narrow range; None: none
+    guard_jumps: bool = False  #: whether a contact force jumps when the bodies touch: the error of a step over that is of order 1
+    #: arguments of functions in the equations that switch or vary within a narrow range; None: there are none
     switches: Switches | None = None
-    #: name of the elastic beam that vibrates fastest and the angle (rad) of that vibration in the motion's characteristic time
+    #: function that returns the name of the beam that vibrates fastest, and its angular frequency times the characteristic time
+    #: of the motion (rad)
     vibration: Callable[[], tuple[str, float]] | None = None
 
-    #: begin and end of a run (s) -> where its inputs of time break, and how long steps may be (`system.model.inputs.Timeline`;
-    #: None: they are smooth and slow); None: inputs of time are not checked
+    #: function of begin and end of a run (s) and its accuracy that returns where inputs of time jump or have kinks, and how long
+    #: steps may be (`system.model.inputs.Timeline`, or None where inputs are smooth and slow); None: inputs are not checked
     timeline: Callable[..., Any] | None = None
-    #: function from the begin of a run (s) to its sampled controllers (`system.sampling.Sampling`); None: there are none
+    #: function of the begin of a run (s) that returns its sampled controllers (`system.sampling.Sampling`); None: there are none
     sampled: Any = None
-    #: time -> longest step (s) that may be taken from there; None: no bound
+    #: function of the time that returns the longest step (s) allowed from there; None: no bound
     longest_step: LongestStep | None = None
 
     def starting(self, t: float, y: Array, yp: Array, longest_step: LongestStep | None = None) -> Self:
-        """These equations with another start, for a part of a run: a new System that shares all else with this one.
-
-        Nothing assigns the attributes of a System after it is made; a solver reads the start of its part from the System it is
-        given."""
+        """These equations with another start (t, y, yp) and bound of steps, for a part of a run: a new System that shares
+        everything else with this one. The attributes of a System are never changed after it is made."""
         other = copy(self)
         other.t0, other.y0, other.yp0, other.longest_step = t, y, yp, longest_step
         return other
 
     def sampling(self, by: Any) -> Self:
-        """These equations with other sampled controllers (`system.sampling.Sampling`), or with None, so that outputs stay as they
-        are: a new System that shares everything else with this one."""
+        """These equations with other sampled controllers (`system.sampling.Sampling`): a new System that shares everything else
+        with this one. by=None: the outputs of the controllers keep their present values."""
         other = copy(self)
         other.sampled = by
         return other
 
     def renewed(self, t: float, y: Array) -> System | None:
-        """A system of the same unknowns to continue with from y (n,), because some of these equations are about to depend on
-        each other; None: continue with this one. Called after every accepted step."""
+        """Called after every accepted step at t, y (n,). Returns another System of the same unknowns with which the run has to
+        continue, because some of the constraint rows of this one are about to become dependent; None: continue with this one."""
         return None
 
     def memory(self) -> dict[str, Any]:
@@ -195,22 +199,22 @@ class System:
         return {}
 
     def remember(self, memory: dict[str, Any]) -> None:
-        """Restore what `memory` returned."""
+        """Restore the state of the equations that `memory` returned earlier in the run."""
 
     def forget(self) -> None:
         """Discard what `renewed` stored of earlier positions, so that it checks the next one."""
 
     @property
     def looks_at_steps(self) -> bool:
-        """Whether `accept` or `renewed` is more than here: steps that are made many at a time are then made one by one."""
+        """Whether a subclass overrides `accept` or `renewed`, which look at every step: native methods then return after each."""
         return type(self).accept is not System.accept or type(self).renewed is not System.renewed
 
     def read_at(self, time: float | None) -> None:
-        """Evaluate conditions of inputs (t < 1 and the like) at a time inside a part of a run from now on; None: at the time of
-        every evaluation again."""
+        """From now on evaluate conditions of inputs, such as t < 1, at this time, which lies inside the present part of a run, so
+        that none switches at its end; None: at the time of every evaluation again."""
 
     def restarted(self, t: float, y: Array) -> tuple[Array, Array]:
-        """Consistent y and y' (n,) to go on with from y (n,) at a break t."""
+        """Consistent y and y' (n,) with which to continue from y (n,) at an instant t (s) at which an input jumps."""
         raise NotImplementedError
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
@@ -238,9 +242,11 @@ class System:
         raise NotImplementedError
 
     def numbers(self, names: Sequence[str]) -> Numbers:
-        """Slots of numbers of laws ("elbow.mass") that a batch of runs varies; OptionError where one cannot be varied."""
+        """The numbers of laws with these names, such as "elbow.mass", that a batch of runs may vary; OptionError where one cannot
+        be varied."""
         raise OptionError(f"numbers = {shown(list(names))}: the equations of this system are functions (mb.DAE), in which "
                           "numbers of laws are not known; give starts alone, or solve the systems one by one")  # fmt: skip
 
     def accept(self, t: float, y: Array) -> None:
-        """Called by the step loop after every accepted step: the only place where a System may remember something of a run."""
+        """Called by the step loop after every accepted step at t, y (n,): the only function in which a System may store something
+        that depends on the run."""

@@ -1,4 +1,4 @@
-"""A textbook DAE F(t, y, y') = 0 as a System."""
+"""Equations F(t, y, y') = 0 that a user gives as functions, as a System."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mbdae.system.partition import checked_partition
 from mbdae.ties import largest
 from mbdae.values import array, function, number, of_class, option, optional, sequence, shown, text
 
-#: largest residual at the start, relative to the terms each equation cancels
+#: largest residual of an equation at the start that is accepted, relative to the magnitude of its terms
 START_TOLERANCE = 1e-6
 ROOT_EPS = float(np.sqrt(np.finfo(float).eps))
 
@@ -29,8 +29,8 @@ class DAE(System):
               or (nnz,) CSC data where `sparsity` is given. None: forward differences column by column
               (2 n residuals per evaluation, six to eight correct digits: give an exact one for rtol below 1e-8)
     index     index of the variables: one number for the system, or (n,) as in RADAU5: 1 differential or
-              index-1 algebraic, 2, 3. From one number, 2 marks the algebraic unknowns; 3 marks the algebraic
-              unknowns as 3 and those whose derivatives share an equation with them as 2
+              index-1 algebraic, 2, 3. One number is given to all algebraic unknowns (no derivative of which is in F), and 1
+              to the others; with 3, those whose derivative is in an equation with an algebraic unknown get 2
     names     name of each unknown, default y[0], y[1], ...
     scale     typical magnitude of each unknown, default max(1, |y0|)
     sparsity  pattern (n, n) of the Jacobian, dense or scipy sparse; None: dense
@@ -128,7 +128,7 @@ class DAE(System):
                 kept = x[j]
                 x[j] = kept + ROOT_EPS * max(abs(kept), self.scale[j]) * (1.0 if kept >= 0 else -1.0)
                 self.residual(t, arguments[0], arguments[1], shifted)
-                with np.errstate(invalid="ignore"):  # the method that evaluates there reports values that are not finite
+                with np.errstate(invalid="ignore"):  # inf - inf: the solver reports that the equations are not finite there
                     parts[which, :, j] = (shifted - base) / (x[j] - kept)
                 x[j] = kept
         return parts[0], parts[1]
@@ -147,7 +147,8 @@ class DAE(System):
         return full[0], full[1]
 
     def _probes(self) -> list[tuple[float, Array, Array]]:
-        """The start and two points near it, at which no entry of the Jacobian vanishes by chance."""
+        """States (t, y, y') at which the pattern of the Jacobian is found: the start, where entries may be 0 by chance, and two
+        points near it."""
         wave = np.sin(1.0 + np.arange(self.n))
         dy, dyp = self.scale * wave, self.scale * wave[::-1]
         return [(self.t0, self.y0 + k * dy, self.yp0 + k * dyp) for k in (0.0, 1e-3, -7e-4)]
@@ -165,7 +166,7 @@ class DAE(System):
         return _different("names", names, self.n, "unknown")
 
     def _checked_switches(self, switches: Switches | None) -> Switches | None:
-        """The switches, after their arguments have been evaluated at the start."""
+        """The switches as given; raises OptionError where their arguments cannot be evaluated at the start."""
         if switches is None:
             return None
         values = np.asarray(switches.arguments(np.full(2, self.t0), np.array([self.y0, self.y0])))
@@ -176,7 +177,7 @@ class DAE(System):
         return switches
 
     def _checked_guards(self, names: Sequence[str] | None) -> tuple[str, ...]:
-        """Names (nc,) of the contacts, after their guards have been evaluated at the start."""
+        """Names (nc,) of the contacts; raises OptionError where `guards` cannot be evaluated at the start."""
         if self.guards is None:
             if names is not None:
                 raise OptionError(f"guard_names = {shown(names)} without guards, whose contacts they would name: give guards too")
@@ -220,7 +221,8 @@ class DAE(System):
             raise OptionError(f"jacobian is not finite everywhere at the start t = {self.t0:g} s: check its formulas")
 
     def _check_start(self, yp: Array, fy: Array, fyp: Array, what: str, remedy: str) -> None:
-        """Refuse y0 with derivatives yp whose residual is not a number, or large against the terms of its equation."""
+        """Raise OptionError where the residual at y0, yp is not finite, or too large for START_TOLERANCE. fy, fyp (n, n):
+        derivatives of F, by which the terms of an equation are estimated; what, remedy: for the message."""
         out = np.empty(self.n)
         self.residual(self.t0, self.y0, yp, out)
         size = np.abs(fy) @ self.scale + np.abs(fyp) @ np.maximum(self.scale, np.abs(yp))
@@ -237,7 +239,8 @@ class DAE(System):
         return ", ".join(name for name, is_in in zip(self.names, present, strict=True) if is_in) or "no unknown"
 
     def _checked_index(self, index: Any, parts: list[tuple[Array, Array]]) -> NDArray[np.int_]:
-        """(n,) index of each unknown."""
+        """Index (n,) of each unknown, from the option `index` (one number or (n,)). parts: dF/dy and dF/dy' at the states of
+        `_probes`, which show what unknowns the equations contain."""
         remedy = f"give 1, 2 or 3, or {self.n} of them, one per unknown"
         values: Array = option("index", index, array, remedy)
         if values.shape not in ((), (self.n,)) or not np.isin(values, (1, 2, 3)).all():
@@ -264,7 +267,7 @@ def finite_vector(name: str, values: ArrayLike, n: int | None = None) -> Array:
 
 
 def _different(name: str, values: Any, n: int, what: str) -> tuple[str, ...]:
-    """n different texts, one for each `what`, such as an unknown."""
+    """The values of the option `name` as n different texts; what: that which each text names, such as "unknown", for messages."""
     remedy = f"give {n} different names, one per {what}"
     found = option(name, values, sequence, remedy, each=text)
     if len(found) != n or len(set(found)) != n:
@@ -273,8 +276,8 @@ def _different(name: str, values: Any, n: int, what: str) -> tuple[str, ...]:
 
 
 def _fill(name: str, value: Any, out: Array, t: float) -> None:
-    """Write what a function of the user returned into `out`, unless it returned None because it filled `out` itself. Refuses
-    other shapes and values that are not real numbers."""
+    """Write what the user's function `name` returned into `out`, unless it returned None because it filled `out` itself. Raises
+    an error for another shape and for values that are not real numbers."""
     if value is None:
         return
     found = np.asarray(value)
@@ -285,7 +288,7 @@ def _fill(name: str, value: Any, out: Array, t: float) -> None:
 
 
 def csc_pattern(pattern: Any, n: int) -> csc_matrix:
-    """The pattern in CSC format (n, n) with sorted indices."""
+    """A pattern (n, n), dense or sparse, as a CSC matrix with sorted indices."""
     remedy = f"give the pattern of the Jacobian, ({n}, {n}), as an array or a sparse matrix of SciPy"
     result = csc_matrix(pattern if issparse(pattern) else option("sparsity", pattern, array, remedy), dtype=float)
     if result.shape != (n, n):

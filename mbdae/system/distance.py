@@ -1,4 +1,4 @@
-"""The distance between two motions of a scene, by which every error of a run is measured."""
+"""The distance between two motions of a scene, a number without unit in which every error of a run is measured."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ Motion = tuple[Array, Array]  #: q (nt, nq), u (nt, nu) of all nodes
 
 
 def motion_distance(prepared: Prepared, a: Motion, b: Motion) -> Array:
-    """(nt,) difference of two motions: positions over the scene's length, angles in rad. Without beams, whose velocities contain
-    vibrations, also velocities over the larger of length / characteristic time and the speed reached, except while one of the
-    motions is in contact: a slightly later impact would count as a large error of velocity."""
+    """(nt,) distance of two motions at the same times: the largest difference of a position over the scene's length, or of an
+    angle in rad. In scenes without beams (their velocities contain vibrations) also of velocities, over the larger of length /
+    characteristic time and the speed reached; but not while one of the motions is in contact, because an impact that is slightly
+    later would count as a large error of velocity."""
     m, (q_a, u_a), (q_b, u_b) = prepared.mechanics, a, b
     worst = np.zeros(len(q_a))
     apart = np.ones(len(q_a), dtype=bool)
@@ -33,7 +34,7 @@ def motion_distance(prepared: Prepared, a: Motion, b: Motion) -> Array:
 
 
 def position_distance(prepared: Prepared, node: Node, a: Array, b: Array) -> Array:
-    """(nt,) difference of two positions (nt, size) of a node: over the scene's length, angles in rad."""
+    """(nt,) distance of two positions a, b (nt, size) of a node: displacement over the scene's length, or angle in rad."""
     n, unit = node.kind.translations, prepared.length if node.unit == "m" else 1.0
     apart = np.linalg.norm(a[:, :n] - b[:, :n], axis=1) / unit
     if a.shape[1] == 3 and node.kind.turns:
@@ -50,7 +51,7 @@ def touching(mechanics: Mechanics, q: Array, u: Array) -> Array:
 
 
 def distance(prepared: Prepared, t: Array, a: Array, b: Array) -> Array:
-    """(nt,) `motion_distance` of two trajectories of unknowns (nt, n) at times t (nt,), from the motion of all bodies."""
+    """(nt,) `motion_distance` of two solutions a, b (nt, n) in the unknowns of any form at times t (nt,)."""
     return motion_distance(prepared, prepared.states(t, a)[:2], prepared.states(t, b)[:2])
 
 

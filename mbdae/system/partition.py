@@ -1,4 +1,5 @@
-"""Equations of motion given as their parts M, f, g and G, as in textbook problems."""
+"""Equations of motion given as their parts: mass matrix M, forces f, constraints g and constraint Jacobian G, by a user's
+functions."""
 
 from __future__ import annotations
 
@@ -11,13 +12,14 @@ from mbdae.errors import OptionError
 from mbdae.system.base import System
 from mbdae.values import BadValueError, option, sequence, shown
 
-TOLERANCE = 1e-6  #: residual of the parts at the start that is accepted, over the largest term
+TOLERANCE = 1e-6  #: largest residual of the equations of these parts at the start that is accepted, over the largest term
 
 Parts = tuple[Callable[..., Any], ...]
 
 
 def checked_partition(system: System, parts: Sequence[Callable[..., Any]]) -> tuple[Parts, tuple[str, ...]]:
-    """The parts (M, f, g, G) and the kinds of the unknowns; OptionError where they do not fit the unknowns or the start."""
+    """The parts (M, f, g, G), and the kind of every unknown of the system, which follows from their shapes; OptionError where
+    they do not fit the unknowns or the start."""
     remedy = "give four functions (M, f, g, G): M(t, q), f(t, q, u), g(t, q), G(t, q)"
     given = option("partition", parts, sequence, remedy, each=_function)
     if len(given) != 4:
@@ -29,7 +31,7 @@ def checked_partition(system: System, parts: Sequence[Callable[..., Any]]) -> tu
         try:
             q, u = system.y0[:nu], system.y0[nu : 2 * nu]
             shapes = [np.shape(value) for value in (M(system.t0, q), f(system.t0, q, u), g(system.t0, q), G(system.t0, q))]
-        except (IndexError, ValueError, TypeError) as error:  # another split of the unknowns into q and u may fit the functions
+        except (IndexError, ValueError, TypeError) as error:  # try the next division of the unknowns into q, u and multipliers
             failure = error
             continue
         m = shapes[2][0] if shapes[2] else 0
@@ -42,7 +44,7 @@ def checked_partition(system: System, parts: Sequence[Callable[..., Any]]) -> tu
 
 
 def _function(value: Any) -> Callable[..., Any]:
-    """The value, which has to be a function; it may take any arguments."""
+    """The value if it is a function, of any arguments; else raises an error."""
     if not callable(value):
         raise BadValueError(f"{shown(value)} is not a function")
     return value  # type: ignore[no-any-return]

@@ -1,4 +1,4 @@
-"""From a scene to a System with a consistent start: model, rank, start, scales."""
+"""Checks a scene and prepares it for the forms: its model, the rank of its constraint rows, its consistent start."""
 
 from __future__ import annotations
 
@@ -35,36 +35,38 @@ from mbdae.system.start.start import Start, Starter
 from mbdae.system.start.typical_sizes import characteristic_time
 from mbdae.threads import single_threaded
 
-SOUND = 1e-3  #: smallest singular value of unit rows above which they determine a position
-#: contradictions of prescribed motions are looked for in at most FOLLOWED steps over at most half of the run; in one step joints
-#: open by at most NEAR (rad, or over the scene's length)
+SOUND = 1e-3  #: constraint rows scaled to unit length determine a position if their smallest singular value is above this
+#: the check for contradicting prescribed motions moves the scene in at most FOLLOWED steps over at most half of the run; before
+#: the loops are closed again, a step may violate joints by at most NEAR (rad, or over the scene's length)
 FOLLOWED, NEAR = 24, 0.2
-PLACED = 1e-11  #: rounding of positions along a tree, rad or over the scene's length
+PLACED = 1e-11  #: error of positions computed along a tree that counts as rounding: rad, or over the scene's length
 FORESIGHT = 10.0  #: time (s) over which prescribed values and inputs are checked where the end of the run is not known
-#: part of the scene's length, or of its speed, by which a continued run may violate the joints: the error of a run
+#: violation of the joints, over the scene's length or speed, up to which a run can be continued from the state where another run
+#: ended; as large as the error of a run may be
 FITS = 1e-4
 
 
 @dataclass
 class Prepared:
-    """A checked scene: its model, the constraints in force, its start and its scales."""
+    """A checked scene: its model, the constraint rows in force, its start and the characteristic time, from which forms make
+    Systems."""
 
     model: Model
-    mechanics: Mechanics  #: mechanics of all nodes, with the constraint rows in force including those of recursive joints
+    mechanics: Mechanics  #: of all nodes, with the rows in force (without redundant ones), those of recursive joints included
     rank: RankReport
     start: Start
     time: float  #: characteristic time, s
     all_bodies: AllBodies
-    contacts: list[ExpectedContact] = field(default_factory=list)  #: the contacts of the scene, as expected before the run
+    contacts: list[ExpectedContact] = field(default_factory=list)  #: the contacts, with the penetration expected before the run
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """For copies and pickles: the model and its kernels are made again from the scene."""
+        """For copies and pickles, which contain the scene: the model and its kernels are made from it again."""
         of_model = self.model.scene, self.model.stay_kinematic, self.model.conditions.end
         return _made_again, (*of_model, self.rank, self.start, self.time, self.contacts)
 
     @cached_property
     def with_all_rows(self) -> Mechanics:
-        """The mechanics with redundant rows too, which checks a run and gives its reactions."""
+        """The mechanics with all rows, redundant ones included; it checks the joints over a run and gives their reactions."""
         if not self.rank.dropped:
             return self.mechanics
         return mechanics_of(self.model, constraint_rows(self.model), self.all_bodies, len(self.rank.dropped))
@@ -74,7 +76,7 @@ class Prepared:
         return mechanics_of(self.model, rows, self.all_bodies)
 
     def with_rows(self, rows: list[Row], start: Start) -> Prepared:
-        """This prepared scene with another start and other rows in force."""
+        """A copy of this prepared scene with another start and other rows in force; the rows left out become redundant ones."""
         kept = set(rows)
         dropped = [row for row in (*self.rank.kept, *self.rank.dropped) if row not in kept]
         rank = replace(self.rank, kept=rows, dropped=dropped)
@@ -87,8 +89,8 @@ class Prepared:
 
     @property
     def rows(self) -> list[Row]:
-        """The constraint rows a form integrates: those of recursive joints and of shared displacements
-        are satisfied by construction."""
+        """The constraint rows that a form integrates: those in force without rows of recursive joints and of shared
+        displacements, which are satisfied by construction."""
         return [row for row in self.mechanics.rows if self.all_bodies.moved.keeps(row)]
 
     @property
@@ -110,7 +112,8 @@ def _made_again(scene: SceneData, stay: Mapping[str, str], end: float, rank: Ran
 def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end: float | None = None) -> Prepared:
     """Check a scene and find its start; raises SceneError with every problem found.
 
-    Prescribed values are followed to t_end, or for `FORESIGHT` seconds where no end is known."""
+    start: state from which a run is continued, None: the start is found at t0 (s). Prescribed values are checked up to t_end (s),
+    or for `FORESIGHT` seconds where it is None."""
     begin_time = start.t if start is not None else t0
     end = t_end if t_end is not None and t_end > begin_time else begin_time + FORESIGHT
     problems = scene.problems + sensed.problems(scene)
@@ -123,7 +126,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     if start is not None and (len(start.q), len(start.u)) != (model.nq, model.nu):
         raise SceneError([f"start: the run given has {len(start.q)} positions and {len(start.u)} velocities, but this scene has "
                           f"{model.nq} and {model.nu}; continue it with the same bodies and joint models"])  # fmt: skip
-    model.conditions.time = after(begin_time)  # at the start of a run conditions are read just after it
+    model.conditions.time = after(begin_time)  # at the start, conditions of inputs such as t < 1 are evaluated just after it
     model.conditions.end = t_end if t_end is not None else inf
     all_bodies = bodies_of(model, moved)
     if not all_bodies.numbering.free:
@@ -167,12 +170,12 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
 
 
 def _closed(all_rows: Mechanics, t: Array, q: Array) -> bool:
-    """Whether the bodies are where their joints hold them."""
+    """Whether positions q (nq,) satisfy all constraint rows up to round-off (PLACED)."""
     return bool(np.max(np.abs(all_rows.position_residual(t, q[None])), initial=0.0) <= PLACED * max(1.0, all_rows.model.length))
 
 
 def _not_finite(all_rows: Mechanics, t: Array, q: Array) -> list[str]:
-    """Constraint rows without a finite value or derivative where the scene is drawn, one sentence each."""
+    """Error messages, one sentence each, for constraint rows without a finite value or derivative at q (nq,), as drawn."""
     g, wrong = all_rows.position_residual(t, q[None])[0], all_rows.rows_without_slope(t, q)
     wrong |= ~np.isfinite(g)
     return [f"row {row.name} has no finite value or derivative where the scene is drawn ({value:g}): check the numbers of that "
@@ -181,7 +184,8 @@ def _not_finite(all_rows: Mechanics, t: Array, q: Array) -> list[str]:
 
 
 def _massless(all_rows: Mechanics, all_bodies: AllBodies, rank: RankReport, starter: Starter, q: Array) -> list[str]:
-    """Motions without inertia, one sentence each: of joint coordinates where no other row constrains them, else of bodies."""
+    """Error messages, one sentence each, for motions without inertia: of joint coordinates where no rows besides those of the
+    trees are kept, else of bodies."""
     inside = all_bodies.moved.replaced
     if isinstance(all_rows, OrderedMechanics):
         return massless_unknowns(all_bodies, all_rows.without_inertia(starter.t, q))
@@ -194,14 +198,14 @@ def mechanics_of(model: Model, rows: list[Row], all_bodies: AllBodies, redundant
     """The mechanics of all nodes with these rows, of which `redundant` follow from the others."""
     if all_bodies.moved.alone:
         return OrderedMechanics(model, rows, all_bodies)
-    # with beams accelerations and reactions cost less from the sparse constrained equations; a run keeps its joint coordinates
+    # with beams the sparse equations with constraint rows cost less than joint coordinates here; runs integrate the latter anyway
     reduced = all_bodies.moved.trees and not model.lines
     return TreeMechanics(model, rows, all_bodies, redundant) if reduced else Mechanics(model, rows, redundant)
 
 
 def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tuple[Model, MovedBodies]:
-    """The model of a scene with the trees of its recursive joints; trees too large for one program stay kinematic. by_rows:
-    joints that stay with their rows, and why."""
+    """The model of a scene, and the trees of its recursive joints. Joints of trees that cannot be evaluated are treated as
+    kinematic. by_rows: recursive joints that are treated as kinematic anyway -> why."""
     model = build(scene, by_rows)
     moved = MovedBodies(model, find_trees(model))
     if moved.trees and by_order(model, moved):
@@ -216,7 +220,8 @@ def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tupl
 
 
 def _contradictions(all_rows: Mechanics, rank: RankReport, start: Start) -> list[str]:
-    """Redundant rows that the start does not satisfy, which happens where prescribed motions contradict each other."""
+    """Error messages for redundant rows whose rate or acceleration is not 0 at the start: prescribed motions contradict each
+    other."""
     t, q, u = np.array([start.t]), start.q[None], start.u[None]
     if not rank.dropped:
         return []
@@ -233,7 +238,8 @@ def _contradictions(all_rows: Mechanics, rank: RankReport, start: Start) -> list
 
 
 def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankReport, start: Start, end: float) -> list[str]:
-    """Contradictions at later times, followed in short steps: the rows in force can be satisfied there, but not all rows."""
+    """As `_contradictions`, for later times up to `end` (s): positions are followed in short steps; prescribed motions contradict
+    each other where the rows in force can be satisfied, but not the redundant ones too."""
     timed = any(i.timed for group in all_rows.model.groups if group.derived.rows for i in group.instances)
     dropped, q, t = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}, start.q, start.t
     if not (timed and dropped):
@@ -254,7 +260,7 @@ def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankR
         try:
             q = Starter(mechanics, t, holding=False).close(q)
         except StartError:
-            break  # the step was too large for the iteration
+            break  # not even the rows in force close: the step was too large for the iteration
         B = unit_rows(mechanics, mechanics.constraint_matrix(np.array([t]), q))
         off = all_rows.position_residual(np.array([t]), q[None])[0]
         for row, g in zip(all_rows.rows, off, strict=True):
@@ -265,7 +271,7 @@ def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankR
 
 
 def _continued(mechanics: Mechanics, start: Start) -> Start:
-    """The start of a continued run: its state, with new accelerations and multipliers."""
+    """The start of a continued run: the state at which another run ended, with accelerations and multipliers of this scene."""
     t, s = np.array([start.t]), start.s
     wanted = tuple(mechanics.numbering.states.values())
     if start.names is not None and start.names != wanted:
@@ -280,8 +286,8 @@ def _continued(mechanics: Mechanics, start: Start) -> Start:
 
 
 def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[str]]:
-    """Velocities (nu,) of a continued run, and what was changed for them. Where joints of this scene that the run before did not
-    have stop a motion, they do so by impulses: M (u+ - u-) + G^T P = 0, G u+ + g_t = 0, an impact without rebound."""
+    """Velocities (nu,) with which a run is continued, and sentences on what was changed. Where joints that the run before did not
+    have stop a motion, they do so by impulses P: M (u+ - u-) + G^T P = 0, G u+ + g_t = 0, an impact without rebound."""
     t, q, u = np.array([start.t]), start.q[None], start.u[None]
     g, rate = mechanics.position_residual(t, q)[0], mechanics.velocity_residual(t, q, u)[0]
     speed = float(np.max(np.abs(start.u) * mechanics.velocity_units, initial=0.0))

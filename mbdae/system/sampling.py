@@ -1,6 +1,7 @@
-"""Sampled controllers in a run: called at sampling instants with values of sensors; their outputs are held in between.
+"""Sampled controllers in a run: user's functions that are called at sampling instants with values of sensors; their outputs stay
+constant in between.
 
-The outputs are internal states without a rate, so that they are part of every solution. A run ends a step at every sampling
+The outputs are internal states with the rate 0, so that they are part of every solution. A run ends a step at every sampling
 instant and continues from the state with the new outputs.
 """
 
@@ -25,13 +26,15 @@ from mbdae.system.model.numbering import Numbering
 from mbdae.system.prepare import Prepared
 from mbdae.values import shown
 
-SAME = 1e-9  #: part of a sampling period within which two instants count as one
-#: calls that are made twice to check that a controller is a pure function: the first 4, and then every 64th
+SAME = 1e-9  #: difference of two instants, over the sampling period, up to which they count as one
+#: the first FIRST calls of a controller and then every THEN-th are made twice, to check that it is a pure function: its outputs
+#: depend on its arguments alone
 FIRST, THEN = 4, 64
 
 
 class UnderWay(NamedTuple):
-    """A controller in the middle of a run: its first sampling instant (s), the number of its calls, and its memory."""
+    """The state of a controller between two parts of a run: its first sampling instant (s), the number of its calls so far, and
+    its memory, the value that a user's function returns to be given to its next call."""
 
     begin: float
     calls: int
@@ -40,8 +43,8 @@ class UnderWay(NamedTuple):
 
 @dataclass
 class _Called:
-    """A controller in one run: the places of its inputs and outputs, its memory, the number of its calls, and the outputs of the
-    last call."""
+    """A controller in one run. inputs: where its sensors are among the values of the `Observer`; outputs: numbers of its outputs
+    among the unknowns; begin: first sampling instant (s); count: number of its calls; held: outputs of the last call."""
 
     controller: Controller
     inputs: slice
@@ -61,11 +64,12 @@ class _Called:
         return self.begin + n * self.controller.every
 
     def near(self, t: float) -> float:
-        """Difference (s) from another instant of the run at time t, within which both count as one."""
+        """Difference (s) of two instants near time t up to which they count as one."""
         return max(SAME * self.controller.every, ROUND_OFF * abs(t))
 
     def call(self, t: float, values: Sequence[float]) -> list[float]:
-        """Outputs at a sampling instant; raises ControllerError with time and inputs where the function fails or is not pure."""
+        """Call the function at the sampling instant t (s) with the values of its sensors; returns its outputs. Raises
+        ControllerError with time and inputs where the function fails, or returns other outputs when called twice."""
         self.count += 1
         again = self.count <= FIRST or self.count % THEN == 0
         before = deepcopy(self.memory) if again else None
@@ -79,8 +83,9 @@ class _Called:
         return found
 
     def check_held(self, t: float, values: Sequence[float], there: Array) -> None:
-        """Raise ControllerError where the outputs `there` in the state differ from those returned last: when a run is continued
-        from a folder its steps are read, and the controller is called again only to restore its memory."""
+        """Raise ControllerError where the outputs `there` in the stored state differ from those that the function returned last.
+        When a run is continued from a folder, its steps are read from there and the controllers are called again only to restore
+        their memories; the function may have been edited since."""
         if self.held and not np.allclose(there, self.held, rtol=SAME, atol=SAME):
             raise self._error(t, values, f"returned {shown(self.held)} at its last sampling instant, but {shown(there.tolist())} "
                                          f"when the steps were made: a stored run continues only with the function it began "
@@ -121,14 +126,14 @@ class _Called:
 
 
 def _number(value: Any) -> float:
-    """A number as a float; raises TypeError for texts, even of numbers."""
+    """The value as a float; raises TypeError for texts, also those that float() would read."""
     if isinstance(value, str | bytes):
         raise TypeError
     return float(value)
 
 
 def _same(a: Any, b: Any) -> bool:
-    """Whether two outputs or memories are equal to the last bit; values that cannot be compared count as equal."""
+    """Whether two outputs or memories are exactly equal, NaN to NaN too; objects of unknown classes count as equal."""
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
         return np.array_equal(a, b, equal_nan=True)
     if isinstance(a, list | tuple) and isinstance(b, list | tuple):
@@ -141,19 +146,19 @@ def _same(a: Any, b: Any) -> bool:
 
 @dataclass
 class Sampler:
-    """The controllers of one run, with their memories."""
+    """The controllers of one run, with their memories. due: those that are called at the begin of the present part."""
 
     observer: Observer
     called: list[_Called]
     due: list[_Called] = field(default_factory=list)
 
     def instants(self, end: float) -> Array:
-        """Begin, sampling instants and end (s) of the run."""
+        """Sampling instants (k,), s, from the begin of the run on, and `end`; not sorted where there are several controllers."""
         times = [np.arange(c.next, end, c.controller.every) for c in self.called]
         return np.concatenate([*times, [end]])
 
     def parts(self, begin: float, end: float) -> Iterator[tuple[float, float]]:
-        """Begin and end (s) of the parts of an interval between sampling instants; `due`: controllers called at their begin."""
+        """Begin and end (s) of the parts into which sampling instants divide an interval; sets `due` before each part."""
         while begin < end:
             self.due = [c for c in self.called if c.next - begin <= c.near(begin)]
             coming = [(c.instant(c.count + 1) if c in self.due else c.next, c) for c in self.called]
@@ -162,7 +167,8 @@ class Sampler:
             begin = later
 
     def at(self, t: float, y: Array) -> Array:
-        """y (n,) with the outputs that are held from t on; y itself where none changes."""
+        """Call the controllers that are due at t with sensors at the state y (n,): y with their new outputs; y itself where none
+        changes."""
         if not self.due:
             return y
         values = self.observer(np.array([t]), y[None])[0].tolist()
@@ -174,8 +180,8 @@ class Sampler:
 
 
 class Sampling:
-    """The controllers of a scene, for equations with some numbering of unknowns; a call returns the `Sampler` of one run.
-    under_way: by name, the state of controllers that an earlier part of the run has called."""
+    """The controllers of a scene, for equations with this numbering of unknowns; a call with the begin of a run (s) returns its
+    `Sampler`. under_way: name -> state of controllers that an earlier part of the run has called already."""
 
     def __init__(self, prepared: Prepared, numbering: Numbering, under_way: Mapping[str, UnderWay] | None = None) -> None:
         self._given = prepared, numbering
@@ -195,8 +201,9 @@ class Sampling:
         return Sampler(self._observer, called)
 
     def until(self, end: float, t: Array, y: Array) -> dict[str, UnderWay]:
-        """The controllers by name before the instant `end` (s) of a run with steps to t (m,) and y (m, n): they are called again
-        for what they remember. ControllerError where they return other outputs than those of the run."""
+        """name -> state of every controller just before the instant `end` (s) of a run whose steps ended at t (m,), y (m, n). To
+        restore their memories the controllers are called again at all instants; ControllerError where they return other outputs
+        than those in y."""
         (prepared, numbering), columns = self._given, list(self._slots.values())
         sampler, held = self(float(t[0])), prepared.start.s[np.array(columns) - numbering.start["s"]]
         for begin, _ in sampler.parts(float(t[0]), end):
@@ -207,5 +214,5 @@ class Sampling:
         return {c.controller.name: UnderWay(c.begin, c.count, c.memory) for c in sampler.called}
 
     def going_on(self, end: float, t: Array, y: Array) -> Sampling:
-        """For a part of the run that begins at `end`."""
+        """The controllers for a part of the run that begins at `end` (s), after the steps t (m,), y (m, n); see `until`."""
         return Sampling(*self._given, under_way=self.until(end, t, y))

@@ -30,15 +30,15 @@ from mbdae.system.start.typical_sizes import multiplier_scales, state_scale, str
 from mbdae.threads import single_threaded
 from mbdae.ties import largest
 
-#: False: solvers check neither inputs of time nor laws that switch (for tests of the checks after a run)
+#: tests set this to False, so that solvers step over inputs of time and switching laws, which checks after a run have to find
 WATCH_INPUTS_AND_SWITCHES = True
 
 
 class SceneSystem(System):
     """A prepared scene in a form: F(t, y, y') = 0 with its exact Jacobian, start and scales.
 
-    others: equations with other rows in force, made earlier in the run and used again where these rows are good; assembly: the
-    equations, by default those of the rows in force."""
+    sparse: whether the Jacobian is, None: by the number of unknowns; others: rows in force -> equations with these rows, made
+    earlier in a run and used again where these rows are well conditioned; assembly: the equations, None: they are made."""
 
     guards: ContactGuards | None = None
 
@@ -57,7 +57,7 @@ class SceneSystem(System):
         lines, stressed = prepared.model.lines, self.numbering.stresses
         z = np.concatenate([np.zeros(0), *(line.stress(start.q, start.u) for line in lines if stressed)])
         self.t0, (self.y0, self.yp0), self.scale = start.t, _values(prepared, made, start, z), _scales(prepared, made)
-        if not lines:  # scenes with beams keep the default of 1 s, with which they were measured
+        if not lines:  # with beams `time` stays 1 s, with which their accuracy and cost were measured
             self.time = prepared.time
         else:
             self.vibration = partial(_vibration, prepared)
@@ -122,7 +122,8 @@ class SceneSystem(System):
 
     @contextmanager
     def within(self, time: float) -> Iterator[None]:
-        """Context in which conditions of inputs are read at a time (s) inside a step, even where t is the end of the step."""
+        """Context manager in which conditions of inputs, such as t < 1, are evaluated at a time (s) inside a step, also where the
+        equations are evaluated at the end of the step."""
         self.read_at(time)
         try:
             yield
@@ -130,7 +131,8 @@ class SceneSystem(System):
             self.read_at(None)
 
     def restarted(self, t: float, y: Array) -> tuple[Array, Array]:
-        """y and y' (n,) at a break: y with new accelerations, rates and multipliers; integrals of multipliers are unchanged."""
+        """y and y' (n,) just after an instant t at which an input jumps: accelerations, rates and multipliers are computed anew.
+        Unknowns whose derivatives are multipliers keep their values."""
         if self.rhs is not None and np.all(self.index < 2):  # no multipliers among the unknowns
             rates = np.empty(self.n)
             self.rhs(t, y, rates)
@@ -140,7 +142,8 @@ class SceneSystem(System):
         return np.concatenate([y[:kept], fresh[kept:]]), rates
 
     def _state(self, mechanics: Mechanics, t: float, y: Array) -> Start:
-        """The state y (n,) with accelerations and multipliers, by a mechanics with its rows in force."""
+        """The state at t, y (n,), with the accelerations and multipliers that `mechanics` gives, whose rows in force may be
+        others."""
         times, z = np.array([t]), self._stresses(y)
         (q,), (u,), (s,) = self._prepared.states(times, y[None])
         a, multipliers = mechanics.accelerations(times, q[None], u[None], s[None], z[None] if len(z) else None)
@@ -188,11 +191,13 @@ class SceneSystem(System):
         return self._choice is not None or type(self).accept is not System.accept
 
     def taking_over(self, other: SceneSystem, t: float, y: Array) -> SceneSystem:
-        """These equations with a start at the state y (n,) of another system of the same scene and form."""
+        """These equations, starting at t from the state y (n,) of `other`, a system of the same scene and form with other
+        rows."""
         return self.starting(t, *self.restarted(t, y), other.longest_step)
 
     def smallest(self, t: float, y: Array) -> float | None:
-        """Smallest singular value of all unit rows, near 0 in singular positions; None where no row is redundant."""
+        """Smallest singular value that is not 0 by redundancy of all rows scaled to unit length; near 0 in singular positions.
+        None where no row is redundant."""
         return None if self._choice is None else self._choice.smallest(t, self._positions(t, y))
 
     def _positions(self, t: float, y: Array) -> Array:
@@ -201,7 +206,8 @@ class SceneSystem(System):
 
 
 def _values(prepared: Prepared, system: Assembly, state: Start, z: Array) -> tuple[Array, Array]:
-    """y and y' (n,) of a form at a consistent state, with stresses z of beams; integrals of multipliers start at 0."""
+    """y and y' (n,) of a form at a consistent state, with stresses z of beams. Unknowns whose derivatives are multipliers start
+    at 0."""
     mechanics, nb, spec = prepared.mechanics, system.numbering, system.spec
     q, u = nb.of_positions, nb.of_velocities
     rate = state_rates(mechanics, state.t, state.q, state.u, state.s)
@@ -228,19 +234,20 @@ def _scales(prepared: Prepared, system: Assembly) -> Array:
     if "lambda" in spec.blocks:
         kept = nb.rows_among(mechanics.rows)
         force, reach = (scale[kept] for scale in multiplier_scales(mechanics, prepared.start, T))
-        force = force / nb.scaling()  # the unknown of a scaled row is its multiplier over the scaling
+        force = force / nb.scaling()  # the unknown of a row that its law scales is the multiplier divided by this scaling
         blocks |= {"lambda": force * T, "mu": reach} if spec.derivatives else {"lambda": force, "mu": reach / T}
     return np.concatenate([blocks[kind] for kind in ("q", "v", "s", "z", *spec.blocks)])
 
 
 def _rows_in_force(prepared: Prepared, others: dict[Rows, SceneSystem]) -> RowsInForce:
-    """The choice of integrated rows of an over-constrained mechanism; others: equations of earlier choices, by their rows."""
+    """The object that chooses the integrated rows of an over-constrained mechanism during a run; others: rows of earlier choices
+    -> their equations."""
     always = [i for i, row in enumerate(prepared.with_all_rows.rows) if not prepared.all_bodies.moved.keeps(row)]
     return RowsInForce(prepared.with_all_rows, len(prepared.rank.kept), always, tuple(prepared.rank.kept), others)
 
 
 def _vibration(prepared: Prepared) -> tuple[str, float]:
-    """Name of the beam that vibrates fastest, and the angle of this vibration in the characteristic time, rad."""
+    """Name of the beam that vibrates fastest, and its angular frequency times the characteristic time (rad)."""
     found = {line.beam.name: line.fastest_vibration(prepared.start.q) for line in prepared.model.lines}
     name = list(found)[largest(list(found.values()))]
     return name, found[name] * prepared.time

@@ -1,9 +1,9 @@
 """Equations with their multipliers eliminated: y' = f(t, y), y = (q, u, s), of a scene with constraints.
 
 At every state M u' + G^T lambda = f and the constraints on the level of accelerations are solved for u' and lambda. Where the
-mass matrix is constant and the forces do not depend on lambda, one kernel call per law gives f, the constraints' right-hand side
-and G (`assembled/acceleration_kernel.py`); everywhere else Newton's method solves the full equations, which is exact after one
-step where they are linear (`assembled/right_hand_side.py`).
+mass matrix is constant and the forces do not depend on lambda, one kernel call per law gives f, G and the right-hand side of the
+constraints (`assembled/acceleration_kernel.py`). Otherwise the full equations are solved by Newton's method, which needs one step
+where they are linear (`assembled/right_hand_side.py`).
 """
 
 from __future__ import annotations
@@ -32,22 +32,27 @@ from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import Rows
 from mbdae.system.scene_system import SceneSystem
 
-NEAR = 1e-7  #: independent part of a constraint row, squared, below which reactions and accelerations are inaccurate
-#: relative difference of a row's independent part from minus its extrapolation, below which a step passed a singular position
+#: the independent part of a row is what other rows do not contain, over the row's length. Below this value of its square, near a
+#: singular position, reactions and accelerations are inaccurate
+NEAR = 1e-7
+#: the smallest independent part falls to 0 and rises again where a step passes a singular position. Such a step is assumed where
+#: the extrapolation from earlier steps, with opposite sign, agrees with the new value up to this relative difference
 PASSED = 0.3
-SOUND = 0.3  #: smallest singular value of all rows, over that at the start, above which a position is not singular
+SOUND = 0.3  #: smallest singular value of all rows, over that at the start, above which a position does not count as singular
 UNSEEN = ((-inf, 1.0),) * 3
 
 
 class Accelerations(Rates):
-    """y' and multipliers of constrained bodies by `AccelerationKernel` where that is possible. start: a state (t, y)."""
+    """y' and multipliers of constrained bodies, by `AccelerationKernel` where that is possible, else as in `Rates`. start: a
+    state (t, y), see `acceleration_kernel`."""
 
     def __init__(self, full: Assembly, differential: int, linear: bool, start: tuple[float, Array]) -> None:
         super().__init__(full, differential, linear)
         self._start = start
 
     def __getstate__(self) -> dict[str, Any]:
-        """For copies: a copy makes its own tables, because they contain addresses of arrays."""
+        """State for copies and pickles, without the kernel: its tables contain addresses of arrays, so that a copy makes its
+        own."""
         return {name: value for name, value in self.__dict__.items() if name != "kernel"}
 
     @cached_property
@@ -59,9 +64,9 @@ class Accelerations(Rates):
 
 
 class WithoutMultipliers(SceneSystem):
-    """A scene as y' = f(t, y); `multipliers` (m,): those of the last evaluation."""
+    """A scene with constraints as y' = f(t, y), y = (q, u, s)."""
 
-    strict = False  #: whether a run stops at singular positions, instead of a warning
+    strict = False  #: whether a run stops with an error at singular positions; False: it only warns
     pattern = None  #: dy'/dy is full
     has_pattern = False
 
@@ -77,7 +82,7 @@ class WithoutMultipliers(SceneSystem):
         self._seen, self._warned = UNSEEN, False
 
     def strictly(self, strict: bool) -> Self:
-        """A copy of these equations that stops runs at singular positions, or only warns there."""
+        """A copy of these equations with another value of `strict`."""
         other = copy(self)
         other.strict = strict
         return other
@@ -120,7 +125,8 @@ class WithoutMultipliers(SceneSystem):
         return self._rates.jacobian(t, y, self._rate)
 
     def accept(self, t: float, y: Array) -> None:
-        """Warn once per run at a singular position, which is near or was passed within the last step."""
+        """Warn once per run, or raise SolverError if `strict`, where a singular position is near or was passed within the last
+        step."""
         shares = (self._rates.kernel or self._rates).shares(t, y)
         here = float(np.sqrt(np.min(shares)))  # falls to 0 and rises again where a step passes a singular position
         if t <= self._seen[-1][0]:  # another run has begun
@@ -129,7 +135,7 @@ class WithoutMultipliers(SceneSystem):
         self._seen = *self._seen[1:], (t, here)
         if self._warned or (here**2 > NEAR and abs(here + expected) > PASSED * abs(expected)):
             return
-        shares = self._rates.shares(t, y)  # these depend on the geometry alone, not on the masses
+        shares = self._rates.shares(t, y)  # unlike those of the kernel, these depend on the geometry alone, not on the masses
         weakest = int(np.argmin(shares))
         if (expected < 0 or shares[weakest] < NEAR) and not self._determined(t, y):
             if self.strict:
@@ -169,7 +175,8 @@ class WithoutMultipliers(SceneSystem):
 
 
 def _continued(seen: tuple[tuple[float, float], ...], t: float) -> float:
-    """Value at t of the parabola through three points (time, value); of the line through two, or the value of one point."""
+    """Value at t of the parabola through three points (time, value). Points at time -inf do not count: with two points the line
+    through them, with one its value."""
     (t0, a), (t1, b), (t2, c) = seen
     if t1 == -inf:
         return c

@@ -1,8 +1,9 @@
-"""Accelerations and multipliers of constrained bodies with a constant mass matrix, at few microseconds per state.
+"""Accelerations and multipliers of constrained bodies with a constant mass matrix, in a few microseconds per state.
 
-One kernel call per law gives q', -f, the constraints' right-hand side and G. Then S lambda = G M^-1 f + c with S = G M^-1 G^T,
-by Cholesky in a band whose order keeps chains narrow; where the mass matrix is singular or its entries span too much, the
-equations of u' and lambda are factorised as a whole. M is inverted once.
+One kernel call per law gives q', -f, the right-hand side c of the constraints and G. Then S lambda = G M^-1 f + c with
+S = G M^-1 G^T is solved by Cholesky in a band, in an order of the rows that makes the band of chains of bodies narrow. Where the
+mass matrix is singular, or masses differ so much that S loses digits, the equations of u' and lambda are factorised together by
+LU instead. M is inverted once.
 """
 
 from __future__ import annotations
@@ -26,10 +27,12 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.motion.workspace import Workspace, narrow_order
 
-#: parameters of a form: factor of G u + g_t (1/s) and factor of g (1/s^2) in the rows
+#: names of two parameters of a form, Baumgarte's factors in the constraint rows: of G u + g_t (1/s), and of g (1/s^2)
 VELOCITY, POSITION = "baumgarte_velocity", "baumgarte_position"
-SPREAD = 1e-5  #: independent part of a row of G M^-1/2, squared, below which Cholesky factors of S have lost too many digits
-#: velocities and multipliers together up to which the equations of u' and lambda are factorised as a full matrix
+#: the squared part of a row of G M^-1/2 that is independent of the rows before it, over the squared length of the row: below this
+#: value Cholesky factors of S have lost too many digits, and LU of the whole is used
+SPREAD = 1e-5
+#: number of velocities and multipliers together up to which the equations of u' and lambda are factorised as one full matrix
 WHOLE_BELOW = 150
 
 Index = NDArray[np.intp]
@@ -64,8 +67,8 @@ class AccelerationKernel(Workspace):
     """q', u', s' and multipliers of a system of constrained bodies; `multipliers` (m,): those of the last evaluation."""
 
     def __init__(self, full: Any, mass: Array, row_of: RowOf, whole: bool) -> None:
-        """full: the equations with multipliers; mass (nu, nu); row_of: row of F of an output of an instance; whole: the equations
-        of u' and lambda are factorised together."""
+        """full: the `Assembly` of the equations with multipliers; mass (nu, nu); row_of: row of F that an output of a law belongs
+        to; whole: True to factorise the equations of u' and lambda together by LU, False for Cholesky factors of S."""
         super().__init__(full.numbering)
         nb, operations = full.numbering, self.operations
         self.m, self.nu, self.nq, self.whole = nb.m, nb.nu, nb.nq, whole
@@ -85,7 +88,8 @@ class AccelerationKernel(Workspace):
         self.equations = Equations(table, self, make=self.make)
 
     def _laws(self, part: Operations, full: Any, row_of: RowOf) -> dict[tuple[int, int], int]:
-        """Evaluate the laws into the rows of F and the entries (row, column) of G, which are returned with their numbers."""
+        """Append the evaluation of the laws: of their rows of F, and of the entries of G. Returns (row, column) -> number of each
+        entry of G."""
         nb, found, to = full.numbering, list[Index](), list[tuple[int, int]]()
         entries: dict[tuple[int, int], int] = {}
         for g, group in enumerate(full.model.groups):
@@ -103,10 +107,10 @@ class AccelerationKernel(Workspace):
         return entries
 
     def _by_cholesky(self, part: Operations, mass: Array) -> None:
-        """S lambda = G M^-1 f + c, then u' = M^-1 (f - G^T lambda)."""
+        """Append the solution of S lambda = G M^-1 f + c by Cholesky, then u' = M^-1 (f - G^T lambda)."""
         m, nu, rows, columns = self.m, self.nu, self._rows, self._columns
         inverse = _inverse(mass)
-        h = part.zeros(nu)  # M^-1 f
+        h = part.zeros(nu)  # first slot of M^-1 f
         i, j = np.nonzero(inverse)
         part.add(h + i, self._F + self.nq + j, -inverse[i, j])
         along = {int(k): np.flatnonzero(inverse[k]).tolist() for k in distinct(columns)}
@@ -139,7 +143,7 @@ class AccelerationKernel(Workspace):
         part.multiply(u + column, weighted + np.arange(len(cells)), x + place[row], -1.0)
 
     def _by_lu(self, part: Operations, mass: Array) -> None:
-        """The equations of u' and lambda together by LU: for masses that are zero, or differ too much."""
+        """Solve the equations of u' and lambda together by LU: for masses that are zero or differ too much."""
         m, nu = self.m, self.nu
         n = nu + m
         K = part.slots(n * n)
@@ -157,14 +161,16 @@ class AccelerationKernel(Workspace):
         part.set(self._multipliers + np.arange(m), x + nu + np.arange(m))
 
     def y_rates(self, t: float, y: Array, out: Array) -> int:
-        """out[:] = y', (n,). Returns the number of a row that depends on the others, or -1."""
+        """out[:] = y', (n,). Returns the number of a constraint row that depends on the others, so that y' is not determined; -1
+        where there is none."""
         bad = self.solved(t, y, out)
         if bad < 0:
             return -1
         return max(bad - self.nu, 0) if self.whole else int(self._order[bad])
 
     def shares(self, t: float, y: Array) -> Array:
-        """(m,) independent part of every constraint row, squared, over the squared length of the row."""
+        """(m,) of every constraint row: the squared part that is independent of other rows, over the squared length of the row.
+        With Cholesky factors: independent of the rows eliminated before it, in the metric of M^-1; else as in `row_shares`."""
         dependent = self.y_rates(t, y, np.empty(self.differential))
         if self.whole:
             G = np.zeros((self.m, self.nu))
@@ -172,13 +178,13 @@ class AccelerationKernel(Workspace):
             return row_shares(G)
         share = np.empty(self.m)
         share[self._order] = self.W[self._factor] ** 2 / self.W[self._diagonal : self._diagonal + self.m]
-        if dependent >= 0:  # the factors end at this row
+        if dependent >= 0:  # the factorisation stopped at this row
             share[dependent] = 0.0
         return share
 
 
 def _inverse(mass: Array) -> Array:
-    """M^-1; exact zeros where M has blocks."""
+    """M^-1, inverted block by block so that its entries outside of the diagonal blocks of M are exactly 0."""
     inverse = np.zeros_like(mass)
     for at in _blocks(mass):
         inverse[np.ix_(at, at)] = np.linalg.inv(mass[np.ix_(at, at)])
@@ -186,7 +192,7 @@ def _inverse(mass: Array) -> Array:
 
 
 def _blocks(matrix: Array) -> list[Index]:
-    """The sets of rows and columns of a symmetric matrix that its entries connect: its diagonal blocks."""
+    """The diagonal blocks of a symmetric matrix, each as the numbers of its rows, which need not be consecutive."""
     label = np.arange(len(matrix))
     for i, j in np.argwhere(np.triu(matrix, 1)).tolist():
         if label[i] != label[j]:
@@ -195,7 +201,8 @@ def _blocks(matrix: Array) -> list[Index]:
 
 
 def _entry(full: Any, target: Target, g: int, i: int, entries: dict[tuple[int, int], int]) -> int:
-    """Number of an entry of G; -1 for entries whose row or column has no unknown."""
+    """Number of the entry of G that an output of instance i in group g belongs to, a new one where it is new in `entries`; -1 for
+    entries whose row is not in force or whose velocity is no unknown."""
     nb = full.numbering
     row, column = nb.row(g, i, target[1]), nb.velocity(("u", *target[2:]), g, i)
     if row is None or not 0 <= column < nb.nu:
@@ -204,9 +211,9 @@ def _entry(full: Any, target: Target, g: int, i: int, entries: dict[tuple[int, i
 
 
 def acceleration_kernel(full: Any, M: Array, row_of: RowOf, start: tuple[float, Array]) -> AccelerationKernel | None:
-    """The kernel for bodies; None where the full equations are better: trees, beams, many bodies some of which are massless.
-
-    start: a state (t, y), at which it is found out whether masses differ too much."""
+    """The kernel for scenes of bodies; None where the full equations have to be solved instead: with trees, with beams, and with
+    many bodies some of which are massless. M (nu, nu): mass matrix; row_of: see `AccelerationKernel`; start: a state (t, y), at
+    which the kernel checks whether masses differ too much for Cholesky."""
     nb = full.numbering
     if full.moved.nodes or full.model.lines or not nb.m:
         return None

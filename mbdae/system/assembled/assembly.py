@@ -1,7 +1,7 @@
 """Residual and Jacobian of a whole model in a given form, by compiled kernels.
 
-Residual = constants + linear terms + kernel values. Jacobian data = c0 + cj c1 + kernel values, those taken with respect to y'
-weighted by cj. Here the tables are made; `evaluation.py` turns them into a native program.
+The residual is the sum of constants, linear terms and values of kernels. The entries of dF/dy and of dF/dy' are constants c plus
+values of kernels. Here the tables of all these terms are made; `evaluation.py` turns them into a native program.
 """
 
 from __future__ import annotations
@@ -33,8 +33,9 @@ from mbdae.system.model.trees import Tree
 from mbdae.system.motion.mechanics import LARGE
 from mbdae.system.motion.workspace import Columns, Loaded
 
-#: index of the kinds of unknowns where the stresses of beams are unknowns: for nearly rigid strains velocities and stresses
-#: behave like unknowns of index 2 and 3, and the test of local errors weighs them like these
+#: index of the kinds of unknowns where the stresses of beams are unknowns ("z"): with nearly rigid strains velocities and
+#: stresses behave like unknowns of index 2 and 3, and the error test weighs them so. RESOLVED: where elastic vibrations are
+#: resolved
 ELASTIC = {"v": 2, "z": 3, "lambda": 3, "mu": 2}
 RESOLVED = {"z": 3}
 #: number of unknowns from which the Jacobian is sparse; with fewer, dense linear algebra is faster (measured 150-200)
@@ -44,8 +45,9 @@ SPARSE_FROM = 150
 class Assembly:
     """The equations of a model in a form, F(t, y, y') = 0 with their exact Jacobian, at any state; members as in `System`.
 
-    open: every parameter of a law stays an input of its kernels, so that it can be varied; else what does not vary in a run is
-    evaluated once and stored as a constant."""
+    rows: constraint rows in force; spec: options of the form; sparse: whether the Jacobian is, None: by the number of unknowns;
+    open: True keeps every parameter of a law an input of its kernels, so that it can be varied between runs; False evaluates
+    what does not vary within a run once and stores it as a constant."""
 
     has_pattern = True  #: whether the Jacobian has a sparsity pattern; False: it is full
 
@@ -62,16 +64,16 @@ class Assembly:
         index = dict(spec.index) | ((RESOLVED if spec.waves else ELASTIC) if nb.stresses else {})
         self.index = np.array([index[k] for k in self.kinds], dtype=int)
         self.equations = self._equations()
-        self._offset = np.zeros(1 + nb.first_input - self.n)  # rows of F, a spare one, rows of loaded nodes
+        self._offset = np.zeros(1 + nb.first_input - self.n)  # constants of the rows of F, a spare row, the rows of loaded nodes
         self._residual, self._jacobian, self._mass = Scatter(), Scatter(), Scatter()
         self._inert = False  #: whether kernels of laws outside of trees depend on accelerations
-        #: kernels of trees: for the motion of loaded nodes, for the rows of the trees, for the derivatives of both
+        #: kernels of trees with loaded nodes (bodies on which other laws act): their motion, the trees' rows, derivatives of both
         self._loaded: tuple[list[Any], Scatter, list[Any]] = ([], Scatter(), [])
         entries = Entries(self.n)
         live = {(row.group, row.instance) for row in rows}
         for g, group in enumerate(model.groups):
             d = group.derived
-            # every row of this joint is satisfied by shared or joint coordinates
+            # idle: a law of this group is left out where shared unknowns or joint coordinates satisfy all of its rows
             idle = d.rows and not (d.forced or getattr(d.law, "penalty", None))
             active = [i for i in range(len(group.instances))
                       if (g, i) not in moved.replaced and not (idle and (g, i) not in live)]  # fmt: skip
@@ -110,10 +112,11 @@ class Assembly:
         return tuple(names)
 
     def row_of(self, target: Target, g: int, i: int) -> int:
-        """Row of F a target belongs to; n (a spare row) for rows left out, above n the rows of loaded nodes."""
+        """Row of F to which the output with this target of instance i in group g is added; n, a spare row that nothing reads,
+        where it is left out; above n the rows of loaded nodes."""
         block, nb = self.spec.rows[target[0]], self.numbering
         if block in ("q", "u"):
-            # a displacement shared by nodes is integrated by the node that owns it
+            # where nodes share a displacement, only the node that has the unknowns has the row q' = u
             own = isinstance(self.model.groups[g].instances[i].law, Element)
             if own and block == "q" and nb.shares(nb.node_of(target, g, i), target[2], "q"):
                 return self.n
@@ -124,7 +127,7 @@ class Assembly:
         return self.n if row is None else nb.start[block] + row
 
     def _row_at(self, block: str, node: Node, component: int) -> int:
-        """Row of F of an entry of a node; for a loaded node a row of its own, n where it has none."""
+        """Row of F of a component of "q" or "u" (block) of a node; a loaded node has rows of its own after n; n: no row."""
         place = self.numbering.node_place(block if node not in self.moved.nodes else "w" + block, node, component)
         if place < self.n:
             return place
@@ -153,12 +156,12 @@ class Assembly:
             self._inert |= any(t[0] == "up" for _, t in plan.jacobian_places)
 
     def _nodal(self, nodes: list[list[Node]], target: Target) -> NDArray[np.intp]:
-        """(elements,) slot of an entry (head, node of the element, i) of every element's nodes."""
+        """(elements,) of every element the slot of the input (head, node of the element, i); nodes: those of every element."""
         head, a, i = target
         return np.array([self.numbering.node_place(head, of_element[a], i) for of_element in nodes], dtype=np.intp)
 
     def _row_on(self, nodes: list[list[Node]], target: Target) -> NDArray[np.intp]:
-        """(elements,) row of F of an equation of motion of every element; for a loaded node a row of its own."""
+        """(elements,) of every element the row of F of the equation of motion ("u", node of the element, i), see `_row_at`."""
         return np.array([self._row_at("u", e[target[1]], target[2]) for e in nodes], dtype=np.intp)
 
     def _add_elements(self, batch: ElementBatch, entries: Entries) -> None:
@@ -194,12 +197,13 @@ class Assembly:
         self._residual.linear(cells[kept] // wide, cells[kept] % wide, sums[kept])
 
     def _columns(self, g: int, active: list[int], targets: list[Target]) -> NDArray[np.intp]:
-        """(instances, targets) slots of unknowns: columns of F_y below n, of F_y' below 2 n, then loaded nodes."""
+        """(instances, targets) slots of unknowns as columns of the Jacobian: of dF/dy below n, of dF/dy' below 2 n, above that
+        the motion of loaded nodes."""
         found = [self.numbering.places(t, g, active) for t in targets]
         return np.stack(found, axis=1) if found else np.zeros((len(active), 0), dtype=np.intp)
 
     def _add_tree(self, plan: TreePlan, trees: list[Tree], entries: Entries) -> None:
-        """Add the kernels of equal trees; where no law outside acts on them they are evaluated like those of any law."""
+        """Add the kernels of trees of one structure. Without loaded nodes they are evaluated like the kernels of any law."""
         nb, moved = self.numbering, self.moved
 
         def slots(targets: Sequence[Any]) -> NDArray[np.intp]:
@@ -244,26 +248,26 @@ class Assembly:
 
     @cached_property
     def sparsity(self) -> Any:
-        """As `System.sparsity`."""
+        """Sparsity pattern of the Jacobian as a CSC matrix (n, n); None where the Jacobian is full."""
         places = np.ones(len(self.columns.rows)), self.columns.rows, self.columns.first
         return sp.csc_matrix(places, shape=(self.n, self.n)) if self.sparse else None
 
     @cached_property
     def pattern(self) -> Places | None:
-        """Sparsity pattern of the Jacobian."""
+        """Sparsity pattern of the Jacobian (n, n), also where `sparse` is False; None where it is full (`has_pattern`)."""
         return Places(self.columns.first, self.columns.rows)
 
     # -- evaluation
 
     @cached_property
     def evaluation(self) -> EquationsOfScene:
-        """The native evaluation, whose parts are compiled when they are first asked for."""
+        """The evaluation of these equations in C; kernels are compiled when they are first needed."""
         made = self.operations()
         made.compile()
         return made
 
     def operations(self) -> EquationsOfScene:
-        """The operations of the native evaluation, to which others may be added before they are compiled."""
+        """The native evaluation before it is compiled, so that a caller can append further operations."""
         made = EquationsOfScene(self.numbering, self._residual, self._offset, self._loaded, self._jacobian, self._pattern,
                                 self._place, self._c)  # fmt: skip
         if not self.numbering.m:
@@ -273,24 +277,25 @@ class Assembly:
         return made
 
     def __getstate__(self) -> dict[str, Any]:
-        """For copies: a copy makes its own tables, because they contain addresses of arrays."""
+        """State for copies and pickles, without the native tables: they contain addresses of arrays, so that a copy makes its
+        own."""
         return {name: value for name, value in self.__dict__.items() if name != "evaluation"}
 
     def motion(self) -> Loaded:
-        """Kernels for the motion of loaded nodes, the slots they read and write."""
+        """Kernels of the motion of loaded nodes (bodies of trees on which other laws act), and the slots they read and write."""
         return self._loaded[0]
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
-        """As `System.residual`."""
+        """out[:] = F(t, y, yp), all arrays (n,)."""
         self.evaluation.residual(t, y, yp, out)
 
     def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
-        """As `System.residual_stages`."""
+        """out[i] = F(t[i], y[i], yp[i]) for s points at once: t (s,), the others (s, n)."""
         self.evaluation.residual_stages(t, y, yp, out)
 
     @cached_property
     def constant_mass(self) -> Any:
-        """(nu, nu) entries of the mass matrix that do not vary; sparse where there are many."""
+        """Mass matrix (nu, nu) of the velocity unknowns, its constant entries only; sparse for many unknowns."""
         nq, nu = self.numbering.nq, self.numbering.nu
         p, n = self._pattern, self.n
         rows, columns = p.fixed_cells % n, p.fixed_cells // n
@@ -304,7 +309,7 @@ class Assembly:
         return M
 
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
-        """As `System.jacobian`."""
+        """out = dF/dy + cj dF/dy': (n, n) where `sparsity` is None, else (nnz,) CSC data."""
         fy, fyp = self.jacobian_values(t, y, yp)
         self._write(fy + cj * fyp, out)
 
@@ -317,7 +322,7 @@ class Assembly:
         out.reshape(-1)[self._dense] = data
 
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        """As `System.jacobian_values`."""
+        """The entries (nnz,) of dF/dy and those of dF/dy', in the order of `pattern`."""
         return self.evaluation.jacobian(t, y, yp)
 
     def dense_jacobian(self, t: float, y: Array, yp: Array) -> Array:
@@ -330,7 +335,7 @@ class Assembly:
         return dense.reshape(2, self.n, self.n)
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        """As `System.jacobian_parts`."""
+        """dF/dy and dF/dy' as two arrays, each (n, n) or (nnz,) as in `jacobian`."""
         fy, fyp = self.jacobian_values(t, y, yp)
         if self.sparse:
             return fy, fyp

@@ -19,9 +19,10 @@ from mbdae.system.motion.states import gap_outputs
 from mbdae.system.motion.workspace import Values
 from mbdae.system.start.contacts import ExpectedContact
 
-#: an impact nearer in time than this many of its durations takes its effective mass from the present position
+#: the effective mass of an impact is calculated at the present position where it is to begin within this many of its durations;
+#: before that the one at the start of the run is used
 NEAR = 10.0
-#: change of position (rad, or part of the scene's length) within which effective masses are not calculated again
+#: change of the positions (rad, or part of the scene's length) up to which effective masses are not calculated again
 SAME = 0.01
 
 States = Callable[[Array, Array], tuple[Array, Array, Array]]  #: times (nt,) and unknowns (nt, n) -> q, u, s of all nodes
@@ -29,8 +30,8 @@ States = Callable[[Array, Array], tuple[Array, Array, Array]]  #: times (nt,) an
 
 @dataclass(frozen=True)
 class ContactPlace:
-    """A place of contact: numbers of its law's group and instance, its name, its law with numbers, and its effective mass at
-    the start (kg or kg m^2)."""
+    """One contact of a scene. place: numbers of its law's group and instance; law: the law with its numbers; mass: effective mass
+    of an impact at the start of the run (kg, or kg m^2)."""
 
     place: Place
     name: str
@@ -38,7 +39,7 @@ class ContactPlace:
     mass: float
 
     def duration(self, speed: float, mass: float | None = None) -> float:
-        """Duration (s) of an impact at a speed, with the mass at the start where none is given."""
+        """Duration (s) of an impact at a speed (m/s or rad/s); mass: effective mass, None: that at the start."""
         return float(self.durations(speed, mass))
 
     def durations(self, speed: Any, mass: float | None = None) -> Any:
@@ -48,7 +49,9 @@ class ContactPlace:
 
 
 class ContactGuards:
-    """Gap, gap rate and duration of an impact at every place of contact."""
+    """The contacts of assembled equations as `System.guards`: a call returns gap, gap rate and duration of an impact of each.
+
+    contacts: those expected before the run, with their effective masses; states: q, u, s of all nodes from the unknowns."""
 
     def __init__(self, system: Assembly, contacts: Sequence[ExpectedContact], mechanics: Mechanics, states: States) -> None:
         gathers, kernels = [], []
@@ -66,7 +69,7 @@ class ContactGuards:
                 self.places += [ContactPlace((g, i), name, instance.law, masses[g, i]) for name in named]
         self._made_of = system.numbering, system.motion(), gathers, kernels
         self._positions = system.numbering.nq
-        # `_at`: positions (nq,) at which `_masses`, by number of the place, were calculated
+        # `_masses`: effective masses by the number of the contact; `_at` (nq,): the positions at which they were calculated
         self._at, self._masses = np.zeros(0), dict[int, float]()
         self._durations: dict[tuple[int, float], Array] = {}
         # the last state and its result, because solvers evaluate the same state twice in a row
@@ -74,15 +77,15 @@ class ContactGuards:
 
     @cached_property
     def _gaps(self) -> Values:
-        """Kernel of the gaps and their rates, compiled when it is first asked for."""
+        """The native program that evaluates all gaps and their rates, compiled when it is first needed."""
         return Values(*self._made_of)
 
     def native(self, numbers: Mapping[str, float]) -> Contacts:
-        """The contacts as tables of the native methods."""
+        """The contacts as a table that the native methods read. numbers: constants of the checks, see `Contacts`."""
         return Contacts(self._gaps, [p.law.with_joints for p in self.places], {**numbers, "near": NEAR})
 
     def hold(self, contacts: Contacts) -> None:
-        """Give the native contacts the durations of impacts as they are known now."""
+        """Update the table of the native methods: the durations of impacts with the effective masses known now."""
         known = np.array([n in self._masses for n in range(len(self.places))])
         found = []
         for n, place in enumerate(self.places):
@@ -93,7 +96,7 @@ class ContactGuards:
         contacts.hold(found, known, self._at, SAME * min(1.0, self._mechanics.model.length))
 
     def memory(self) -> dict[str, Any]:
-        """The effective masses that are known, and the positions they were calculated at."""
+        """The effective masses known now and the positions at which they were calculated, for a run that is continued."""
         return {"at": self._at.copy(), "places": list(self._masses), "masses": list(self._masses.values())}
 
     def remember(self, memory: dict[str, Any]) -> None:
@@ -103,7 +106,7 @@ class ContactGuards:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The name of the contact of every place."""
+        """Names of the contacts."""
         return tuple(place.name for place in self.places)
 
     @property
@@ -117,17 +120,17 @@ class ContactGuards:
         return tuple(place.law.gap_unit for place in self.places)
 
     def __call__(self, t: float, y: Array) -> tuple[Array, Array, Array]:
-        """Gap (m or rad), its rate and the duration (s) of an impact at that rate, (places,) each."""
+        """Gap (m or rad), its rate and the duration (s) of an impact at that rate, (contacts,) each."""
         if self._last is None or self._last[0] != t or not np.array_equal(self._last[1], y):
             self._last = t, y.copy(), self._evaluated(t, y)
         return self._last[2]
 
     def gaps(self, t: float, y: Array) -> Array:
-        """Gaps (places,) alone, without the durations of impacts, which take ten times as long."""
+        """Gaps (contacts,) alone, without the durations of impacts, whose evaluation takes ten times as long."""
         return self.pairs(np.array([t]), y[None])[0, :, 0]
 
     def pairs(self, t: Array, y: Array) -> Array:
-        """Gaps and their rates (k, places, 2) at times (k,) and unknowns y (k, n)."""
+        """Gaps and their rates (k, contacts, 2) at times (k,) and unknowns y (k, n)."""
         return self._gaps.at_states(t, y).reshape(len(t), -1, 2)
 
     def _evaluated(self, t: float, y: Array) -> tuple[Array, Array, Array]:
@@ -141,7 +144,8 @@ class ContactGuards:
         return gap, rate, duration
 
     def _with_present_masses(self, duration: Array, rate: Array, near: Sequence[int], t: float, y: Array) -> None:
-        """Replace the durations of impacts that are near or in progress: effective masses at the present position."""
+        """Replace the durations of the impacts `near` (numbers of contacts), which are about to begin or under way, by those with
+        effective masses at the present positions."""
         moved = np.abs(y[: len(self._at)] - self._at) if len(self._at) else np.array([np.inf])
         if np.max(moved) > SAME * min(1.0, self._mechanics.model.length):
             self._at, self._masses = y[: self._positions].copy(), {}

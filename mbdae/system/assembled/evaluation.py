@@ -1,4 +1,5 @@
-"""The equations of a scene as a native program: kernels, the slots they read, and where their values belong."""
+"""The equations of a scene as a native program: kernels, the slots that they read, and the rows or entries to which their values
+are added."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ from mbdae.system.motion.workspace import Columns, Index, Loaded, Workspace, nar
 
 
 class Scatter:
-    """Terms of F or of its Jacobian: kernels with the places of their values, and linear terms."""
+    """A list of terms of F or of its Jacobian: kernels with the rows (or entries) to which their values are added; linear
+    terms."""
 
     def __init__(self) -> None:
         self.gathers: list[Index] = []
@@ -27,8 +29,9 @@ class Scatter:
         self._linear: list[tuple[Index, Index, Array]] = [(np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0))]
 
     def kernel(self, gather: Index, places: Index, kernel: Any, solved: tuple[Index, Any] | None = None) -> None:
-        """Add a kernel for all instances of a law: slots it reads, rows it adds to (instances, ...). solved, for trees alone: the
-        kernel `TreePlan.rates` of the same rows and the slots it reads."""
+        """Add a kernel for all instances of a law. gather (instances, inputs): slots that it reads; places (instances, outputs):
+        rows to which its values are added. solved, for trees alone: the kernel `TreePlan.rates` of the accelerations in the same
+        rows, and the slots that it reads."""
         if solved is not None:
             self.solved[len(self.kernels)] = solved
         self.gathers.append(gather)
@@ -36,7 +39,7 @@ class Scatter:
         self.kernels.append(kernel)
 
     def linear(self, rows: Index, columns: Index, weights: Array) -> None:
-        """Add terms weight * unknown."""
+        """Add linear terms to rows of F: weights times the unknowns in the slots `columns`."""
         self._linear.append((rows, columns, weights))
 
     @property
@@ -46,8 +49,9 @@ class Scatter:
         return rows, columns, weights
 
     def emit_right(self, part: Operations, first: int, n: int) -> list[tuple[Index, Index, Any]]:
-        """Set n slots from `first` on to minus the terms without y', except those of trees that have a kernel for u'. Returns of
-        these trees the rows, the slots their kernels read, and the kernels."""
+        """Subtract all terms that do not contain y' from the n slots from `first` on, which become right-hand sides, but not
+        those of trees that have a kernel of u'. Returns for these trees the rows, the slots that the kernel reads, and the
+        kernel."""
         for k, (gather, places, kernel) in enumerate(zip(self.gathers, self.places, self.kernels, strict=True)):
             if k not in self.solved:
                 values, own = kernel.emit(part, gather), places < n
@@ -59,7 +63,7 @@ class Scatter:
                 for k, (gather, kernel) in self.solved.items()]  # fmt: skip
 
     def emit(self, part: Operations, first: int) -> None:
-        """Add the values of the kernels to their places, counted from slot `first`."""
+        """Append operations that add the values of the kernels to their rows; row 0 is in slot `first`."""
         for gather, places, kernel in zip(self.gathers, self.places, self.kernels, strict=True):
             part.add(first + places, kernel.emit(part, gather))
 
@@ -67,9 +71,10 @@ class Scatter:
 class EquationsOfScene(Workspace):
     """Residual, Jacobian and, where nothing is constrained, right-hand side of the equations of a scene.
 
-    terms: of F; offset: constants of the rows of F, of a spare one and of rows of loaded nodes; stages: kernels of trees for the
-    motion of loaded nodes, for the rows of the trees and for their derivatives; pattern: what the derivatives `terms_of_jacobian`
-    give; place: where each belongs among the entries, whose constant parts are c (2, entries + 1)."""
+    terms: those of F; offset: constant terms of the rows of F, of a spare row and of rows of loaded nodes; stages: kernels of
+    trees for the motion of loaded nodes, for the rows of the trees and for their derivatives; terms_of_jacobian: kernels of
+    derivatives; pattern: row and column of their values; place: position of each value among the entries of the Jacobian; c
+    (2, nnz + 1): constant parts of the entries of dF/dy and dF/dy', and a spare one."""
 
     def __init__(self, numbering: Numbering, terms: Scatter, offset: Array, stages: tuple[Loaded, Scatter, Any],
                  terms_of_jacobian: Scatter, pattern: Pattern, place: Index, c: Sequence[Array]) -> None:  # fmt: skip
@@ -82,7 +87,7 @@ class EquationsOfScene(Workspace):
         self.jacobian_part = self._jacobian(terms_of_jacobian, pattern, place, c)
         self.rates = operations.slots(self.n)
         self.rates_part: Operations | None = None
-        self._steady: tuple[Operations, slice] | None = None  # operations that factorise a constant mass matrix, and its slots
+        self._steady: tuple[Operations, slice] | None = None  # factorises a constant mass matrix; slots of this
         self._massless = -1  # number of a velocity for which the constant mass matrix is singular, or -1
 
     def _residual(self) -> Operations:
@@ -98,7 +103,7 @@ class EquationsOfScene(Workspace):
 
     def _jacobian(self, terms: Scatter, pattern: Pattern, place: Index, c: Sequence[Array]) -> Operations:
         operations, nnz = self.operations, self.nnz
-        staged = bool(self._stages[0])  # the derivatives of trees need the forces on their bodies
+        staged = bool(self._stages[0])  # then evaluate F first: derivatives of trees need the forces on their bodies
         part = operations.part(self.residual_part) if staged else operations.part()
         none = np.zeros(0, dtype=np.intp)
         emitted = [kernel.emit(part, gather).ravel() for gather, kernel in zip(terms.gathers, terms.kernels, strict=True)]
@@ -114,7 +119,8 @@ class EquationsOfScene(Workspace):
         return part
 
     def _chain(self, part: Operations, to: Index, kernels: Index, trees: Index, pattern: Pattern) -> None:
-        """Products of the trees' derivatives with the derivatives of laws that act on their bodies (chain rule)."""
+        """Append the chain rule: products of derivatives of the trees (`trees`) with derivatives of laws that act on their bodies
+        (`kernels`); to: slots of the entries to which they are added, -1 for none."""
         one = part.constant(np.concatenate([[1.0], pattern.chained]))
         factors = np.concatenate([[one], trees]).astype(np.intp)
         middle = np.concatenate([kernels, one + 1 + np.arange(len(pattern.chained))]).astype(np.intp)
@@ -124,10 +130,11 @@ class EquationsOfScene(Workspace):
         part.multiply(to[kept], at, factors[pattern.right[kept]])
 
     def with_rates(self, mass: Scatter, constant: Any | None, pattern: Columns, light: bool) -> None:
-        """Add y' = f(t, y): F at y' = 0, then a solution with the mass matrix (rows and columns of the velocities).
+        """Add operations for y' = f(t, y): F at y' = 0, then the solution of the equations of motion with the mass matrix.
 
-        constant (nu, nu): its entries that do not vary, mass: kernels of those that vary; constant None: the mass matrix is read
-        from dF/dy', whose entries are those of pattern; light: no law outside of trees has inertia."""
+        constant (nu, nu): entries of the mass matrix that do not vary, mass: kernels of those that vary; constant None: the mass
+        matrix is taken from dF/dy', whose entries have the sparsity pattern `pattern`; light: no law outside of trees has
+        inertia."""
         nb, operations = self.numbering, self.operations
         nu, nq, first = nb.nu, nb.nq, self.rates
         solved = np.sort(np.concatenate([np.zeros(0, np.intp), *(self._terms.places[k].ravel() for k in self._terms.solved)]))
@@ -143,7 +150,8 @@ class EquationsOfScene(Workspace):
         self.rates_part = part
 
     def _rates_of_trees(self) -> None:
-        """Set y' by the kernels of the trees, where every velocity belongs to a tree that has a kernel of its accelerations."""
+        """Add operations for y' by kernels of accelerations (`TreePlan.rates`): for scenes in which every velocity belongs to a
+        tree that has such a kernel."""
         part, first, n = self.operations.part(self.motion), self.rates, self.n
         part.load(first, -self._offset[:n])
         pivots, rows = list[Index](), list[Index]()
@@ -193,7 +201,8 @@ class EquationsOfScene(Workspace):
         part.set(first + nq + np.arange(nu), right + place)
 
     def compile(self) -> None:
-        """Make the workspace; no operations are added afterwards. Its parts are compiled when they are first asked for."""
+        """Allocate the array of the program, after which no operations can be added, and factorise a constant mass matrix.
+        Kernels are compiled when they are first needed."""
         self.finish(self.residual_part, self.jacobian_part, self.rates_part, nnz=self.nnz, rows=self.rows, fy=self.fy,
                     fyp=self.fy + self.nnz, rates_at=self.rates)  # fmt: skip
         self._rows, self._at_rows = self.view(self.rows, self.n)
@@ -224,13 +233,14 @@ class EquationsOfScene(Workspace):
             out[:] = found
 
     def jacobian(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        """dF/dy and dF/dy' as entries (nnz,)."""
+        """The entries (nnz,) of dF/dy and those of dF/dy', in the order of the sparsity pattern."""
         self.make("jacobian")
         self._y[:], self._yp[:] = y, yp
         self._c.scene_jacobian(self.address, t, self._at_y, self._at_yp, self._at_fy, self._at_fyp)
         return self._fy.copy(), self._fyp.copy()
 
     def right_hand_side(self, t: float, y: Array, out: Array) -> int:
-        """out[:] = y'. Returns the number of a velocity without inertia, or -1."""
+        """out[:] = y'. Returns the number of a velocity unknown without inertia, for which y' is not determined; -1: there is
+        none."""
         bad = self.solved(t, y, out)
         return int(self.order[bad]) if bad >= 0 else self._massless

@@ -1,4 +1,4 @@
-"""The options of a form for the assembly of a scene's equations."""
+"""What a form prescribes for the assembly of a scene's equations."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ from mbdae.kernels.plan import Outputs
 
 @dataclass(frozen=True)
 class FormSpec:
-    """The options of a form for the assembly.
+    """What a form prescribes for the assembly of a scene's equations.
 
-    outputs: selects the outputs of every law; rows: to which block of rows each kind of output belongs; blocks: blocks of
-    multipliers in y; derivatives: the multipliers are the derivatives of these unknowns; index: index of each kind of unknown;
-    mixed: stresses of beams are unknowns (kind "z"); waves: elastic vibrations are resolved (velocities are in the error test);
-    loads_only: beams enter with gravity and loads alone; numbers: parameters of the form itself, by name; eliminated: the
-    multipliers are solved for at every state, y = (q, u, s)."""
+    outputs: function that selects the expressions which a law adds to the equations; rows: head of a target -> block of rows of F
+    ("q", "u", "s" or a block of multipliers) to which such an expression is added; blocks: blocks of multipliers in y
+    ("lambda", "mu"); derivatives: whether the multipliers are the time derivatives of these unknowns; index: differentiation
+    index of each kind of unknown; mixed: whether stresses of beams are unknowns (kind "z"); waves: whether elastic vibrations
+    are resolved, so that the error test contains the velocities; loads_only: whether beams enter without elastic forces and
+    inertia, only with gravity and loads; numbers: parameters of the form itself, by name, such as Baumgarte's; eliminated:
+    whether the multipliers are solved for at every state, so that y = (q, u, s)."""
 
     label: str
     outputs: Outputs

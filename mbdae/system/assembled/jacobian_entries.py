@@ -1,4 +1,5 @@
-"""Entries of the Jacobian: places of the values of kernels and of constants; the chain rule for loaded nodes."""
+"""Entries of the Jacobian: row and column of every value of a kernel and of every constant, and the chain rule for loaded nodes
+(bodies moved by joint coordinates, on which laws outside of their tree act)."""
 
 from __future__ import annotations
 
@@ -15,34 +16,38 @@ Index = NDArray[np.intp]
 
 
 class Entries:
-    """Collects entries (row, column) of F_y and F_y'.
+    """Collects entries (row, column) of dF/dy and dF/dy'.
 
-    Rows: below n rows of F, n: left out, above n rows of loaded nodes. Columns: below n those of F_y, below 2 n those of F_y',
-    above that q, u and u' of loaded nodes; -1: left out. An entry of a loaded node is multiplied by derivatives of the tree: its
-    row by the derivatives of F by the node's rows, its column by the derivatives of the node's motion by the unknowns."""
+    Rows: below n those of F; n: left out; above n the forces on loaded nodes. Columns: below n those of dF/dy, below 2 n those of
+    dF/dy', above that q, u and u' of loaded nodes; -1: left out. By the chain rule a derivative of a force on a loaded node is
+    multiplied from the left by the derivatives of F by that force, and a derivative by the motion of a loaded node from the right
+    by the derivatives of that motion by the unknowns; both are values of the kernels of trees."""
 
     def __init__(self, n: int) -> None:
         self.n = n
         none = np.zeros(0, np.intp)
         self._varying: list[tuple[Index, Index]] = [(none, none)]
         self._fixed: list[tuple[Index, Index, Array]] = [(none, none, np.zeros(0))]
-        #: (row, column) of every value of the trees; (n, -1) for a value that is only a factor of products
+        #: (row, column) of every value of the kernels of trees; (n, -1) for a value that only is a factor in the chain rule
         self._tree_cells: list[tuple[int, int]] = []
-        #: row of a loaded node -> every row of F that it enters, with the number of the tree's value that multiplies it there
+        #: row of a loaded node (a force on it) -> rows of F that contain this force, each with the number of its factor among the
+        #: values of the trees' kernels
         self._left: dict[int, list[tuple[int, int]]] = defaultdict(list)
-        #: q, u or u' of a loaded node -> every unknown that it follows from, with the number of that derivative's value
+        #: slot of q, u or u' of a loaded node -> unknowns on which it depends, each with the number of the derivative among the
+        #: values of the trees' kernels
         self._right: dict[int, list[tuple[int, int]]] = defaultdict(list)
 
     def varying(self, rows: Index, columns: Index) -> None:
-        """Add entries whose values a kernel returns, in the order of its outputs."""
+        """Add entries of the Jacobian whose values a kernel of a law returns, in the order of its outputs."""
         self._varying.append((rows.ravel(), columns.ravel()))
 
     def constant(self, rows: Index, columns: Index, values: Array) -> None:
-        """Add entries with constant values."""
+        """Add entries of the Jacobian with constant values."""
         self._fixed.append((rows.ravel(), columns.ravel(), values.ravel()))
 
     def chain(self, piece: Piece, trees: int, slot: Callable[[int, tuple[object, ...]], int]) -> None:
-        """Add the values of a kernel of equal trees; slot(tree, place): slot of a row, of a state or of an input."""
+        """Add the values of a kernel of derivatives for this number of trees of one structure; slot(tree, place): slot of a row,
+        of a node's motion or of an input of the kernel."""
         for tree in range(trees):
             for target, place in piece.targets:
                 factor = len(self._tree_cells)
@@ -56,7 +61,7 @@ class Entries:
                     self._tree_cells[-1] = row, column
 
     def finish(self) -> Pattern:
-        """All entries as a finished pattern."""
+        """All entries collected, with the products of the chain rule, as arrays."""
         n = self.n
         rows, columns = (np.concatenate(parts) for parts in zip(*self._varying, strict=True))
         fixed_rows, fixed_columns, values = (np.concatenate(parts) for parts in zip(*self._fixed, strict=True))
@@ -72,7 +77,8 @@ class Entries:
         )  # fmt: skip
 
     def _products(self, rows: Index, columns: Index) -> list[tuple[int, int, int, int, int]]:
-        """(row, column, left factor, value, right factor) of every product; factor 0 is 1, factor f + 1 value f of the trees."""
+        """Every product of the chain rule as (row, column, left factor, value, right factor): value is the number of an entry of
+        rows and columns; a factor 0 stands for the number 1, a factor f + 1 for value f of the trees."""
         found = []
         for v in np.flatnonzero(((rows > self.n) | (columns >= 2 * self.n)) & (rows != self.n) & (columns >= 0)):
             row, column = int(rows[v]), int(columns[v])
@@ -83,7 +89,9 @@ class Entries:
 
 
 class Pattern:
-    """Finished entries: rows and columns of values of kernels, values of trees, products, and constants."""
+    """The entries of the Jacobian as arrays. cells: number of the matrix entry (see `_cells`) of every value of kernels of laws,
+    then of kernels of trees, then of products left * value * right; dotted: which belong to dF/dy'. fixed_cells, fixed_dotted,
+    fixed: the same of constants, with their values; chained: constants that are values of products."""
 
     def __init__(self, n: int, rows: Index, columns: Index, factors: Index, chained: Array, fixed_rows: Index,
                  fixed_columns: Index, fixed: Array) -> None:  # fmt: skip
@@ -94,5 +102,5 @@ class Pattern:
 
 
 def _cells(n: int, rows: Index, columns: Index) -> Index:
-    """Number column * n + row of every entry; n * n where it is left out."""
+    """The number column * n + row of every entry, in the order of CSC; n * n where it is left out."""
     return np.where((rows >= n) | (columns < 0), n * n, columns % max(n, 1) * n + rows)

@@ -1,4 +1,4 @@
-"""Numbers of laws that can be varied between runs without compiling the equations again."""
+"""Numbers of laws (masses, stiffnesses ...) that can be varied between runs without compiling the equations again."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ REMEDY = "build a scene for every value, and solve them one by one"
 def numbers_of(workspace: Workspace, equations: Assembly, names: Sequence[str]) -> Numbers:
     """Slots of the numbers of laws by these names; "elbow.mass" stands for that number of all laws of the item elbow.
 
-    equations: those of the right-hand side that the workspace evaluates. Raises OptionError where one is not an input of every
-    kernel that depends on it: a number that is 0, 1 or -1 is part of a tree's kernels, others become constants."""
+    workspace: evaluates y' = f(t, y) of `equations`. Raises OptionError where a number is not an input of every kernel that
+    depends on it, because it is compiled in: a number of a tree that is 0, 1 or -1, or one that is part of a constant."""
     reads = frozenset[int]() if workspace.of_rates is None else workspace.of_rates.reads
     slots, of = list[int](), list[int]()
     for k, name in enumerate(names):
@@ -33,7 +33,7 @@ def numbers_of(workspace: Workspace, equations: Assembly, names: Sequence[str]) 
 
 
 def _slots(equations: Assembly, name: str) -> list[int]:
-    """Slots of the number of an item's laws by its name, "item.number"."""
+    """Slots of a number by its name "item.number", one for every law of the item that has it."""
     found = [(why, slot) for known, why, slot in _numbers(equations) if known == name]
     if not found:
         offered = sorted({known for known, why, _ in _numbers(equations) if not why})

@@ -1,4 +1,4 @@
-"""Values of expressions of sensors at states of any form, by the same statements that feed loads."""
+"""Values of expressions of sensors at given states, evaluated by the same code by which loads read sensors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from mbdae.system.model.moved_bodies import MovedBodies
 
 
 class Observer:
-    """Expressions of sensors and of time, (count,), at times t (k,) and unknowns y (k, n) of any form: values (k, count)."""
+    """Evaluates expressions of sensors and of time: a call with times t (k,) and unknowns y (k, n) of any form returns their
+    values (k, number of expressions)."""
 
     def __init__(self, model: Model, moved: MovedBodies, expressions: Sequence[Expr]) -> None:
         self.model, self.moved = model, moved
@@ -35,7 +36,8 @@ class Observer:
 
     @cached_property
     def _values(self) -> tuple[Callable[[Array, Array], Array], Any]:
-        """The function that evaluates the kernels, compiled when it is first asked for, and the order of its values."""
+        """The function that evaluates all expressions, compiled when it is first needed, and the column of every expression in
+        its result, which is in the order of kernels."""
         model = self._extended
         chosen = [(g, list(range(len(model.groups[g].instances)))) for g in self._numbers.values()]
         counts = dict(zip(self._numbers, np.cumsum([0, *(len(active) for _, active in chosen)])[:-1], strict=True))

@@ -1,4 +1,5 @@
-"""The equations of a scene whose trees are evaluated joint by joint: y' = f(t, y), or F = 0 beside constraints."""
+"""The equations of a scene whose trees are evaluated joint by joint by the articulated-body recursion: y' = f(t, y) without
+further constraints, F(t, y, y') = 0 with them."""
 
 from __future__ import annotations
 
@@ -26,11 +27,12 @@ Inertia = dict[tuple[int, int], float]
 
 
 class OrderedEquations(Workspace):
-    """The equations of a scene whose trees are evaluated joint by joint: motion of loaded bodies, laws on them, the three passes.
+    """The equations of a scene whose trees are evaluated joint by joint: outwards the motion of the bodies, then the laws outside
+    of the trees, inwards the sums of inertia and forces, outwards the accelerations.
 
-    terms: of F, by laws outside of the trees; offset: constants of the rows of F, of a spare one and of rows of loaded nodes;
-    inertia: entries of the mass matrix by laws outside of the trees, by row and column. `part` leaves its result in n slots from
-    `result` on."""
+    terms: of F, by laws outside of the trees; offset: constant terms of the rows of F, of a spare row and of rows of loaded
+    nodes; inertia: (row, column) -> entry of the mass matrix by laws outside of the trees. The operations `part` write their
+    result into n slots from `result` on."""
 
     result: int
 
@@ -56,11 +58,13 @@ class OrderedEquations(Workspace):
             tree.write_motion(part, at, lambda j, head, i, of=place: self.numbering.node_place(head, of(j), i), heads)  # type: ignore[misc]
 
     def _row(self, tree: OrderedTree, role: str, j: int, i: int) -> int:
-        """Slot of a row of a loaded node, `role` "wq" or "wu"."""
+        """Slot of what laws outside of the tree add to component i of body j, a loaded node: role "wu" its equations of motion,
+        "wq" the rates of its positions."""
         return self.F + self.numbering.node_place(role, tree.tree.node(j), i) - self.n + 1
 
     def _laws(self, part: Operations, offset: Array, kept: Any) -> None:
-        """Rows of F by laws outside of the trees; kept: which of the linear terms (rows, columns) count."""
+        """Append the rows of F by laws outside of the trees; kept: function (rows, columns) of the linear terms that selects
+        those to be added."""
         part.load(self.F, offset)
         self._terms.emit(part, self.F)
         rows, columns, weights = self._terms.linear_terms
@@ -68,7 +72,8 @@ class OrderedEquations(Workspace):
         part.add(self.F + rows[some], columns[some], weights[some])
 
     def _passes(self, part: Operations, force: int, rates: int) -> None:
-        """Second rates of the trees' coordinates (slots `rates`) from the forces on them (slots `force`)."""
+        """Append the inward and outward passes, which compute the second rates of the trees' coordinates (slots from `rates` on)
+        from the forces on them (slots from `force` on) and on their bodies."""
         pivots: list[tuple[int, int]] = []
         for tree, at in self._trees:
             tree.loads(part, at, lambda j, i, of=tree: self._row(of, "wu", j, i))  # type: ignore[misc]
@@ -79,13 +84,13 @@ class OrderedEquations(Workspace):
             tree.accelerations(part, lambda k: rates + k)
 
     def ready(self, **parts: Any) -> None:
-        """Make the workspace; no operations are added afterwards."""
+        """Allocate the array of the program; no operations can be added afterwards."""
         self.finish(**parts)
         self._c = core()
 
     @cached_property
     def _changes(self) -> Part:
-        """The operations of the derivative, compiled when they are first asked for."""
+        """The operations that compute the derivative along a direction, compiled when they are first needed."""
         part = self.change.part
         if part.widest >= len(self._x):
             self._x = np.zeros(part.widest + 1)
@@ -95,7 +100,8 @@ class OrderedEquations(Workspace):
         return table
 
     def derivatives(self, t: float, first: int, directions: Array) -> Array:
-        """(k, n) changes of the result for changes (k, m) of the slots from `first` on, at the state evaluated last."""
+        """Derivatives (k, n) of the result along k directions (k, m) in the m slots from `first` on, at the state evaluated
+        last."""
         changes, by = ctypes.byref(self._changes), self.change.distance
         seeds, found = self.W[by + first : by + first + directions.shape[1]], self.W[by + self.result : by + self.result + self.n]
         out, yp = np.empty((len(directions), self.n)), self.view(self.n, self.n)[1]
@@ -108,7 +114,7 @@ class OrderedEquations(Workspace):
 
 
 class OrderedRates(OrderedEquations):
-    """y' of a scene without constraints."""
+    """y' = f(t, y) of a scene without constraints besides the joints of its trees."""
 
     def _equations(self, part: Operations, offset: Array) -> None:
         nb, n = self.numbering, self.n
@@ -123,26 +129,27 @@ class OrderedRates(OrderedEquations):
         solve_alone(part, self._inertia, lambda k: first + k, sorted(set(range(nb.nu)) - set(self.order.tolist())))
 
     def compile(self) -> None:
-        """Make the workspace and the table that C reads."""
+        """Allocate the array of the program and make the table by which C calls y' = f(t, y)."""
         self.ready(rates=self.part, rates_at=self.rates)
         table = Table(self.address, self.n, 0, None, None, address_of("scene_rates"), None)
         self.equations = Equations(table, self, make=self.make)
 
     def products(self, t: float, y: Array, directions: Array) -> Array:
-        """(k, n) changes of y' for changes of y in directions (k, n)."""
+        """Products (k, n) of dy'/dy with k directions (k, n) in y."""
         self.solved(t, y, np.empty(self.n))
         return self.derivatives(t, 0, directions)
 
     def right_hand_side(self, t: float, y: Array, out: Array) -> int:
-        """out[:] = y'; the number of a velocity without inertia, or -1."""
+        """out[:] = y'. Returns the number of a velocity unknown without inertia, so that y' is not determined; -1 for none."""
         bad = self.solved(t, y, out)
         return int(self.order[bad]) if 0 <= bad < len(self.order) else -1
 
 
 class OrderedResidual(OrderedEquations):
-    """F(t, y, y') beside constraints: rows of the trees' velocities are u' less its value by the passes, others as usual."""
+    """F(t, y, y') where constraint rows remain. In the rows of the trees' velocities F is u' less the accelerations that the
+    passes give; other rows are as in `Assembly`."""
 
-    equations = None  #: C has no table of these equations and calls them by Python, because their Jacobian is full
+    equations = None  #: no table for C, because the Jacobian is full: native methods evaluate the equations by Python callbacks
 
     def _equations(self, part: Operations, offset: Array) -> None:
         nb, n = self.numbering, self.n
@@ -155,7 +162,7 @@ class OrderedResidual(OrderedEquations):
         force, rates = part.zeros(nb.nu), part.slots(nb.nu)
         part.add(force + np.arange(nb.nu), self.F + nb.nq + np.arange(nb.nu), -1.0)
         alone = set(own.tolist())
-        for (a, b), m in self._inertia.items():  # the passes contain the inertia of all other unknowns
+        for (a, b), m in self._inertia.items():  # on the trees' own velocities only; the passes contain that of their bodies
             if a in alone:
                 part.add([force + a], [dotted + b], m)
         self._correct(part)
@@ -165,7 +172,8 @@ class OrderedResidual(OrderedEquations):
         self.result = self.F
 
     def _correct(self, part: Operations) -> None:
-        """Corrections of the rates of positions on loaded bodies, along the freedoms of their trees."""
+        """Append corrections G^T mu of the rates of positions (form GGL) that laws on loaded bodies cause, projected on the
+        freedoms of their trees and added to the rows of q'."""
         nb = self.numbering
         by_velocity = part.zeros(nb.nu)
         for tree, at in self._trees:
@@ -181,7 +189,7 @@ class OrderedResidual(OrderedEquations):
                     part.add(self.F + q + n + np.arange(4), quaternion_rate().emit(part, gather[None])[0])
 
     def compile(self) -> None:
-        """Make the workspace and the table that C reads."""
+        """Allocate the array of the program, whose results are the rows of F; no operations can be added afterwards."""
         self.ready(residual=self.part, rows=self.F)
         self._rows, self._at_rows = self.view(self.F, self.n)
 
@@ -217,7 +225,7 @@ class OrderedAssembly(Assembly):
 
     @cached_property
     def constant_mass(self) -> Array:
-        """As `Assembly.constant_mass`."""
+        """Mass matrix (nu, nu) by the laws outside of the trees; the inertia of trees is in the passes alone."""
         M = np.zeros((self.numbering.nu,) * 2)
         for place, m in self._inertia.items():
             M[place] = m
@@ -229,7 +237,7 @@ class OrderedAssembly(Assembly):
         return not self.numbering.m
 
     def operations(self) -> Any:
-        """As `Assembly.operations`."""
+        """The native evaluation before it is compiled: of y' = f(t, y) without constraints, else of F(t, y, y')."""
         kind = OrderedRates if self.explicit else OrderedResidual
         return kind(self.numbering, self.moved, self._residual, self._offset, self._inertia)
 
@@ -249,7 +257,7 @@ class OrderedAssembly(Assembly):
         return self.products(t, y, np.eye(self.n)).T
 
     def products(self, t: float, y: Array, directions: Array) -> Array:
-        """(k, n) changes of y' for changes of y in directions (k, n)."""
+        """Products (k, n) of dy'/dy with k directions (k, n) in y."""
         found: Any = self.evaluation
         return np.asarray(found.products(t, y, directions))
 
@@ -269,5 +277,6 @@ class OrderedAssembly(Assembly):
 
 
 def assembly_of(moved: MovedBodies) -> type[Assembly]:
-    """The class of assembly for the trees of a scene: joint by joint, or by kernels of whole trees."""
+    """The class of assembly for a scene: `OrderedAssembly` where its trees are evaluated joint by joint, else `Assembly`, with
+    kernels of whole trees."""
     return OrderedAssembly if moved.ordered else Assembly

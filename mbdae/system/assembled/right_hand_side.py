@@ -1,4 +1,4 @@
-"""The equations solved for y', or as their parts M, f, g and G, for methods that need these."""
+"""The equations solved for y', or as their parts M, f, g and G, for methods of integration that need these instead of F."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ class Partition(NamedTuple):
 
 
 def partition_of(mechanics: Mechanics, all_bodies: AllBodies) -> Partition:
-    """The parts of a scene's equations of motion, for methods of second order."""
+    """The parts of a scene's equations of motion, for methods that integrate equations of second order, such as
+    generalised-alpha."""
     if all_bodies.moved.trees and not mechanics.model.lines:
         return _reduced_partition(mechanics, all_bodies)
 
@@ -58,7 +59,7 @@ def _reduced_partition(mechanics: Mechanics, all_bodies: AllBodies) -> Partition
     full = Mechanics(mechanics.model, left)
 
     def at(t: float, q: Array, u: Array | None = None) -> tuple[Array, Array, Array, Array]:
-        """t (1,), q and u of all nodes, and the velocity map T."""
+        """t (1,), q and u of all nodes, and T, the derivatives of all velocities by those of the unknowns."""
         times, u = np.array([t]), np.zeros(all_bodies.nu) if u is None else u
         all_q, all_u = all_bodies.states(times, np.r_[q, u][None])
         return times, all_q, all_u, all_bodies.velocity_map(all_bodies.workspace(times, q[None], u[None]))[0]
@@ -90,7 +91,7 @@ def state_rate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def state_rates(mechanics: Mechanics, t: float, q: Array, u: Array, s: Array) -> Array:
-    """s' (ns,) of the internal states."""
+    """The rates s' (ns,) of the internal states of laws, at one state t, q (nq,), u (nu,), s (ns,)."""
     return np.asarray(mechanics.of_states(state_rate_outputs, np.array([t]), q[None], u[None], s[None])[0])
 
 
@@ -107,18 +108,18 @@ class Rates:
         self._Y, self._Yp, self._R = np.zeros((3, full.n))
 
     def point(self, y: Array, yp: Array) -> None:
-        """Set the unknowns of the full equations to y, y' and the present multipliers."""
+        """Set the state at which the full equations are evaluated next: y, y' (yp), and the multipliers found last."""
         self._Y[: self.n], self._Y[self.n :], self._Yp[: self.n] = y, self.multipliers, yp
 
     def matrices(self, t: float, y: Array, yp: Array) -> tuple[sp.csc_matrix, sp.csc_matrix]:
-        """Derivatives of F by (y', lambda) and by y, at the present multipliers."""
+        """Derivatives of F by (y', lambda) and by y, at the multipliers found last."""
         self.point(y, yp)
         by_parts = self.full.jacobian_parts if self.full.pattern is None else self.full.jacobian_values
         fy, fyp = by_parts(t, self._Y, self._Yp)
         return self._matrix(np.where(self._rate, fyp, fy)), self._matrix(fy)[:, : self.n]
 
     def shares(self, t: float, y: Array) -> Array:
-        """(m,) independent part of every constraint row, squared, over the squared length of the row."""
+        """(m,) of every constraint row: the squared part that is independent of the other rows, over the row's squared length."""
         nb, (by_rates, _) = self.full.numbering, self.matrices(t, y, np.zeros(self.n))
         return row_shares(by_rates[self.n :, nb.nq : nb.nq + nb.nu].toarray())
 
@@ -129,8 +130,8 @@ class Rates:
         return sp.csc_matrix((data, pattern.indices, pattern.indptr), shape=pattern.shape)
 
     def solve(self, t: float, y: Array, out: Array) -> None:
-        """out[:] = y'; where the equations are not linear, the multipliers are kept as the start of the next solution. After a
-        trial that went too far they are large, and beginning from them would lose the digits of all that follows."""
+        """out[:] = y'. Where the equations are not linear in the multipliers, those found last are the starting values; after a
+        failed solution they are set to 0, because starting values far too large would spoil the next solutions by round-off."""
         if self.linear:
             self.multipliers[:] = 0.0
         try:
@@ -145,7 +146,7 @@ class Rates:
             matrix, _ = self.matrices(t, y, out)
             solve = factorised(matrix, self.full, t)
             step = self._corrected(t, out, solve)
-            if self.linear:  # a second correction by the same factors recovers the digits that the first solution lost
+            if self.linear:  # a second correction with the same factors is an iterative refinement of the first one
                 self.point(y, out)
                 self._corrected(t, out, solve)
                 return
@@ -155,7 +156,8 @@ class Rates:
                           f"coefficient in a joint whose friction follows from its reaction", t)  # fmt: skip
 
     def _corrected(self, t: float, out: Array, solve: Callable[[Array], Array]) -> Array:
-        """Correct y' and the multipliers by the residual at the point that is set; returns the correction with opposite sign."""
+        """One step of Newton's method from the point set by `point`: subtracts the step from y' (out) and the multipliers, and
+        returns it."""
         self.full.residual(t, self._Y, self._Yp, self._R)
         step = solve(self._R)
         out -= step[: self.n]

@@ -1,4 +1,5 @@
-"""Arguments of functions in laws that switch or vary within a narrow range, from the unknowns of any form."""
+"""Arguments u of functions in laws that switch where u changes its sign, or that vary only within a narrow range of u, as
+functions of the unknowns of any form: solvers watch them so that no step passes such a change unnoticed."""
 
 from __future__ import annotations
 
@@ -35,20 +36,22 @@ def switches_of_model(model: Model, moved: MovedBodies) -> Switches | None:
 
 
 def _weight(instance: Instance, stated: Expr) -> float:
-    """|exponent| of a power, with the numbers of an instance; 1 for an exponent that varies and for all other functions."""
+    """Weight of an argument, see `Switches`: |exponent| of a power, with the numbers of this instance inserted; 1 for an exponent
+    that varies, and for all other functions, where `stated` is 1."""
     exponent = stated.subs(dict(instance.numbers))
     return 1.0 if exponent.free_symbols else abs(float(exponent))
 
 
 class _Arguments:
-    """(t (k,), y (k, n)) -> arguments (k, na): the kernels of all watched laws, after the motion of bodies moved by joints."""
+    """The function (t (k,), y (k, n)) -> arguments (k, na) of all watched laws. watched: numbers of groups, each with the numbers
+    of its instances."""
 
     def __init__(self, model: Model, moved: MovedBodies, watched: list[tuple[int, list[int]]]) -> None:
         self.model, self.moved, self.watched = model, moved, watched
 
     @cached_property
     def _values(self) -> Callable[[Array, Array], Array]:
-        """The kernels of all arguments, compiled when they are first asked for."""
+        """The function that evaluates all arguments; its kernels are compiled when it is first needed."""
         return values_at_states(self.model, self.moved, self.watched, switch_outputs)
 
     def __call__(self, t: Array, y: Array) -> Array:
@@ -57,8 +60,9 @@ class _Arguments:
 
 def values_at_states(model: Model, moved: MovedBodies, watched: list[tuple[int, list[int]]],
                      outputs: Any) -> Callable[[Array, Array], Array]:  # fmt: skip
-    """The function (t (k,), y (k, n) of any form) -> outputs (k, no) of the watched laws: numbers of groups and instances. Where
-    the laws read bodies that joints move, their motion is evaluated first: by kernels of whole trees, or joint by joint."""
+    """The function (t (k,), y (k, n) of any form) -> outputs (k, no) of the watched laws. watched: numbers of groups, each with
+    the numbers of its instances; outputs: selects outputs of a law. Where the laws read bodies that recursive joints move, the
+    motion of these is evaluated first."""
     needed = {node for g, active in watched for i in active for node in model.groups[g].instances[i].nodes if node}
     carried = bool(needed & set(moved.nodes))
     bodies = OrderedBodies(model, moved) if carried and moved.ordered else None
@@ -81,7 +85,8 @@ def values_at_states(model: Model, moved: MovedBodies, watched: list[tuple[int, 
 
 
 def motion_of_all(moved: MovedBodies, nb: Numbering) -> Loaded:
-    """Kernels of the motion of every node moved by joint coordinates, with slots where the laws read it."""
+    """Kernels of the motion of every node that joint coordinates move, each with the slots that it reads and those of its values,
+    from which the laws read the motion."""
     pieces = []
     for p, trees in moved.plans():
         piece = p.motion_of_all

@@ -28,14 +28,15 @@ if TYPE_CHECKING:
 
 
 class Meshed(NamedTuple):
-    """A beam's mesh and its nodes as bodies."""
+    """A beam's mesh and its nodes as bodies (stations), to which items of the scene can be attached."""
 
     mesh: LineMesh
     stations: list[Station]
 
 
 def meshed(scene: SceneData, planar: bool = False) -> tuple[dict[Beam, Meshed], dict[tuple[str, str], Body]]:
-    """Meshes of all beams, with nodes where something attaches, and the station (node) of every (item, side) on a beam."""
+    """Meshes of all beams, with nodes where items of the scene attach; and (item, side) on a beam -> the station (node as a body)
+    to which it is attached."""
     wanted: dict[Beam, list[tuple[str, str, float, Array]]] = {b: [] for b in scene.bodies if isinstance(b, Beam)}
     for c in scene.connections:
         for side, body in (("k", c.k), ("l", c.l)):
@@ -73,7 +74,8 @@ def _give_welded_nodes_equal_axes(scene: SceneData, meshes: dict[Beam, LineMesh]
 
 
 def _stations(beam: Beam, mesh: LineMesh, planar: bool) -> list[Station]:
-    """The nodes of a mesh as bodies. In the plane their axes are x along the beam and z, whatever the section's axes are."""
+    """The nodes of a mesh as bodies, in their order. In a planar model their x axis is along the beam and z normal to the plane,
+    whichever axis of the section is normal to it."""
     half, none = mesh.headings / 2, np.zeros(len(mesh.headings))
     P = np.column_stack([np.cos(half), none, none, np.sin(half)]) if planar else mesh.quaternions
     zero, R = np.zeros((3, 3)), rotation_matrices(P)
@@ -84,8 +86,8 @@ def _stations(beam: Beam, mesh: LineMesh, planar: bool) -> list[Station]:
 
 
 def drawn_quaternion(body: Body | None) -> Array:
-    """Quaternion (4,) of a body's axes as drawn (None: the ground). A node of a beam keeps the sign given by its mesh, because
-    quaternions that are interpolated along an element must not change sign."""
+    """Quaternion (4,) of a body's axes as drawn (None: the ground). P and -P are the same rotation: for a node of a beam the sign
+    is that of its mesh, because quaternions that are interpolated along an element must not change sign between nodes."""
     if isinstance(body, Station):
         return body.quaternion
     return quaternion(body.drawn.rotation) if body is not None else np.eye(4)[0]
@@ -113,12 +115,13 @@ class Line:
 
     @cached_property
     def blocks(self) -> Array:
-        """Consistent mass matrix of every element."""
+        """Consistent mass matrices (elements, (p + 1) nu, (p + 1) nu) of all elements, see `mass_blocks`."""
         return mass_blocks(self.mesh, self.numbers, self.kind)
 
     @cached_property
     def loads(self) -> list[tuple[ElementKernel, dict[str, Any]]]:
-        """Kernels of follower loads and loads that depend on time, with the prescribed inputs of each."""
+        """Kernels of the follower loads and of the loads that depend on time, each with its components that do: name -> function
+        of time."""
         out: list[tuple[ElementKernel, dict[str, Any]]] = []
         for load in self._loads:
             values = {name: getattr(load.law, name) for name in load.law.params if getattr(load.law, name) is not None}
@@ -129,7 +132,8 @@ class Line:
 
     @cached_property
     def dead(self) -> Array:
-        """(elements, p + 1, nu) constant forces on the nodes of every element: gravity and dead loads."""
+        """Constant forces (elements, p + 1, nu) on the nodes of every element: gravity and dead loads (of constant direction and
+        value)."""
         per_length = self.gravity.copy()
         for load in self._loads:
             values = [getattr(load.law, f"f{i}") or 0.0 for i in (1, 2, 3)]
@@ -142,7 +146,7 @@ class Line:
 
     @property
     def timed(self) -> dict[str, Any]:
-        """Every prescribed value, by "number of the load.name"."""
+        """Functions of time in the loads, by keys such as "0.f2": number of the kernel in `loads`, name of the component."""
         return {f"{n}.{name}": v for n, (_, timed) in enumerate(self.loads) for name, v in timed.items()}
 
     @property
@@ -152,19 +156,22 @@ class Line:
         return [f"{self.beam.name}.{name} in element {e + 1}" for e in range(len(self.mesh.elements)) for name in names]
 
     def places(self, head: str) -> NDArray[np.intp]:
-        """(elements, p + 1, size) numbers of every element's q or u (head) among all q or u of the model."""
+        """(elements, p + 1, size) positions of the q (head "q") or u ("u") of every element's nodes among all q or u of the
+        model."""
         first = np.array([n.q if head == "q" else n.u for n in self.nodes], dtype=np.intp)
         return np.asarray(first[self.mesh.elements][:, :, None] + np.arange(self.kind.sizes[0 if head == "q" else 1]))
 
     @property
     def mass(self) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
-        """Values, rows and columns of the mass matrix of all elements, in the numbering of all u; duplicates are to be summed."""
+        """Values, rows and columns of the mass matrices of all elements, in the numbering of all u. Entries of shared nodes occur
+        several times and have to be summed."""
         at = self.places("u").reshape(len(self.blocks), -1)
         rows, columns = np.broadcast_arrays(at[:, :, None], at[:, None, :])
         return self.blocks.ravel(), rows.ravel(), columns.ravel()
 
     def stiffness(self, q: Array) -> Array:
-        """(elements, k, k) derivatives of the internal forces of every element by displacements of its nodes, at q (nq,)."""
+        """Stiffness matrices (elements, (p + 1) nu, (p + 1) nu) at q (nq,): derivatives of every element's internal forces by
+        virtual displacements of its nodes."""
         kernel, u = self.displacement, np.zeros((1, 1 + max(node.u + node.kind.sizes[1] for node in self.nodes)))
         x = nodal_inputs(kernel, [self], q[None], u, np.zeros((1, 0)))
         nodes, count = kernel.nodes, kernel.nodes.count
@@ -173,21 +180,21 @@ class Line:
         return np.asarray(nodes.velocity_columns(by_position, at).transpose(2, 0, 1))
 
     def fastest_vibration(self, q: Array) -> float:
-        """Upper bound of the angular frequencies of all modes at q (nq,), rad/s: the largest frequency of a single free element;
-        infinite where a strain is rigid."""
+        """Upper bound of the angular frequencies of all modes of the beam at q (nq,), rad/s: the largest one of its elements,
+        each taken alone and free. Infinite where the section has a rigid strain."""
         if self.beam.section.rigid:
             return float("inf")
         return float(np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(self.blocks, self.stiffness(q)))))))
 
     def energy(self, q: Array, u: Array) -> tuple[Array, Array]:
-        """Elastic energy (nt,), J, and dissipated power (nt,), W, from the strains."""
+        """Elastic energy (nt,), J, and dissipated power (nt,), W, from the strains at q (nt, nq), u (nt, nu) of all nodes."""
         kernel = self.displacement
         x = nodal_inputs(kernel, [self], q, u, np.zeros((len(q), 0)))
         found = kernel.at_points(x, [kernel.derived.energy, kernel.derived.dissipated])
         return tuple(found.reshape(len(q), -1, 2).sum(axis=1).T)
 
     def stored(self, q: Array, u: Array, z: Array) -> Array:
-        """Elastic energy (nt,), J, from the stresses z (nt, number of them): compliance stress^2 / 2."""
+        """Elastic energy (nt,), J, from the stress unknowns z (nt, nz): integral of compliance stress^2 / 2 along the beam."""
         kernel = self.mixed
         terms = [se.Symbol(f"compliance_{n}") * se.Symbol(n) ** 2 / 2 for n in kernel.derived.stresses]
         x = nodal_inputs(kernel, [self], q, u, np.zeros((len(q), 0)))
@@ -213,7 +220,8 @@ class Line:
 
 
 def nodal_inputs(kernel: ElementKernel, lines: list[Line], q: Array, u: Array, timed: Array) -> Array:
-    """(nt * elements, inputs) from q (nt, nq), u (nt, nu) of all nodes and prescribed inputs (nt, timed)."""
+    """Inputs (nt * elements, inputs) of an element kernel over some beams, from q (nt, nq), u (nt, nu) of all nodes and its
+    inputs that are prescribed in time, timed (nt, number of these); without stresses."""
     at = {head: np.concatenate([line.places(head) for line in lines]) for head in ("q", "u")}
     columns = [(q if t[0] == "q" else u)[:, at[t[0]][:, t[1], t[2]]] for t in kernel.inputs if t[0] in "qu"]
     columns += [np.repeat(column[:, None], len(at["q"]), axis=1) for column in timed.T]
@@ -223,9 +231,10 @@ def nodal_inputs(kernel: ElementKernel, lines: list[Line], q: Array, u: Array, t
 
 @dataclass(frozen=True, eq=False)
 class ElementBatch:
-    """A kernel for elements of one or several beams, with the nodes of every element.
+    """A kernel for the elements of one or several beams, with the nodes of every element.
 
-    stresses: (elements, z per element) numbers among all stress unknowns; timed: line and name of every prescribed input."""
+    stresses: (elements, stresses per element) numbers of its stresses among all stress unknowns; timed: of every input that is
+    prescribed in time, the number of the beam and its key in `Line.timed`."""
 
     kernel: ElementKernel
     lines: list[Line]
@@ -240,7 +249,8 @@ class ElementBatch:
 
 
 def batches(lines: list[Line], mixed: bool) -> list[ElementBatch]:
-    """The kernels of all beams: internal forces, equal laws in one kernel, gyroscopic moments, loads."""
+    """The kernels of all beams: internal forces (of beams with equal laws in one kernel), gyroscopic moments, and loads. mixed:
+    whether stresses are unknowns."""
     groups: dict[Any, list[tuple[Line, LineKernel, NDArray[np.intp]]]] = {}
     first = 0
     for line in lines:

@@ -1,4 +1,5 @@
-"""The clock of a scene: evaluates what is prescribed in time, by lookups in tables and one kernel of all expressions."""
+"""The clock of a scene: it evaluates everything that is prescribed as a function of time, by reading tables and by one kernel for
+all expressions."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ from mbdae.system.base import Array
 
 
 class Clock:
-    """Evaluates `expressions` of the time and of the time at which conditions are read (`timed.sided`)."""
+    """Evaluates `expressions` of two times: the time itself, and the one at which conditions such as t < 1 are evaluated
+    (`timed.sided`), so that a step that ends at a switch stays on one side of it."""
 
     def __init__(self, expressions: tuple[Expr, ...]) -> None:
         self.expressions = expressions
@@ -22,12 +24,12 @@ class Clock:
         self._kernel = Kernel([timed.TIME, timed.SIDE, *self._split.symbols], self._split.expressions)
 
     def values(self, inputs: Array) -> Array:
-        """Values (k, expressions) at (time, time of conditions) (k, 2)."""
+        """Values (k, expressions) at inputs (k, 2): time, and time at which conditions are evaluated."""
         return self._kernel.values(self._split.with_lookups(inputs))
 
     def emit(self, part: Operations, at: int, first: int) -> None:
-        """Append the clock to a native program: values from slot `first` on; slot `at` has the time, the next one the time of
-        conditions."""
+        """Append the clock to a native program. It writes its values into the slots from `first` on; slot `at` holds the time,
+        the next one the time at which conditions are evaluated."""
         read: dict[tuple[str, float, float, int], int] = {}
         slots = [at, at + 1]
         for (table, order), a, b, column in self._split.readings:

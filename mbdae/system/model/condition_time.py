@@ -1,4 +1,4 @@
-"""The time at which conditions of inputs are read inside a run."""
+"""The time at which conditions of inputs, such as t < 1, are evaluated inside a run."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ import numpy as np
 
 
 class ConditionTime:
-    """Time at which conditions of inputs (t < 1 and the like) are evaluated: `time`, inside the part of a run between two breaks;
-    None: just after the time of every evaluation, but before `end`, the end of the run."""
+    """The time at which conditions of inputs, such as t < 1, are evaluated. `time`: a fixed one within the present part of a run
+    between two breaks, so that a condition does not change at the end of a step; None: just after the time at which the equations
+    are evaluated, but before `end`, the end of the run."""
 
     def __init__(self) -> None:
-        self.read = np.array([nan, inf])  #: (time, end) as the native evaluation reads them; NaN where time is None
+        self.read = np.array([nan, inf])  #: (time, end), s, an array whose address the native evaluation holds; NaN: time is None
 
     @property
     def time(self) -> float | None:

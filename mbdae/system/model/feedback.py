@@ -1,7 +1,8 @@
-"""Feedback in a model: what the sensors in the parameters of a law read, as frames, nodes, numbers and values in time.
+"""Feedback in a model: parameters of laws that are expressions of sensors.
 
-An expression of sensors is brought into a form that laws with other numbers share: readings, signals, numbers and whatever
-depends on time alone become symbols of their own.
+Such an expression is brought into a form that equal laws with other numbers share: every sensor that it reads, every signal,
+every number and every part that depends on time alone is replaced by a symbol. The frames and nodes that the sensors read are
+added to those of the law.
 """
 
 from __future__ import annotations
@@ -30,14 +31,15 @@ from mbdae.system.model.nodes import Node
 from mbdae.system.model.sides import sides_of
 from mbdae.values import BadValueError
 
-AT = 1e-9  #: largest distance of a sensor from a node, relative to the length of the beam
+AT = 1e-9  #: largest distance between a sensor on a beam and the node that it reads, relative to the length of the beam
 HALF = se.Rational(1, 2)
 
 
 @dataclass(frozen=True)
 class Scenery:
-    """The nodes of a model by which sensors are found: nodes of bodies and of joint coordinates, meshes of beams, the body an
-    item is attached to, and the law of a joint."""
+    """Where sensors are found in a model. by_body, by_coordinate: the node of a body, and of a coordinate (joint, name) that is
+    an unknown; meshes: those of beams; attached: the station to which (item, side) is attached on a beam; law_of: the law of a
+    joint in this model."""
 
     scene: Any
     planar: bool
@@ -50,8 +52,9 @@ class Scenery:
 
 @dataclass
 class Fed:
-    """The feeds of one law: names with their expressions; readings of sensors, with the kinds, nodes and numbers of their
-    frames; numbers; values in time; names of the states of other laws."""
+    """The parameters of one law that are expressions of sensors. names: parameters and signals with their expressions; readings:
+    the sensors in them; sides, nodes, frames: kinds, nodes and numbers of the frames that the sensors read; numbers, timed:
+    numbers and functions of time in the expressions, by symbol; states: items whose internal state is read."""
 
     names: list[tuple[str, Expr]] = field(default_factory=list)
     readings: list[Reading] = field(default_factory=list)
@@ -64,12 +67,12 @@ class Fed:
 
     @property
     def feeds(self) -> Feeds:
-        """The feeds as a part of the law's structure."""
+        """The readings and expressions alone, which are part of the structure that laws with one kernel share."""
         return Feeds(tuple(self.readings), tuple(self.names))
 
 
 def fed_into(scenery: Scenery, values: Mapping[str, Any]) -> Fed:
-    """The feeds of a law whose parameter values contain expressions of sensors."""
+    """The parameters of a law, among values by name, that are expressions of sensors."""
     made = _Feeding(scenery)
     for name, value in values.items():
         if paths(value):
@@ -86,7 +89,7 @@ class _Feeding:
         self._given: dict[tuple[str, Expr], Expr] = {}  # (kind, number or function of time) -> its symbol
 
     def shared(self, e: Any, name: str) -> Expr:
-        """The expression with everything but its form replaced by symbols, which begin with `name`."""
+        """The expression with its sensors, numbers and functions of time replaced by symbols, whose names begin with `name`."""
         e = se.sympify(e)
         free = e.free_symbols
         if is_condition(e) and free and free <= {TIME}:
@@ -105,7 +108,7 @@ class _Feeding:
         return joined(e, [self.shared(part, name) for part in parts])
 
     def _parameter(self, name: str, kind: str, e: Expr) -> Expr:
-        """A symbol for a number ("n") or for a value in time ("t")."""
+        """The symbol that replaces a number (kind "n") or a function of time (kind "t"), e; its name begins with `name`."""
         if (kind, e) not in self._given:
             symbol = f"{name}_{kind}{len(self._given) + 1}"
             if kind == "n":
@@ -116,7 +119,7 @@ class _Feeding:
         return self._given[kind, e]
 
     def _of(self, path: str) -> Expr:
-        """The symbol of a sensor or signal by its path; it is entered into the feeds when it is new."""
+        """The symbol of a sensor or signal, such as "hinge.angle" (path); a new one is added to `fed`."""
         if path not in self._known:
             try:
                 sensed = found(self.scenery.scene, path)
@@ -172,7 +175,7 @@ class _Feeding:
         return nearest
 
     def _frames(self, law: Any, names: tuple[str, ...], bodies: tuple[Body, ...]) -> None:
-        """Add frames on bodies to the feeds, with the numbers (points and axes) of these frames."""
+        """Add the frames `names` of a law on bodies to `fed`, with the numbers (points and axes) of these frames."""
         nodes = tuple(self.scenery.by_body.get(b) for b in bodies)
         sides, numbers = sides_of(law, bodies, nodes, self.scenery.planar)
         for name in names:

@@ -15,14 +15,18 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model
 
-SHARE = 0.02  #: part of its range by which a step may be wrong about a table, over the accuracy of the run
+#: steps over a table are bounded so that their error of its value is at most this share of the accuracy of the run times the
+#: range of the values
+SHARE = 0.02
 
 
 @dataclass(frozen=True)
 class Timeline:
-    """Times at which inputs break, where a run ends a step, and intervals (stretches) that a step must not exceed.
+    """What the inputs of time require of the steps of a run. A break is an instant at which an input or one of its derivatives
+    jumps: a step has to end there.
 
-    edges (k+2,): start, breaks and end, s; stretches: intervals in which an input changes by about its own width."""
+    edges (k+2,): start, breaks and end of the run, s; stretches: consecutive intervals, each about as long as the shortest change
+    of an input in it; a step must not exceed them."""
 
     edges: Array
     stretches: Stretches
@@ -33,8 +37,8 @@ class Timeline:
         return self.edges[1:-1]
 
     def longest_step(self, share: float = 1.0) -> LongestStep | None:
-        """Time -> longest step (s) from there, `share` times the stretch; None where share is 1 and inputs vary from break to
-        break alone. With a smaller share every interval between two breaks bounds the step too."""
+        """Function of the time that returns the longest step (s) allowed from there: `share` times the stretch in which it lies.
+        None where share is 1 and the breaks alone limit steps."""
         if share == 1 and not self.varies:
             return None
         return LongestStep(self.stretches.edges, share, self.stretches.kinks)
@@ -45,7 +49,7 @@ class Timeline:
         return len(self.stretches.edges) > len(self.edges) or len(self.stretches.kinks) > 0
 
     def summary(self) -> str:
-        """A line for `check` on the breaks, kinks and finest change of the inputs."""
+        """A line for the output of `Scene.check`: breaks, kinks and the fastest change of the inputs."""
         found = []
         if len(self.breaks):
             found.append(f"{len(self.breaks)} break{'s' * (len(self.breaks) > 1)}, the first at t = {self.breaks[0]:.6g} s")
@@ -67,8 +71,8 @@ def expressions_of(model: Model) -> tuple[Expr, ...]:
 
 
 def by_rates(d: Derived) -> bool:
-    """Whether the equations of a law hold derivatives of its inputs of time: those of prescribed motions, or of a damper with an
-    end that an input moves."""
+    """Whether the equations of a law contain time derivatives of its inputs: a prescribed motion does, or a damper one end of
+    which an input moves."""
 
     def in_loads() -> bool:
         rates = set(d.variation.clock.values())
@@ -78,8 +82,8 @@ def by_rates(d: Derived) -> bool:
 
 
 def timeline(model: Model, t0: float, t1: float, accuracy: float | None = None) -> Timeline | None:
-    """The timeline of a run from t0 to t1; None where no input switches or varies by itself. accuracy: of the run; None where its
-    steps are constant."""
+    """The timeline of a run from t0 to t1 (s); None where no input of time switches or limits steps. accuracy: that of the run,
+    None where its steps are constant."""
     expressions = expressions_of(model)
     if not expressions:
         return None

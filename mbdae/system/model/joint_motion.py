@@ -20,7 +20,8 @@ NO_TURN = np.eye(4)[0]
 
 
 class JointMotion:
-    """The elementary motions of a joint as drawn, at a time t of its timed parameters; empty where its law states no motion."""
+    """The motion of a joint as a chain of rotations and translations about and along axes as drawn. t: time (s) at which
+    parameters that depend on time are evaluated; the chain is empty where the law states no motion."""
 
     def __init__(self, item: Connection, t: float = 0.0) -> None:
         law: Any = (item.as_kinematic or item.laws)[0] if item.loose else item.joint
@@ -30,7 +31,7 @@ class JointMotion:
         self._axes = joint_axes(law, item.k)
 
     def _direction(self, step: Step) -> Array:
-        """Axis of an elementary motion as drawn (3,)."""
+        """Axis (3,) of a step of the chain as drawn, inertial components."""
         return np.asarray(self._axes @ [float(c) for c in step.axis])
 
     def _amount(self, e: Any, values: dict[str, float]) -> float:
@@ -41,10 +42,10 @@ class JointMotion:
         return timed.value_at(found, self._t) if found.free_symbols else real_value(found)
 
     def drawn(self, values: dict[str, float], outwards: bool) -> tuple[Array, Array]:
-        """Rigid motion (quaternion, displacement) of l relative to its drawn place at values of the coordinates, 0 where none is
-        given; with `outwards` False the inverse motion, of k relative to l."""
+        """Rigid motion (quaternion, displacement, m) of l from its drawn place, relative to k, at values of the coordinates;
+        those not given are 0. outwards: False gives the inverse motion, of k relative to l."""
         P, r = NO_TURN, np.zeros(3)
-        for step in self._steps:  # the step of a free rotation has the amount 0: it is not turned
+        for step in self._steps:  # a free rotation is not turned: the amount of its step is 0
             amount = self._amount(step.amount, values)
             if not amount:
                 continue
@@ -66,7 +67,8 @@ class JointMotion:
         return bool(np.any(np.abs([p[0], p[1], r[2], v[2], w[0], w[1]]) > 1e-12))
 
     def not_as_drawn(self, length: float) -> str:
-        """Message where the motion moves l although all coordinates are 0; "" where it does not. length: of the scene, m."""
+        """Error message where the motion moves l from its drawn place although all coordinates are 0; "" where it does not.
+        length: that of the scene, m."""
         P, r = self.drawn({}, True)
         if np.max(np.abs(P[1:])) <= 1e-9 and np.max(np.abs(r)) <= 1e-9 * length:
             return ""
@@ -75,12 +77,12 @@ class JointMotion:
                 "state the motion without this offset, or draw l there")  # fmt: skip
 
     def planar_turn(self, values: dict[str, float]) -> float:
-        """Rotation of l about z, whole turns included, rad."""
+        """Rotation of body l relative to k about z at these values of the coordinates, whole turns included, rad."""
         return sum(self._amount(s.amount, values) * float(self._direction(s)[2]) for s in self._steps if s.turns)
 
     def rates(self, values: dict[str, float], rates: dict[str, float]) -> tuple[Array, Array, Array]:
-        """Vector from k's joint point to l's, its velocity, and the angular velocity of l relative to k, (3,) each, in axes as
-        drawn and fixed to k."""
+        """Relative motion of the bodies k and l: vector from the joint's point on k to that on l, its velocity, and the angular
+        velocity of l relative to k, (3,) each, in axes fixed to k that were inertial as drawn."""
         P, way, v, w = NO_TURN, np.zeros(3), np.zeros(3), np.zeros(3)
         for step in self._steps:
             axis = rotation_matrices(P) @ self._direction(step)
@@ -95,8 +97,8 @@ class JointMotion:
 
 
 def out_of_plane_motions(scene: SceneData) -> dict[str, str]:
-    """Recursive joints that stay kinematic in a planar scene, and why: some of their coordinates leave the plane, or one is a
-    free rotation. With a joint all of whose coordinates leave it the scene is not planar."""
+    """Recursive joints of a planar scene that are treated as kinematic, and why: some of their coordinates would move bodies out
+    of the plane, or one is a free rotation. (A joint all of whose coordinates do so makes the scene spatial elsewhere.)"""
     found = {}
     for c in (c for c in scene.joints if c.recursive):
         across = [name for name in c.coordinates if JointMotion(c).leaves_plane({name: 1.0}, {name: 1.0})]

@@ -35,7 +35,8 @@ FLAT = 1e-12  #: distance from the plane, relative to the scene's length, that c
 
 @dataclass
 class Instance:
-    """One law of the scene between nodes (None: ground), with its numbers and its parameters that depend on time."""
+    """One law of the scene with the nodes it acts between (None: the ground). numbers: points and axes of its frames and its
+    constant parameters, by name; item: name of the joint, force or body that it belongs to."""
 
     law: Any
     nodes: tuple[Node | None, ...]
@@ -47,24 +48,24 @@ class Instance:
 
 @dataclass
 class Group:
-    """Laws of one class and structure between nodes of the same kinds: one kernel for all of them."""
+    """All laws of one class and structure between nodes of the same kinds: one kernel evaluates them."""
 
     key: tuple[Any, Structure, tuple[Side, ...]]  #: law class, its structure, its frames
     instances: list[Instance] = field(default_factory=list)
 
     @property
     def derived(self) -> Derived:
-        """The derivation that all instances share."""
+        """The expressions derived from the law, which all instances share."""
         return derive(*self.key)
 
     @cached_property
     def side_numbers(self) -> dict[str, int]:
-        """Position of each frame's node among the nodes of an instance, by the frame's name."""
+        """Name of a frame -> position of its node in `Instance.nodes`."""
         return {f.side: n for n, f in enumerate(self.derived.frames)}
 
     @cached_property
     def names_of_numbers(self) -> dict[str, int]:
-        """Names of the numbers of its laws, with their columns in `numbers`."""
+        """Name of a number of the laws -> its column in `numbers`."""
         return {name: n for n, name in enumerate(dict.fromkeys(name for i in self.instances for name in i.numbers))}
 
     @cached_property
@@ -75,23 +76,24 @@ class Group:
         return np.array(rows, dtype=float).reshape(len(rows), len(names))
 
     def side(self, name: str) -> list[Node]:
-        """The nodes of one frame, of all instances."""
+        """Of every instance the node of the frame `name`."""
         n = self.side_numbers[name]
         return [i.nodes[n] for i in self.instances]  # type: ignore[misc]
 
 
 @dataclass(frozen=True)
 class Model:
-    """Nodes and groups of a scene in the plane or in space."""
+    """A scene in the plane or in space as nodes (what has unknowns: bodies, nodes of beams, joint coordinates) and laws between
+    them in groups."""
 
     scene: SceneData
     planar: bool
-    why: str  #: why the scene is planar, or not
+    why: str  #: reason why the scene is planar, or why it is not
     nodes: list[Node]
     groups: list[Group]
     length: float  #: size of the scene, m
-    vanished: list[str]  #: "joint.row" of rows that vanish identically, or are undefined
-    stay_kinematic: dict[str, str] = field(default_factory=dict)  #: recursive joints that stay kinematic, and why
+    vanished: list[str]  #: "joint.row" of constraint rows that are identically zero (in the plane), or undefined
+    stay_kinematic: dict[str, str] = field(default_factory=dict)  #: joints stated as recursive but treated as kinematic -> why
     lines: list[Line] = field(default_factory=list)  #: flexible beams
     attached: dict[tuple[str, str], Body] = field(default_factory=dict)  #: (item, side) on a beam -> the node it is attached to
     #: names of the vanished rows that are undefined because a point mass has no axes
@@ -111,11 +113,11 @@ class Model:
 
     @property
     def bodies(self) -> list[tuple[Node, Body]]:
-        """Every node of a body or a beam, with the body it is (of a beam: one of its stations)."""
+        """Every node that is a body or a node of a beam, with its body (the station of a beam)."""
         return [(n, n.body) for n in self.nodes if n.body is not None]
 
     def ends(self, c: Connection) -> tuple[Body, Body]:
-        """The bodies an item connects in the model; on a beam the node (station) it is attached to."""
+        """The two bodies that an item connects; for a beam the station (node) to which the item is attached."""
         return self.attached.get((c.name, "k"), c.k), self.attached.get((c.name, "l"), c.l)
 
     def line(self, beam: Body) -> Line | None:
@@ -137,7 +139,7 @@ class Model:
 
     @property
     def recursive(self) -> list[Connection]:
-        """Joints that are recursive in this model."""
+        """Joints that are recursive in this model: stated so, and not treated as kinematic."""
         return [c for c in self.scene.joints if c.recursive and c.name not in self.stay_kinematic]
 
     def instances(self) -> Iterator[tuple[int, int, Instance]]:
@@ -158,7 +160,7 @@ class Model:
 def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
     """The model of a scene; space="auto" tries the plane first and stores the reason where that is not possible.
 
-    kept: recursive joints that stay kinematic, and why."""
+    kept: joints stated as recursive that are treated as kinematic, and why."""
     kept = _changing(scene) | dict(kept or {})
     if scene.space != "spatial":
         reason = out_of_plane(scene)
@@ -175,7 +177,8 @@ def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
 
 
 def _changing(scene: SceneData) -> dict[str, str]:
-    """Recursive joints with a parameter that depends on time, which the program of a tree takes as a number."""
+    """Recursive joints that are treated as kinematic because a parameter depends on time: programs of trees take constants
+    only."""
     found = {}
     for c in (c for c in scene.joints if c.recursive):
         for name in c.joint.params.keys() - c.joint.drives().keys():
@@ -268,8 +271,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
             if isinstance(law, Joint) and not joints[item].loose:
                 refused += without_rows(item, derived)
             if law.drives().keys() & set(derived.vanished):
-                refused.append(f"'{item}': the prescribed motion has no effect: a point mass has no orientation; "
-                               f"use s.rigid_body")  # fmt: skip
+                refused.append(f"'{item}': prescribed motion has no effect: a point mass has no orientation; use s.rigid_body")
         except LawError as error:
             if planar:
                 raise LawError(f"'{item}': {error}") from error
@@ -288,7 +290,8 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
 
 def entry_of(scenery: Scenery, law: Any, bodies: tuple[Body, ...], ends: tuple[Node | None, ...],
              item: str) -> tuple[tuple[Any, Structure, tuple[Side, ...]], Instance]:  # fmt: skip
-    """The key of the group of a law between bodies with these nodes, and its instance there."""
+    """The key of the group that a law belongs to, and its instance in the group. bodies, ends: the bodies of its frames and their
+    nodes (None: ground); item: name of its item."""
     try:
         sides, numbers = sides_of(law, bodies, ends, scenery.planar)
     except LawError as error:
@@ -315,13 +318,13 @@ def without_rows(item: str, d: Derived) -> list[str]:
 
 
 def laws_of(c: Connection, kept: Mapping[str, str]) -> list[Any]:
-    """The laws of an item in the model; kept: recursive joints that stay kinematic."""
+    """The laws of an item in the model; kept: names of recursive joints that are treated as kinematic."""
     return c.as_kinematic or c.laws if c.name in kept else c.laws
 
 
 def _laws(scene: SceneData, kept: Mapping[str, str], attached: Mapping[tuple[str, str], Body],
           nodes: Collection[Body]) -> list[tuple[Any, tuple[Body, ...], str]]:  # fmt: skip
-    """Every law with its bodies and the name of its item."""
+    """Every law of the model with its bodies and the name of its item: elements, gravity, joints and forces, controllers."""
     out: list[tuple[Any, tuple[Body, ...], str]] = []
     for b in nodes:
         out.append((element_of(b), (b,), b.name))
@@ -337,7 +340,7 @@ def _laws(scene: SceneData, kept: Mapping[str, str], attached: Mapping[tuple[str
 
 
 def element_of(b: Body) -> Element:
-    """The element law of a body."""
+    """The law of a body's inertia: rigid body, point mass, or node of a beam, whose inertia is that of the beam's elements."""
     if isinstance(b, Station):
         return BeamNode(b.name)
     if b.inertia is None:

@@ -1,8 +1,8 @@
 """Bodies moved by joint coordinates: the trees of recursive joints in the equations, with the slots of their kernels.
 
-Where no law outside a tree acts on its bodies, its kernels are evaluated like those of any law. Otherwise the motion of those
-bodies is evaluated first, the laws outside read it, and their forces on the bodies are projected on the joint coordinates by
-the tree's kernel. Nodes on which laws outside act are called loaded.
+Laws between bodies of one tree are part of its kernels; all others are outside of it. Where no law outside acts on the bodies of
+a tree, its kernels are evaluated like those of any law. Otherwise the nodes on which laws outside act are called loaded: their
+motion is evaluated first, the laws outside read it, and the tree's kernel projects their forces on the joint coordinates.
 """
 
 from __future__ import annotations
@@ -22,22 +22,24 @@ from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.model.shared_nodes import Sharing, shared_displacements
 from mbdae.system.model.trees import Place, Tree
 
-#: number of unknowns up to which trees evaluated joint by joint beside constraint rows, with a full Jacobian, cost less than
-#: kinematic joints with a sparse one
+#: number of unknowns up to which a scene with constraint rows evaluates large trees joint by joint, with a full Jacobian; above
+#: it, kinematic joints with a sparse Jacobian cost less
 MOST_FULL = 600
-SURELY = 64  #: number of a tree's velocities above which one kernel of the whole tree is not tried
+SURELY = 64  #: number of velocities above which a tree counts as too large for one kernel without deriving it as a trial
 
 
 def acting_on(instance: Instance) -> list[Node]:
-    """The moving nodes a law reads and acts on; a force of a joint's own coordinate acts on that coordinate alone."""
+    """The moving nodes that a law reads or acts on; of a force on a joint's own coordinate the node of this coordinate alone."""
     own = instance.law.own_coordinates and not isinstance(instance.law, Joint)
     return [n for n in (instance.nodes[len(instance.law.frames) :] if own else instance.nodes) if n is not None]
 
 
 class MovedBodies:
-    """The trees of a model: the nodes they move, the laws that their kernels replace, loaded nodes, nodes that share unknowns.
+    """The trees of a model. nodes: the nodes that they move; replaced: laws (group, instance) that their kernels contain; loaded:
+    nodes among these on which other laws act; sharing: nodes of beams that share unknowns.
 
-    ordered: the trees are evaluated joint by joint, not by a kernel of the whole tree; alone: and no constraint row is left."""
+    ordered: whether the trees are evaluated joint by joint instead of by kernels of whole trees; alone: whether in addition no
+    constraint row remains besides the joints of the trees."""
 
     def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True, ordered: bool = False) -> None:
         self.ordered = ordered
@@ -72,27 +74,29 @@ class MovedBodies:
 
     def numbering(self, model: Model, rows: list[Row], blocks: tuple[str, ...], derivatives: bool = False,
                   loaded: bool = True, numbers: Mapping[str, float] | None = None) -> Numbering:  # fmt: skip
-        """The numbering of the remaining unknowns; without `loaded` no moved node has slots. numbers: parameters of the form."""
+        """The numbering of the unknowns that remain. loaded: whether loaded nodes get slots for their motion; other arguments as
+        in `Numbering`."""
         return Numbering(model, rows, blocks, derivatives, self.nodes, self.loaded if loaded else (), self.replaced,
                          self.constants, self.sharing, numbers or {})  # fmt: skip
 
     def plans(self) -> list[tuple[TreePlan, list[Tree]]]:
-        """The plans of trees that have kernels of their own, each with the trees of its structure."""
+        """The plans of the kernels of whole trees, each with the trees of its structure; none where trees are evaluated joint by
+        joint."""
         return [] if self.ordered else [(tree_plan(structure), trees) for structure, trees in self._groups.items()]
 
     def gather(self, numbering: Numbering, piece: Piece, trees: list[Tree]) -> NDArray[np.intp]:
-        """(trees, inputs) slots a kernel reads."""
+        """(trees, inputs) slots that a kernel of trees of one structure reads."""
         return np.array([[self.slot(numbering, tree, p) for p in piece.inputs] for tree in trees], dtype=np.intp)
 
     def slot(self, numbering: Numbering, tree: Tree, place: tuple[Any, ...]) -> int:
-        """Slot of an input of a tree's kernels."""
+        """Slot of an input of a tree's kernels; place: its meaning, see `TreeProgram.inputs`."""
         head, owner, name = place
         if head in ("q", "u", "up", "wu", "wq"):
             return slot_of(numbering, tree, place)
         if head == "clock":
             j, drive = next((j, drive) for j, c, drive in tree.driven if c == owner)
             g, i = tree.joints[j - 1]
-            # the coordinate is prescribed as a constant, its rates are 0
+            # where the coordinate is prescribed as a constant, its rates are the slot of the constant 0
             if drive in numbering.model.groups[g].instances[i].numbers:
                 return numbering.slot(g, i, drive) if name == 0 else numbering.width - 1
             return numbering.slot(g, i, drive + ("", "_dot", "_ddot")[name])
@@ -103,8 +107,9 @@ class MovedBodies:
 
 
 def by_order(model: Model, moved: MovedBodies) -> bool:
-    """Whether trees are evaluated joint by joint: they are large, without beams, and no other law reads a coordinate that is
-    prescribed. Beside constraints only where a kernel of the whole tree is too large, and the Jacobian, which is full, is not."""
+    """Whether the trees of a scene are evaluated joint by joint: one of them is large, there are no beams, and no law outside
+    reads a prescribed coordinate. Where constraint rows remain, it is so only if one kernel for the whole tree would be too large
+    and there are few enough unknowns for a full Jacobian."""
     many = any(_freedoms(tree) > MOST_SOLVED for tree in moved.trees)
     if model.lines or acted_on_while_prescribed(moved):
         return False
@@ -126,7 +131,8 @@ def _rows_left(model: Model, replaced: frozenset[Place]) -> int:
 
 
 def too_large(moved: MovedBodies) -> dict[str, str]:
-    """Joints of trees whose equations take too many operations to be compiled at once, and why they stay kinematic."""
+    """Joints of trees whose equations take too many operations to be compiled in one kernel, and why they are treated as
+    kinematic."""
     found: dict[str, str] = {}
     for tree in moved.trees:
         try:
@@ -141,7 +147,8 @@ def too_large(moved: MovedBodies) -> dict[str, str]:
 
 
 def acted_on_while_prescribed(moved: MovedBodies) -> dict[str, str]:
-    """Joints of trees with a prescribed coordinate that a law outside reads, such as a coupling, and why they stay kinematic."""
+    """Joints of trees that are treated as kinematic because a law outside, such as a coupling, reads their prescribed coordinate;
+    and why."""
     why = "a coupling reads its prescribed coordinate, which is no unknown where the joint is recursive"
     return {n.joint: why for n in moved.loaded if n.kind.of_joint}
 
@@ -151,5 +158,5 @@ def _instance(tree: Tree, owner: str) -> Place:
 
 
 def slot_of(numbering: Numbering, tree: Tree, place: tuple[Any, ...]) -> int:
-    """Slot of an entry (head, node, i) of a tree's node; below n this is also its row of F."""
+    """Slot of the component place = (head, number of the node in the tree, i) of a tree's node; below n also its row of F."""
     return numbering.node_place(place[0], tree.node(place[1]), place[2])

@@ -12,8 +12,9 @@ from mbdae.symbolic.frames import NodeKind
 
 @dataclass(frozen=True)
 class Node:
-    """A moving node: its name and body (None for a joint's own coordinate), its kind, and its first entries in q and u.
-    unit: of its translations, or of the coordinate. A coordinate also has the name of its joint and its name there."""
+    """A node that moves: a body, a node of a beam, or a joint's coordinate that is an unknown. body: None for a coordinate; q, u:
+    its first entries among all positions and velocities; unit: that of its translations, or of the coordinate; joint,
+    coordinate: name of the joint and of the coordinate in it, for coordinates only."""
 
     name: str
     body: Body | None

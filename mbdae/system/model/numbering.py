@@ -1,4 +1,5 @@
-"""Numbering of unknowns and of everything a kernel reads: y, y', prescribed values, parameters, a zero."""
+"""Numbering of the unknowns, and of all numbers that kernels read: y, y', motion of loaded nodes, prescribed values,
+parameters."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ COORDINATES = {
 
 
 def _names(node: Node) -> tuple[list[str], list[str]]:
-    """Names of the entries of q and u of a node."""
+    """Names of the position and of the velocity unknowns of a node."""
     if node.kind is NodeKind.COORDINATE:
         alone = node.name == node.joint
         return [f"{node.joint}.{node.coordinate}"], [f"{node.joint}.{'rate' if alone else f'{node.coordinate}_rate'}"]
@@ -43,8 +44,8 @@ def _names(node: Node) -> tuple[list[str], list[str]]:
 
 @dataclass(frozen=True)
 class Row:
-    """A constraint row: group and instance numbers, row number in the law, name "joint.row", whether it prescribes a
-    coordinate."""
+    """A constraint row: numbers of its group and instance, its number in the law, its name "joint.row". prescribes: whether it
+    prescribes a coordinate."""
 
     group: int
     instance: int
@@ -66,15 +67,17 @@ def constraint_rows(model: Model) -> list[Row]:
 
 
 class Numbering:
-    """Places of all numbers: y = (q, u, s, z, lambda, mu), without the blocks that a form does not have, and the workspace.
+    """The order of the unknowns y = (q, u, s, z, lambda, mu), without the blocks that a form does not have, and of the workspace.
 
-    The workspace is an array of numbers that kernels read; a slot is a column of it. Its slots are y, y', the motion of loaded
-    nodes, prescribed values, constants (numbers of the laws and the like), and a zero, which entries without unknown read.
+    The workspace is an array of all numbers that kernels read; a slot is a column of it. Its slots are y, y', the motion of
+    loaded nodes, prescribed values, constants (numbers of the laws and the like), and a 0, which inputs without an unknown read.
 
-    moved: nodes whose motion follows from joint coordinates: they have no unknowns. loaded: those of them on which laws
-    act; their slots are q, u and u', and the forces "wq", "wu" that laws add to their rows. replaced: groups and instances of
-    laws that are evaluated with a tree. constants: further numbers, behind those of the laws. sharing: nodes whose displacement
-    is that of another node, or constant. numbers: parameters every law sees (those of a form)."""
+    rows: constraint rows in force; blocks: those of multipliers and stresses in y; derivatives: the multipliers are the
+    derivatives of these unknowns. moved: nodes whose motion follows from joint coordinates, so that they have no unknowns.
+    loaded: those of them on which laws act; their slots are q, u and u', and the terms "wq", "wu" that laws add to their rows.
+    replaced: groups and instances of laws that are evaluated with a tree. constants: further constants after those of the laws.
+    sharing: nodes with displacement of another node, or a constant one. numbers: parameters of the form, which every law can
+    read."""
 
     def __init__(self, model: Model, rows: list[Row], blocks: tuple[str, ...] = ("lambda", "mu"), derivatives: bool = False,
                  moved: Sequence[Node] = (), loaded: Sequence[Node] = (),
@@ -123,7 +126,7 @@ class Numbering:
         self.width = self._first_constant + len(self._constants) + 1
 
     def _collect_prescribed(self) -> list[Any]:
-        """Every prescribed value and its derivatives; each of them gets a slot."""
+        """Expressions of every prescribed value and of its first two time derivatives, each of which gets a slot."""
         values: list[Any] = []
 
         def add(key: tuple[int, int, str], value: Any) -> None:
@@ -145,24 +148,26 @@ class Numbering:
         self._slots |= {(-2, 0, name): self._add([number]) for name, number in self.form_numbers.items()}
 
     def _add(self, numbers: Iterable[float]) -> int:
-        """Append constants; returns the slot of the first."""
+        """Append constants to the workspace; returns the slot of the first."""
         first = self._first_constant + len(self._constants)
         self._constants.extend(numbers)
         return first
 
     def workspace(self, count: int) -> Array:
-        """(count, width) rows [y, y', prescribed values, parameters, 0] with the constants filled in."""
+        """A workspace (count, width) for this number of states, with the constants filled in and 0 elsewhere."""
         W = np.zeros((count, self.width))
         W[:, self._first_constant : -1] = self._constants
         return W
 
     @property
     def side(self) -> float | None:
-        """Time at which conditions of inputs are read between two breaks of a run; None: the time of the evaluation."""
+        """Time at which conditions of inputs, such as t < 1, are evaluated between two breaks of a run; None: see
+        `ConditionTime`."""
         return self.model.conditions.time
 
     def _sides(self, t: Array) -> Array:
-        """Times (count,) at which conditions are read in evaluations outside of a run."""
+        """Times (count,) at which conditions of inputs are evaluated for times t (count,) where `side` is None: just after t, but
+        before the end of the run."""
         end = self.model.conditions.end
         times: Array = timed.after(t)
         return np.minimum(times, 2 * end - timed.after(end)) if end < np.inf else times
@@ -174,7 +179,8 @@ class Numbering:
             W[:, self.first_input : self._first_constant] = self.clock.values(np.column_stack([t, side]))
 
     def node_place(self, head: str, node: Node, component: int) -> int:
-        """Slot of an entry of a node: "q", "u", their rates "qp", "up"; for loaded nodes also their rows "wq", "wu"."""
+        """Slot of a component of a node. head: "q", "u", their rates "qp", "up"; for loaded nodes also "wq", "wu", the terms that
+        laws add to their rows."""
         name = node.name
         if name not in self._loaded and not self._sharing.has(name):  # the usual case in large scenes
             q, u = self._place[name]
@@ -193,31 +199,33 @@ class Numbering:
         return (q if head[0] == "q" else self.nq + u) + component - first + (self.n if head.endswith("p") else 0)
 
     def shares(self, node: Node, component: int, head: str) -> bool:
-        """Whether an entry of the node's "q" or "u" is that of another node, or fixed to the ground."""
+        """Whether a component of the node's q or u (head "q" or "u") is that of another node or fixed, so that it is no unknown
+        of this node."""
         return component < self._own(node, head)
 
     def _own(self, node: Node, head: str) -> int:
-        """Number of leading entries of "q" or "u" that are not unknowns of the node itself: its displacements, or all."""
+        """Number of the first components of q or u (head) that the node shares with another one: none, displacements, or all."""
         if node.name in self._sharing.turned:
             return node.kind.sizes[0 if head[0] == "q" else 1]
         return node.kind.translations if node.name in self._sharing.nodes else 0
 
     @cached_property
     def loaded_rows(self) -> NDArray[np.intp]:
-        """Slots of the rows of loaded nodes."""
+        """Slots of the terms "wq" and "wu" of all loaded nodes."""
         return np.array([self.node_place(head, node, i) for node in self.model.nodes if node.name in self._loaded
                          for head, size in zip(("wq", "wu"), node.kind.sizes, strict=True) for i in range(size)],
                         dtype=np.intp)  # fmt: skip
 
     def node_of(self, target: Target, g: int, i: int) -> Node:
-        """The node of a target ("q" | "u" | ..., side, component)."""
+        """The node of a target (head such as "q", name of a frame, component) of instance i in group g."""
         group = self.model.groups[g]
         node = group.instances[i].nodes[group.side_numbers[target[1]]]
         assert node is not None
         return node
 
     def place(self, target: Target, g: int, i: int) -> int:
-        """Slot of a target of instance i in group g: below n in y, below 2 n in y', then loaded nodes; -1 if dropped."""
+        """Slot of a target of instance i in group g: below n in y, below 2 n in y', then loaded nodes; -1 for the multiplier of a
+        row that is not in force."""
         head = target[0]
         if head in ("q", "u", "qp", "up"):
             return self.node_place(head, self.node_of(target, g, i), target[2])
@@ -229,7 +237,7 @@ class Numbering:
         return -1 if row is None else self.start[head] + row + (self.n if self.derivatives else 0)
 
     def place_of_state(self, item: str) -> int:
-        """Number, among the unknowns, of the internal state of an item that other laws read."""
+        """Number among the unknowns of the internal state of an item, such as a controller, that other laws read."""
         return self.start["s"] + self._kept_state[item]
 
     def places(self, target: Target, g: int, active: Sequence[int] | None = None) -> NDArray[np.intp]:
@@ -247,28 +255,28 @@ class Numbering:
         return self._places[key]
 
     def velocities(self, target: Target, g: int) -> NDArray[np.intp]:
-        """(instances,) numbers among the velocities of a target ("u" or another head, side, component)."""
+        """(instances,) numbers among the velocity unknowns of the velocity of a target (any head, name of a frame, component)."""
         return self.places(("u", *target[1:]), g) - self.nq
 
     def row_numbers(self, g: int, r: int) -> NDArray[np.intp]:
-        """(instances,) numbers of a constraint row of a law, -1 where it is dropped."""
+        """(instances,) numbers, among the rows in force, of row r of the laws of group g; -1 where it is not in force."""
         return np.array([self._row.get((g, i, r), -1) for i in range(len(self.model.groups[g].instances))], dtype=np.intp)
 
     def velocity(self, target: Target, g: int, i: int) -> int:
-        """Number among the velocities of a target ("u" or another head, side, component)."""
+        """Number among the velocity unknowns of the velocity of a target of instance i in group g; see `velocities`."""
         return self.place(("u", *target[1:]), g, i) - self.nq
 
     def slot(self, g: int, i: int, name: str) -> int:
-        """Slot of a parameter of an instance, or of a value or rate of a prescribed one; group -1: a load on a beam."""
+        """Slot of a parameter of instance i in group g, or of the rate of a prescribed one; g = -1: a load on beam number i."""
         at = self.model.groups[g].names_of_numbers if g >= 0 else {}
         return self._numbers_at[g] + i * len(at) + at[name] if name in at else self._slots[g, i, name]
 
     def row(self, g: int, i: int, r: int) -> int | None:
-        """Number of a constraint row, None where it is dropped."""
+        """Number among the rows in force of row r of instance i in group g; None where it is not in force."""
         return self._row.get((g, i, r))
 
     def gather(self, g: int, inputs: Inputs, active: Sequence[int] | None = None) -> NDArray[np.intp]:
-        """(instances, inputs) positions in the workspace; active: numbers of the instances, by default all."""
+        """(instances, inputs) slots that a kernel of group g reads; active: numbers of the instances, by default all."""
         chosen = tuple(active) if active is not None else tuple(range(len(self.model.groups[g].instances)))
         key = (g, inputs.symbols, chosen)
         if key not in self._gathers:
@@ -288,7 +296,7 @@ class Numbering:
         return np.stack(columns, axis=1) if columns else np.empty((len(at), 0), dtype=np.intp)
 
     def numbers(self, g: int, inputs: Inputs) -> Array:
-        """(instances, parameters) values of constant parameters."""
+        """(instances, parameters) values of the parameters among `inputs`, which have to be constant."""
         group, known = self.model.groups[g], self.form_numbers
         columns = [group.numbers[:, group.names_of_numbers[name]] if name in group.names_of_numbers
                    else np.full(len(group.instances), known[name]) for name in inputs.parameters]  # fmt: skip
@@ -303,18 +311,18 @@ class Numbering:
         return np.array([self.model.groups[r.group].instances[r.instance].numbers.get("scaling", 1.0) for r in self.rows])
 
     def rows_among(self, rows: list[Row]) -> NDArray[np.intp]:
-        """(m,) numbers of these constraint rows in another list of rows."""
+        """(m,) for every row in force: its position in the list `rows`."""
         at = {(r.group, r.instance, r.row): n for n, r in enumerate(rows)}
         return np.array([at[r.group, r.instance, r.row] for r in self.rows], dtype=np.intp)
 
     @property
     def of_positions(self) -> NDArray[np.intp]:
-        """(nq,) numbers of the position unknowns among the positions q of all nodes."""
+        """(nq,) of every position unknown its number among the positions q of all nodes, some of which are no unknowns."""
         return np.concatenate([np.arange(n.q + self._own(n, "q"), n.q + n.kind.sizes[0]) for n in self.free]).astype(np.intp)
 
     @property
     def of_velocities(self) -> NDArray[np.intp]:
-        """(nu,) numbers of the velocity unknowns among the velocities u of all nodes."""
+        """(nu,) of every velocity unknown its number among the velocities u of all nodes, some of which are no unknowns."""
         return np.concatenate([np.arange(n.u + self._own(n, "u"), n.u + n.kind.sizes[1]) for n in self.free]).astype(np.intp)
 
     def names(self) -> tuple[str, ...]:

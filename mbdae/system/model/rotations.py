@@ -9,7 +9,7 @@ from mbdae.system.base import Array
 
 
 def quaternion_product(a: Array, b: Array) -> Array:
-    """Quaternion product a o b of arrays (..., 4)."""
+    """Quaternion product a o b of arrays (..., 4), scalar part first: the rotation b after a, in the axes that a has turned."""
     if a.ndim == b.ndim == 1:  # the formula below; for single quaternions Python numbers are much faster than arrays
         (s, x, y, z), (t, u, v, w) = a.tolist(), b.tolist()
         return np.array([s * t - (x * u + y * v + z * w), s * u + t * x + (y * w - z * v), s * v + t * y + (z * u - x * w),
@@ -20,14 +20,14 @@ def quaternion_product(a: Array, b: Array) -> Array:
 
 
 def turned(P: Array, rotation: Array) -> Array:
-    """P (..., 4) turned by rotation vectors (..., 3) in body axes, rad."""
+    """Quaternions P (..., 4) after further rotations by rotation vectors (..., 3) in body axes, rad."""
     angle = np.linalg.norm(rotation, axis=-1, keepdims=True)
     half = np.sinc(angle / (2 * np.pi)) / 2
     return quaternion_product(P, np.concatenate([np.cos(angle / 2), half * rotation], axis=-1))
 
 
 def rotation_matrices(P: Array) -> Array:
-    """R (..., 3, 3) of quaternions (..., 4) of any length."""
+    """Rotation matrices (..., 3, 3) of quaternions (..., 4), which need not have unit length."""
     p = P / np.linalg.norm(P, axis=-1, keepdims=True)
     w, x, y, z = p.tolist() if p.ndim == 1 else np.moveaxis(p, -1, 0)
     rows = [

@@ -1,7 +1,8 @@
 """Nodes of beams that share unknowns, so that the joint between them needs no translation rows, or a weld no rows at all.
 
-Where a joint lies exactly on two nodes, they are one point: the second takes the displacement unknowns of the first. Where it
-lies on the ground, the node's displacement is constant. A weld between nodes with equal axes shares their rotation too.
+Where a joint that fixes a point lies exactly on two nodes, these have the same position: the second node uses the displacement
+unknowns of the first. Where the joint connects a node with the ground, its displacement is constant. A weld between nodes with
+equal axes shares the rotation unknowns in the same way.
 """
 
 from __future__ import annotations
@@ -19,16 +20,16 @@ from mbdae.system.model.beams import drawn_quaternion
 from mbdae.system.model.model import Instance, Model
 from mbdae.system.model.nodes import Node
 
-ON = 1e-13  #: distance of a joint from a node, relative to the scene's length, up to which the joint lies on the node
-EQUAL = 1e-13  #: difference of the axes of two nodes (rad) up to which they are equal
+ON = 1e-13  #: distance of a joint from a node, over the scene's length, up to which the joint counts as lying on the node
+EQUAL = 1e-13  #: difference of the axes of two nodes (rad) up to which they count as equal
 ROWS = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
 class Sharing:
-    """displacement_of: node -> the node whose displacement it takes; fixed_position: node -> its constant position;
-    rotation_of, fixed_rotation: likewise for the rotations (quaternion, or angle in the plane) of nodes that share both;
-    rows: group, instance and row number of the constraint rows that are satisfied by this."""
+    """Which nodes share unknowns. displacement_of: name of a node -> the node whose displacement unknowns it uses;
+    fixed_position: name of a node -> its constant position; rotation_of, fixed_rotation: the same for rotations (quaternion, or
+    angle in the plane); rows: group, instance and row number of the constraint rows that are satisfied because of the sharing."""
 
     displacement_of: dict[str, Node] = field(default_factory=dict)
     fixed_position: dict[str, Array] = field(default_factory=dict)
@@ -52,7 +53,8 @@ class Sharing:
 
 
 def shared_displacements(model: Model, excluded: set[Node], replaced: frozenset[tuple[int, int]]) -> Sharing:
-    """Shared displacements of a model with beams, and the joint rows they satisfy; excluded: nodes moved by joint coordinates."""
+    """The nodes of a model with beams that share unknowns, and the joint rows thus satisfied. excluded: nodes of recursive
+    joints, which share nothing; replaced: laws (group, instance) that are part of a tree."""
     leads: dict[Node, Node] = {}
     pinned: dict[Node, Array] = {}
     order = {n: i for i, n in enumerate(model.nodes)}
@@ -61,7 +63,7 @@ def shared_displacements(model: Model, excluded: set[Node], replaced: frozenset[
     for g, i, instance in model.instances() if model.lines else ():
         names, ends = model.groups[g].derived.rows, [n for n in instance.nodes[:2] if n is not None]
         if model.groups[g].derived.reactive:
-            continue  # friction needs the multipliers of these rows
+            continue  # its friction depends on the multipliers of its rows, so that these have to stay
         if (g, i) in replaced or not {"x", "y"} <= set(names) or excluded & set(ends) or not _on_both(model, instance):
             continue
         first, *others = sorted({leader(n, leads) for n in ends}, key=lambda n: order[n])
@@ -84,7 +86,8 @@ def shared_displacements(model: Model, excluded: set[Node], replaced: frozenset[
 
 def _shared_rotations(model: Model, welded: list[tuple[int, int, list[Node]]],
                       ) -> tuple[dict[str, Node], dict[str, Array], set[Any]]:  # fmt: skip
-    """Nodes that take the rotation of another node, nodes whose rotation is fixed as drawn, and the weld rows thus satisfied."""
+    """Nodes that use the rotation unknowns of another node, nodes whose rotation is fixed as drawn, and the rows of welds thus
+    satisfied. welded: group, instance and nodes of every weld whose nodes share displacements."""
     leads: dict[Node, Node] = {}
     fixed_rotation: dict[Node, Array] = {}
     rows: set[Any] = set()
@@ -110,12 +113,13 @@ def _drawn(node: Node) -> Array:
 
 
 def _alike(a: Node, b: Node) -> bool:
-    """Whether two nodes have axes of the same kind that are equal as drawn."""
+    """Whether two nodes have rotation unknowns of the same kind and equal axes as drawn."""
     return a.kind is b.kind and a.kind.turns and bool(np.max(np.abs(_drawn(a) - _drawn(b))) <= EQUAL)
 
 
 def _on_both(model: Model, instance: Instance) -> bool:
-    """Whether the joint lies on the nodes of both sides (on one where the other is the ground), at least one of a beam."""
+    """Whether the point of a joint is exactly at the nodes of both sides (the ground is no node), at least one of them of a
+    beam."""
     stations = {n for line in model.lines for n in line.nodes}
     if not stations & set(instance.nodes[:2]):
         return False

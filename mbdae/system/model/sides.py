@@ -17,7 +17,8 @@ from mbdae.system.model.nodes import Node
 
 def sides_of(law: Any, bodies: tuple[Body, ...], nodes: tuple[Node | None, ...],
            planar: bool) -> tuple[tuple[Side, ...], dict[str, float]]:  # fmt: skip
-    """Kinds and axes of a law's frames, and the numbers of these frames."""
+    """Kind of node and structure of axes of every frame of a law, and the numbers of the frames by name: in body axes, the
+    joint's point, the joint's axes, and the heading of the body (rad, in the plane)."""
     if isinstance(law, Element):
         assert nodes[0] is not None
         return ((nodes[0].kind, Axes.GENERAL),), {}
@@ -37,13 +38,14 @@ def sides_of(law: Any, bodies: tuple[Body, ...], nodes: tuple[Node | None, ...],
 
 @lru_cache(maxsize=64)
 def _names(side: str) -> tuple[str, ...]:
-    """Names of the numbers of a frame: its point, its axes column by column, its heading."""
+    """Names of the numbers of a frame, in the order of `sides_of`: its point, its axes column by column, its heading."""
     axes = (f"{side}_Q{a}{i + 1}" for a in "xyz" for i in range(3))
     return *(f"{side}_p{i + 1}" for i in range(3)), *axes, f"{side}_theta0"
 
 
 def joint_axes(law: Any, k: Body) -> Array:
-    """Joint axes as drawn (columns, inertial): z along the axis; a law with `axes_of` takes the axes of that body."""
+    """Joint axes as drawn, columns of a matrix (3, 3) in inertial components: z along the joint's axis. A law with `axes_of` uses
+    the axes of that body instead. k: the body of its first frame."""
     if law.axes_of == "k":
         return k.drawn.rotation
     if law.axes_of == "l":
@@ -70,7 +72,8 @@ def _axes(axis: tuple[float, ...], axis_x: tuple[float, ...] | None) -> Array:
 
 
 def pattern(Q: Array) -> Axes:
-    """Which entries of Q the planar case fixes; raises LawError where the axis is neither in the plane nor normal to it."""
+    """How the joint axes Q (columns, in body axes) of a planar scene lie, which decides which entries of Q are 0 or 1. Raises
+    LawError where z of Q is neither in the plane nor normal to it."""
     if abs(Q[2, 2] - 1) < 1e-12:
         return Axes.NORMAL
     if abs(Q[2, 2] + 1) < 1e-12:

@@ -21,7 +21,9 @@ from mbdae.system.model.model import Instance, Model
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import quaternion, quaternion_product
 
-ROUND_OFF = 1e-15  #: error of unit vectors, and of offsets over the scene's length, up to which they count as 0 or 1
+#: difference from 0, 1 or -1 up to which a component of a unit vector, or an offset over the scene's length, counts as this
+#: number
+ROUND_OFF = 1e-15
 Place = tuple[int, int]  #: numbers of a group and of an instance
 
 
@@ -29,7 +31,7 @@ Place = tuple[int, int]  #: numbers of a group and of an instance
 class Tree:
     """A tree with its nodes and laws. nodes[0] is the root (None: the ground), nodes[j] is moved by joints[j - 1].
 
-    members: numbers of the elements and forces between nodes of the tree, which its kernels contain."""
+    members: (group, instance) of the inertias and forces between nodes of the tree, which its kernels contain."""
 
     structure: TreeStructure
     nodes: tuple[Node | None, ...]
@@ -41,14 +43,14 @@ class Tree:
 
     @property
     def moved_nodes(self) -> tuple[Node, ...]:
-        """Nodes without unknowns: the bodies except the root, and prescribed coordinates."""
+        """Nodes of the tree without unknowns: all bodies but the root, and the prescribed coordinates."""
         driven = [self.node(-c) for _, c, _ in self.driven]
         return tuple(n for n in (*self.nodes[1:], *driven) if n is not None)
 
     @cached_property
     def driven(self) -> list[tuple[int, int, str]]:
-        """Prescribed coordinates: numbers of the joint and of the coordinate, from 1, and name of the parameter that prescribes
-        it."""
+        """Prescribed coordinates: number of the joint and of the coordinate in the tree, both from 1, and name of the parameter
+        that prescribes it."""
         return [(j, link.first + n, link.law.drive_name(name)) for j, link in enumerate(self.structure.links, start=1)
                 for n, (name, driven) in enumerate(zip(link.coordinates, link.prescribed, strict=True)) if driven]  # fmt: skip
 
@@ -58,13 +60,13 @@ class Tree:
         return tuple(name for name, link in zip(self.names, self.structure.links, strict=True) if not link.coordinates)
 
     def node(self, j: int) -> Node:
-        """A node by its number in the tree; -c stands for coordinate c."""
+        """A node by its number in the tree: 0 is the root, j the body that joint j moves, -c the joint coordinate c."""
         found = self.nodes[j] if j >= 0 else self.coordinates[-j - 1]
         assert found is not None
         return found
 
     def loaded(self, nodes: set[Node]) -> Tree:
-        """This tree with the nodes on which laws outside of it act marked as loaded."""
+        """This tree with those of its bodies marked as loaded that are among `nodes`: laws outside of the tree act on them."""
         numbers = tuple(j for j, n in enumerate(self.nodes) if j and n in nodes)
         return replace(self, structure=replace(self.structure, loaded=numbers))
 
@@ -118,7 +120,7 @@ def find_trees(model: Model) -> list[Tree]:
 def _rigid(model: Model, joints: list[Joined]) -> list[Joined]:
     """Rigid joints that close no loop with the recursive joints: they become part of the trees."""
     leads: dict[Body, Body] = {}
-    points: set[Body] = set()  # point masses, which have no orientation: a further rigid joint on one cannot be part of a tree
+    points: set[Body] = set()  # point masses in a tree: they have no orientation, so that no further weld to them can be in one
     for _, k, l in joints:
         leads[leader(k, leads)] = leader(l, leads)
         points |= {b for b in (k, l) if b.is_point}
@@ -133,7 +135,8 @@ def _rigid(model: Model, joints: list[Joined]) -> list[Joined]:
 
 
 def _roots(joints: list[Joined], ground: Body) -> list[Body]:
-    """Bodies in the order in which they are tried as roots: the ground, bodies that are l of no joint, the rest."""
+    """Bodies in the order in which they are tried as roots of trees: the ground, rigid bodies, point masses; among these first
+    those that are on side l of no joint."""
     bodies = list(dict.fromkeys([b for _, *ends in joints for b in ends]))
     carried = {l for _, _, l in joints}
     return sorted(bodies, key=lambda b: (b is not ground, b.is_point, b in carried))
@@ -180,7 +183,8 @@ def _tree(model: Model, root: Body, edges: list[tuple[Body, Connection, Body]], 
 
 
 def _link(model: Model, parent: int, child: Node | None, place: Place, numbers: dict[str, float], first: int) -> Link:
-    """A joint as a link of the tree; first: number of its first coordinate in the tree."""
+    """A joint as a link of the tree. parent: number of the carrying node in the tree; child: the node it carries; place, numbers:
+    its law; first: number of its first coordinate in the tree."""
     assert child is not None
     group, instance = model.groups[place[0]], model.groups[place[0]].instances[place[1]]
     sides = group.key[2]
@@ -195,7 +199,7 @@ def _link(model: Model, parent: int, child: Node | None, place: Place, numbers: 
 
 
 def _with_quaternions(instance: Instance, sides: Any) -> dict[str, float]:
-    """Numbers of a joint, with the quaternions of its axes on both sides in space."""
+    """Numbers of a joint's law; in space with the quaternions of its axes in both bodies, "k_P0" to "l_P3"."""
     stated = instance.law.params.keys() - instance.law.derived()
     own = {name: v for name, v in instance.numbers.items() if name[:2] in ("k_", "l_") or name in stated}
     for side, (kind, _) in zip("kl", sides[:2], strict=True):
@@ -205,14 +209,15 @@ def _with_quaternions(instance: Instance, sides: Any) -> dict[str, float]:
     if "k_P0" in own and "l_P0" in own:
         k, l = (drawn_quaternion(None if n is None else n.body) for n in instance.nodes[:2])
         to_joint, of_l = (np.array([own[f"{side}_P{i}"] for i in range(4)]) for side in "kl")
-        # the quaternion of l has the sign that follows from k's
+        # P and -P are the same rotation: choose the sign with which the joint's quaternions are equal from both sides
         if quaternion_product(k, to_joint) @ quaternion_product(l, of_l) < 0:
             own |= {f"l_P{i}": -float(p) for i, p in enumerate(of_l)}
     return own
 
 
 def _rounded(numbers: dict[str, float], length: float) -> Numbers:
-    """Numbers for the structure of a tree: 0, 1 or -1 up to rounding are part of it, all others (None) are given at run time."""
+    """Numbers as part of the structure of a tree: those equal to 0, 1 or -1 up to rounding become constants of its kernels, all
+    others (None) are inputs at run time. length: that of the scene, m."""
     out: list[tuple[str, int | None]] = []
     for name, value in numbers.items():
         small = ROUND_OFF * (length if "_p" in name else 1.0)
@@ -222,8 +227,9 @@ def _rounded(numbers: dict[str, float], length: float) -> Numbers:
 
 
 def _is_member(instance: Instance, structure: Structure, numbered: dict[Node, int]) -> bool:
-    """Whether a law is an element or a force between nodes of one tree (and the ground) that acts on a node moved by its joints.
-    Contacts are no members: the check of their gaps between steps reads the motion of the bodies."""
+    """Whether a law becomes part of the kernels of a tree: an inertia or a force between nodes of this tree (and the ground), at
+    least one of which its joints move. numbered: node -> number in the tree. Contacts do not, because the check of their gaps
+    between steps reads the motion of the bodies."""
     moving = [n for n in instance.nodes if n is not None]
     law = instance.law
     touches = isinstance(law, Force) and law.has_gaps

@@ -20,7 +20,7 @@ from mbdae.system.motion.reaction_friction import Solve
 
 
 class AllBodies:
-    """The motion of all nodes of a model from its unknowns (q, u, s), including coordinates of recursive joints."""
+    """The motion of all nodes of a model from its unknowns (q, u, s), among which are the coordinates of recursive joints."""
 
     def __init__(self, model: Model, moved: MovedBodies) -> None:
         self.model, self.moved = model, moved
@@ -28,7 +28,8 @@ class AllBodies:
         self.nq, self.nu = self.numbering.nq, self.numbering.nu
 
     def workspace(self, t: Array, q: Array, u: Array, up: Array | None = None) -> Array:
-        """(nt, width) workspace that the kernels of the trees read, from the positions and velocities of the unknowns."""
+        """Workspaces (nt, width) that the kernels of the trees read, filled with t (nt,), and q, u and u' (up) of the
+        unknowns."""
         nb = self.numbering
         W = nb.workspace(len(t))
         W[:, : self.nq], W[:, self.nq : self.nq + self.nu] = q, u
@@ -46,7 +47,7 @@ class AllBodies:
         return q, u
 
     def accelerations(self, t: Array, q: Array, u: Array, up: Array) -> Array:
-        """u' (nt, nu) of all nodes from positions, velocities and accelerations of the unknowns."""
+        """u' (nt, nu) of all nodes from positions q, velocities u and accelerations up of the unknowns."""
         return self._motion(self.workspace(t, q, u, up), up)[2]
 
     def reduced(self, q: Array, u: Array) -> tuple[Array, Array]:
@@ -74,7 +75,8 @@ class AllBodies:
         return q, u, a
 
     def _share(self, out: dict[str, Array]) -> None:
-        """Set displacements and rotations of nodes that share those of other nodes, or are fixed."""
+        """Set in out ("q", "u", "up" of all nodes) the displacements and rotations of nodes that share those of other nodes, or
+        are fixed."""
         sharing, nodes = self.moved.sharing, {n.name: n for n in self.model.nodes}
         for turning, fixed in enumerate((sharing.fixed_position, sharing.fixed_rotation)):
             for name, value in fixed.items():
@@ -92,7 +94,8 @@ class AllBodies:
                 out[head][:, _first(tree.node(-c), head)] = W[:, slot]
 
     def velocity_map(self, W: Array) -> Array:
-        """T (nt, nu of all nodes, nu of the unknowns): derivatives of all nodes' velocities by those of the unknowns."""
+        """T (nt, nu of all nodes, nu of the unknowns): derivatives of the velocities of all nodes by the velocity unknowns, from
+        workspaces W (nt, width)."""
         nb = self.numbering
         T = np.zeros((len(W), self.model.nu, self.nu))
         T[:, nb.of_velocities, np.arange(self.nu)] = 1.0
@@ -111,20 +114,22 @@ def _first(node: Node, head: str) -> int:
 
 
 def _part(node: Node, head: str, turning: int) -> slice:
-    """Places of a node's translations (turning = 0) or of its rotation (1) among all q or u."""
+    """Slice of a node's translations (turning = 0) or of its rotation (1) among all q (head "q") or u."""
     first, n = _first(node, head), node.kind.translations
     return slice(first + n, first + node.kind.sizes[0 if head == "q" else 1]) if turning else slice(first, first + n)
 
 
 class TreeMechanics(Mechanics):
-    """Mechanics of a model with recursive joints: accelerations from the joint coordinates, reactions from leaf to root."""
+    """Mechanics of a model with recursive joints: accelerations are solved for in joint coordinates; the reactions of the
+    recursive joints then follow from the balance of every body, from the leaves of the trees to the root."""
 
     def __init__(self, model: Model, rows: list[Row], all_bodies: AllBodies, redundant: int = 0) -> None:
         super().__init__(model, rows, redundant)
         self.all_bodies = all_bodies
 
     def admissible(self, t: Array, q: Array, u: Array) -> tuple[Array, Array]:
-        """States with bodies where the coordinates of their recursive joints place them, on which accelerations depend."""
+        """q (nt, nq) and u (nt, nu) with every body where the coordinates of its recursive joints place it: positions of such
+        bodies in the arguments count for nothing."""
         return self.all_bodies.states(t, np.hstack(self.all_bodies.reduced(q, u)))
 
     def _constrained(self, t: Array, q: Array, u: Array) -> Solve:
@@ -140,7 +145,7 @@ class TreeMechanics(Mechanics):
         E = self.unique(G[:, closing], rows, 1 / units)
 
         def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
-            # columns of the joints that close loops; joints whose friction follows from their reaction are never recursive
+            # friction depends on multipliers of joints that close loops only: a joint with reaction friction is never recursive
             inner = None if slope is None else slope[:, :, closing]
             reduced = mass, np.einsum("tij,tj->ti", Tt, f - bias @ M), rows, right, units
             ud, lam = solve_constrained(*reduced, None if inner is None else Tt @ inner, E)
@@ -159,12 +164,13 @@ class TreeMechanics(Mechanics):
 
     @cached_property
     def closing(self) -> Any:
-        """(k,) numbers of the constraint rows of joints that are not recursive: those that close loops."""
+        """(k,) numbers of the rows of joints that are not recursive: they close loops between bodies of the trees."""
         inside = self.all_bodies.moved.replaced
         return np.array([n for n, r in enumerate(self.rows) if (r.group, r.instance) not in inside], dtype=int)
 
     def _leaf_to_root(self, left: Array, G: Array, multipliers: Array) -> None:
-        """Solve G^T lambda = left joint by joint, leaves first: each joint balances the force left on the body it moves."""
+        """Solve G^T lambda = left (nt, nu) joint by joint, from the leaves to the root: the reaction of a joint balances the
+        force on the body that it moves, and its opposite is added to the force left on the carrying body."""
         numbers = {(r.group, r.instance, r.row): n for n, r in enumerate(self.rows)}
         for tree in self.all_bodies.moved.trees:
             for j in range(len(tree.joints), 0, -1):
@@ -178,6 +184,6 @@ class TreeMechanics(Mechanics):
                 multipliers[:, own] = np.linalg.solve(on_body, left[:, body, None])[..., 0]
                 left -= np.einsum("tij,ti->tj", G[:, own], multipliers[:, own])
                 for row, name in zip(rows, names, strict=True):
-                    if name in drives:  # the multiplier of a drive is the force left on its coordinate
+                    if name in drives:  # the multiplier of a row that prescribes a coordinate is the force left on it
                         u = tree.node(-drives[name]).u
                         multipliers[:, row] = left[:, u] / G[:, row, u]

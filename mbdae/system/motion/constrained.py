@@ -9,13 +9,13 @@ import numpy as np
 from mbdae.deferred import issparse
 from mbdae.system.base import Array
 
-AT_ONCE = 1_000_000  #: number of matrix entries solved together, which bounds the memory
-#: length of a row in joint coordinates, over its length in all coordinates, below which it is zero up to rounding
+AT_ONCE = 1_000_000  #: number of entries of the matrices of states that are solved together, which bounds the memory
+#: length of a constraint row in joint coordinates, over its length in the coordinates of all nodes, up to which it counts as 0
 ROUND_OFF = 1e-12
 
 
 def row_lengths(B: Any) -> Array:
-    """(..., m, 1) lengths of rows (..., m, n), sparse ones too; 1 where a row is zero."""
+    """Euclidean lengths (..., m, 1) of rows (..., m, n), sparse or not; 1 where a row is zero, so that one can divide by them."""
     if issparse(B):
         lengths = np.sqrt(np.asarray(B.multiply(B).sum(axis=1))).reshape(-1, 1)
     else:
@@ -31,11 +31,13 @@ def largest_entries(B: Any) -> Array:
 
 
 def unique_multipliers(B: Array, redundant: int, mass: float, whole: Array) -> Array:
-    """E (nt, m, m) of G u' - E lambda = -gamma, where this many (`redundant`) rows of G follow from others.
+    """E (nt, m, m) of G u' - E lambda = -gamma, which makes the multipliers unique although `redundant` rows of G follow from
+    others.
 
-    With E the equations have one solution: unchanged accelerations, and the lambda of least norm, with every row in the unit of
-    its work in a unit displacement. B (nt, m, nu): G over unit displacements; mass: of a unit displacement; whole (nt, m):
-    lengths of the rows over the displacements of all nodes, because joint coordinates may satisfy a row by themselves."""
+    Accelerations are the same as without E, and lambda is the one of least norm; in the norm each multiplier counts by its work
+    in a unit displacement (the scene's length or 1 rad), so that forces and moments can be compared. B (nt, m, nu): columns of G
+    times unit displacements; mass: typical mass of a unit displacement; whole (nt, m): lengths of the rows in the coordinates of
+    all nodes, used for rows that joint coordinates satisfy by themselves, whose length in B is 0."""
     lengths = np.linalg.norm(B, axis=2)
     lengths = np.where(lengths > ROUND_OFF * whole, lengths, whole)[:, :, None]
     lengths[lengths == 0] = 1.0
@@ -44,8 +46,8 @@ def unique_multipliers(B: Array, redundant: int, mass: float, whole: Array) -> A
 
 
 def least_norm(B: Array, force: Array) -> Array:
-    """Multipliers lambda (nt, m) of least norm, as in `unique_multipliers`, with B^T lambda = force; B (nt, m, nu): G over unit
-    displacements; force (nt, nu): generalised forces times unit displacements."""
+    """Multipliers lambda (nt, m) with B^T lambda = force, of least norm as in `unique_multipliers`. B (nt, m, nu): columns of G
+    times unit displacements; force (nt, nu): generalised forces times unit displacements."""
     lengths = row_lengths(B)
     found = [np.linalg.lstsq(b.T, f, rcond=1e-9)[0] for b, f in zip(B / lengths, force, strict=True)]
     return np.asarray(np.array(found).reshape(lengths.shape[:2]) / lengths[:, :, 0])
@@ -53,8 +55,10 @@ def least_norm(B: Array, force: Array) -> Array:
 
 def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array, slope: Array | None = None,
                       E: Array | None = None) -> tuple[Array, Array]:  # fmt: skip
-    """u' (nt, nu), lambda (nt, m) of M u' + (G^T - slope) lambda = f (nt, nu), G u' - E lambda = -gamma (nt, m); M (nu, nu) or
-    one per state; E: see `Mechanics.unique`."""
+    """u' (nt, nu), lambda (nt, m) of M u' + (G^T - slope) lambda = f (nt, nu), G u' - E lambda = -gamma (nt, m).
+
+    M (nu, nu) or (nt, nu, nu); slope (nt, nu, m): derivative of friction by lambda; E: see `unique_multipliers`; units (nu,):
+    scale of u' in the norm that chooses a solution where the matrix is singular."""
     nu, n = f.shape[1], f.shape[1] + gamma.shape[1]
     M = np.broadcast_to(M, (len(f), nu, nu))
     scale, right, out = np.r_[units, np.ones(n - nu)], np.hstack([f, -gamma]), np.empty((len(f), n))
@@ -71,7 +75,7 @@ def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array, 
 
 
 def _solved(K: Array, right: Array, scale: Array) -> Array:
-    """Solutions (nt, n) of K x = right for many states: together where no K is singular, else one by one."""
+    """Solutions (nt, n) of K x = right for many states: all at once, and one by one where a K is singular, see `_solve`."""
     try:
         x = np.linalg.solve(K, right[:, :, None])
     except np.linalg.LinAlgError:
@@ -84,7 +88,7 @@ def _solved(K: Array, right: Array, scale: Array) -> Array:
 
 
 def _solve(K: Array, right: Array, scale: Array) -> Array:
-    """Solution of K x = right; where K is singular, the solution of least norm in scaled unknowns."""
+    """Solution of K x = right; where K is singular, the least-squares solution with the smallest norm of x / scale."""
     try:
         x = np.asarray(np.linalg.solve(K, right), dtype=float)
         if np.all(np.isfinite(x)) and np.linalg.norm(K @ x - right) <= 1e-8 * (np.linalg.norm(right) + 1e-300):

@@ -1,4 +1,4 @@
-"""Positions moved by virtual displacements, for unknowns of any numbering: rotations compose, all other entries add."""
+"""Positions changed by virtual displacements, for unknowns of any numbering: rotations are composed, all others are added."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ import numpy as np
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
 
-#: quaternion product P o r = (P[FACTORS] * SIGNS) r of quaternions P, r
+#: index and sign table by which the quaternion product is a matrix product: P o r = (P[FACTORS] * SIGNS) r
 FACTORS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
 SIGNS = np.array([[1.0, -1, -1, -1], [1, 1, -1, 1], [1, 1, 1, -1], [1, -1, 1, 1]])
 
 
 class Displacements:
-    """Displaces q (nq,) by virtual displacements (nu,) in the directions of the velocities; rotations of bodies in body axes."""
+    """The function (q (nq,), virtual displacements (nu,)) -> displaced q (nq,). Virtual displacements correspond to the velocity
+    unknowns: m and rad, those of rotations of bodies in body axes."""
 
     def __init__(self, numbering: Numbering) -> None:
         nb = numbering
@@ -26,7 +27,7 @@ class Displacements:
         self._q, self._u = np.delete(np.arange(nb.nq), self._P), np.delete(np.arange(nb.nu), self._turn)
 
     def __call__(self, q: Array, by: Array) -> Array:
-        """Displaced positions, a new array."""
+        """Positions q (nq,) after the virtual displacements `by` (nu,), a new array."""
         out = q.copy()
         if not len(self._P):
             out += by
@@ -40,7 +41,8 @@ class Displacements:
         return out
 
     def units(self, scale: Array) -> Array:
-        """(nu,) typical size of every displacement, from the typical sizes of the positions (nq,)."""
+        """(nu,) typical size of every displacement, from the typical sizes of the positions, scale (nq,); 1 rad for rotations by
+        quaternions."""
         out = np.ones(len(self._u) + self._turn.size)
         out[self._u] = scale[self._q]
         return out

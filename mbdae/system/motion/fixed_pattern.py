@@ -14,17 +14,19 @@ from mbdae.native.pivots import largest_pivots
 from mbdae.native.sparse import Factors, Orders, SingularMatrixError
 from mbdae.system.base import Array
 
-#: compliance of the constraints that makes K regular, over that of a unit mass at a unit displacement
+#: where rows are redundant, constraints get this small compliance, which makes K regular; relative to 1 / mass in unit
+#: displacements
 GIVE = 1e-10
-CORRECTIONS = 4  #: corrections of the error by this compliance: each reduces it about as `GIVE` does
-CLOSE = 1e-8  #: residual of the equations that is accepted, over their right-hand sides
+CORRECTIONS = 4  #: number of corrections of the error that this compliance causes; each reduces it by about the factor GIVE
+CLOSE = 1e-8  #: norm of the residual over that of the right-hand side, up to which a solution is accepted
 
 
 class FixedPattern:
-    """Solves K x = right with K = [[M, G^T - slope], [G, 0]] at many states.
+    """Solves K x = right with K = [[M, G^T - slope], [G, 0]] at many states, whose K have the same sparsity pattern.
 
-    M (nu, nu): sparse, equal in all states. rows, columns: places of the entries of G (m, nu). slope (nt, nu, m) or None. The
-    order of elimination is found once, and again where pivots become small."""
+    M (nu, nu): sparse, equal in all states; m: number of constraint rows; rows, columns (k,): of the entries of G (m, nu); slope
+    (nt, nu, m): derivative of friction by lambda, or None. The order of elimination is found once, and again where pivots become
+    too small."""
 
     def __init__(self, M: Any, m: int, rows: Any, columns: Any, slope: Array | None) -> None:
         nu, (of_mass, by_mass, self._mass) = M.shape[0], entries_of(M)
@@ -42,7 +44,7 @@ class FixedPattern:
         self._exact, self._near = (Factors(Orders(self.entries, (largest_pivots,)), float) for _ in range(2))
 
     def values(self, G: Array, slope: Array | None) -> Array:
-        """(nt, nnz) entries of K for entries of G (nt, k)."""
+        """Entries (nt, nnz) of K, from entries (nt, k) of G."""
         parts = [np.broadcast_to(self._mass, (len(G), len(self._mass))), G, G]
         if slope is not None and self._slope is not None:
             parts.append(-slope[:, self._slope[0], self._slope[1]])
@@ -50,11 +52,12 @@ class FixedPattern:
         return np.asarray(np.add.reduceat(together[:, self._order], self._first, axis=1))
 
     def at(self, values: NDArray[np.float64], give: Array, redundant: bool) -> Callable[[Array], Array]:
-        """The function right-hand side (n,) -> x (n,) at one state; valid until `at` is called for another state.
+        """The function right-hand side (n,) -> x (n,) at one state with entries of K `values` (nnz,); valid until `at` is called
+        for another state.
 
-        redundant: some rows follow from others; then, and where K is singular, multipliers are those of least norm, with every
-        row in the unit of its work in a unit displacement. give (m,): squared lengths of the rows over unit displacements, over a
-        mass: the compliance of a row is `GIVE` times this."""
+        redundant: whether some rows follow from others. Then, and where K is singular, the multipliers are those of least norm as
+        in `unique_multipliers`. give (m,): the compliance of a row in units of `GIVE`: its squared length in unit displacements,
+        over the mass of a unit displacement."""
         begun = [not redundant and self._factored(values), False]
 
         def solve(right: Array) -> Array:
@@ -81,7 +84,7 @@ class FixedPattern:
         return True
 
     def _solved(self, values: Array, right: Array) -> Array | None:
-        """x with K x = right by the factors; None where K is singular or the residual too large."""
+        """x with K x = right by the LU factors of K; None where the residual is too large because K is nearly singular."""
         x = self._exact.solve(right)
         left = np.linalg.norm(self._product(values, x) - right)
         return x if left <= CLOSE * (np.linalg.norm(right) + 1e-300) else None
@@ -92,7 +95,8 @@ class FixedPattern:
         self._near.factor()
 
     def _nearest(self, values: Array, right: Array) -> Array:
-        """The solution with multipliers of least norm: by compliant constraints, whose error is then corrected."""
+        """The solution with multipliers of least norm, by the LU factors of K with compliant constraints. Corrections with the
+        same factors remove the error that the compliance causes."""
         x = np.zeros(self.n)
         for _ in range(CORRECTIONS):
             x = x + self._near.solve(right - self._product(values, x))

@@ -1,4 +1,4 @@
-"""Effective masses of impacts: the inertia that resists a one-sided law along the directions in which it may act."""
+"""Effective masses of impacts: the inertia that a contact force accelerates, along the directions in which it may act."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Place = tuple[int, int]  #: numbers of the group and the instance of a law
 
 
 def approach_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Gradients of the relative displacements along which a one-sided law may act."""
+    """Derivatives, by virtual displacements, of the relative displacements along which the force of a contact may act."""
     if not isinstance(d.law, Force):
         return []
     out: list[tuple[Target, Expr]] = []
@@ -30,7 +30,8 @@ def approach_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def approaches(mechanics: Mechanics, t: float, q: Array) -> dict[Place, Array]:
-    """Rows (directions, nu) of every one-sided law at positions q (nq,): rows @ u are the rates of its displacements."""
+    """For every contact law the rows (directions, nu) at positions q (nq,): rows @ u are the rates of the relative displacements
+    along which its force may act."""
     found = {}
     for g, p, values in mechanics.evaluate(approach_outputs, np.array([t]), q[None], np.zeros((1, mechanics.nu))):
         for i in range(len(mechanics.model.groups[g].instances)):
@@ -42,8 +43,9 @@ def approaches(mechanics: Mechanics, t: float, q: Array) -> dict[Place, Array]:
 
 
 def effective_masses(mechanics: Mechanics, t: float, q: Array, with_joints: bool, rows: Sequence[Array]) -> list[float]:
-    """Smallest effective mass (kg or kg m^2) along each of several sets of rows (directions, nu) at positions q (nq,): of the
-    bodies alone, or with all that the joints tie to them; infinite where nothing can move."""
+    """Effective masses (kg or kg m^2) of contacts at positions q (nq,), of each the smallest of its directions; infinite where
+    nothing can move. rows: of each contact those of `approaches`; with_joints: whether joints tie further inertia to the bodies
+    in contact."""
     together = np.concatenate(rows)
     mobility = mechanics.mobility_with_joints(t, q, together) if with_joints else mechanics.mobility(together)
     parts = np.split(mobility, np.cumsum([len(part) for part in rows])[:-1])

@@ -1,4 +1,4 @@
-"""The mechanics behind every form: masses, forces, accelerations and multipliers at any states, many at once."""
+"""The mechanics of a model, independent of forms: masses, forces, accelerations and multipliers at given states, many at once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mbdae.system.motion.reaction_friction import Solve, solve_with_friction
 from mbdae.system.motion.states import States
 from mbdae.threads import one_thread
 
-AT_ONCE = 100  #: number of rows whose mobility is computed together, which bounds the memory
+AT_ONCE = 100  #: number of rows whose `mobility` is computed together, which bounds the memory
 LARGE = 400  #: number of velocities above which matrices of rigid bodies are sparse
 TOGETHER = 200  #: number of states whose entries of sparse matrices are stored together, which bounds the memory
 
@@ -30,29 +30,30 @@ def _inertia(d: Derived) -> Any:
 
 
 class Mechanics(States):
-    """Masses, forces, accelerations and multipliers of a model at states."""
+    """Masses, forces, accelerations and multipliers of a model at given states (positions and velocities of all nodes)."""
 
-    carries_bodies = False  #: whether every constraint row belongs to a joint of a tree
+    carries_bodies = False  #: whether every constraint row belongs to a recursive joint, so that trees carry all jointed bodies
 
     @cached_property
     def sparse(self) -> bool:
-        """Whether equations with its masses and constraints are solved as sparse ones: with beams, and for many bodies."""
+        """Whether the equations for u' and lambda are solved with sparse matrices: with beams, and for many bodies."""
         return bool(self.model.lines) or self.large
 
     @property
     def large(self) -> bool:
-        """Whether there are so many bodies that the rank is found by sparse elimination."""
+        """Whether there are so many velocities that mass matrix and constraint Jacobian are stored as sparse matrices."""
         return self.nu > LARGE
 
     def constraint_matrix(self, t: Array, q: Array) -> Any:
-        """G (m, nu) at one state t (1,), q (nq,); sparse where it is large."""
+        """Constraint Jacobian G (m, nu) at one state t (1,), q (nq,); a sparse matrix where `large`."""
         if self.large:
             return self.sparse_constraint_jacobian(t, q[None])[0]
         return self.constraint_jacobian(t, q[None])[0]
 
     @cached_property
     def mass(self) -> Any:
-        """Mass matrix (nu, nu), constant: nodes of bodies are centres of mass with spins in body axes; sparse where large."""
+        """Mass matrix (nu, nu). It is constant because velocities are those of centres of mass, and angular velocities are in
+        body axes; a sparse matrix where `large`."""
         parts = [self._entries_of_mass, *(line.mass for line in self.model.lines)]
         values, rows, columns = (np.concatenate(part) for part in zip(*parts, strict=True))
         if self.large:
@@ -63,7 +64,7 @@ class Mechanics(States):
 
     @cached_property
     def inertia(self) -> dict[tuple[int, int], float]:
-        """Entries of the mass matrix of everything but beams, by row and column."""
+        """(row, column) -> entry of the mass matrix of everything but beams."""
         found: dict[tuple[int, int], float] = {}
         for value, *place in zip(*(part.tolist() for part in self._entries_of_mass), strict=True):
             found[place[0], place[1]] = found.get((place[0], place[1]), 0.0) + value
@@ -71,7 +72,8 @@ class Mechanics(States):
 
     @cached_property
     def _entries_of_mass(self) -> tuple[Array, Any, Any]:
-        """Values, rows and columns of the mass matrix of everything but beams; duplicates are to be summed."""
+        """Values, rows and columns of entries of the mass matrix of everything but beams; entries of equal place have to be
+        summed."""
         entries: list[tuple[Array, Any, Any]] = []
         for g, group in enumerate(self.model.groups):
             p = linearised_plan(group.derived, _inertia)
@@ -85,17 +87,19 @@ class Mechanics(States):
 
     @cached_property
     def weight(self) -> Any:
-        """The mass matrix plus a millionth of its largest entries, so that it is positive definite: the metric of projections."""
+        """The mass matrix plus a millionth of its largest entries (of translations and of rotations) on the diagonal, so that it
+        is positive definite; it measures the size of displacements in projections."""
         M, rotational = self.mass, self.rotational
         d = M.diagonal()
         floor = np.where(rotational, _largest(d[rotational], self.model.length**2), _largest(d[~rotational], 1.0))
         return M + (sp.diags(1e-6 * floor, format="csc") if self.large else np.diag(1e-6 * floor))
 
     def mobility(self, G: Any) -> Array:
-        """(m,) velocity along every row of G (m, nu), sparse or not, per impulse along it, with `weight` as mass matrix."""
+        """(m,) for every row g of G (m, nu), sparse or not: the velocity g u that a unit impulse along g causes, the inverse of
+        an effective mass, of bodies without their joints. `weight` is the mass matrix."""
         if not self.large:
             return np.asarray(np.einsum("ij,ji->i", G, np.linalg.solve(self.weight, G.T)))
-        if not self.model.lines:  # blocks of single bodies
+        if not self.model.lines:  # the mass matrix consists of blocks of single bodies, which are inverted once
             G = sp.csr_matrix(G)
             return np.asarray((G @ self._inverse_weight).multiply(G).sum(axis=1))[:, 0]
         factors, parts = splu(self.weight), [np.zeros(0)]
@@ -107,7 +111,7 @@ class Mechanics(States):
 
     @cached_property
     def _inverse_weight(self) -> Any:
-        """Inverse of `weight` of rigid bodies, node by node."""
+        """Inverse (nu, nu) of `weight` in scenes of rigid bodies, computed node by node because `weight` couples none."""
         parts = []
         for _, _, by in self._kinds:
             rows, columns = np.broadcast_arrays(by[:, :, None], by[:, None, :])
@@ -117,17 +121,18 @@ class Mechanics(States):
         return sp.csr_matrix((values, (rows, columns)), shape=(self.nu, self.nu))
 
     def mobility_with_joints(self, t: float, q: Array, rows: Array) -> Array:
-        """(k,) velocity along every row (k, nu) per impulse on it at positions q (nq,), with the constraints in force."""
+        """(k,) for every row g of rows (k, nu): the velocity g u that a unit impulse along g causes at positions q (nq,), with
+        the constraints in force."""
         if self.sparse:
             return self._sparse_mobility(t, q, rows)
-        impulses = np.vstack([rows, np.zeros((1, self.nu))])  # the last one, without an impulse, is subtracted below
+        impulses = np.vstack([rows, np.zeros((1, self.nu))])  # subtracting the last result, without impulse, removes gamma
         with one_thread():
             solve = self._constrained(np.full(len(impulses), t), np.tile(q, (len(impulses), 1)), np.zeros(impulses.shape))
             moved = solve(impulses, None)[0]
         return np.asarray(np.einsum("ij,ij->i", rows, moved[:-1] - moved[-1]))
 
     def _sparse_mobility(self, t: float, q: Array, rows: Array) -> Array:
-        """`mobility_with_joints` for sparse matrices, by one factorisation."""
+        """The result of `mobility_with_joints`, by one factorisation of sparse matrices."""
         at = np.array([t])
         G, places, give = self._entries_and_give(at, q[None])
         found = FixedPattern(self.mass, self.m, *places, None)
@@ -135,8 +140,9 @@ class Mechanics(States):
         return np.array([row @ solve(np.r_[row, np.zeros(self.m)])[: self.nu] for row in rows])
 
     def load(self, t: Array, q: Array, u: Array, s: Array | None = None, z: Array | None = None) -> Array:
-        """f (nt, nu): all forces but those of constraints and their friction; M u' + G^T lambda = f. z (nt, nz): stresses of
-        the beams, by default those of their strains (where a beam is stiff, they magnify the error of the positions)."""
+        """f (nt, nu) of M u' + G^T lambda = f: all forces but those of constraints and of friction that depends on lambda. s:
+        internal states; z (nt, nz): stresses of the beams, None: those that follow from the strains (with stiff beams a small
+        error of the positions is then a large error of the forces)."""
         f = np.zeros((len(t), self.nu))
         for g, p, values in self.evaluate(loads, t, q, u, s):
             for o, target in enumerate(p.targets):
@@ -148,13 +154,14 @@ class Mechanics(States):
         return {mixed: batches(self.model.lines, mixed) for mixed in (False, True)}
 
     def prescribed(self, t: Array, slots: tuple[tuple[int, str], ...]) -> Array:
-        """(nt, slots) prescribed inputs of loads on beams."""
+        """Values (nt, slots) at times t of loads on beams that are prescribed in time; slots: number of the beam and key in
+        `Line.timed`."""
         W = self.numbering.workspace(len(t))
         self.numbering.fill_clock(W, t)
         return W[:, [self.numbering.slot(-1, *place) for place in slots]]
 
     def _of_beams(self, t: Array, q: Array, u: Array, z: Array | None) -> Array:
-        """Forces of beams (nt, nu) from their stresses z, or from their strains where z is None."""
+        """Forces (nt, nu) of beams and their loads, with the stresses z, or those of the strains where z is None."""
         f = np.zeros((len(t), self.nu))
         for line in self.model.lines:
             np.add.at(f.T, line.places("u").ravel(), line.dead.ravel()[:, None])
@@ -180,7 +187,7 @@ class Mechanics(States):
         return np.asarray(np.einsum("ti,ti->t", self._of_elements(True, t, q, u), u))
 
     def _of_elements(self, loads: bool, t: Array, q: Array, u: Array) -> Array:
-        """Forces (nt, nu) on the nodes of beams: of their loads, or else of their elements."""
+        """Forces (nt, nu) on the nodes of beams; loads: True for those of `Line.loads`, False for those of elements."""
         f = np.zeros((len(t), self.nu))
         for batch in self._batches[False]:
             if batch.is_load is loads:
@@ -189,8 +196,8 @@ class Mechanics(States):
 
     def accelerations(self, t: Array, q: Array, u: Array, s: Array | None = None,
                       z: Array | None = None) -> tuple[Array, Array]:  # fmt: skip
-        """u' (nt, nu) and lambda (nt, m) from M u' + G^T lambda = f, G u' = -gamma; where lambda is not unique the one of least
-        norm, every row in the unit of its work in a unit displacement (the scene's length, 1 rad).
+        """u' (nt, nu) and lambda (nt, m) from M u' + G^T lambda = f, G u' = -gamma; where lambda is not unique, the one of least
+        norm, see `unique_multipliers`. s, z: as in `load`.
 
         With friction that follows from reactions f depends on lambda: see `reaction_friction.py`."""
         f = self.load(t, q, u, s, z)
@@ -199,11 +206,12 @@ class Mechanics(States):
             return solve_with_friction(self, (t, q, u, s), f, solve) if self.reactive and self.m else solve(f, None)
 
     def admissible(self, t: Array, q: Array, u: Array) -> tuple[Array, Array]:
-        """q (nt, nq) and u (nt, nu), changed from arbitrary values to ones that `accelerations` takes; here all values are."""
+        """q (nt, nq) and u (nt, nu) changed to values at which `accelerations` is defined. Here these are all values; with
+        recursive joints the bodies have to be where the joints place them."""
         return q, u
 
     def _constrained(self, t: Array, q: Array, u: Array) -> Solve:
-        """The function that solves the linear equations for u' and lambda at the given states."""
+        """The function that solves the linear equations for u' and lambda at these states, see `reaction_friction.Solve`."""
         if self.sparse:
             return self._sparse(t, q, u)
         if not self.m:
@@ -213,8 +221,8 @@ class Mechanics(States):
         return lambda f, slope: solve_constrained(self.mass, f, G, gamma, 1 / self.velocity_units, slope, E)
 
     def unique(self, G: Array, rows: Array | None = None, units: Any = 1.0) -> Array | None:
-        """E (nt, m, m), see `unique_multipliers`, where rows of G (nt, m, nu) follow from others; None where none do. rows
-        (nt, m, n): these rows over joint coordinates, where those are the unknowns, whose unit displacements are units (n,)."""
+        """E (nt, m, m) of `unique_multipliers` for G (nt, m, nu), or None where no rows are redundant. rows (nt, m, n): these
+        rows in joint coordinates, where these are the unknowns; units (n,): unit displacements of these."""
         if not self.redundant:
             return None
         mass = float(np.max(self.mass.diagonal() * self.velocity_units**2))
@@ -222,7 +230,7 @@ class Mechanics(States):
         return unique_multipliers(B if rows is None else rows * units, self.redundant, mass, np.linalg.norm(B, axis=2))
 
     def _sparse(self, t: Array, q: Array, u: Array) -> Solve:
-        """`_constrained` with sparse matrices of one pattern for all states."""
+        """The function that solves the linear equations for u' and lambda at these states with sparse matrices of one pattern."""
         gamma = self.acceleration_bias(t, q, u)
         G, places, give = self._entries_and_give(t, q)
 
@@ -239,7 +247,7 @@ class Mechanics(States):
         return solve
 
     def _entries_and_give(self, t: Array, q: Array) -> tuple[Array, tuple[Any, Any], Array]:
-        """Entries (nt, k) of G, their rows and columns, and the numbers `give` (nt, m) of the rows: see `FixedPattern.at`."""
+        """Entries (nt, k) of G, their rows and columns (k,), and of every row the number `give` (nt, m) of `FixedPattern.at`."""
         G, rows, columns = self.entries_of_G(t, q)
         mass = float(np.max(self.mass.diagonal() * self.velocity_units**2))
         give = np.zeros((len(t), self.m))
@@ -250,7 +258,7 @@ class Mechanics(States):
 
 
 def in_units(mechanics: States, G: Any) -> Any:
-    """G (m, nu), sparse or not, over unit displacements: the scene's length, 1 rad."""
+    """G (m, nu), sparse or not, with its columns multiplied by unit displacements: the scene's length, 1 rad."""
     return G @ sp.diags(mechanics.velocity_units) if issparse(G) else G * mechanics.velocity_units
 
 

@@ -1,4 +1,5 @@
-"""Trees of any size at given states: the motion of all bodies, and the accelerations that given forces cause, body by body."""
+"""Trees of any size at given states, evaluated body by body by the articulated-body recursion: the motion of all bodies, and the
+accelerations that given forces cause."""
 
 from __future__ import annotations
 
@@ -24,27 +25,29 @@ from mbdae.system.motion.reaction_friction import Solve
 from mbdae.system.motion.states import blocks
 from mbdae.system.motion.workspace import Workspace
 
-#: pivot of the mass matrix, over the inertia of the body with all that it carries, below which a motion has no inertia
+#: pivot of the mass matrix over the largest pivot, up to which a motion counts as having no inertia
 NOTHING = 1e-13
 
 
 class _AtStates(Workspace):
-    """Operations that are run for one state after the other; a state includes the values prescribed in time."""
+    """Operations that are run for one state after the other. A state is a workspace: unknowns and all values prescribed in
+    time."""
 
     def __init__(self, numbering: Numbering) -> None:
         super().__init__(numbering)
-        self.clock = self.operations.part()  # empty, because the states include the values prescribed in time
+        self.clock = self.operations.part()  # empty, because a state already contains the values prescribed in time
         self.part = self.operations.part()
 
     def ready(self, result: int, count: int) -> None:
-        """Compile the operations; results are the `count` numbers from slot `result` on."""
+        """Compile the operations, whose results are the `count` numbers from slot `result` on."""
         self.finish(self.part)
         self.make("residual")
         self._found, _ = self.view(result, count)
         self._at_yp = self.view(self.n, self.n)[1]
 
     def values(self, W: Array, more: tuple[int, Array] | None = None) -> Array:
-        """Results (states, count) at rows of numbers W (states, width); more: a slot and the rows of numbers from there on."""
+        """Results (nt, count) at workspaces W (nt, width). more: a slot and further numbers (nt, k) to be written from there
+        on."""
         out = np.empty((len(W), len(self._found)))
         for i, row in enumerate(W):
             self.W[: row.size] = row
@@ -56,7 +59,7 @@ class _AtStates(Workspace):
 
 
 class OrderedMotion(_AtStates):
-    """q, u and u' of all nodes that joints move, in consecutive slots, from rows of numbers of a numbering."""
+    """Computes q, u and u' of all nodes, one after the other, from workspaces of a numbering."""
 
     def __init__(self, model: Model, moved: MovedBodies, numbering: Numbering) -> None:
         super().__init__(numbering)
@@ -82,7 +85,7 @@ class OrderedMotion(_AtStates):
         self.ready(result, sum(self.sizes))
 
     def of_all(self, W: Array) -> tuple[Array, Array, Array]:
-        """q (states, nq), u and u' (states, nu) of all nodes."""
+        """q (nt, nq), u and u' (nt, nu) of all nodes at workspaces W (nt, width)."""
         found = self.values(W)
         nq, nu, _ = self.sizes
         return found[:, :nq], found[:, nq : nq + nu], found[:, nq + nu :]
@@ -112,7 +115,8 @@ class OrderedBodies(AllBodies):
         return self._by_order.of_all(W)
 
     def velocity_map(self, W: Array) -> Array:
-        """T (nt, nu of all nodes, nu of the unknowns), column by column: all velocities are linear in those of the unknowns."""
+        """As `AllBodies.velocity_map`, column by column: velocities for one velocity unknown equal to 1 and the others 0, less
+        those for all 0, because velocities depend on the unknowns linearly."""
         first, columns = self.nq, np.zeros((len(W), self.model.nu, self.nu))
         still = W.copy()
         still[:, first : first + self.nu] = 0.0
@@ -125,12 +129,13 @@ class OrderedBodies(AllBodies):
 
 
 def bodies_of(model: Model, moved: MovedBodies) -> AllBodies:
-    """The motion of all bodies of a model: by kernels of whole trees, or joint by joint."""
+    """The object that evaluates the motion of all bodies of a model: by kernels of whole trees, or joint by joint."""
     return (OrderedBodies if moved.ordered else AllBodies)(model, moved)
 
 
 class _Accelerations(_AtStates):
-    """u' of all nodes from forces on them, which are given in the slots after the numbers of a state."""
+    """Computes u' of all nodes from forces on them, which are given in the slots from `force` on. mass: (row, column) -> entry of
+    the mass matrix among the velocity unknowns."""
 
     def __init__(self, model: Model, moved: MovedBodies, numbering: Numbering, mass: dict[tuple[int, int], float]) -> None:
         super().__init__(numbering)
@@ -155,7 +160,7 @@ class _Accelerations(_AtStates):
         ordered.outwards(part)
         nodes = [j for j in ordered.bodies if j]
         forces = [ordered.at(j, place) for j in nodes for place in ordered.bodies[j].kernels.outward.column if place[0] == "p"]
-        # the given forces include gyroscopic forces, so that those of the bodies themselves are set to zero
+        # the given forces contain the gyroscopic forces already, so that those which the outward pass computes are set to 0
         part.set(forces, np.full(len(forces), part.zeros(1)))
         ordered.loads(part, nodes, lambda j, i: left + tree.node(j).u + i)
         pivots = ordered.inwards(part, lambda k: rates + k)
@@ -167,7 +172,10 @@ class _Accelerations(_AtStates):
 
 
 def solve_alone(part: Operations, mass: dict[tuple[int, int], float], rate: Callable[[int], int], rest: Sequence[int]) -> None:
-    """Accelerations of the unknowns `rest`, which no tree has, by their constant inertia, in the slots that held the forces."""
+    """Append the accelerations of the velocity unknowns `rest`, which belong to no tree, by Cholesky of their constant mass
+    matrix.
+
+    mass: (row, column) -> its entries; rate: slot of unknown k, which holds the force on it before and its acceleration after."""
     if not rest:
         return
     place, n = {k: i for i, k in enumerate(rest)}, len(rest)
@@ -186,14 +194,15 @@ def solve_alone(part: Operations, mass: dict[tuple[int, int], float], rate: Call
 
 
 def _bare(model: Model, tree: Tree) -> Tree:
-    """A tree without laws but the inertia of its bodies."""
+    """A tree whose only laws are the inertias of its bodies, without forces between them."""
     kept = [k for k, (g, i) in enumerate(tree.members) if isinstance(model.groups[g].instances[i].law, Element)]
     structure = replace(tree.structure, members=tuple(tree.structure.members[k] for k in kept), loaded=())
     return replace(tree, structure=structure, members=tuple(tree.members[k] for k in kept))
 
 
 class OrderedMechanics(TreeMechanics):
-    """Mechanics of a model whose trees are evaluated joint by joint: every row belongs to a joint of a tree."""
+    """Mechanics of a model whose trees are evaluated joint by joint and whose constraint rows all belong to joints of these
+    trees."""
 
     carries_bodies = True
 
@@ -219,7 +228,7 @@ class OrderedMechanics(TreeMechanics):
         return _Accelerations(self.model, e.moved, e.numbering, mass)
 
     def without_inertia(self, t: Array, q: Array) -> list[int]:
-        """Numbers of the velocities, among the unknowns, that have no inertia at positions q (nq,)."""
+        """Numbers, among the velocity unknowns, of those that have no inertia at positions q (nq,)."""
         e, solver = self.all_bodies, self._by_order
         W = e.workspace(t, *e.reduced(q[None], np.zeros((1, self.nu))))
         solver.values(W, (solver.force, np.zeros((1, self.nu))))
@@ -228,8 +237,7 @@ class OrderedMechanics(TreeMechanics):
         return [solver.pivots[i][1] for i in lost]
 
     def _joint_by_joint(self, t: Array, q: Array, left: Array, multipliers: Array) -> None:
-        """Solve G^T lambda = left, leaves first, as `TreeMechanics._leaf_to_root`; needs the entries of G of one joint at a
-        time."""
+        """As `TreeMechanics._leaf_to_root`, but with the entries of G of one joint at a time, never the whole matrix."""
         entries = {g: (p.targets, values) for g, p, values in self.evaluate(jacobian_G, t, q, np.zeros((len(t), self.nu)))}
         numbers = {(r.group, r.instance, r.row): n for n, r in enumerate(self.rows)}
         for tree in self.all_bodies.moved.trees:
@@ -247,7 +255,9 @@ class OrderedMechanics(TreeMechanics):
 
     def _one(self, tree: Tree, j: int, rows: dict[int, int], G: dict[tuple[int, int], Array], drives: dict[int, int],
              left: Array, multipliers: Array) -> None:  # fmt: skip
-        """Multipliers of one joint. rows: their numbers; G: entries by row and column; drives: prescribed coordinates by row."""
+        """Compute the multipliers of joint j of a tree. rows: row of the law -> number of its multiplier; G: (row of the law,
+        velocity) -> entries (nt,); drives: row of the law that prescribes a coordinate -> number of this coordinate in the
+        tree."""
         node, own = tree.node(j), [r for r in rows if r not in drives]
         at, zero = range(node.u, node.u + node.kind.sizes[1]), np.zeros(len(left))
         on_body = np.array([[G.get((r, k), zero) for r in own] for k in at]).transpose(2, 0, 1)
@@ -257,7 +267,7 @@ class OrderedMechanics(TreeMechanics):
         for (r, k), value in G.items():
             if r in force:
                 left[:, k] -= value * force[r]
-        for r, c in drives.items():  # the multiplier of a drive is the force left on its coordinate
+        for r, c in drives.items():  # the multiplier of a row that prescribes a coordinate is the force left on it
             u = tree.node(-c).u
             multipliers[:, rows[r]] = left[:, u] / G[r, u]
 

@@ -1,7 +1,8 @@
-"""A tree of joints in the order of its bodies: tables by which kernels of single joints run outwards from the root and back.
+"""A tree of joints evaluated body by body (articulated-body recursion): operations that call kernels of single joints in order,
+outwards from the root, inwards from the leaves, and outwards again.
 
-Consecutive bodies of one kind are one operation, whose instances read results of the instances before them. Only the tables grow
-with the tree.
+Consecutive bodies with the same kernels are one operation, whose instances read results of the instances before them. Only the
+tables of slots grow with the tree.
 """
 
 from __future__ import annotations
@@ -24,12 +25,14 @@ from mbdae.system.model.trees import Tree
 
 Index = NDArray[np.intp]
 Place = tuple[Any, ...]
-#: number of kinds of joints that differ in numbers 0, 1 or -1, above which such numbers are given at run time
+#: number of different joint kernels in a tree above which parameters equal to 0, 1 or -1, otherwise constants of the kernels,
+#: become inputs at run time, so that more joints share a kernel
 MOST_KINDS = 12
 
 
 class Own(NamedTuple):
-    """A body of a tree: its kernels, the body that carries it (-1: none), and the numbers of the laws that act on it alone."""
+    """A body of a tree. parent: number of the body that carries it, -1 for none; members: numbers, among the laws of the tree, of
+    those that act on this body alone, which its kernels contain."""
 
     kernels: BodyKernels
     parent: int
@@ -37,7 +40,8 @@ class Own(NamedTuple):
 
 
 def ordered_size(moved: MovedBodies, numbering: Numbering, tree: Tree) -> tuple[int, int]:
-    """Number of different kernels for the joints of a tree, and number of operations of all its joints together."""
+    """Number of different kernels of the joints of a tree, and number of arithmetic operations of one evaluation of all
+    joints."""
     every = [own.kernels for own in OrderedTree(moved, numbering, tree).bodies.values()]
     kernels = {id(kernel): kernel for own in every for kernel in (own.outward, *own.passes[:2])}
     sizes = {key: kernel.operations for key, kernel in kernels.items()}
@@ -45,8 +49,9 @@ def ordered_size(moved: MovedBodies, numbering: Numbering, tree: Tree) -> tuple[
 
 
 class OrderedTree:
-    """A tree in the array of a native program. quaternion: whether the rotations of its bodies are evaluated as quaternions;
-    inertia: (row, column) among velocities -> entries of the mass matrix by laws outside of the tree."""
+    """Appends the evaluation of a tree, body by body, to a native program. quaternion: whether the rotations of its bodies are
+    evaluated as quaternions (else as rotation matrices only); inertia: (row, column) among the velocity unknowns -> entry of the
+    mass matrix by laws outside of the tree."""
 
     def __init__(self, moved: MovedBodies, numbering: Numbering, tree: Tree, quaternion: bool = False,
                  inertia: dict[tuple[int, int], float] | None = None) -> None:  # fmt: skip
@@ -92,9 +97,9 @@ class OrderedTree:
         return [nb.node_place("u", node, i) - nb.nq for node in nodes for i in range(node.kind.sizes[1])]
 
     def _ordered(self) -> list[list[int]]:
-        """Runs of bodies of one kind, bodies that carry others first."""
+        """The bodies in runs, each of bodies with the same kernels; a body comes after the one that carries it."""
         depth: dict[int, int] = {}
-        for j, own in self.bodies.items():  # a link comes after the one that carries it
+        for j, own in self.bodies.items():  # in this dictionary a body comes after the one that carries it
             depth[j] = depth[own.parent] + 1 if own.parent >= 0 else 0
         number = {k: i for i, k in enumerate(dict.fromkeys(id(own.kernels) for own in self.bodies.values()))}
         runs: list[list[int]] = []
@@ -106,25 +111,26 @@ class OrderedTree:
         return runs
 
     def at(self, j: int, place: Place) -> int:
-        """Slot of a number of a body that the outward pass leaves: ("x", name), ("M", i, j), ("p", i), entries of X, S and c."""
+        """Slot of a result of the outward pass for body j: its motion ("x", name), inertia ("M", i, j), forces ("p", i), or an
+        entry of X, S and c, by which its acceleration follows from that of its parent, see `LinkProgram.outward`."""
         return self._base[j] + self.bodies[j].kernels.outward.column[place]
 
     def unknown(self, j: int, place: Place) -> int:
-        """Number, among the velocities, of a freedom ("up", node, i) in the numbering of the body's kernels."""
+        """Number among the velocity unknowns of a freedom of body j, which its kernels call ("up", node, i)."""
         _, node, i = place
         node = node - self.tree.structure.links[j - 1].first + 1 if j else 0
         return slot_of(self.numbering, self.tree, ("u", node, i)) - self.numbering.nq
 
     @property
     def unknowns(self) -> Index:
-        """Numbers of the tree's velocities, body by body."""
+        """Numbers among the velocity unknowns of all freedoms of the tree, body by body."""
         return np.array([self.unknown(j, place) for run in self._runs for j in run
                          for place in self.bodies[j].kernels.freedoms], dtype=np.intp)  # fmt: skip
 
     # -- from the root outwards
 
     def outwards(self, part: Operations) -> None:
-        """Append the motion of the bodies, and the inertia and forces of the laws on them."""
+        """Append the outward pass: the motion of the bodies, and the inertia and forces of the laws on them."""
         for run in self._runs:
             kernel = self.bodies[run[0]].kernels.outward
             first = part.slots(len(run) * kernel.width)
@@ -148,7 +154,8 @@ class OrderedTree:
         return self.bodies[j].kernels.kind
 
     def _laws(self, part: Operations, kernel: ProgramKernel, places: list[tuple[int, tuple[int, ...]]]) -> None:
-        """Append laws between bodies: their forces are added to those of the bodies."""
+        """Append laws between several bodies with one kernel, whose forces are added to those of the bodies. places: of each law
+        its number in the tree and those of its bodies."""
         gather = [[self._read_between(m, nodes, place) for place in kernel.inputs] for m, nodes in places]
         values = kernel.emit(part, np.array(gather, dtype=np.intp).reshape(len(places), len(kernel.inputs)))
         to = [[self.at(nodes[j], ("p", i)) for _, j, i in kernel.targets] for _, nodes in places]
@@ -161,7 +168,7 @@ class OrderedTree:
         return self.moved.slot(self.numbering, self.tree, (head, f"member{m}", name))
 
     def _read(self, j: int, place: Place) -> int:
-        """Slot of an input of a body's outward kernel."""
+        """Slot of the input `place` of body j's outward kernel, see `TreeProgram.inputs`."""
         (head, owner, name), own = place, self.bodies[j]
         if head == "x":
             return self.at(own.parent, ("x", name))
@@ -178,7 +185,8 @@ class OrderedTree:
 
     def write_motion(self, part: Operations, nodes: Sequence[int], to: Callable[[int, str, int], int],
                      heads: tuple[str, ...] = ("q", "u")) -> None:  # fmt: skip
-        """Write q, u and u' ("up") of some bodies, those in `heads`, to the slots to(body, head, i)."""
+        """Append operations that write q, u and u' of the bodies `nodes` to the slots to(body, head, i). heads: which of "q",
+        "u", "up"."""
         for kind in dict.fromkeys(map(self._kind, nodes)):
             alike, kernel = [j for j in nodes if self._kind(j) is kind], links.node_motion(kind, heads)
             values = kernel.emit(part, self._table(alike, kernel, self._moved_at))
@@ -193,8 +201,9 @@ class OrderedTree:
 
     def loads(self, part: Operations, nodes: Sequence[int], row: Callable[[int, int], int], role: str = "wu",
               to: Callable[[int, int], int] | None = None) -> None:  # fmt: skip
-        """Add the forces of laws outside of the tree, given in the slots row(body, i) of the rows `role`, to the slots
-        to(body, i), by default to the forces of the bodies."""
+        """Append operations that add what laws outside of the tree added to the rows of the bodies `nodes`, in slots row(body,
+        i), to the forces on the bodies, or to the slots to(body, i). role: "wu" for rows of the equations of motion, "wq" for
+        those of q'."""
         for kind in dict.fromkeys(map(self._kind, nodes)):
             alike, kernel = [j for j in nodes if self._kind(j) is kind], links.node_load(kind, role)
 
@@ -206,8 +215,9 @@ class OrderedTree:
 
     def corrections(self, part: Operations, nodes: Sequence[int], row: Callable[[int, int], int],
                     F: Callable[[int, Place], int]) -> None:  # fmt: skip
-        """Add corrections of the rates of positions: rows row(body, i) of loaded bodies are projected on the freedoms
-        ("up", node, i) of all bodies that carry them, and added at the slots F(body, freedom)."""
+        """Append operations for corrections of q' (the term G^T mu of the form GGL) that laws cause on the bodies `nodes`, in
+        slots row(body, i): they are projected on the freedoms of all bodies that carry these and added to the slots F(body,
+        freedom)."""
         first: dict[int, int] = {j: part.zeros(own.kernels.shape.body) for j, own in self.bodies.items()}
         self.loads(part, nodes, row, "wq", lambda j, i: first[j] + i)
         for run in reversed(self._runs):
@@ -226,8 +236,8 @@ class OrderedTree:
     # -- inwards, and the accelerations outwards again
 
     def inwards(self, part: Operations, force: Callable[[int], int]) -> list[tuple[int, int]]:
-        """Append the sums of inertia and forces of every body and all that it carries; force: slot of the force on a velocity.
-        Returns the slots of the pivots of the mass matrix, with the velocities they belong to."""
+        """Append the inward pass: the inertia and forces of every body together with all that it carries. force: slot of the
+        force on velocity unknown k. Returns pairs (slot of a pivot of the mass matrix, number of its velocity unknown)."""
         pivots: list[tuple[int, int]] = []
         for run in reversed(self._runs):
             own, back = self.bodies[run[0]].kernels, run[::-1]
@@ -258,7 +268,8 @@ class OrderedTree:
         return read
 
     def accelerations(self, part: Operations, rate: Callable[[int], int], given: bool = False) -> None:
-        """Append the accelerations of the bodies; rate: slot of the rate of a velocity, read where `given`, else written."""
+        """Append the second outward pass: the accelerations of the bodies. rate: slot of the rate of velocity unknown k; given:
+        True reads these rates, False computes and writes them."""
         to: list[int] = []
         found: list[int] = []
         for run in self._runs:

@@ -1,7 +1,7 @@
 """Forces that depend on multipliers: friction of joints, which grows with their own reaction forces.
 
-M u' + G^T lambda = f + R(lambda), G u' = -gamma, with friction R, is solved by Newton's method with the exact dR/dlambda, from
-the multipliers without friction; where that fails, with friction increased in steps.
+M u' + G^T lambda = f + R(lambda), G u' = -gamma, where R is the friction, is solved by Newton's method with the exact dR/dlambda,
+starting from the multipliers without friction. Where that fails, the friction is increased from 0 to R in steps.
 """
 
 from __future__ import annotations
@@ -18,16 +18,17 @@ from mbdae.system.motion.states import States
 
 ITERATIONS = 30
 SETTLED = 1e-10  #: change of the multipliers at which Newton's method stops, relative to the largest multiplier or load
-SMALLEST = 1e-6  #: smallest load (N or N m) to which this change is relative
-STEPS = 8  #: equal steps by which friction is increased from 0 to its value where Newton's method fails without them
+SMALLEST = 1e-6  #: lower bound (N or N m) of the largest multiplier or load in SETTLED, for scenes without any force
+STEPS = 8  #: number of equal steps in which friction is increased from 0 where Newton's method fails at once
 
 State = tuple[Array, Array, Array, Array | None]  #: times, q, u, s of many states
-#: (f, dR/dlambda (nt, nu, m) or None) -> u', lambda of M u' + (G^T - dR/dlambda) lambda = f, G u' = -gamma
+#: function (f (nt, nu), dR/dlambda (nt, nu, m) or None) that returns u' (nt, nu) and lambda (nt, m) of the linear equations
+#: M u' + (G^T - dR/dlambda) lambda = f, G u' = -gamma
 Solve = Callable[[Array, Array | None], tuple[Array, Array]]
 
 
 def friction_of(mechanics: States, state: State, multipliers: Array) -> tuple[Array, Array]:
-    """R (nt, nu) and dR/dlambda (nt, nu, m) of multipliers (nt, m)."""
+    """The friction R (nt, nu) and its derivative dR/dlambda (nt, nu, m) at multipliers lambda (nt, m)."""
     nb, scaling = mechanics.numbering, mechanics.numbering.scaling()
     R, slope = np.zeros((len(multipliers), mechanics.nu)), np.zeros((len(multipliers), mechanics.nu, mechanics.m))
     for g, p, values in mechanics.evaluate(slopes, *state, multipliers, groups=mechanics.reactive):
@@ -44,7 +45,8 @@ def friction_of(mechanics: States, state: State, multipliers: Array) -> tuple[Ar
 
 
 def solve_with_friction(mechanics: States, state: State, f: Array, solve: Solve) -> tuple[Array, Array]:
-    """u' (nt, nu) and lambda (nt, m); f (nt, nu): forces at zero multipliers. Raises SolverError where there is no solution."""
+    """u' (nt, nu) and lambda (nt, m) with friction. f (nt, nu): all forces, with the friction at lambda = 0; solve: solves the
+    linear equations. Raises SolverError where no solution is found."""
     f = f - friction_of(mechanics, state, np.zeros((len(f), mechanics.m)))[0]
     _, start = solve(f, None)
     acceleration, multipliers, left = _newton(mechanics, state, f, solve, start, 1.0)
@@ -59,7 +61,8 @@ def solve_with_friction(mechanics: States, state: State, f: Array, solve: Solve)
 
 def _newton(mechanics: States, state: State, f: Array, solve: Solve, multipliers: Array,
             share: float) -> tuple[Array, Array, NDArray[np.bool_]]:  # fmt: skip
-    """u', lambda and which multipliers (nt, m) have not converged, with this share of the friction."""
+    """Newton's method from the given multipliers for `share` times the friction: u', lambda, and which multipliers (nt, m) have
+    not converged."""
     for _ in range(ITERATIONS):
         R, slope = friction_of(mechanics, state, multipliers)
         acceleration, new = solve(f + share * (R - np.einsum("tij,tj->ti", slope, multipliers)), share * slope)

@@ -1,4 +1,4 @@
-"""A model at any states, many at once: outputs of its laws, constraint rows with their derivatives, moved positions."""
+"""A model at given states, many at once: outputs of its laws, constraint rows with their derivatives, displaced positions."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.model.rotations import quaternion_product, turned
 
 Index = NDArray[np.intp]
-AT_ONCE = 4_000_000  #: numbers of the workspaces of all states that are evaluated together, which bounds the memory
+AT_ONCE = 4_000_000  #: count of numbers in the workspaces of all states that are evaluated together, which bounds the memory
 
 
 def blocks(count: int, width: int) -> list[slice]:
-    """Slices of states, each small enough that the workspaces of its states take a bounded memory."""
+    """Slices that divide `count` states with workspaces of `width` numbers into parts of at most AT_ONCE numbers."""
     size = max(1, AT_ONCE // max(width, 1))
     return [slice(first, min(first + size, count)) for first in range(0, count, size)] or [slice(0, 0)]
 
 
 class States:
-    """Evaluates a model at states t (nt,), q (nt, nq), u (nt, nu), s (nt, ns). rows: the constraint rows in force; redundant: how
-    many of them follow from the others (which ones depends on the position)."""
+    """Evaluates a model at nt states: t (nt,), q (nt, nq) and u (nt, nu) of all nodes, internal states s (nt, ns). rows: the
+    constraint rows in force; redundant: how many of them follow from the others (which of them, depends on the position)."""
 
     def __init__(self, model: Model, rows: list[Row], redundant: int = 0) -> None:
         self.model, self.rows, self.redundant = model, rows, redundant
@@ -47,12 +47,12 @@ class States:
 
     @cached_property
     def reactive(self) -> list[int]:
-        """Groups of joints whose friction follows from their own reactions."""
+        """Numbers of the groups of joints whose friction depends on their own reactions."""
         return [g for g, group in enumerate(self.model.groups) if group.derived.reactive]
 
     @cached_property
     def followed(self) -> dict[tuple[str, str], int]:
-        """Number of the internal state that counts the whole turns of a joint's coordinate, by (joint, coordinate)."""
+        """(joint, coordinate) -> number of the internal state that follows this angle beyond whole turns, where there is one."""
         found = {}
         for n, (g, i, j) in enumerate(self.numbering.states):
             group = self.model.groups[g]
@@ -73,7 +73,8 @@ class States:
 
     @cached_property
     def velocity_units(self) -> Array:
-        """(nu,) unit of each virtual displacement: the scene's length, or 1 rad."""
+        """(nu,) unit displacement of every velocity, which makes lengths and angles comparable: the scene's length (m), or 1
+        rad."""
         return np.where(self.rotational, 1.0, self.model.length)
 
     @cached_property
@@ -88,7 +89,8 @@ class States:
     def evaluate(self, outputs: Outputs, t: Array, q: Array, u: Array, s: Array | None = None,
                  multipliers: Array | None = None, groups: Sequence[int] | None = None,
                  ) -> list[tuple[int, Any, Array]]:  # fmt: skip
-        """(group, plan, values (nt, instances, outputs)) of every group, or of the groups given, whose laws have such outputs."""
+        """Evaluate outputs of the laws. Returns (group, plan, values (nt, instances, outputs)) for every group whose laws have
+        such outputs. outputs: selects them; groups: numbers of the groups, None: all."""
         parts = blocks(len(t), self.numbering.width)
         if len(parts) > 1:
             found = [self.evaluate(outputs, t[part], q[part], u[part], None if s is None else s[part],
@@ -100,7 +102,7 @@ class States:
         return [(g, p, p.kernel.values(W[:, columns])) for g, p, columns in planned if p.targets]
 
     def _planned(self, outputs: Outputs, g: int) -> tuple[Any, Index]:
-        """The plan of such outputs of a group, and the columns (instances, inputs) of the workspace that it reads."""
+        """The plan of these outputs for group g, and the slots (instances, inputs) of the workspace that it reads."""
         if (outputs, g) not in self._plans:
             p = plan(self.model.groups[g].derived, outputs)
             self._plans[outputs, g] = p, self.numbering.gather(g, p.all_inputs)
@@ -114,7 +116,7 @@ class States:
         if s is not None:
             W[:, nb.start["s"] : nb.start["s"] + len(nb.states)] = s
         if multipliers is not None:
-            # multipliers of scaled rows are the unknowns of a form
+            # laws read multipliers of scaled rows, which are the unknowns of the forms
             W[:, nb.start["lambda"] : nb.start["lambda"] + self.m] = multipliers / nb.scaling()
         nb.fill_clock(W, t)
         return W
@@ -133,7 +135,7 @@ class States:
         return [sp.csr_matrix((of_state, (rows, columns)), shape=(self.m, self.nu)) for of_state in values]
 
     def entries_of_G(self, t: Array, q: Array) -> tuple[Array, Index, Index]:
-        """Values (nt, k) of the entries of G with their rows and columns (k,); duplicates are to be summed."""
+        """Values (nt, k) of entries of G with their rows and columns (k,); values of the same entry have to be summed."""
         parts = self._entries_of_G(t, q)
         rows, columns = (np.concatenate([np.zeros(0, np.intp), *(part[i] for part in parts)]) for i in (1, 2))
         return np.concatenate([np.zeros((len(t), 0)), *(part[0] for part in parts)], axis=1), rows, columns
@@ -147,7 +149,7 @@ class States:
         return found
 
     def rows_without_slope(self, t: Array, q: Array) -> Any:
-        """(m,) bool: rows in which an entry of G is not finite at positions q (nq,)."""
+        """(m,) bool: which rows have no finite derivative, an entry of G being infinite or NaN, at positions q (nq,)."""
         found = np.zeros(self.m, dtype=bool)
         for g, p, values in self.evaluate(jacobian_G, t, q[None], np.zeros((1, self.nu))):
             taken, rows, _ = self._places_in_G(g, p)
@@ -155,7 +157,8 @@ class States:
         return found
 
     def _places_in_G(self, g: int, p: Any) -> tuple[Index, Index, Index]:
-        """Numbers of a group's values (instances times outputs) that belong to rows in force, and their rows and columns in G."""
+        """Which of the values (instances times outputs, flat) of plan p of group g belong to rows in force, and their rows and
+        columns in G."""
         if g not in self._in_G:
             nb = self.numbering
             rows = np.stack([self._rows_of(g, target[1]) for target in p.targets], axis=1).ravel()
@@ -174,14 +177,14 @@ class States:
         return out
 
     def _rows_of(self, g: int, r: int) -> Index:
-        """(instances,) numbers of a row of a law, -1 where it is dropped."""
+        """(instances,) numbers among the rows in force of row r of the laws of group g, -1 for none; stored for later calls."""
         key = g, r
         if key not in self._of_row:
             self._of_row[key] = self.numbering.row_numbers(g, r)
         return self._of_row[key]
 
     def of_states(self, outputs: Outputs, t: Array, q: Array, u: Array, s: Array | None = None) -> Array:
-        """(nt, ns) outputs that belong to internal states: their start values, or their rates."""
+        """Values (nt, ns) of outputs that belong to the internal states, such as their start values or rates."""
         nb = self.numbering
         out = np.zeros((len(t), len(nb.states)))
         for g, p, values in self.evaluate(outputs, t, q, u, s):
@@ -203,7 +206,7 @@ class States:
 
     @cached_property
     def _kinds(self) -> list[tuple[NodeKind, Any, Any]]:
-        """Kinds of nodes, each with the places in q (k, nq) and u (k, nu) of its k nodes."""
+        """Every kind of node with the positions in q (k, nq of the kind) and in u (k, nu of the kind) of its k nodes."""
         found: dict[NodeKind, list[Node]] = {}
         for node in self.model.nodes:
             found.setdefault(node.kind, []).append(node)
@@ -238,7 +241,7 @@ class States:
 
 
 def gap_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Gap (m or rad) and its rate of every place of contact."""
+    """Gap (m or rad) and its rate of every contact of a law, one after the other."""
     if not isinstance(d.law, Force):
         return []
     pairs = d.law.gaps(*d.sides)
@@ -247,6 +250,6 @@ def gap_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def gaps_of(mechanics: States, t: Array, q: Array, u: Array) -> dict[tuple[int, int], tuple[Array, Array]]:
-    """Gaps (m or rad) and their rates, (nt, places) each, of every one-sided law, by (group, instance), at states (nt,)."""
+    """(group, instance) of every contact law -> its gaps (m or rad) and their rates, (nt, contacts of the law) each."""
     return {(g, i): (values[:, i, ::2], values[:, i, 1::2]) for g, _, values in mechanics.evaluate(gap_outputs, t, q, u)
             for i in range(len(mechanics.model.groups[g].instances))}  # fmt: skip

@@ -1,4 +1,5 @@
-"""The workspace of a numbering as an array of a native program: unknowns, values prescribed in time, motion of loaded nodes."""
+"""The workspace of a numbering as the array of a native program, with the operations that fill it: values prescribed in time, and
+the motion of loaded nodes."""
 
 from __future__ import annotations
 
@@ -17,13 +18,13 @@ from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
 
 Index = NDArray[np.intp]
-BANDED_FROM = 64  #: number of rows from which an order with a narrow band is computed
-Loaded = Sequence[tuple[Piece, Index, Index]]  #: kernels of trees with the slots they read and the slots of their values
+BANDED_FROM = 64  #: number of rows from which `narrow_order` reorders them; with fewer it does not pay
+Loaded = Sequence[tuple[Piece, Index, Index]]  #: kernels of trees, each with the slots it reads and those of its values
 
 
 class Workspace:
-    """The workspace of a numbering, evaluated natively: its clock (values prescribed in time) and the motion of loaded nodes by
-    kernels of trees."""
+    """A native program on the workspace of a numbering. Its first operations evaluate the values prescribed in time (`clock`),
+    and the motion of loaded nodes by kernels of trees (`motion`); subclasses append others."""
 
     def __init__(self, numbering: Numbering, motion: Loaded = ()) -> None:
         self.numbering, self.n = numbering, numbering.n
@@ -38,8 +39,10 @@ class Workspace:
 
     def finish(self, residual: Operations | None = None, jacobian: Operations | None = None, rates: Operations | None = None,
                unknowns: int | None = None, rates_at: int = 0, **slots: int) -> None:
-        """Make the workspace and the table that C reads. unknowns: how many of them are given, by default all; rates_at: slot of
-        y'; slots: `rows`, `fy` and `fyp`, as in `Scene`."""
+        """Allocate the array and make the table that C reads, after which no operations can be added.
+
+        residual, jacobian, rates: lists of operations; unknowns: length of the y that C is given, by default n; rates_at: slot of
+        the result y'; slots: first slots `rows`, `fy` and `fyp` of the other results, as in `Scene`."""
         nb = self.numbering
         self.W = np.zeros(self.operations.size)
         self.W[: nb.width] = nb.workspace(1)[0]
@@ -59,7 +62,8 @@ class Workspace:
         self._call_rates = core().scene_rates
 
     def make(self, *parts: str) -> None:
-        """Compile parts before their first run: "residual", "jacobian" or "rates"."""
+        """Compile those of the parts "residual", "jacobian" and "rates" that are not compiled yet; to be called before they
+        run."""
         for name in parts:
             if name in self._parts:
                 table, kept = self._parts[name].table(len(self.W))
@@ -68,12 +72,14 @@ class Workspace:
                 del self._parts[name]
 
     def view(self, first: int, count: int) -> tuple[Array, int]:
-        """View of the numbers from a slot on, and its address, which callers store because finding it takes long."""
+        """View of `count` numbers from slot `first` on, and its address, which callers store because asking NumPy for it takes
+        long."""
         found = self.W[first : first + count]
         return found, found.ctypes.data
 
     def solved(self, t: float, y: Array, out: Array) -> int:
-        """out[:] = y'. Returns the number of a row of a matrix that depends on those before it, or -1."""
+        """out[:] = y'. Returns the number of the row at which a factorisation failed, because it depends on those before it, or
+        -1."""
         self.make("rates")
         self._y[:] = y
         code = self._call_rates(self.address, t, self._at_y, self._at_rates)
@@ -82,7 +88,7 @@ class Workspace:
 
 
 class Values(Workspace):
-    """Values of kernels at states, such as the gaps of contacts."""
+    """Evaluates kernels at given states, such as that of the gaps of contacts."""
 
     def __init__(self, numbering: Numbering, motion: Loaded, gathers: Sequence[Index], kernels: Sequence[Any]) -> None:
         super().__init__(numbering, motion)
@@ -111,14 +117,15 @@ class Values(Workspace):
 
 
 class Columns(NamedTuple):
-    """The entries of a sparse matrix column by column: where each column begins (n + 1,), and the rows of the entries."""
+    """Sparsity pattern of a matrix (n, n), column by column: first (n + 1,) where each column begins, rows (nnz,) of the
+    entries."""
 
     first: Index
     rows: Index
 
 
 def narrow_order(n: int, i: Index, j: Index) -> tuple[Index, Index]:
-    """An order of n rows in which the symmetric sparsity pattern with the entries (i, j) has a narrow band, and the place of
+    """An order of n rows and columns in which a symmetric matrix with entries at (i, j) has a narrow band, and the position of
     each row in it."""
     order = np.arange(n)
     if n >= BANDED_FROM:

@@ -1,1 +1,1 @@
-"""Which constraint rows follow from others, and the magnitudes that decide what is small."""
+"""Which constraint rows follow from others (redundant constraints), which rows are integrated, and motions without inertia."""

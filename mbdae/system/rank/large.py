@@ -1,9 +1,10 @@
-"""Rank of many constraint rows by sparse elimination: which rows follow from others, and what motions all rows leave.
+"""Rank of many constraint rows by sparse elimination: which rows follow from others, and which motions all rows allow.
 
-Rows B of unit length are eliminated in an order of little fill: the pivots of B B^T are squared distances of rows from the span
-of those before. Rows that are not clearly new are left aside, and what is new of them beside the others is computed by repeated
-projection, which loses no digits; among these few the newest are taken first, as in a small scene. Where the projections do not
-converge the rows are too nearly dependent for this, and dense matrices decide (`DENSE` rows at most).
+B are the rows, scaled to unit length. B B^T is factorised in an order with little fill-in; its pivots are the squared distances
+of rows from the span of the rows before them. Squares lose half of the digits: rows with a small pivot are left aside at first,
+and their component orthogonal to all other rows is then computed by repeated projection, which loses no digits. Among these few
+rows those with the largest component are taken first. Where the projections do not converge because rows are too nearly
+dependent, dense matrices decide (for `DENSE` rows at most).
 """
 
 from __future__ import annotations
@@ -24,18 +25,20 @@ from mbdae.system.base import Array
 from mbdae.system.rank.rows import DEPENDENT
 
 Whole = NDArray[np.intp]
-PASSES, ROUND_OFF = 3, 1e-9  #: number of projections, and change of a unit vector by the last one up to which they have converged
+#: number of repeated projections, and change of a unit vector by the last one up to which they count as converged
+PASSES, ROUND_OFF = 3, 1e-9
 AT_ONCE = 64  #: number of vectors that are projected together
-#: independent part of a unit row below which elimination leaves the row aside; tried in this order
+#: the independent part of a row of unit length is its distance from the span of the rows before it. Elimination leaves rows aside
+#: whose independent part is below the first of these limits; if too many of those turn out to be independent, the next is tried
 LIMITS = (1e-3, 1e-4, 1e-5)
 FEW = 500  #: number of independent rows among those left aside above which the next of `LIMITS` is tried
 DENSE = 3000  #: number of rows up to which dense matrices decide where sparse ones cannot
-TAKES_PART = 1e-6  #: coefficient of a row in a dependency above which the row takes part in it
+TAKES_PART = 1e-6  #: coefficient in a vanishing linear combination of unit rows above which a row counts as part of it
 
 
 def order_of(pattern: Any, first: Sequence[int], label: Any) -> Whole:
-    """An order of rows of little fill-in, for products of rows with this sparsity pattern: rows in `first` before all others, and
-    rows with one label, those of a joint, consecutive as stated."""
+    """An order in which eliminating a matrix of products of rows, with this sparsity pattern, has little fill-in. first: numbers
+    of rows that come before all others; label (m,): number of the joint of every row, whose rows stay together in their order."""
     count = int(np.max(label, initial=-1)) + 1
     member = sp.csr_matrix((np.ones(len(label)), (label, np.arange(len(label)))), shape=(count, len(label)))
     joined = member @ abs(pattern) @ member.T
@@ -48,11 +51,11 @@ def order_of(pattern: Any, first: Sequence[int], label: Any) -> Whole:
 
 
 class SparseRows:
-    """Sparse constraint rows B (m, n) of unit length, with a choice of rows that span all.
+    """Sparse constraint rows B (m, n) of unit length, with a choice of independent rows that span all rows.
 
-    always: numbers of rows that are chosen first; label (m,): numbers of their joints. kept: numbers of the chosen rows, rising;
-    left: numbers of the others; parts (m,): of the rows chosen last, the length of what each adds to the span; of the rows left,
-    the length of what they would add; 1 for all other rows."""
+    always: numbers of rows that are chosen first; label (m,): number of the joint of every row. kept: numbers of the chosen rows,
+    ascending; left: numbers of the others; parts (m,): of rows that elimination left aside the length of the component orthogonal
+    to all others, 1 for all other rows."""
 
     def __init__(self, B: Any, always: Sequence[int] = (), label: Any = None) -> None:
         self.B, self.m = sp.csr_matrix(B), B.shape[0]
@@ -67,7 +70,7 @@ class SparseRows:
         self._solve = self._factors(kept)
 
     def spanning(self, kept: Whole) -> SparseRows:
-        """These rows with the chosen rows given."""
+        """A copy with another choice of rows, `kept`."""
         other = copy(self)
         other.__dict__.pop("dependencies", None)
         other._take(kept)
@@ -98,7 +101,8 @@ class SparseRows:
         return np.sort(np.r_[self.kept, new])
 
     def _eliminated(self, limit: float) -> Whole:
-        """Numbers of the rows whose distance from the span of those before them is at most the limit."""
+        """Numbers of the rows that elimination leaves aside: their distance from the span of the rows before is at most
+        `limit`."""
         matrix = self._gram
         entries = Entries(self.m, matrix.indptr, matrix.indices)
         factors = Factors(Orders(entries, ()), float)
@@ -106,7 +110,7 @@ class SparseRows:
         return np.flatnonzero(factors.left_out(Order(entries, self.order, self.order), limit**2))
 
     def _factors(self, rows: Whole) -> Callable[[Array], Array]:
-        """The function b (k, ...) -> x with B B^T x = b, for some rows B (k, n)."""
+        """The function b (k, ...) -> x with C C^T x = b, where C (k, n) are the rows with these numbers."""
         if not len(rows):
             return lambda b: b
         place = np.empty(self.m, dtype=int)
@@ -124,7 +128,7 @@ class SparseRows:
         return solve
 
     def project(self, X: Array) -> Array:
-        """Vectors X (n, k) projected on the complement of the span of the chosen rows."""
+        """Vectors X (n, k) projected on the space orthogonal to the chosen rows: the motions that these rows allow."""
         K, size = self.B[self.kept], np.linalg.norm(X, axis=0)
         for _ in range(PASSES if len(self.kept) else 0):
             change = K.T @ self._solve(K @ X)
@@ -143,7 +147,8 @@ class SparseRows:
 
     @cached_property
     def dependencies(self) -> sp.csr_matrix:
-        """W (rows left, m): linear combinations of rows that vanish, of unit length, one for every row left."""
+        """W (number of rows left, m): coefficients, of unit length, of vanishing linear combinations of rows; for every row in
+        `left` one, of this row with the chosen ones."""
         K, parts = self.B[self.kept], []
         for piece in _pieces(len(self.left)):
             some = self.left[piece]
@@ -160,29 +165,29 @@ class SparseRows:
 
     @property
     def dependent(self) -> Whole:
-        """Numbers of the rows that take part in a dependency."""
+        """Numbers of the rows that are part of a vanishing linear combination."""
         W = self.dependencies.tocoo()
         return distinct(W.col[np.abs(W.data) > TAKES_PART])
 
 
 def _pieces(count: int) -> list[slice]:
-    """Slices of `AT_ONCE` vectors each."""
+    """Slices that divide `count` vectors into parts of `AT_ONCE`."""
     return [slice(first, first + AT_ONCE) for first in range(0, count, AT_ONCE)]
 
 
 def _newest(rows: Array) -> Whole:
-    """Numbers of rows (k, n) that span all of them, those with the largest independent part first."""
+    """Numbers of rows, among these (k, n), that span all of them; those with the largest independent part first."""
     R, order = qr(rows.T, mode="r", pivoting=True)
     found: Whole = order[: int(np.sum(np.abs(np.diag(R)) > DEPENDENT))]
     return found
 
 
 class NotResolvedError(Exception):
-    """Rows are too nearly dependent for projections to converge."""
+    """Constraint rows are so nearly dependent that the projections of `SparseRows` do not converge."""
 
 
 def too_many(m: int) -> SceneError:
-    """The error where neither sparse nor dense matrices determine the rank."""
+    """The error for m rows whose rank neither sparse nor dense matrices can determine."""
     return SceneError([f"which of the {m} constraint rows of the scene are redundant cannot be told, since they depend on each "
                        f"other nearly but not exactly, and more than {DENSE} are too many for full matrices: align the joints of "
                        "its loops exactly, or leave out joints that other joints make superfluous"])  # fmt: skip

@@ -1,4 +1,5 @@
-"""Which constraint rows follow from the others, by the rank of all rows in several consistent positions and near the start."""
+"""Which constraint rows follow from the others: by the rank of all rows at the start, near it, and in other consistent
+positions."""
 
 from __future__ import annotations
 
@@ -26,11 +27,12 @@ from mbdae.system.rank.sparse_redundancy import (
 )
 from mbdae.system.start.start import Starter
 
-#: independent part of a unit row: between the two a row is nearly redundant, and reported whether kept or left out
+#: a row of unit length whose independent part (distance from the span of the other rows) is between these two is nearly
+#: redundant: it is reported, whether it is kept or left out
 CERTAIN, DOUBTFUL = 1e-8, 1e-3
-STEPS = (0.3, 0.1, 0.03)  #: steps (rad, or parts of the scene's length) by which other positions are tried
-#: largest violation of all rows, over the scene's length, at a position found without the rows that depend on others at the
-#: start: above it, the position belongs to another branch of the motion
+STEPS = (0.3, 0.1, 0.03)  #: displacements (rad, or over the scene's length) tried in turn to reach another consistent position
+#: positions that are found without the rows that are dependent at the start count only if the largest violation of any row is
+#: below this part of the scene's length; else they belong to another branch of the motion
 NEARBY = 1e-3
 
 
@@ -38,21 +40,22 @@ NEARBY = 1e-3
 class RankReport:
     """Rank of all constraint rows, and which of them are redundant.
 
-    kept and dropped rows, nearly redundant rows (kept or dropped), rows dependent at the start only, and the degrees of freedom.
-    The choice of the kept rows is for the start: a run chooses others before these become dependent (`RowsInForce`)."""
+    kept, dropped: rows that are integrated, and redundant ones; doubtful: nearly redundant rows (kept or dropped), each with its
+    independent part; singular_here: rows that depend on others at the start only. The kept rows are chosen for the start: a run
+    chooses others before these become dependent (`RowsInForce`)."""
 
     kept: list[Row]
     dropped: list[Row] = field(default_factory=list)
     doubtful: list[tuple[Row, float]] = field(default_factory=list)
     singular_here: list[Row] = field(default_factory=list)
-    #: rows whose reactions are not unique, because redundant rows can take part of them
+    #: rows whose reactions are not unique, because redundant rows can carry a share of them
     not_unique: list[Row] = field(default_factory=list)
     degrees_of_freedom: int = 0
-    smallest: float = 1.0  #: smallest singular value, without those that count as 0, of all rows scaled to unit length
+    smallest: float = 1.0  #: smallest singular value of all rows scaled to unit length, without those that are 0 by redundancy
 
     @property
     def locking(self) -> list[str]:
-        """What rows that are nearly redundant and kept may cause, one sentence each."""
+        """Messages, one sentence each, on kept rows that are nearly redundant: they may lock the mechanism."""
         dropped = set(self.dropped)
         return [f"constraint row {row.name} is nearly redundant at the start (only {size:.1e} of it is independent of the "
                 "others) and was kept: it takes a freedom because the joints of its loop are misaligned by about that part of "
@@ -64,7 +67,8 @@ class RankReport:
 def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[Row] = ()) -> RankReport:
     """Rank of all rows: the largest of that at the start, near it (`_rank_lost_here`) and in other consistent positions.
 
-    always: rows that recursive joints and shared displacements satisfy; they are kept."""
+    starter: finds other positions; q (nq,): positions at the start; always: rows that recursive joints and shared displacements
+    satisfy, which are kept."""
     if not mechanics.m:
         return RankReport([], degrees_of_freedom=mechanics.nu)
     if mechanics.large:
@@ -103,7 +107,7 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[
 
 
 def _analysed_sparse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[Row]) -> RankReport:
-    """`analyse` for many rows, by sparse elimination."""
+    """As `analyse`, for many rows, by sparse elimination; raises NotResolvedError where that cannot determine the rank."""
     t, rows = starter.t, mechanics.rows
     here = sparse_rows(mechanics, t, q, always)
     closing = {row.name.rsplit(".", 1)[0] for row in rows} - {joint.name for _, joint, _ in starter.tree.edges}
@@ -128,7 +132,11 @@ def _analysed_sparse(mechanics: Mechanics, starter: Starter, q: Array, always: C
 
 
 def _nearly_redundant(rows: list[Row], chosen: list[int], singular: set[int], places: list[Array]) -> list[tuple[Row, float]]:
-    """Dropped rows that are not exactly dependent, and kept rows that nearly are."""
+    """Nearly redundant rows with their independent parts: dropped rows that are not exactly dependent, and kept rows that nearly
+    are.
+
+    chosen: numbers of the kept rows; singular: those of them that are dependent at the start only; places: rows of unit length at
+    the start and in other positions."""
     kept, left = sorted(set(chosen) - singular), [i for i in range(len(rows)) if i not in set(chosen)]
     parts = independent_parts(places[0][kept])
     found = [(rows[i], float(part)) for i, part in zip(kept, parts, strict=True) if DEPENDENT < part < DOUBTFUL]
@@ -141,7 +149,8 @@ def _nearly_redundant(rows: list[Row], chosen: list[int], singular: set[int], pl
 
 
 def _dependent_on_others(B: Array) -> list[int]:
-    """Numbers of rows that take part in a dependency, so that their multipliers can change without any effect."""
+    """Numbers of rows that are part of a vanishing linear combination of rows: their multipliers can be changed along it without
+    any effect on the motion."""
     left, sizes, _ = np.linalg.svd(B)
     null = left[:, int(np.sum(sizes > DEPENDENT)) :]
     return [int(i) for i in np.flatnonzero(np.max(np.abs(null), axis=1, initial=0.0) > 1e-6)]
@@ -152,11 +161,13 @@ def _rows_at(mechanics: Mechanics, t: Array, q: Array) -> Array:
 
 
 def _rank_lost_here(mechanics: Mechanics, t: Array, q: Array, rank: int) -> tuple[int, Array]:
-    """How many rows depend on the others in this position alone, and the unit rows (m, nu) near it.
+    """How many rows depend on the others in this position alone (a singular position), and the rows of unit length (m, nu) near
+    it. rank: that of the rows at q.
 
-    Along a motion v that the rows allow, G changes by G'(v). Rows W that depend on each other here (W^T G = 0) stay dependent if
-    W^T G'(v) N = 0, where N are the motions that all rows allow; else the rank rises by the rank of this matrix. That holds at
-    a position that cannot be left too: a stretched chain between two fixed points moves to first order only."""
+    Along a motion v that the rows allow, G changes by G'(v). Linear combinations W of rows that vanish here (W^T G = 0) still
+    vanish near it if W^T G'(v) N = 0, where N are all motions that the rows allow; else the rank rises by the rank of this
+    matrix. This test needs no other consistent position, and so also serves where there is none: a stretched chain between two
+    fixed points can move to first order only."""
     units, G = mechanics.velocity_units, mechanics.constraint_jacobian(t, q[None])[0]
     lengths = row_lengths(G * units)
     B = G * units / lengths
@@ -164,7 +175,7 @@ def _rank_lost_here(mechanics: Mechanics, t: Array, q: Array, rank: int) -> tupl
     W, N = left[:, rank:], right[rank:].T
     released = [i for i, row in enumerate(mechanics.rows) if not row.prescribes]
     tangent, rng = null_space(B[released]), np.random.default_rng(11)
-    most, beside, seen = 0, B, np.zeros(mechanics.nu)  # skips coordinates of nodes without a constraint row
+    most, beside, seen = 0, B, np.zeros(mechanics.nu)  # seen: 0 for nodes without a constraint row, which are not moved
     for own in (slice(node.u, node.u + node.kind.sizes[1]) for node in mechanics.model.nodes):
         seen[own] = np.any(B[:, own])
     for _ in range(SAMPLES if tangent.size and N.size else 0):
@@ -182,7 +193,8 @@ def _rank_lost_here(mechanics: Mechanics, t: Array, q: Array, rank: int) -> tupl
 
 
 def _other_positions(mechanics: Mechanics, starter: Starter, q: Array, without: Container[str] = ()) -> list[Array]:
-    """Positions reached by moving along the freedoms (drives and the rows named released) and closing the loops again."""
+    """Other consistent positions, reached by random displacements from q that the rows allow, after which the loops are closed
+    again. Rows that prescribe coordinates and those named in `without` are released for this."""
     rows = [row for row in mechanics.rows if not row.prescribes and row.name not in without]
     released = Mechanics(mechanics.model, rows)
     closer = Starter(released, float(starter.t[0]), holding=False)
@@ -199,7 +211,8 @@ def _other_positions(mechanics: Mechanics, starter: Starter, q: Array, without: 
 
 
 def _moved(closer: Starter, q: Array, direction: Array) -> list[Array]:
-    """The first position a step in this direction leads to that can be closed again; none where no step closes."""
+    """The position after the first of `STEPS` in this direction from which the loops can be closed again, in a list; empty where
+    there is none."""
     for step in STEPS:
         try:
             return [closer.close(closer.moved(q, step * direction))]
@@ -209,13 +222,15 @@ def _moved(closer: Starter, q: Array, direction: Array) -> list[Array]:
 
 
 def free_motions(mechanics: Mechanics, t: Array, q: Array, starter: Starter) -> Array:
-    """Basis (coordinates, freedoms) of the motions that the constraints allow with rigid beams, over unit displacements."""
+    """Orthonormal basis (coordinates, degrees of freedom) of the motions that the constraints allow, with rigid beams, in
+    coordinates divided by unit displacements."""
     G = mechanics.constraint_jacobian(t, q[None])[0]
     return null_space((G @ starter.rigid.basis(q) if mechanics.model.lines else G) * starter.units(q))
 
 
 def null_space(A: Array) -> Array:
-    """Orthonormal basis (n, k) of the x with A x = 0; the rows of A (m, n) are of similar size."""
+    """Orthonormal basis (n, k) of the x with A x = 0, A (m, n); its rows have to be of similar size, because singular values are
+    compared with the largest one."""
     if not len(A):
         return np.eye(A.shape[1])
     _, sizes, V = np.linalg.svd(A, full_matrices=True)

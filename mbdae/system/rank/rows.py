@@ -1,8 +1,9 @@
 """Constraint rows that follow from each other: their rank, and which of them are integrated.
 
-An over-constrained mechanism has more rows than its motion needs. Which of them can be left out depends on the position: rows
-that determine the motion here may depend on each other there, although all rows together never lose their rank. So the rows
-in force are chosen from the geometry of the present position, and chosen again before they become dependent (`rows_in_force`).
+An over-constrained mechanism has more constraint rows than its motion needs. Which of them can be left out depends on the
+position: rows that determine the motion in one position may depend on each other in another, although the rank of all rows is the
+same. So the rows that are integrated, called rows in force, are chosen from the geometry of the present position, and chosen
+again before they become dependent (`rows_in_force`).
 """
 
 from __future__ import annotations
@@ -18,46 +19,49 @@ from mbdae.system.model.numbering import Row
 from mbdae.system.motion.constrained import row_lengths
 from mbdae.system.motion.mechanics import Mechanics, in_units
 
-DEPENDENT = 2e-6  #: independent part of a unit row below which it counts as dependent on the rows before it
-SHIFT = 1e-12  #: added to the diagonal of B B^T of sparse rows where that is singular; less than the square of `DEPENDENT`
-CLEAR = 0.1  #: independent part of a unit row above which rows are chosen in the order of the scene
+#: a row of unit length counts as dependent if its distance from the span of the rows before it (its independent part) is below
+#: this
+DEPENDENT = 2e-6
+SHIFT = 1e-12  #: added to the diagonal of a singular B B^T so that it can be factorised; less than the square of `DEPENDENT`
+CLEAR = 0.1  #: rows with an independent part above this are chosen in the order of the scene, others the best ones first
 Rows = tuple[Row, ...]
-#: smallest singular value of the rows in force, over that of the best choice, below which rows are chosen again
+#: other rows are chosen where the smallest singular value of the rows in force falls below this part of that of the best choice
 WORN = 0.2
 
 
 def unit_rows(mechanics: Mechanics, G: Any) -> Any:
-    """G over unit displacements (the scene's length, 1 rad), its rows scaled to unit length; sparse where G is."""
+    """The rows of G with columns in unit displacements (the scene's length, 1 rad), scaled to unit length; sparse where G is."""
     B = in_units(mechanics, G)
     return sp.diags(1 / row_lengths(B)[:, 0]) @ B if issparse(B) else np.asarray(B / row_lengths(B))
 
 
 def unit_rows_at(mechanics: Mechanics, t: Array, q: Array) -> Iterator[Any]:
-    """`unit_rows` at times (nt,) and positions (nt, nq), one after the other."""
+    """The results of `unit_rows` at states t (nt,), q (nt, nq), computed one after the other."""
     many = mechanics.sparse_constraint_jacobian if mechanics.large else mechanics.constraint_jacobian
     return (unit_rows(mechanics, G) for G in many(t, q))
 
 
 def smallest(B: Any, rank: int) -> float:
-    """The smallest singular value of rows, without those that count as 0 by the rank; 1 where there are no rows."""
+    """The smallest singular value of rows B (m, n) that is not 0 because of their rank: number `rank` in descending order; 1
+    where there are no rows."""
     if not rank:
         return 1.0
     return _smallest_sparse(B, rank)[0] if issparse(B) else float(np.linalg.svd(B, compute_uv=False)[rank - 1])
 
 
 def nearly_vanishing(B: Any, rank: int) -> Array:
-    """Factors (m,) of the combination of rows whose length is that singular value: where it is small, the rows with large factors
-    nearly depend on each other."""
+    """Coefficients (m,), of unit length, of the linear combination of rows whose length is the singular value `smallest`. Where
+    this is small, the rows with large coefficients nearly depend on each other."""
     return _smallest_sparse(B, rank)[1] if issparse(B) else np.asarray(np.linalg.svd(B)[0][:, rank - 1])
 
 
 def _smallest_sparse(B: Any, rank: int) -> tuple[float, Array]:
-    """`smallest` and `nearly_vanishing` of sparse rows B (m, n) of unit length."""
+    """The results of `smallest` and `nearly_vanishing`, for sparse rows B (m, n) of unit length."""
     m, n = B.shape
     gram, random = sp.csc_matrix(B @ B.T), np.random.default_rng(3)
     try:
         solve = _solve(gram, SHIFT if rank < m else 0.0)
-    except RuntimeError:  # a pivot is 0: two steps of inverse iteration beside it
+    except RuntimeError:  # a pivot is 0: two steps of inverse iteration with a small shift
         solve = _solve(gram, SHIFT)
         return 0.0, _unit(solve(_unit(solve(random.normal(size=m)))))
     operator = LinearOperator((n, n), matvec=lambda x: B.T @ solve(solve(B @ x)), dtype=float)
@@ -66,7 +70,7 @@ def _smallest_sparse(B: Any, rank: int) -> tuple[float, Array]:
 
 
 def _solve(gram: Any, shift: float) -> Callable[[Array], Array]:
-    """Solution of (gram + shift) x = b for a sparse symmetric matrix; RuntimeError where it is singular."""
+    """The function b -> x with (gram + shift I) x = b, for a sparse symmetric matrix; RuntimeError where it is singular."""
     shifted = gram + shift * sp.identity(gram.shape[0], format="csc")
     factors = splu(shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     solve: Callable[[Array], Array] = factors.solve
@@ -90,7 +94,8 @@ def independent_parts(B: Array) -> Array:
 
 
 def rows_in_order(B: Array, rank: int, always: Sequence[int]) -> list[int]:
-    """Numbers (rank,) of rows that span all: `always`, then clearly independent ones in order, then by independent part."""
+    """Numbers (rank,) of independent rows: those in `always`, then in their order those with an independent part above CLEAR,
+    then always the one with the largest independent part."""
     chosen, basis = list[int](), np.zeros((0, B.shape[1]))
     left = B.copy()
 
@@ -114,7 +119,8 @@ def rows_in_order(B: Array, rank: int, always: Sequence[int]) -> list[int]:
 
 
 def best_rows(B: Array, rank: int, always: Sequence[int]) -> list[int]:
-    """Numbers (rank,) of well-conditioned rows that span all: those in `always`, then by QR with column pivoting."""
+    """Numbers (rank,) of independent, well-conditioned rows: those in `always`, then those that QR with column pivoting
+    chooses."""
     basis = np.linalg.qr(B[list(always)].T)[0] if len(always) else np.zeros((B.shape[1], 0))
     others = np.array([i for i in range(len(B)) if i not in set(always)], dtype=int)
     left = B[others] - (B[others] @ basis) @ basis.T
@@ -123,13 +129,15 @@ def best_rows(B: Array, rank: int, always: Sequence[int]) -> list[int]:
 
 
 def chosen_rows(B: Array, rank: int, always: Sequence[int]) -> list[int]:
-    """Numbers (rank,) of the rows at the start: in the order of the scene where these are well-conditioned enough."""
+    """Numbers (rank,) of the rows to be integrated from the start: by `rows_in_order`, in the order of the scene, if these are
+    conditioned well enough, else by `best_rows`."""
     ordered, other = rows_in_order(B, rank, always), best_rows(B, rank, always)
     return ordered if smallest(B[ordered], rank) >= WORN * smallest(B[other], rank) else other
 
 
 def _without(row: Array, basis: Array) -> Array:
-    """The part of a row orthogonal to an orthonormal basis (k, n); projected twice against rounding."""
+    """The component of a row (n,) orthogonal to an orthonormal basis (k, n); projected twice to remove round-off of the first
+    time."""
     for _ in range(2):
         row = row - basis.T @ (basis @ row)
     return row

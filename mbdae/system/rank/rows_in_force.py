@@ -14,34 +14,39 @@ from mbdae.system.rank.large import SparseRows
 from mbdae.system.rank.rows import DEPENDENT, WORN, Rows, best_rows, smallest, unit_rows
 from mbdae.system.rank.sparse_redundancy import numbers_of_joints
 
-#: smallest singular value of an earlier choice, over that of the best one, above which the earlier one is taken again
+#: an earlier choice of rows is used again if its smallest singular value is at least this part of that of the best choice
 GOOD = 0.5
-SHARE = 0.5  #: distance moved, over the margin to `WORN` at the last check, from which the rows are checked again
+#: margin: smallest singular value of the rows in force less the limit below which they are replaced (WORN). They are checked
+#: again after the positions have changed by this part of the margin at the last check, assuming that a singular value changes by
+#: about as much
+SHARE = 0.5
 
 
 class RowsInForce:
     """The rows that are integrated of an over-constrained mechanism, and when they have to be replaced by others.
 
-    all_rows: mechanics with all rows; rank: of all rows; always: numbers of rows that recursive joints and shared displacements
-    satisfy, which are always kept; rows: those in force; known: earlier choices, whose equations are compiled already and which
-    are taken again where they are good."""
+    all_rows: mechanics with all rows; rank: that of all rows; always: numbers of rows that recursive joints and shared
+    displacements satisfy, which are always kept; rows: those in force; known: earlier choices, whose equations are compiled
+    already, so that they are preferred where they are good enough (GOOD)."""
 
     def __init__(self, all_rows: Mechanics, rank: int, always: Sequence[int], rows: Rows, known: Iterable[Rows] = ()) -> None:
         self.all_rows, self.rank, self.always, self.known = all_rows, rank, list(always), known
         self._number = {row: i for i, row in enumerate(all_rows.rows)}
         self.numbers = self._numbers(rows)
         self._units = all_rows.position_units
-        self.seen: tuple[Array, float] | None = None  # positions at the last check, and the margin to `WORN` there
+        self.seen: tuple[Array, float] | None = None  # positions at the last check, and the margin there, see SHARE
 
     def smallest(self, t: float, q: Array) -> float:
-        """Smallest singular value of all rows that does not count as 0; near 0 in singular positions, for any choice of rows."""
+        """Smallest singular value of all rows that is not 0 by redundancy. Where it is near 0, the position is singular: no
+        choice of rows determines the motion."""
         return smallest(self._unit_rows(t, q), self.rank)
 
     def _numbers(self, rows: Rows) -> list[int]:
         return [self._number[row] for row in rows]
 
     def better(self, t: float, q: Array) -> Rows | None:
-        """Rows to be integrated from positions q (nq,) of all nodes on; None where those in force are good enough."""
+        """The rows to be integrated from the present positions q (nq,) of all nodes on; None where those in force are still
+        good."""
         if self.seen is not None and self._distance(q) < SHARE * self.seen[1]:
             return None
         B = self._unit_rows(t, q)
@@ -57,7 +62,7 @@ class RowsInForce:
         return tuple(self.all_rows.rows[i] for i in sorted(others))
 
     def _choice(self, B: Any) -> list[int]:
-        """Well-conditioned rows that span all; of many rows those that sparse elimination chooses."""
+        """Numbers of independent, well-conditioned rows: by `best_rows`, or for many rows by sparse elimination."""
         if not issparse(B):
             return best_rows(B, self.rank, self.always)
         return [int(i) for i in SparseRows(B, self.always, numbers_of_joints(self.all_rows.rows)).kept]

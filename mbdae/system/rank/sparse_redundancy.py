@@ -16,8 +16,9 @@ from mbdae.system.rank.large import SparseRows, Whole
 from mbdae.system.rank.rows import DEPENDENT, smallest, unit_rows
 
 SAMPLES = 3
-ASIDE = 1e-4  #: displacement (rad, or part of the scene's length) for the finite differences of rows
-#: derivative of a unit row (per rad, or scene's length) above which a dependency holds in one position alone
+ASIDE = 1e-4  #: displacement (rad, or part of the scene's length) for central differences of rows
+#: derivative (per rad, or per scene's length) of a vanishing linear combination of rows above which it vanishes in the present,
+#: singular position only
 CHANGING = 2e-6
 
 
@@ -28,14 +29,14 @@ def numbers_of_joints(rows: list[Row]) -> Whole:
 
 
 def sparse_rows(mechanics: Mechanics, t: Array, q: Array, always: Container[Row] = ()) -> SparseRows:
-    """The constraint rows at positions q (nq,), of unit length; independent ones are chosen among those in `always`
-    first."""
+    """The constraint rows at positions q (nq,), scaled to unit length; rows in `always` are the first to be chosen."""
     first = [i for i, row in enumerate(mechanics.rows) if row in always]
     return SparseRows(unit_rows(mechanics, mechanics.constraint_matrix(t, q)), first, numbers_of_joints(mechanics.rows))
 
 
 def rank_lost_here(mechanics: Mechanics, t: Array, q: Array, here: SparseRows) -> tuple[int, Any]:
-    """`redundancy._rank_lost_here` for sparse rows: number of rows that depend on the others only here, and unit rows nearby."""
+    """As `redundancy._rank_lost_here`, for sparse rows `here`: number of rows that depend on the others in this position alone,
+    and the rows of unit length near it."""
     units, lengths = mechanics.velocity_units, row_lengths(in_units(mechanics, mechanics.constraint_matrix(t, q)))
 
     def rows_at(step: Array) -> Any:
@@ -58,8 +59,8 @@ def rank_lost_here(mechanics: Mechanics, t: Array, q: Array, here: SparseRows) -
 
 
 def motions(mechanics: Mechanics, here: SparseRows, count: int) -> list[Array]:
-    """Random motions (nu,) that the rows without prescribed coordinates allow, over unit displacements, with largest entry 1.
-    Only nodes with a constraint row move; the list is empty where nothing can move."""
+    """Up to `count` random motions (nu,) that the rows allow, those that prescribe coordinates left out; in unit displacements,
+    with the largest entry 1. Only nodes with a constraint row move; the list is empty where nothing can move."""
     released = np.array([i for i, row in enumerate(mechanics.rows) if not row.prescribes], dtype=np.intp)
     space = here if len(released) == here.m else SparseRows(here.B[released])
     seen, rng = np.zeros(mechanics.nu), np.random.default_rng(11)
@@ -73,10 +74,11 @@ def motions(mechanics: Mechanics, here: SparseRows, count: int) -> list[Array]:
 
 
 def chosen_beside(here: SparseRows, beside: Any, rank: int) -> tuple[Whole, Whole]:
-    """The rows to keep in a singular position, and those of them that are independent near it only."""
+    """Numbers of the rows to keep in a singular position, and of those among them that are independent near this position only.
+    here, beside: rows at the position and near it; rank: that near it."""
     there, missing = SparseRows(beside, [int(i) for i in here.kept]), rank - here.rank
     new = np.setdiff1d(there.kept, here.kept)[:missing]
-    if len(new) < missing:  # near the position some are so nearly dependent still that they count as dependent
+    if len(new) < missing:  # so near the position some of the missing rows still count as dependent: take the best ones
         rest = there.spanning(here.kept).remainders(here.left)
         new = np.sort(here.left[qr(rest.T, mode="r", pivoting=True)[1][:missing]])
     return np.sort(np.r_[here.kept, new]), new
@@ -84,7 +86,8 @@ def chosen_beside(here: SparseRows, beside: Any, rank: int) -> tuple[Whole, Whol
 
 def nearly_redundant(here: SparseRows, kept: Whole, singular: Whole, others: list[SparseRows],
                      limits: tuple[float, float]) -> list[tuple[int, float]]:  # fmt: skip
-    """`redundancy._nearly_redundant` for sparse rows: numbers of rows and the independent part of each."""
+    """As `redundancy._nearly_redundant`, for sparse rows: numbers of nearly redundant rows with the independent part of each.
+    limits: CERTAIN and DOUBTFUL."""
     certain, doubtful = limits
     own = np.setdiff1d(kept, singular)
     found = [(int(i), float(here.parts[i])) for i in own if DEPENDENT < here.parts[i] < doubtful]

@@ -20,14 +20,14 @@ from mbdae.system.motion.constrained import row_lengths
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.rank.redundancy import RankReport, null_space
 
-STILL = 1e-10  #: velocity of bodies over the rate of a coordinate, below which the coordinate moves no body
-UNLIKE = 1e6  #: ratio of the coefficients of a coupling, above which rounding loses a coefficient of 1
-NOTHING = 1e-13  #: inertia of a motion over that of its parts, below which it has no inertia
+STILL = 1e-10  #: velocity of all bodies over the rate of a joint coordinate, up to which the coordinate is said to move no body
+UNLIKE = 1e6  #: ratio of the coefficients in a coupling above which the smaller one is lost by rounding
+NOTHING = 1e-13  #: inertia of a motion, over that of the displacements it consists of, up to which it counts as having none
 
 
 def massless_coordinates(all_bodies: AllBodies, mass: Array, t: Array, q: Array) -> list[str]:
-    """Messages on unknowns of recursive joints whose motion has no inertia, one sentence each, by the eigenvalues of the reduced
-    mass matrix scaled to a unit diagonal."""
+    """Error messages, one sentence each, for coordinates of recursive joints whose motion has no inertia: the mass matrix in
+    joint coordinates, scaled to a unit diagonal, has an eigenvalue 0 there. mass (nu, nu): mass matrix of all nodes."""
     u = np.zeros((1, all_bodies.model.nu))
     T = all_bodies.velocity_map(all_bodies.workspace(t, *all_bodies.reduced(q[None], u)))[0]
     reduced = T.T @ mass @ T
@@ -47,7 +47,7 @@ def massless_coordinates(all_bodies: AllBodies, mass: Array, t: Array, q: Array)
 
 
 def massless_unknowns(all_bodies: AllBodies, lost: Sequence[int]) -> list[str]:
-    """Messages on velocities that are known to have no inertia, by their numbers, one sentence each."""
+    """Error messages, one sentence each, for the velocity unknowns with the numbers `lost`, which have no inertia."""
     names, joints = all_bodies.numbering.names()[all_bodies.nq :], dict[str, list[str]]()
     for node in all_bodies.model.joint_coordinates if lost else ():
         joints.setdefault(node.joint, []).append(node.coordinate)
@@ -55,12 +55,13 @@ def massless_unknowns(all_bodies: AllBodies, lost: Sequence[int]) -> list[str]:
 
 
 def _is_still(T: Array, motion: Array) -> bool:
-    """Whether these rates of the unknowns move no body."""
+    """Whether a motion (rates of the unknowns) moves no body; T: velocities of all bodies by those rates."""
     return bool(np.linalg.norm(T @ motion) <= STILL * np.linalg.norm(motion) * max(1.0, float(np.max(np.abs(T), initial=0.0))))
 
 
 def _no_inertia(rate: str, joints: dict[str, list[str]], still: bool) -> str:
-    """The message on a motion without inertia. rate: name of an unknown; joints: coordinates by joint; still: no body moves."""
+    """The message on a motion without inertia. rate: name of the velocity unknown that moves most; joints: name of a joint -> its
+    coordinates; still: whether the motion moves no body."""
     name, _, unknown = rate.rpartition(".")
     if name in joints and still:
         named = [c for c in joints[name] if unknown == f"{c}_rate"]
@@ -72,13 +73,13 @@ def _no_inertia(rate: str, joints: dict[str, list[str]], still: bool) -> str:
 
 
 def massless_motions(mechanics: Mechanics, report: RankReport, t: Array, q: Array) -> list[str]:
-    """Messages on bodies with a free motion that has no inertia, one sentence each."""
+    """Error messages, one sentence each, for bodies with a motion that the constraints allow and that has no inertia."""
     kept = Mechanics(mechanics.model, report.kept)
     if mechanics.large:
         return _massless_sparse(kept, t, q)
     G = kept.constraint_jacobian(t, q[None])[0]
     own = np.ones(kept.nu, dtype=bool)
-    for node in (n for line in kept.model.lines for n in line.nodes):  # free nodes of beams have mass
+    for node in (n for line in kept.model.lines for n in line.nodes):  # nodes of beams have mass: only constrained ones count
         own[node.u : node.u + node.kind.sizes[1]] = np.any(G[:, node.u : node.u + node.kind.sizes[1]])
     at = np.flatnonzero(own)
     unit, N = kept.velocity_units[at], null_space(G[:, at] * kept.velocity_units[at])
@@ -93,8 +94,8 @@ def massless_motions(mechanics: Mechanics, report: RankReport, t: Array, q: Arra
 
 
 def _massless_sparse(mechanics: Mechanics, t: Array, q: Array) -> list[str]:
-    """`massless_motions` for many bodies: a motion without inertia that the rows allow is a null vector of M + B^T B, scaled so
-    that every coordinate has the inertia 1 and every row the length 1."""
+    """As `massless_motions`, for many bodies: a motion without inertia that the rows allow is a null vector of M + B^T B, where
+    every coordinate is scaled to inertia 1 and every row of B to length 1."""
     units, G = mechanics.velocity_units, mechanics.constraint_matrix(t, q)
     M = sp.diags(units) @ mechanics.mass @ sp.diags(units)
     scale = units / np.sqrt(_own_inertia(M.diagonal()))
@@ -111,15 +112,16 @@ def _massless_sparse(mechanics: Mechanics, t: Array, q: Array) -> list[str]:
 
 
 def _own_inertia(diagonal: Array) -> Array:
-    """The inertia of every unit displacement alone; where it is 0 the largest of all."""
+    """The inertia of every unit displacement alone, the diagonal of the mass matrix; where it is 0, the largest of them
+    instead."""
     return np.where(diagonal > 0, diagonal, max(float(np.max(diagonal, initial=0.0)), 1e-300))
 
 
 def _compared(reduced: Array, own: Array) -> tuple[Array, Array]:
-    """Inertia of motions relative to the inertia of their parts alone, and the motions (columns). Differences in size between
-    bodies do not count."""
+    """Inertia of motions relative to the inertia of the displacements that they consist of, so that small and large bodies are
+    treated alike; and these motions (columns). It solves the eigenvalue problem reduced x = value own x."""
     scale = 1 / np.sqrt(np.diag(own))
-    # transformation to parts whose own inertia is 1
+    # transformation to coordinates in which `own` is the identity
     inverse = np.linalg.inv(np.linalg.cholesky(scale[:, None] * own * scale)) * scale
     values, vectors = np.linalg.eigh(inverse @ reduced @ inverse.T)
     return values, inverse.T @ vectors
@@ -138,7 +140,7 @@ def _name_motion(mechanics: Mechanics, G: Array, motion: Array) -> str:
 
 
 def _undetermined_coordinate(mechanics: Mechanics, G: Array, node: Node) -> str:
-    """The message on a joint coordinate that is an unknown which nothing determines."""
+    """The message on a joint coordinate that is an unknown but is determined by no equation. G: constraint Jacobian."""
     instances = [i for group in mechanics.model.groups for i in group.instances if i.item == node.joint]
     if any(n is not None and not n.kind.oriented for i in instances for n in i.nodes):
         return (f"joint '{node.joint}': its {node.coordinate} is an unknown that nothing determines: a point mass has no "
@@ -161,7 +163,8 @@ def _undetermined(joint: str, coordinate: str) -> str:
 
 
 def _motion_in_words(motion: Array, worst: int, n: int) -> str:
-    """"move along ..." or "turn about ..." for the velocities of one node with n translations; `worst`: its largest entry."""
+    """The motion of a node in words, "move along ..." or "turn about ...". motion: its velocities, the first n of them
+    translations; worst: number of the largest one."""
     part = motion[:n] if worst < n else motion[n:]
     part = part * np.sign(motion[worst]) / np.linalg.norm(part)
     direction = ", ".join(f"{c:.2g}" for c in np.where(np.abs(part) < 1e-9, 0.0, part))
@@ -171,18 +174,20 @@ def _motion_in_words(motion: Array, worst: int, n: int) -> str:
 
 
 def normal_force_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Derivative of the normal force of a joint with friction by each of its multipliers, as a magnitude."""
+    """For joints whose friction follows from their reactions: magnitude of the derivative of the normal force by each
+    multiplier."""
     if not d.reactive:
         return []
     v = d.variation
-    if d.pressing is None:  # a user's own law may read any of the reactions
+    if d.pressing is None:  # the friction of a user's own law may depend on any of its reactions
         return [(("counts", j), se.Integer(1)) for j in range(len(d.rows))]
     pressing = [v.name(c) for c in d.pressing]
     return [(("counts", j), v.resolve(sum(v.diff(c, s) ** 2 for c in pressing) ** 0.5)) for j, s in enumerate(d.multipliers)]
 
 
 def undecided(mechanics: Mechanics, rank: RankReport, t: Array, q: Array) -> list[str]:
-    """Messages on joints whose friction needs a reaction that redundant constraints leave undetermined, one sentence each."""
+    """Error messages, one sentence each, for joints whose friction depends on a reaction that redundant constraints leave
+    undetermined."""
     if not (mechanics.reactive and rank.not_unique):
         return []
     shared = {(r.group, r.instance, r.row): r.name for r in rank.not_unique}

@@ -1,8 +1,8 @@
 """A start with bent beams, where no rigid motion of the beams closes the loops or follows the prescribed motions.
 
 Loops of beams may be drawn or driven so that they close only if beams bend, such as a four-bar with one hinge that is not
-parallel to the others. Positions then have the least elastic energy and velocities the least elastic power, as in a quasi-static
-motion. Rigid motions cost no elastic energy; a small share of the inertia determines them.
+parallel to the others. Positions are then those of least elastic energy, and velocities minimise the same quadratic form of the
+stiffness, as in a quasi-static motion. Rigid motions cost no elastic energy: a small weight on the inertia makes them unique.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from mbdae.system.motion.mechanics import Mechanics, in_units
 from mbdae.system.start.least_change import largest_violation
 from mbdae.system.start.sparse_change import cheapest
 
-SLOW = 0.01  #: assumed frequency of the motion over the lowest bending frequency; its square is the weight of the inertia
+#: assumed ratio of the motion's frequency to the lowest bending frequency. Its square weighs the inertia against the stiffness
+SLOW = 0.01
 STEPS = 50
-CONVERGED = 1e-9  #: last displacement (rad, or over the scene's length) at which Newton's method has converged
+CONVERGED = 1e-9  #: size of a step of Newton's method (rad, or over the scene's length) up to which it has converged
 
 
 def can_bend(mechanics: Mechanics) -> bool:
@@ -30,7 +31,7 @@ def can_bend(mechanics: Mechanics) -> bool:
 
 
 class Bending:
-    """Stiffness, elastic forces and weighted inertia of a scene with beams at positions q (nq,)."""
+    """Of a scene with beams at positions q (nq,): stiffness matrix, elastic forces, and mass matrix times a small weight."""
 
     def __init__(self, mechanics: Mechanics, q: Array) -> None:
         self.units = mechanics.velocity_units
@@ -39,7 +40,8 @@ class Bending:
         self.force = mechanics.elastic_force(q)
 
     def least(self, A: Array, right: Array, pull: Array) -> Array:
-        """x (nu,) with A x = right that minimises x^T W x / 2 - pull^T x; A (m, nu) may have any number of rows."""
+        """Displacement x (nu,) with A x = right (m,) that minimises x^T W x / 2 - pull^T x, where W is stiffness plus weighted
+        inertia; A (m, nu) may have redundant rows."""
         return cheapest(self.weight, self.units, A, right, pull)
 
 
@@ -57,8 +59,9 @@ def stiffness(mechanics: Mechanics, q: Array) -> sp.csc_matrix:
 
 def closed_by_bending(mechanics: Mechanics, q: Array, closure: Callable[[Array], Array], jacobian: Callable[[Array], Array],
            within: float) -> Array | None:  # fmt: skip
-    """Positions (nq,) of least elastic energy that satisfy closure(q) = 0 (m,), whose derivative by displacements is jacobian(q)
-    (m, nu), to `within` (over the scene's length, or rad); None where none is found."""
+    """Positions (nq,) of least elastic energy that satisfy closure(q) = 0 (m,), found by Newton's method from q; None where it
+    fails. jacobian(q) (m, nu): derivative of closure by displacements; within: largest violation, over the scene's length or
+    rad."""
     for _ in range(STEPS):
         bending, A, g = Bending(mechanics, q), jacobian(q), closure(q)
         off = largest_violation(g, in_units(mechanics, A))
@@ -79,7 +82,7 @@ def closed_by_bending(mechanics: Mechanics, q: Array, closure: Callable[[Array],
 
 
 def _lowest(mechanics: Mechanics) -> float:
-    """Square of the lowest bending frequency of the beams, estimated from their lengths, (rad/s)^2."""
+    """Square of the lowest bending frequency of all beams, (rad/s)^2, estimated as EI / (mass per length * length^4)."""
     beams = [line.beam for line in mechanics.model.lines]
     lengths = [float(np.sum(np.linalg.norm(np.diff(beam.outline, axis=0), axis=1))) for beam in beams]
     sections = [beam.section for beam in beams]

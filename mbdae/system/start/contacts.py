@@ -16,16 +16,17 @@ from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.motion.states import gaps_of
 from mbdae.system.start.start import Start
 
-RESTS = 10.0  #: force of a contact over the weight on it, up to which the penetration at the start is that of bodies at rest
-ROUND_OFF = 1e-9  #: relative speed of two points over their own speeds, below which it is rounding
+#: force of a contact at the start, over the weight it carries, up to which its penetration is accepted as that of bodies at rest
+RESTS = 10.0
+ROUND_OFF = 1e-9  #: relative speed of the bodies in contact, over their own speeds, up to which it counts as round-off
 
 
 @dataclass(frozen=True)
 class ExpectedContact:
-    """A contact before the run, of one one-sided law. SI units; rad, rad/s and kg m^2 where its gaps are angles.
+    """What is known before the run of one contact law. SI units; rad, rad/s and kg m^2 where its gaps are angles.
 
-    place: numbers of its group and instance; impact: data of its impact, see `Impact`; penetration: at the start;
-    weight: of the effective mass (N), 0 where the reaction of an ideal joint is known."""
+    place: numbers of its group and instance; impact: data of its impacts, see `Impact`; penetration: that at the start; weight:
+    that of its effective mass (N), 0 where the force is known from the reaction of an ideal joint."""
 
     item: str
     law: Any
@@ -55,7 +56,7 @@ class ExpectedContact:
         return float(self.law.expected_depth(self.impact))
 
     def summary(self) -> str:
-        """What `check` says of the contact, after its name: its law and the penetration to be expected."""
+        """What the output of `Scene.check` says of the contact after its name: its law and the penetration to be expected."""
         expected = f"of about {self.depth:.1g} {self.unit} expected" if math.isfinite(self.depth) else "not known before the run"
         return f"{self.law.summary_of_contact()}; penetration {expected}"
 
@@ -66,20 +67,21 @@ class ExpectedContact:
         return f"penetration of {p:.3g} {self.unit}{detail}"
 
     def problems(self, continued: bool) -> list[str]:
-        """Error messages on the start, one sentence each; continued: another run ended in this state."""
+        """Error messages on the penetration at the start, one sentence each. continued: whether the start is the end of another
+        run."""
         load = self.law.elastic_load(self.penetration)
         rests = load is not None and load[0] <= RESTS * self.weight
         why = "" if rests else self.law.refuses_start(self.penetration, self.size, continued)
         return [f"'{self.item}' starts with a {self._at_start()}, {why}"] if why else []
 
     def changes(self) -> list[str]:
-        """A sentence on penetration at the start, for the list of changes."""
+        """A sentence on the penetration at the start, if there is any, for `Start.changes`."""
         return [f"'{self.item}' starts with a {self._at_start()}"] if self.penetration > 0 else []
 
 
 def expected_contacts(mechanics: Mechanics, start: Start, reactions: dict[str, float], time: float) -> list[ExpectedContact]:
-    """Every contact of a scene before its run; reactions: force (N) of the ideal joint, by item; time: characteristic
-    time, s."""
+    """What is known of every contact law of a scene before its run. reactions: name of a joint with clearance -> reaction (N) of
+    the ideal joint in its place; time: characteristic time, s."""
     t, q, u = np.array([start.t]), start.q[None], start.u[None]
     known = approaches(mechanics, start.t, start.q)
     gaps = gaps_of(mechanics, t, q, u) if known else {}
@@ -106,6 +108,6 @@ def _law(mechanics: Mechanics, place: Place) -> Any:
 
 
 def _speed(rows: Array, u: Array) -> float:
-    """Speed along the directions of rows (k, nu); 0 where it is only rounding."""
+    """Speed along the directions of rows (k, nu) at velocities u (nu,); 0 where it is no more than round-off."""
     speed, of_points = np.linalg.norm(rows @ u), np.linalg.norm(np.abs(rows) @ np.abs(u))
     return float(speed) if speed > ROUND_OFF * of_points else 0.0

@@ -18,7 +18,8 @@ from mbdae.system.start.start import Starter
 
 @dataclass
 class IdealStart:
-    """q, u with every pin centred in its bearing; what was changed, in sentences; reactions (N) by joint."""
+    """A start with every pin centred in its bearing: q, u of all nodes; changes: sentences on what was changed to close loops;
+    reactions: name of a joint -> magnitude of the reaction of its ideal joint, N."""
 
     q: Array
     u: Array
@@ -27,10 +28,11 @@ class IdealStart:
 
 
 def ideal_start(scene: SceneData, kept: dict[str, str], t0: float) -> IdealStart:
-    """The start of a scene with its clearances closed: pins centred, moving as with ideal joints.
+    """The start of a scene with joints with clearance: its pins are centred and move as with ideal joints at time t0 (s).
 
-    Where a point mass is drawn off the centre its position is kept, and where a body's velocity is stated it is kept: these
-    joints are not closed in positions, or in velocities."""
+    A pin that is a point mass drawn off the centre keeps its position, and a body whose velocity the user states keeps it: the
+    joint is then not replaced by an ideal one for positions, or for velocities. kept: recursive joints treated as kinematic ->
+    why."""
     closed = {c.name: "clearance" for c in scene.joints if c.loose and not _off_centre(c, scene)}
     mechanics = _mechanics(scene, kept | closed)
     starter = Starter(mechanics, t0)
@@ -57,7 +59,7 @@ def _has_velocity(c: Connection) -> bool:
 
 
 def _reactions(starter: Starter, q: Array, u: Array, joints: dict[str, str]) -> dict[str, float]:
-    """Magnitude (N) of the reaction of every ideal joint at the start, by joint."""
+    """Name of an ideal joint, of those in `joints` -> magnitude of its reaction at the start, N."""
     mechanics = starter.mechanics
     if not mechanics.m or not joints:
         return {}

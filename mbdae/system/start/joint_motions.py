@@ -1,8 +1,9 @@
-"""How far joints are from where they are drawn: the relative motions by which the start measures what is near.
+"""How far joints are from where they are drawn. The start measures by this which positions are near to the drawing.
 
-Of every joint between two bodies count its rotation from the drawing, 2 sin(angle / 2) about its axis (the angle in rad, where it
-is small), and the displacement of the point of l from that of k over the extent of the scene, both in axes fixed to k. Models of
-joints, the order of statements and frames do not enter.
+Each joint between two bodies k and l contributes six numbers: the rotation of l relative to k from the drawing, as the vector
+2 sin(angle / 2) times its axis (for small angles the rotation vector, rad), and the displacement of the joint's point on l from
+that on k, over the extent of the scene; both in axes fixed to k. They do not depend on joint models, on the order in which the
+scene is stated, or on the position of the inertial frame.
 """
 
 from __future__ import annotations
@@ -20,11 +21,13 @@ from mbdae.system.model.rotations import quaternion, rotation_matrices, rotation
 from mbdae.system.model.sides import joint_axes
 from mbdae.system.motion.mechanics import LARGE
 
-INERTIA = 1e-6  #: share of the masses in what is least, which decides where joints do not: of what floats freely
+#: weight of the masses in the sum of squares that is minimised, relative to that of the joints: it makes the minimum unique where
+#: bodies can move without any joint moving
+INERTIA = 1e-6
 
 
 class JointMotions:
-    """The relative motions of all joints of a model but those with clearance and those of more than two bodies."""
+    """The relative motions of the joints of a model, without those with clearance and those between more than two bodies."""
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -33,16 +36,17 @@ class JointMotions:
         self.names = list(ends)
         bodies = list(dict.fromkeys(body for pair in ends.values() for body in pair))
         self._number = {body: i for i, body in enumerate(bodies)}
-        self._of = np.array([[self._number[b] for b in pair] for pair in ends.values()], dtype=np.intp).reshape(-1, 2).T  # (2, j)
+        self._of = np.array([[self._number[b] for b in pair] for pair in ends.values()], dtype=np.intp).reshape(-1, 2).T
         drawn = np.array([[c.joint.point_on(side) for c in joints] for side in "kl"], dtype=float).reshape(2, -1, 3)
         points = [*drawn.reshape(-1, 3), *(b.drawn.position for _, b in model.bodies)]
         spread = np.array(points) - np.mean(points, axis=0)
         extent = float(np.max(np.linalg.norm(spread, axis=1), initial=0.0))
-        self.extent = extent if extent > 0 else 1.0  #: largest distance of a point from the mean of all, m, in any frame alike
+        self.extent = extent if extent > 0 else 1.0  #: size of the scene, m: largest distance of a point from the mean of all
         self._apart = drawn[1] - drawn[0]
         self._oriented = np.array([not (k.is_point or l.is_point) for k, l in ends.values()], dtype=bool)
-        # of every body: what turns vectors from inertial axes into its own, as drawn; the places of its position and velocities,
-        # those of spatial bodies and one more number, 0, where it has none; maps of these to velocities of its centre and spins
+        # of each of the n bodies: `_axes` rotates vectors from inertial axes into its own axes as drawn; `_q`, `_u` are the
+        # numbers of its positions and velocities among all, padded to those of a spatial body with the number of an appended 0;
+        # `_moves`, `_spins` map these velocities to the velocity of its centre of mass and to its angular velocity
         n = len(bodies)
         self._axes, self._origin = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
         self._q, self._u = np.full((n, 7), model.nq), np.full((n, 6), model.nu)
@@ -63,13 +67,13 @@ class JointMotions:
         self._arms = drawn - self._origin[self._of]
 
     def far(self, q: Array) -> Array:
-        """Distances (6 j,) of the j joints from their drawn place."""
+        """The six numbers of each of the j joints, (6 j,), see the module: rotation and displacement from the drawing."""
         return self._placed(q)[0]
 
     def at(self, q: Array, rates: bool = False) -> tuple[Array, Any]:
-        """Distances (6 j,) of the j joints from their drawn place and their derivatives (6 j, nu) by displacements, sparse where
-        the scene is large; with `rates` the maps of velocities to relative angular velocities and to velocities over the
-        extent."""
+        """`far`, (6 j,), and its derivatives (6 j, nu) by virtual displacements, sparse where the scene is large. rates: True
+        returns instead of these the matrix (6 j, nu) that maps velocities to relative angular velocities and to relative
+        velocities of the joint's points over the extent."""
         far, (R, turned, position, points, P) = self._placed(q)
         back = np.swapaxes(turned[self._of[0]], 1, 2)
         turning = back if rates else (P[:, :1, None] * np.eye(3) - _cross(P[:, 1:])) @ back
@@ -91,19 +95,20 @@ class JointMotions:
         return far, D[:, :nu]
 
     def weight(self, D: Any, masses: Any, units: Array) -> Any:
-        """D^T D (n, n) of derivatives D (6 j, n), with a small share of the masses (n, n), which decide where no joint does;
-        units (n,): unit displacements."""
+        """Matrix (n, n) of the sum of squares to be minimised: D^T D of derivatives D (6 j, n), plus the masses (n, n) with the
+        small weight INERTIA; units (n,): unit displacements."""
         matrix = sp.csc_matrix if self.model.nu > LARGE else as_full
         return matrix(D.T @ D) + matrix(masses) * (INERTIA / np.max(masses.diagonal() * (units / self.extent) ** 2))
 
     def rotation(self, joint: Connection, q: Array) -> Array:
-        """Quaternion (4,) of the rotation of l relative to k from the drawing, in the axes of the joint."""
+        """Quaternion (4,) of the rotation of l relative to k from the drawing, in components along the joint's axes."""
         k, l = self.model.ends(joint)
         (a, b), axes = self._poses(q)[1][[self._number[k], self._number[l]]], joint_axes(joint.joint, k)
         return quaternion(axes.T @ a.T @ b @ axes)
 
     def _poses(self, q: Array) -> tuple[Array, Array, Array]:
-        """Of the bodies of all joints: axes (n, 3, 3), rotations from the drawing (n, 3, 3), positions (n, 3), m."""
+        """For the n bodies of all joints: rotation matrices of their axes (n, 3, 3), rotations from the drawing (n, 3, 3),
+        positions (n, 3), m."""
         here = np.append(q, 0.0)[self._q]
         R = np.tile(np.eye(3), (len(here), 1, 1))
         R[self._spatial] = rotation_matrices(here[self._spatial, 3:])
@@ -112,8 +117,8 @@ class JointMotions:
         return R, R @ self._axes, here[:, :3]
 
     def _placed(self, q: Array) -> tuple[Array, tuple[Array, Array, Array, Array, Array]]:
-        """Distances, see `far`; the poses of bodies, the joints' points on k and l (2, j, 3), and unit quaternions (j, 4) of the
-        rotations from the drawing."""
+        """The result of `far`; then that of `_poses`, the joints' points on k and l (2, j, 3), m, and unit quaternions (j, 4) of
+        the relative rotations from the drawing."""
         R, turned, position = self._poses(q)
         of = turned[self._of]
         points = position[self._of] + (of @ self._arms[..., None])[..., 0]

@@ -1,4 +1,5 @@
-"""The smallest mass-weighted change of a motion that satisfies linear conditions, by which the start closes loops."""
+"""The smallest change of positions or velocities, weighted by mass, that satisfies linear conditions; the start closes loops by
+it."""
 
 from __future__ import annotations
 
@@ -9,21 +10,23 @@ import numpy as np
 from mbdae.system.base import Array
 from mbdae.system.motion.constrained import largest_entries, row_lengths
 
-DEPENDENT = 1e-9  #: singular value of unit rows below which rows depend on each other
+DEPENDENT = 1e-9  #: singular value of rows of unit length up to which they count as dependent on each other
 
 
 def least_change(A: Array, right: Array, root: Array, massless: Any, stated: Array, off: Array) -> Array:
-    """x (n,) with A x = right (least squares), of these the one with stated x nearest to off, of these the smallest.
+    """x (n,) by three requirements, each as far as those before it allow: A x = right (least squares), then stated @ x as near to
+    `off` (s,) as possible, then x of the smallest size, sqrt(x^T M x).
 
-    A (rows, n), stated (s, n); root: Cholesky factor of the mass of the coordinates that have one, which measures the
-    size; massless (n,) bool: joint coordinates, which have no mass and follow from the rows of A that contain them."""
+    A (rows, n); stated (s, n): conditions that are only to be met as well as possible; root: Cholesky factor of the mass matrix M
+    of the coordinates that have mass; massless (n,) bool: joint coordinates, which have no mass of their own and follow from the
+    rows of A that contain them."""
     heavy, x = ~massless, np.zeros(len(massless))
     rows, values, pivots = _without(A, right, np.flatnonzero(massless))
     left = np.array([row for row in range(len(A)) if row not in set(pivots.values())], dtype=np.intp)
     scaled, wanted = (np.asarray(np.linalg.solve(root, part.T).T) for part in (rows[np.ix_(left, heavy)], stated[:, heavy]))
     sizes, lengths = row_lengths(scaled), row_lengths(wanted)
     scaled, wanted = scaled / sizes, wanted / lengths
-    # y = root^T x, so that |y| is the mass-weighted size of x; free: stated rows, projected on the motions the conditions leave
+    # y = root^T x, so that |y| is the size of x; free: stated rows, projected on the motions that A x = right leaves free
     found = np.linalg.lstsq(scaled, np.column_stack([values[left] / sizes[:, 0], scaled @ wanted.T]), rcond=DEPENDENT)[0]
     y, free = found[:, 0], wanted - found[:, 1:].T
     y = y + _pseudo_inverse(free) @ (off / lengths[:, 0] - wanted @ y)
@@ -34,18 +37,20 @@ def least_change(A: Array, right: Array, root: Array, massless: Any, stated: Arr
 
 
 def violations(g: Array, B: Any) -> Array:
-    """(m,) |g| over the magnitude of the largest entry of every row of B (m, n), sparse or not."""
+    """(m,) violation of constraints g (m,) as a displacement: |g| over the magnitude of the largest entry of the row of B (m, n),
+    the constraint Jacobian in unit displacements, sparse or not."""
     size = largest_entries(B)
     return np.asarray(np.abs(g) / np.where(size > 0, size, 1.0))
 
 
 def largest_violation(g: Array, B: Any) -> float:
-    """The largest of the `violations`; 0 where there are no rows."""
+    """The largest of the violations of constraints g (m,), see `violations`; 0 where there are no constraints."""
     return float(np.max(violations(g, B), initial=0.0))
 
 
 def _without(A: Array, right: Array, columns: Any) -> tuple[Array, Array, dict[int, int]]:
-    """The equations with columns eliminated from all rows but one each, and the number of that pivot row by column."""
+    """The equations A x = right after eliminating these columns: each remains in one row only. Returns matrix, right-hand side,
+    and column -> number of this row."""
     A, right = A.copy(), right.copy()
     pivots: dict[int, int] = {}
     for column in columns:

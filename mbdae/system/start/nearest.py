@@ -1,10 +1,10 @@
-"""The nearest consistent positions of loops that are not closed where their joints stand as drawn or as stated.
+"""The consistent positions nearest to the drawing, for loops that do not close with their joints as drawn or as stated.
 
-From the drawing, where the joints close, held and prescribed values grow to what is stated. On the way and at its end the joints
-stay as near to their drawn places as the loops allow: the sum of the squares of their relative motions (`joint_motions.py`) is
-the least nearby. Where the way passes a singular position, the ways on from there are tried too, and the nearest end counts. All
-this depends on bodies, points and stated values alone, so it is found once, between the coordinates of bodies, and every joint
-model takes it over.
+They are found by continuation from the drawing: held and prescribed joint coordinates grow in steps from 0 to their stated
+values. At every step the sum of squares of all joints' relative motions from the drawing (`joint_motions.py`) is at a local
+minimum among the positions that close the loops. Where this path passes a singular position, at which the loops may continue on
+another branch, the other branches are followed too; the end nearest to the drawing is the result. It depends on bodies, points
+and stated values alone: it is found once, with the positions of bodies as unknowns, and used for every joint model.
 """
 
 from __future__ import annotations
@@ -34,20 +34,22 @@ from mbdae.system.start.positions import REACHED, ConsistentPositions, Held
 from mbdae.system.start.sparse_change import cheapest
 from mbdae.ties import ALIKE
 
-STEP = 0.1  #: largest growth of a held value at once: rad, or over the extent of the joints
-REACH = 0.3  #: largest displacement of one iteration: rad, or over the scene's length
-ON_THE_WAY, AT_THE_END = (1e-2, 6), (1e-12, 40)  #: last displacement of an iteration that has converged; most iterations
-STUCK = 5  #: iterations one after the other that lessen nothing, however short the displacement, after which there is no way on
-EXACT = 1e-7  #: displacement of an iteration below which what it lessens changes by rounding only
-DIFFERENCE = 1e-6  #: displacement, over a unit, by which second derivatives are found
-FEW = 20  #: freedoms of loops up to which the second derivatives are found
-WEAK = 0.03  #: singular value of unit rows below which a loop is near a place where it can go on in two ways
-ASIDE = 0.1  #: displacement by which the ways from there are tried: rad, or over the scene's length
+STEP = 0.1  #: largest change of a held coordinate in one step of the continuation: rad, or over `JointMotions.extent`
+REACH = 0.3  #: largest displacement in one iteration of Newton's method: rad, or over the scene's length
+#: tolerance (size of the last displacement) and largest number of Newton iterations: in steps of the continuation, in the last
+#: one
+ON_THE_WAY, AT_THE_END = (1e-2, 6), (1e-12, 40)
+STUCK = 5  #: number of successive iterations that could not reduce the merit function after which Newton's method gives up
+EXACT = 1e-7  #: displacement of an iteration below which the merit function changes by round-off only
+DIFFERENCE = 1e-6  #: displacement, in unit displacements, for finite differences that give second derivatives
+FEW = 20  #: degrees of freedom of the loops up to which second derivatives are computed
+WEAK = 0.03  #: smallest singular value of conditions of unit length below which another branch of the loops may begin nearby
+ASIDE = 0.1  #: displacement by which other branches are entered: rad, or over the scene's length
 
 
 def start_positions(own: ConsistentPositions) -> Array:
-    """Positions (nq,) at which a scene starts: those along its tree where these close its loops, else the nearest ones;
-    StartError where none are found, or two are equally near."""
+    """Positions (nq,) at which a scene starts: bodies placed along the tree of joints, if this closes the loops with all other
+    joints as drawn, else the nearest positions. StartError where none are found, or two are equally near."""
     q, model = own.placed(), own.model
     if own.closing_error(q) <= REACHED and _as_drawn(own, q):
         return own.close(q)
@@ -60,7 +62,8 @@ def start_positions(own: ConsistentPositions) -> Array:
 
 
 def _as_drawn(own: ConsistentPositions, q: Array) -> bool:
-    """Whether every joint but those of the tree with stated values stands as drawn, so that no positions are nearer."""
+    """Whether at q every joint is as drawn, except those of the tree with stated values, so that no other positions are
+    nearer."""
     if not own.tree.closing:
         return True
     held = {joint.name for _, joint, _ in own.tree.edges if own.held_values(joint)}
@@ -71,20 +74,21 @@ def _as_drawn(own: ConsistentPositions, q: Array) -> bool:
 
 @dataclass
 class Trial:
-    """Positions q, conditions g, motions of joints."""
+    """Positions q (nq,) tried by an iteration, with the residual g of the conditions and the joints' motions from the drawing,
+    far."""
 
     q: Array
     g: Array
     far: Array
 
     def merit(self, weights: Array) -> float:
-        """What an iteration has to lessen: distance from the drawing, and weighted violations of the conditions."""
+        """The merit function that an iteration has to reduce: squared distance from the drawing and weighted violations."""
         return float(self.far @ self.far) / 2 + float(weights @ np.abs(self.g))
 
 
 @dataclass
 class Look(Trial):
-    """A trial with unit displacements and the derivatives A of conditions and D of motions of joints."""
+    """A trial with derivatives by displacements: A of the conditions, D of the joints' motions; units: unit displacements."""
 
     units: Array
     A: Any
@@ -93,8 +97,8 @@ class Look(Trial):
 
 @dataclass
 class Place:
-    """Where a way passed: share, positions q and joint coordinates; unit displacements, singular values and vectors of the
-    conditions there."""
+    """A point of a path: share of the stated values, positions q, joint coordinates; unit displacements, and singular values and
+    vectors of the conditions there, which tell whether it is near a singular position."""
 
     share: float
     q: Array
@@ -106,7 +110,7 @@ class Place:
 
 @dataclass
 class Way:
-    """The end of a way: distance from the drawing, infinite where it does not close, positions q, joint coordinates."""
+    """The end of a path: squared distance from the drawing, infinite where loops are open; positions q; joint coordinates."""
 
     far: float
     q: Array
@@ -114,16 +118,17 @@ class Way:
 
 
 class NearestPositions(ConsistentPositions):
-    """Consistent positions by growing held and prescribed values from the drawing; for mechanics without rows that prescribe."""
+    """Finds the nearest consistent positions by continuation from the drawing. The mechanics must have no rows that prescribe
+    coordinates: prescribed coordinates are held here, like those that the user holds."""
 
     def __init__(self, mechanics: Mechanics, t0: float, changes: list[str] | None = None) -> None:
         super().__init__(mechanics, t0, changes=changes)
-        self.tree = spanning_tree(self.scene, sorted(self.scene.joints, key=lambda c: c.name))  # whatever is stated first
+        self.tree = spanning_tree(self.scene, sorted(self.scene.joints, key=lambda c: c.name))  # by name: not by statement order
         self.joints = JointMotions(self.model)
-        self.share = 0.0  #: of the stated values, and of what is closed of that which is open as drawn
+        self.share = 0.0  #: present fraction of the stated values, and of the closing of loops that are drawn open (`open`)
         self.open = np.zeros(mechanics.m)
         self.passed: list[Place] = []
-        self.angles: dict[tuple[str, str], float] = {}  #: joint coordinates with their whole turns, by joint and name
+        self.angles: dict[tuple[str, str], float] = {}  #: (joint, coordinate) -> its value, angles beyond one turn included
 
     def held_values(self, joint: Connection) -> dict[str, float]:
         return {c: self.share * value for c, value in super().held_values(joint).items()}
@@ -137,7 +142,7 @@ class NearestPositions(ConsistentPositions):
         return g
 
     def found(self) -> Array:
-        """The nearest positions (nq,)."""
+        """The nearest positions (nq,); StartError where two are equally near."""
         drawn = self.placed()
         self.open = self.mechanics.position_residual(self.t, drawn[None])[0]
         self._follow(drawn)
@@ -161,8 +166,8 @@ class NearestPositions(ConsistentPositions):
         return nearest.q
 
     def _crossings(self, way: Way) -> list[tuple[Place, Array]]:
-        """Places from which loops can go on in another way, with a displacement to it: where the way passed a singular position
-        closely; where it ended before it was closed, the drawing."""
+        """Points of a path at which another branch may begin, each with a displacement into it: the point next to a singular
+        position; the drawing, if it is singular and the path did not end in closed loops."""
         passed, first = list(self.passed), self.passed[0]
         if way.far == inf:
             rank = int(np.sum(first.sizes > DEPENDENT))
@@ -177,7 +182,8 @@ class NearestPositions(ConsistentPositions):
         return [(weakest, ASIDE * weakest.units * weakest.V[rank - 1])]
 
     def _apart(self, q: Array, other: Array) -> tuple[float, str]:
-        """Largest distance of a body between two positions, over the scene's length, or rad, and its name."""
+        """Largest displacement (over the scene's length) or change of a rotation matrix of a body between q and other; its
+        name."""
         gaps = []
         for node, body in self.model.bodies:
             at = slice(node.q, node.q + node.kind.sizes[0])
@@ -187,7 +193,7 @@ class NearestPositions(ConsistentPositions):
         return max(gaps)
 
     def _way(self, q: Array, first: float) -> Way:
-        """The way on from positions q at the share `first`."""
+        """Follow a path from positions q, where the share of the stated values is `first`, to the share 1; returns its end."""
         self.share = 1.0
         held = [abs(v) / (self.joints.extent if joint.unit(c) == "m" else 1.0) for joint, c, v in self._held(self.held_values)]
         steps = max(1, ceil((1 - first) * max(held, default=0.0) / STEP))
@@ -196,7 +202,7 @@ class NearestPositions(ConsistentPositions):
             self.passed.append(Place(before if step > 1 else first, q, dict(self.angles), *self._loose(q)))
             q = self._settled(q, *(AT_THE_END if step == steps else ON_THE_WAY))
             self._follow(q)
-        if self.closing_error(q) > REACHED:  # nothing is near: to positions that are closed, and on from there
+        if self.closing_error(q) > REACHED:  # try from any positions that close the loops
             with suppress(StartError):
                 q = self._settled(self.closed(q), *AT_THE_END)
                 self._follow(q)
@@ -204,7 +210,8 @@ class NearestPositions(ConsistentPositions):
         return Way(float(far @ far) if self.closing_error(q) <= REACHED else inf, q, dict(self.angles))
 
     def _settled(self, q: Array, exact: float, most: int) -> Array:
-        """Positions nearby that satisfy the conditions, of these those with the joints nearest to their drawn places."""
+        """Positions near q that satisfy the conditions with the least distance from the drawing, by Newton's method. exact, most:
+        see AT_THE_END."""
         here, stuck = self._look(q), 0
         for _ in range(most):
             x, weights = self._step(here, exact < EXACT)
@@ -232,8 +239,8 @@ class NearestPositions(ConsistentPositions):
         return Look(q, self._closure(q), far, self.units(q), A, D)
 
     def _step(self, here: Look, curved: bool) -> tuple[Array, Array]:
-        """Newton's step (n,) to positions that satisfy the conditions and have the joints nearest to their drawn places, without
-        the curvature of both where the scene is large or it is not `curved`; weights of the conditions in the merit of steps."""
+        """Newton's step (n,) to positions that satisfy the conditions with the least distance from the drawing, and the weights
+        of the conditions in the merit function. curved: use second derivatives; they are not used in large scenes anyway."""
         slope, W = here.D.T @ here.far, self.joints.weight(here.D, self._masses(here.q), here.units)
         if self.mechanics.large:
             return cheapest(W, here.units, here.A, -here.g, -slope), 10 / row_lengths(here.A @ sp.diags(here.units))[:, 0]
@@ -249,7 +256,8 @@ class NearestPositions(ConsistentPositions):
         return x, 2 * np.abs(forces) + 1 / lengths
 
     def _curvature(self, here: Look, N: Array, forces: Array) -> Array:
-        """What the curvature of the conditions and of the joints' motions adds to the second derivatives along N (n, f)."""
+        """Second derivatives (f, f) of conditions (times their forces, the multipliers) and of the joints' motions along N (n,
+        f), by finite differences; to be added to the Gauss-Newton matrix."""
         change, start = np.zeros((N.shape[1],) * 2), here.D.T @ here.far + here.A.T @ forces
         for i, n in enumerate(N.T):
             there = self._look(self.moved(here.q, DIFFERENCE * n))
@@ -258,7 +266,8 @@ class NearestPositions(ConsistentPositions):
         return change
 
     def _loose(self, q: Array) -> tuple[Array, Array, Array]:
-        """Unit displacements, singular values and right singular vectors of the conditions at q; none where it is large."""
+        """Unit displacements, and singular values and right singular vectors of the conditions at q; these empty in large
+        scenes."""
         units = self.units(q)
         if self.mechanics.large:
             return units, np.zeros(0), np.zeros((0, 0))
@@ -266,14 +275,15 @@ class NearestPositions(ConsistentPositions):
         return units, *_decomposed(as_full(A @ self.rigid.basis(q) if self.model.lines else A) * units)[1][1:]
 
     def _masses(self, q: Array) -> Any:
-        """Masses (n, n) of the coordinates of rigid motions."""
+        """Mass matrix (n, n) in the coordinates of `RigidMotions`."""
         if not self.model.lines:
             return self.mechanics.weight
         B = self.rigid.basis(q)
         return B.T @ (self.mechanics.mass @ B)
 
     def _follow(self, q: Array) -> None:
-        """Read the joint coordinates, with the whole turns that are nearest to their last values."""
+        """Set `angles` to the joint coordinates at q; angles get the whole turns with which they are nearest to their last
+        values."""
         every = [(joint, c, 0.0) for joint in self.scene.joints if not joint.loose for c in joint.scalars]
         values, _, _ = self._coordinates(q, np.zeros(self.mechanics.nu), every)
         for (joint, c, _), value in zip(every, values, strict=True):
@@ -282,7 +292,8 @@ class NearestPositions(ConsistentPositions):
             self.angles[joint.name, c] = float(value) + turns
 
     def _otherwise(self) -> Array:
-        """Positions found from the tree of joints, where no way leads from the drawing to the stated values, or beams bend."""
+        """Positions for scenes in which no path from the drawing closes the loops: found from bodies placed along the tree of
+        joints, or by bending beams."""
         self.share = 1.0
         bent = len(self.changes)
         q = self.close_or_bend(self.placed())
@@ -294,7 +305,8 @@ class NearestPositions(ConsistentPositions):
         return q
 
     def taken_over(self, own: ConsistentPositions, q: Array) -> Array:
-        """Positions of another model of the scene with the bodies as they are here at q (nq,)."""
+        """Positions in `own`, a model of the scene with other joint models, at which the bodies are as in this model at q
+        (nq,)."""
         found, bodies = own.placed(), self.model.bodies
         for (node, _), (there, _) in zip(bodies, own.model.bodies, strict=True):
             found[there.q : there.q + there.kind.sizes[0]] = q[node.q : node.q + node.kind.sizes[0]]
@@ -307,7 +319,8 @@ class NearestPositions(ConsistentPositions):
         return own.close(found)
 
     def _report(self, drawn: Array, q: Array, branching: bool) -> None:
-        """One sentence on the joint that leaves its drawn place most of those that nothing holds, and on the body."""
+        """Append a sentence to `changes`: which joint, of those not held, is farthest from the drawing, and which body moved
+        most. branching: whether the path had other branches."""
         far = self.joints.far(q).reshape(-1, 2, 3)
         held = {joint.name for joint, _, _ in self._held(self.held_values)}
         free = {name: d for name, d in zip(self.joints.names, far, strict=True) if name not in held}
@@ -330,6 +343,6 @@ class NearestPositions(ConsistentPositions):
 
 
 def _decomposed(B: Array) -> tuple[Array, Any]:
-    """Lengths (m,) of the rows of B (m, n), and singular vectors and values of the rows over them."""
+    """Lengths (m,) of the rows of B (m, n), and the singular value decomposition of these rows scaled to unit length."""
     lengths = row_lengths(B)[:, 0]
     return lengths, np.linalg.svd(B / lengths[:, None])

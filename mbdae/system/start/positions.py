@@ -1,4 +1,5 @@
-"""Consistent positions: bodies placed joint by joint as drawn or held, then loops closed."""
+"""Consistent positions: bodies are placed along a tree of joints, as drawn or with the coordinates at which the user holds them;
+then the loops are closed."""
 
 from __future__ import annotations
 
@@ -28,12 +29,13 @@ from mbdae.system.start.rigid_beams import RigidMotions
 from mbdae.system.start.sparse_change import sparse_least_change
 
 Held = tuple[Connection, str, float]  #: a joint, one of its coordinates, and the value at which it is held
-CLOSED = 1e-12  #: largest violation of a closed loop, over the scene's length, or rad
-REACHED = 1e-9  #: largest violation up to which a loop counts as closed
+CLOSED = 1e-12  #: largest violation (over the scene's length, or rad) at which the iteration that closes loops stops
+REACHED = 1e-9  #: largest violation up to which loops count as closed where the iteration gets no further
 
 
 def coordinate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """The coordinates of a joint, their rates and their gradients by the velocities, ("C", side, column, name)."""
+    """The coordinates of a joint, their rates, and the derivatives of the rates by the velocities: targets ("C", side, column,
+    name)."""
     out, v = coordinate(d), d.variation
     for name, value in d.coordinates.items():
         for f in d.frames:
@@ -43,16 +45,18 @@ def coordinate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def branch_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Expressions that are positive on the intended branch of the constraints."""
+    """Expressions of a joint that are positive on the intended branch of its constraints, for example where axes are not
+    reversed."""
     if not isinstance(d.law, Joint) or not all(f.kind.oriented for f in d.sides):
         return []
     return [(("branch", name), d.variation.resolve(d.variation.name(e))) for name, e in d.law.positives(*d.sides).items()]
 
 
 class ConsistentPositions:
-    """Finds consistent positions of a model by mass-weighted Gauss-Newton.
+    """Finds consistent positions of a model by Gauss-Newton iterations with the smallest mass-weighted displacements.
 
-    holding: whether start values that the user holds are conditions too; changes: sentences on what was changed."""
+    t0: time, s; holding: whether coordinates at which the user holds joints are conditions too; changes: list to which sentences
+    on what was changed are appended."""
 
     def __init__(self, mechanics: Mechanics, t0: float = 0.0, holding: bool = True,
                  changes: list[str] | None = None) -> None:  # fmt: skip
@@ -65,7 +69,8 @@ class ConsistentPositions:
         self._motions: dict[Connection, JointMotion] = {}
 
     def placed(self) -> Array:
-        """Positions (nq,) of the tree with every held coordinate at its value; loops may be open."""
+        """Positions (nq,) of bodies placed along the tree of joints, with every held or prescribed coordinate at its value; loops
+        may be open."""
         motion = {b: (np.eye(4)[0], np.zeros(3)) for b in self.tree.roots}
         for parent, joint, child in self.tree.edges:
             P, r = motion[parent]
@@ -81,7 +86,7 @@ class ConsistentPositions:
             n = node.kind.translations
             q[node.q : node.q + n] = (rotation_matrices(P) @ body.drawn.position + r)[:n]
             if node.kind is NodeKind.PLANAR:
-                q[node.q + 2] = body.heading + turns[body.owner]  # whole turns along the tree are added to the drawn angle
+                q[node.q + 2] = body.heading + turns[body.owner]  # from the coordinates, because P has no whole turns
             elif node.kind is NodeKind.SPATIAL:
                 q[node.q + 3 : node.q + 7] = quaternion_product(P, drawn_quaternion(body))
         joints = {c.name: c for c in self.scene.joints}
@@ -90,7 +95,8 @@ class ConsistentPositions:
         return q
 
     def _turns(self) -> dict[Body, float]:
-        """Rotation of every planar body from its drawn angle, summed along the tree with whole turns, rad."""
+        """Rotation of every planar body from its drawn angle, rad: the sum of the joints' angles along the tree, whole turns
+        included."""
         turns = dict.fromkeys(self.tree.roots, 0.0)
         for parent, joint, child in self.tree.edges if self.model.planar else ():
             held = self.held_values(joint)
@@ -104,22 +110,22 @@ class ConsistentPositions:
         return self._motions[joint]
 
     def held_values(self, joint: Connection) -> dict[str, float]:
-        """Start values that the user fixed, by coordinate of a joint."""
+        """Name of a coordinate of a joint -> start value at which the user holds or prescribes it."""
         return joint.hold | {c: timed.value_at(value, self.t[0]) for c, value in joint.prescribed.items()}
 
     def held_rates(self, joint: Connection) -> dict[str, float]:
-        """Start rates that the user fixed, by coordinate of a joint."""
+        """Name of a coordinate of a joint -> start rate at which the user holds or prescribes it."""
         return joint.hold_rate | {c: timed.rate_at(value, self.t[0]) for c, value in joint.prescribed.items()}
 
     def close(self, q: Array) -> Array:
-        """Close loops by rigid motions of the beams, and say which body moves most."""
+        """As `closed`; a sentence on the body that moves most is appended to `changes`."""
         found = self.closed(q)
         self._report_positions(q, found)
         return found
 
     def closed(self, q: Array) -> Array:
-        """Positions with loops closed: mass-weighted Gauss-Newton with backtracking on the constraints and the held coordinates;
-        StartError where that ends before they are closed."""
+        """Positions (nq,) near q with closed loops, beams moving as rigid bodies: by Gauss-Newton steps of smallest mass-weighted
+        size with backtracking, for constraints and held coordinates. StartError where the loops stay open."""
         g = self._closure(q)
         for _ in range(50):
             A = self._closure_jacobian(q)
@@ -142,11 +148,12 @@ class ConsistentPositions:
         return q
 
     def closing_error(self, q: Array) -> float:
-        """Largest violation of the loops, over the scene's length, or rad."""
+        """Largest violation of constraints and held coordinates at q, over the scene's length, or rad."""
         return largest_violation(self._closure(q), in_units(self.mechanics, self._closure_jacobian(q)))
 
     def close_or_bend(self, q: Array) -> Array:
-        """Close loops by rigid motions of the beams, or, where these do not suffice, by bending them as little as possible."""
+        """As `close`; where beams moving as rigid bodies cannot close the loops, by bending them with the least elastic
+        energy."""
         try:
             return self.close(q)
         except StartError:
@@ -172,12 +179,12 @@ class ConsistentPositions:
                 f"{unit}; check the points of the bodies it connects")  # fmt: skip
 
     def _held(self, values: Callable[[Connection], dict[str, float]]) -> list[Held]:
-        """Held coordinates whose value is not already a constraint row; none without `holding`."""
+        """Held coordinates with their values, without prescribed ones, which have a constraint row; none without `holding`."""
         return [(joint, c, value) for joint in self.scene.joints if self.holding
                 for c, value in values(joint).items() if c not in joint.prescribed]  # fmt: skip
 
     def _coordinates(self, q: Array, u: Array, held: list[Held]) -> tuple[Array, Array, Any]:
-        """Values (j,), rates (j,) and gradients (j, nu) of the held joint coordinates."""
+        """Values (j,), rates (j,) and derivatives (j, nu) by displacements of the joint coordinates in `held`."""
         order = {(joint.name, c): i for i, (joint, c, _) in enumerate(held)}
         value, speed, shape = np.zeros(len(held)), np.zeros(len(held)), (len(held), self.mechanics.nu)
         C: Any = sp.lil_matrix(shape) if self.mechanics.large else np.zeros(shape)
@@ -207,13 +214,13 @@ class ConsistentPositions:
         return self.with_rows(q, C)
 
     def with_rows(self, q: Array, C: Any) -> Any:
-        """Constraint Jacobian G (m, nu) with the further rows C (j, nu) below it; sparse where the mechanics is large."""
+        """Constraint Jacobian G (m, nu) at q with the rows C (j, nu) of held coordinates below it; sparse in large scenes."""
         G = self.mechanics.constraint_matrix(self.t, q)
         return sp.vstack([G, C], format="csr") if self.mechanics.large else np.vstack([G, C])
 
     def _least_change(self, A: Any, right: Array, q: Array, stated: Array | None = None, off: Array | None = None) -> Array:
-        """x in the coordinates of rigid motions with A B x = right (least squares), of least mass-weighted size; where `stated`
-        is given, first with stated x as near to off as possible."""
+        """x in the coordinates of `RigidMotions`, whose basis is B, with A B x = right, and of smallest mass-weighted size; where
+        `stated` is given, before that with stated @ x as near to `off` as possible. See `least_change`."""
         if stated is None or off is None:
             stated, off = np.zeros((0, self.rigid.size)), np.zeros(0)
         if self.mechanics.large and not self.model.lines:
@@ -222,7 +229,8 @@ class ConsistentPositions:
         return least_change(A if B is None else A @ B, right, root, self.rigid.massless, stated, off)
 
     def _metric(self, q: Array) -> tuple[Array | None, Array]:
-        """Basis of the rigid motions (None: all coordinates are free) and the Cholesky factor of the mass of bodies in it."""
+        """Basis of `RigidMotions` at q (None in scenes without beams: all displacements), and the Cholesky factor of the mass
+        matrix in it, without massless coordinates."""
         heavy = ~self.rigid.massless
         if not self.model.lines:
             if self._roots is None:
@@ -233,7 +241,7 @@ class ConsistentPositions:
         return B, np.linalg.cholesky(M + np.diag(1e-6 * np.max(np.diag(M)) + np.zeros(len(M))))
 
     def units(self, q: Array) -> Array:
-        """(size,) unit displacements of the coordinates of rigid motions: the scene's length, 1 rad."""
+        """(size,) unit displacements of the coordinates of `RigidMotions`: the scene's length, or 1 rad."""
         if not self.model.lines:
             return self.mechanics.velocity_units
         single = [self.mechanics.velocity_units[n.u : n.u + n.kind.sizes[1]] for n in self.rigid.single]
@@ -241,7 +249,7 @@ class ConsistentPositions:
         return np.concatenate([*single, *beams])
 
     def moved(self, q: Array, x: Array) -> Array:
-        """Positions after displacements x in the coordinates of rigid motions."""
+        """Positions (nq,) after displacements x (size,) from q in the coordinates of `RigidMotions`."""
         if not self.model.lines:
             return self.mechanics.integrate_positions(q, x)
         d, column = np.zeros(self.model.nu), 0
@@ -262,7 +270,8 @@ class ConsistentPositions:
             self.changes.append(f"to close the loops body '{most}' moved by {moved:.3g} m")
 
     def check_branches(self, q: Array) -> None:
-        """Refuse other branches of the constraints: axes reversed, or a driven angle wrong by pi."""
+        """Raise StartError where a joint is on another branch of its constraints than stated: its axes are reversed, or a
+        prescribed angle is wrong by pi."""
         problems = []
         for g, p, values in self.mechanics.evaluate(branch_outputs, self.t, q[None], np.zeros((1, self.mechanics.nu))):
             for i, instance in enumerate(self.model.groups[g].instances):

@@ -1,4 +1,4 @@
-"""Motions that keep beams rigid, by which the start closes loops."""
+"""Motions of a scene in which beams move as rigid bodies; the start closes loops by them."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import quaternion_product, rotation_matrices, rotation_of, turned
 
-FULL = 400  #: number of coordinates up to which rows are full arrays
+FULL = 400  #: number of coordinates up to which rows are stored as full arrays; above it they are sparse
 
 
 class RigidMotions:
-    """Coordinates of rigid motions: the velocities of every single node, and six (three in the plane) for all nodes of a beam."""
+    """Coordinates of the motions in which beams are rigid: the velocities of every node that belongs to no beam (single nodes),
+    and for every beam the velocity of its first node and its angular velocity, six numbers, or three in the plane."""
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -35,8 +36,8 @@ class RigidMotions:
         return np.r_[mask, np.zeros(self.size - len(mask), dtype=bool)].astype(bool)
 
     def given(self, q: Array) -> list[tuple[Body, Any, Any]]:
-        """Bodies whose velocity the user states, with rows (2 or 3, size) and (0, 1 or 3, size): the velocity of the
-        centre of mass and the angular velocity per coordinate."""
+        """Bodies whose velocity the user states, each with the derivatives of the velocity of its centre of mass, (2 or 3, size),
+        and of its angular velocity, (0, 1 or 3, size), by the coordinates."""
         moving: list[tuple[Node, Body | None, Array]] = [(n, n.body, np.zeros(3)) for n in self.single]
         for nodes in self.beams:
             own = nodes[0].body
@@ -57,14 +58,14 @@ class RigidMotions:
         return found
 
     def _ones(self, first: int, last: int) -> Any:
-        """Rows (last - first, size) with ones from column `first` on; sparse where they are long."""
+        """Rows `first` to `last` of the identity matrix of this size; sparse where `size` is above FULL."""
         if self.size > FULL:
             return sp.eye_array(last - first, self.size, k=first, format="csr")
         return np.eye(last - first, self.size, k=first)
 
     def basis(self, q: Array) -> Array:
-        """B (nu, size): the velocities of all nodes are B times the reduced ones. These are, of a single node, its own; of a
-        beam, which moves as a rigid body here, the velocity of its first node and its angular velocity, both in inertial axes."""
+        """B (nu, size) at q: the velocities of all nodes are B times these coordinates. Those of beams, velocity of the first
+        node and angular velocity, are in inertial axes."""
         B, column = np.zeros((self.model.nu, self.size)), 0
         for node in self.single:
             nu = node.kind.sizes[1]
@@ -86,7 +87,8 @@ class RigidMotions:
         return B
 
     def moved(self, q: Array, x: Array, free: Array) -> Array:
-        """q after displacements x (size,) of the coordinates; free: positions with single nodes displaced already."""
+        """Positions (nq,) after displacements x (size,) of the coordinates. free: positions in which single nodes are displaced
+        already, so that only beams remain to be moved."""
         q, column = free.copy(), self.size - sum(nodes[0].kind.sizes[1] for nodes in self.beams)
         before = free
         for nodes in self.beams:

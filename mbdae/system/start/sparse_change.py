@@ -1,4 +1,4 @@
-"""Changes of a motion that satisfy linear conditions and minimise a quadratic cost, by sparse matrices."""
+"""Changes of positions or velocities that satisfy linear conditions and minimise a quadratic function, by sparse matrices."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from mbdae.system.base import Array
 from mbdae.system.motion.constrained import largest_entries
 
 CORRECTIONS = 5
-#: compliance of the conditions over that of the stiffest unknown, which keeps matrices regular; its error is corrected
+#: conditions get this compliance, relative to that of the stiffest unknown (1 over the largest diagonal entry of W), which keeps
+#: the matrix regular if they are redundant; iterations remove the error
 GIVEN = 1e-10
-STATED = 1e-5  #: compliance of stated velocities, over that of the stiffest unknown, so that they yield to the conditions
+STATED = 1e-5  #: compliance of velocities that the user states: larger, so that conditions prevail where both are contradictory
 
 
 def cheapest(W: Any, units: Array, A: Any, right: Array, pull: Array, give: Array | None = None) -> Array:
-    """x (nu,) with A x = right that minimises x^T W x / 2 - pull^T x; A (m, nu) may have any number of rows.
+    """x (nu,) with A x = right (m,) that minimises x^T W x / 2 - pull^T x; rows of A (m, nu) may be redundant.
 
-    W (nu, nu) is positive definite, sparse or full.
-
-    units (nu,): unit displacements; give (m,): compliances of the conditions, by default `GIVEN`: where conditions contradict
-    each other, those with the larger compliance are violated."""
+    W (nu, nu) is positive definite, sparse or full; units (nu,): unit displacements, by which unknowns are scaled; give (m,):
+    compliances of the conditions, by default `GIVEN`. Where conditions contradict each other, those with the larger compliance
+    are violated."""
     whole, pull = isinstance(W, np.ndarray), pull * units
     A, W = (as_full(A) * units, units[:, None] * W * units) if whole else (
         sp.csr_matrix(A) @ sp.diags(units), sp.diags(units) @ W @ sp.diags(units))  # fmt: skip
@@ -44,8 +44,8 @@ def cheapest(W: Any, units: Array, A: Any, right: Array, pull: Array, give: Arra
 
 def sparse_least_change(A: Any, right: Array, weight: Any, units: Array, stated: Any, off: Array,
                         pull: Array | None = None) -> Array:  # fmt: skip
-    """`least_change.least_change` for many bodies: x (n,) with A x = right, of these the one with stated x nearest to off, of
-    these the smallest one by the weight W (n, n); with a pull (n,) the one of least x^T W x / 2 - pull^T x."""
+    """As `least_change.least_change`, for many bodies: x (n,) with A x = right, then with stated @ x nearest to `off`, then with
+    the smallest x^T W x / 2 - pull^T x, where W is `weight` (n, n) and pull (n,) by default 0. units (n,): unit displacements."""
     give = np.r_[np.full(A.shape[0], GIVEN), np.full(stated.shape[0], STATED)]
     return cheapest(weight, units, sp.vstack([A, stated]), np.r_[right, off],
                     np.zeros(len(units)) if pull is None else pull, give)

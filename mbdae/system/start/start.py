@@ -1,7 +1,8 @@
 """The start: consistent positions, velocities, accelerations and multipliers, and changes to the drawn scene.
 
-The scene is drawn with every joint at 0. Prescribed and held values are kept; every other joint of the tree starts
-at relative rest; loops close by the smallest mass-weighted change of what is not held.
+A scene is drawn with every joint coordinate at 0. Coordinates that the user prescribes or holds start at their values; all other
+joints of a spanning tree start without relative motion. Loops are then closed by the smallest mass-weighted change of everything
+that is not held.
 """
 
 from __future__ import annotations
@@ -27,14 +28,16 @@ from mbdae.system.start.least_change import least_change
 from mbdae.system.start.positions import ConsistentPositions
 from mbdae.system.start.sparse_change import sparse_least_change
 
-ROUNDING = 1e-11  #: error of velocities along a tree, over the largest speed, that counts as rounding
+ROUNDING = 1e-11  #: error of velocities computed along a tree, over the largest speed, up to which it counts as round-off
 
 
 @dataclass
 class Start:
-    """Consistent start of a scene: q, u, s, accelerations, multipliers; `changes` in sentences. For a run continued with other
-    joint models also the names of the internal states `s`, the joint coordinates (rad with whole turns, or m) by joint and name,
-    and by name the controllers that have been called before (`system.sampling.UnderWay`)."""
+    """Consistent start of a scene at time t (s): q, u of all nodes, internal states s, accelerations u', multipliers of the rows
+    in force; changes: sentences on what differs from the drawing.
+
+    For a run that is continued, possibly with other joint models: names of the states s; coordinates: (joint, coordinate) ->
+    value, m, or rad with whole turns; controllers: name -> state of those called before (`system.sampling.UnderWay`)."""
 
     t: float
     q: Array
@@ -56,10 +59,11 @@ def state_start_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 class Starter(ConsistentPositions):
     """Finds the start of a model: consistent positions, and velocities by projection."""
 
-    joints: JointMotions | None = None  #: the relative motions that are to be least, in scenes with loops
+    joints: JointMotions | None = None  #: in scenes with loops: the relative motions whose sum of squares is minimised
 
     def run(self, q: Array, u: Array | None = None) -> Start:
-        """The start at closed positions q; u: velocities, by default those of the tree, projected on the constraints."""
+        """The start at positions q (nq,) at which the loops are closed. u (nu,): velocities, which are projected on the
+        constraints; None: `consistent_velocities`."""
         self.check_branches(q)
         u = self.consistent_velocities(q) if u is None else self.project_velocities(q, u)
         s = self.states(q, u)
@@ -67,8 +71,9 @@ class Starter(ConsistentPositions):
         return Start(float(self.t[0]), q, u, s, a[0], multipliers[0], self.changes)
 
     def consistent_velocities(self, q: Array) -> Array:
-        """Velocities (nu,) at the start: stated ones and held rates, and no relative motion at all other joints; in scenes with
-        loops the least, as the sum of squares over all joints, whichever of them the tree leaves out."""
+        """Velocities (nu,) at the start: those that the user states, held rates, and no relative motion at all other joints. In
+        scenes with loops the sum of squares of the relative velocities of all joints is the least, so that it does not matter
+        which joints the spanning tree leaves out."""
         along = self.velocities_of_tree(q)
         if not any(not c.loose and not c.others for c in self.tree.closing):
             return self.project_velocities(q, along)
@@ -79,7 +84,8 @@ class Starter(ConsistentPositions):
         return along if np.all(np.abs(along - found) * self.mechanics.velocity_units <= rounding) else found
 
     def velocities_of_tree(self, q: Array) -> Array:
-        """Velocities (nu,) along the tree: stated ones, held rates, zero relative velocity at all other joints."""
+        """Velocities (nu,) computed along the spanning tree: those that the user states, held rates, and relative velocity 0 at
+        all other joints of the tree."""
         twist: dict[Body, tuple[Array, Array]] = {}  # velocity of the centre of mass and angular velocity of each body
         place = self._poses(q)
         for root in self.tree.roots:
@@ -91,7 +97,8 @@ class Starter(ConsistentPositions):
         return self._velocities(q, twist, place)
 
     def _velocities(self, q: Array, twist: dict[Body, tuple[Array, Array]], place: dict[Body, tuple[Array, Array]]) -> Array:
-        """Velocities (nu,) of all nodes from the velocities of the centres of mass and the angular velocities of bodies."""
+        """Velocities (nu,) of all nodes at q. twist: body -> velocity of its centre of mass and angular velocity, inertial;
+        place: body -> position and rotation matrix."""
         u = np.zeros(self.mechanics.nu)
         for node, body in self.model.bodies:
             v, w = twist[body.owner]
@@ -110,7 +117,8 @@ class Starter(ConsistentPositions):
 
     def _twist_of(self, twist: tuple[Array, Array], parent: Body, joint: Connection, child: Body,
                place: dict[Body, tuple[Array, Array]]) -> tuple[Array, Array]:  # fmt: skip
-        """Velocity of the centre of mass and angular velocity of a child that moves by its joint as held; its own where given."""
+        """Velocity of the centre of mass and angular velocity of `child`, which a joint connects to `parent` with the velocities
+        `twist`: by the held rates of the joint, or those that the user states of the child."""
         (v, w), (r, R), (rc, _) = twist, place[parent], place[child]
         if not (v.any() or w.any() or child.drawn.angular_velocity.any() or self.held_rates(joint)):
             return child.drawn.velocity, child.drawn.angular_velocity
@@ -135,14 +143,14 @@ class Starter(ConsistentPositions):
             r = node.position(q)
             R = rotation_of(node.kind, q[node.q : node.q + node.kind.sizes[0]])
             poses[body] = (r, R)
-            if body is not body.owner and body.owner not in poses:  # a beam is rigid here and moves with its first node
+            if body is not body.owner and body.owner not in poses:  # the pose of a beam is that of its first node, as if rigid
                 R = R @ body.drawn.rotation.T
                 poses[body.owner] = (r + R @ (body.owner.drawn.position - body.drawn.position), R)
         return poses
 
     def project_velocities(self, q: Array, u: Array) -> Array:
-        """The nearest velocities (mass-weighted) that satisfy the joints and the held rates. Velocities that the user states of a
-        body stay where joints and held rates allow it; where they do not, they are changed like all others."""
+        """The velocities (nu,) nearest to u (mass-weighted) that satisfy the joints and the held rates. Velocities that the user
+        states of a body are kept where joints and held rates allow it; where they do not, they are changed like all others."""
         if self.fits(q, u):
             return u
         given = self.rigid.given(q) if self.holding else []
@@ -151,7 +159,9 @@ class Starter(ConsistentPositions):
         slight = 1e-9 * fastest, 1e-9 * fastest / self.model.length
         wrong = [item for item in given if any(np.linalg.norm(rows @ change) > size
                                                for rows, size in zip(_stated(item), slight, strict=True))]  # fmt: skip
-        if wrong and self.joints is None:  # in loops they stay as near as they can, else they would count for nothing
+        # stated velocities that contradict the joints: dropped without loops, else still met as well as possible, because the
+        # least relative motion of all joints would not depend on them at all
+        if wrong and self.joints is None:
             projected, change = self._projected(q, u, [item for item in given if item not in wrong])
         for body, moves, turns in wrong:
             v, w = (float(np.linalg.norm(rows @ change)) for rows in (moves, turns))
@@ -160,7 +170,8 @@ class Starter(ConsistentPositions):
         return projected
 
     def fits(self, q: Array, u: Array) -> bool:
-        """Whether velocities satisfy the joints up to rounding; only for mechanics in which all rows belong to trees."""
+        """Whether velocities u satisfy the joints up to round-off. False for mechanics with rows that belong to no tree, whose
+        velocities are projected in any case."""
         if not self.mechanics.carries_bodies:
             return False
         off = self.mechanics.velocity_residual(self.t, q[None], u[None])[0]
@@ -168,8 +179,8 @@ class Starter(ConsistentPositions):
         return bool(np.max(np.abs(off), initial=0.0) <= ROUNDING * max(speed, 1e-300) * max(1.0, self.model.length))
 
     def _projected(self, q: Array, u: Array, given: list[tuple[Body, Any, Any]]) -> tuple[Array, Array]:
-        """Velocities that satisfy the joints and the held rates, and their change in the coordinates of rigid motions: the change
-        of given velocities is minimised first, then the change of all."""
+        """Velocities (nu,) that satisfy the joints and the held rates, and their change from u in the coordinates of
+        `RigidMotions`. The change of the velocities that the user states (given) is minimised first, then that of all."""
         held = self._held(self.held_rates)
         _, _, C = self._coordinates(q, u, held)
         A = self.with_rows(q, C)
@@ -180,9 +191,9 @@ class Starter(ConsistentPositions):
             return np.concatenate([self.mechanics.velocity_residual(self.t, q[None], u[None])[0], C @ u - wanted])
 
         projected, change = u, np.zeros(self.rigid.size)
-        for _ in range(3):  # the first pass projects, the others remove its rounding
+        for _ in range(3):  # the first pass projects, the others remove its round-off
             step = self._change(A, -off(projected), q, stated, -stated @ change, projected, change)
-            if not step.any():  # nor would the next ones do anything
+            if not step.any():  # then the next steps would be 0 too
                 break
             change = change + step
             projected = u + (self.rigid.basis(q) @ change if self.model.lines else change)
@@ -202,8 +213,9 @@ class Starter(ConsistentPositions):
                           f"release one of the prescribed or held rates"])  # fmt: skip
 
     def _change(self, A: Any, right: Array, q: Array, stated: Any, off: Array, u: Array, change: Array) -> Array:
-        """The next part of the change to velocities u in the coordinates of rigid motions, see `_least_change`; in scenes with
-        loops that by which the joints move least, and the whole change is the smallest where no joint tells."""
+        """A further step of the change of velocities, u after the part `change` so far, in the coordinates of `RigidMotions`;
+        arguments as in `_least_change`. In scenes with loops it minimises the relative velocities of the joints, and where these
+        do not determine it, the mass-weighted size of the whole change."""
         if self.joints is None:
             return self._least_change(A, right, q, stated, off)
         V, masses, units = self.joints.at(q, rates=True)[1], self.mechanics.weight, self.units(q)
@@ -221,22 +233,23 @@ class Starter(ConsistentPositions):
         return x + least_change(as_full(A), right - A @ x, root, ~heavy, stated, off - stated @ x)
 
     def _rows_of(self, parts: list[Any]) -> Any:
-        """Rows one below the other: a sparse matrix where the mechanics is large and without beams, else an array."""
+        """Rows (k, size) put one below the other: as a sparse matrix in large scenes without beams, else as an array."""
         if self.mechanics.large and not self.model.lines:
             return sp.vstack([sp.csr_array((0, self.rigid.size)), *parts], format="csr")
         return np.vstack([np.zeros((0, self.rigid.size)), *map(as_full, parts)])
 
     def _far(self, left: Array, u: Array) -> bool:
-        """Whether velocities u violate the constraints by more than rounding, where `left` is the violation."""
+        """Whether `left`, the violation of the constraints at velocities u, is more than round-off."""
         speed = float(np.max(np.abs(u) * self.mechanics.velocity_units, initial=0.0)) + 1.0
         return bool(np.max(np.abs(left), initial=0.0) > 1e-8 * speed * max(1.0, self.model.length))
 
     def states(self, q: Array, u: Array) -> Array:
-        """Start values of the internal states at q, u."""
+        """Start values (ns,) of the internal states of laws, at positions q (nq,) and velocities u (nu,)."""
         return np.asarray(self.mechanics.of_states(state_start_outputs, self.t, q[None], u[None])[0])
 
 
 def _stated(given: tuple[Body, Any, Any]) -> tuple[Any, Any]:
-    """Rows of the velocity and of the angular velocity of a body that the user states; rows of stated zeros are left out."""
+    """Of an item of `RigidMotions.given` the rows of the velocity and of the angular velocity; empty for one of these that is
+    stated as 0, which counts as not stated."""
     body, moves, turns = given
     return moves[: None if np.any(body.drawn.velocity) else 0], turns[: None if np.any(body.drawn.angular_velocity) else 0]

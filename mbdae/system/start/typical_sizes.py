@@ -10,13 +10,14 @@ from mbdae.system.motion.mechanics import Mechanics, in_units
 from mbdae.system.start.rigid_beams import RigidMotions
 from mbdae.system.start.start import Start
 
-#: factor on the scale of mu, which sums the local errors of the positions and is not smooth: with the tolerance of the positions
-#: BDF rejects every second step (Andrews, rtol 1e-9: 19692 steps instead of 1871)
+#: factor by which the scale of mu is larger than that of the positions. mu accumulates local errors of the positions and is not
+#: smooth: with their scale BDF rejects every second step (Andrews' squeezer, rtol 1e-9: 19692 steps instead of 1871)
 SLACK = 1e5
 
 
 def characteristic_time(mechanics: Mechanics, start: Start) -> float:
-    """The shortest of unit / speed and sqrt(unit / acceleration) of all velocities at the start, s; 1 s where nothing moves."""
+    """Characteristic time of the motion, s: the shortest of unit / speed and sqrt(unit / acceleration) over all velocities at the
+    start, unit: the scene's length or 1 rad; 1 s where nothing moves."""
     units, acceleration = mechanics.velocity_units, start.acceleration
     if mechanics.model.lines:  # beams count as rigid bodies, because their elastic modes are faster
         B = RigidMotions(mechanics.model).basis(start.q)
@@ -29,18 +30,19 @@ def characteristic_time(mechanics: Mechanics, start: Start) -> float:
 
 
 def state_scale(mechanics: Mechanics) -> Array:
-    """(ns,) typical magnitude of the internal states as stated by their laws, else 1."""
+    """(ns,) typical magnitude of the internal states, as their laws state it, or 1."""
     groups = mechanics.model.groups
     named = [(groups[g].instances[i].law, groups[g].derived.states[j]) for g, i, j in mechanics.numbering.states]
     return np.array([law.state_scales().get(name, 1.0) for law, name in named])
 
 
 def multiplier_scales(mechanics: Mechanics, start: Start, T: float) -> tuple[Array, Array]:
-    """(m,) scales of lambda and of mu: reactions that accelerate the scene by one unit in its characteristic time T (s).
+    """Scales (m,) of lambda and of mu. That of lambda is the reaction that moves a body by its unit displacement (the scene's
+    length or 1 rad) in the characteristic time T (s), or the reaction at the start if that is larger.
 
-    The largest power (constraint force of a characteristic acceleration, at least its start value, times the row's speed) is used
-    for all rows: a direction that carries no load at the start may carry it a quarter turn later, and a tolerance relative to its
-    start value would stop IDA there."""
+    Times the unit displacement of its row this is an energy; the largest energy of all rows is used for every row. A direction
+    that carries no load at the start may carry it a quarter turn later, and a tolerance relative to its small value at the start
+    would stop IDA there. The scale of mu is SLACK over the displacement that a unit of mu causes."""
     if not mechanics.m:
         return np.zeros(0), np.zeros(0)
     G = mechanics.constraint_matrix(np.array([start.t]), start.q)
@@ -53,7 +55,8 @@ def multiplier_scales(mechanics: Mechanics, start: Start, T: float) -> tuple[Arr
 
 
 def stress_scale(mechanics: Mechanics, T: float) -> float:
-    """Scale of stresses, N or N m: the force that accelerates the beams by their length in the characteristic time."""
+    """Scale of the stresses of beams, N or N m: the force that moves the mass of the heaviest beam by the scene's length in the
+    characteristic time T (s)."""
     if not mechanics.model.lines:
         return 1.0
     mass = max(line.beam.mass for line in mechanics.model.lines)
