@@ -118,7 +118,7 @@ def _values(sides: Sequence[Node], env: Env) -> list[Value]:
         found = [evaluate(side, env) for side in sides]
     for side, value in zip(sides, found, strict=True):
         if not np.all(np.isfinite(np.asarray(value, dtype=complex))):
-            raise SizeError(f"{infinite(side, env) or side} is not finite in a random state of motion")
+            raise SizeError(f"{infinite(side, env) or side} is infinite or undefined in a random state of motion")
     return found
 
 
@@ -233,10 +233,11 @@ class SymbolicMotion(Motion):
         return np.array([[se.Symbol(f"{name} {i} {j}") for j in range(3)] for i in range(3)], dtype=object)
 
     def relative_angle(self) -> Value:
-        raise SizeError("the relative angle of free bodies in symbols")
+        raise SizeError("the relative angle of two free bodies has no formula in symbols; both sides are compared by numbers "
+                        "only")  # fmt: skip
 
     def _copy(self, amount: complex) -> Motion:
-        raise SizeError("a complex step in symbols")
+        raise SizeError("a complex step takes a derivative of numbers, not of symbols; both sides are compared by numbers only")
 
 
 def identical(equation: Printed, inner: str, side: int = 1) -> bool:

@@ -69,7 +69,7 @@ def _ndim(v: Value) -> int:
 def cross(v: Value) -> Value:
     """The matrix with cross(v) c = v x c."""
     if np.shape(v) != (3, 1):
-        raise SizeError(f"a tilde is put on a 3 x 1, not on {size(v)}")
+        raise SizeError(f"the matrix of a cross product is that of a 3 x 1 column, not of {size(v)}")
     x, y, z = v[0, 0], v[1, 0], v[2, 0]
     return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 
@@ -86,19 +86,19 @@ def magnitude(v: Value) -> Value:
 
 def _number(v: Value) -> Value:
     if _ndim(v):
-        raise SizeError(f"a number is wanted, not {size(v)}")
+        raise SizeError(f"it needs a number where a quantity of size {size(v)} stands")
     return v
 
 
 def _square(v: Value) -> Value:
     if _ndim(v) != 2 or v.shape[0] != v.shape[1]:
-        raise SizeError(f"a square matrix is wanted, not {size(v)}")
+        raise SizeError(f"it needs a square matrix, but got {size(v)}")
     return v
 
 
 def _length(v: Value) -> Value:
     if np.shape(v)[1:] != (1,):
-        raise SizeError(f"a norm is that of a column, not of {size(v)}")
+        raise SizeError(f"a norm is that of a column (n x 1), not of {size(v)}")
     return np.sqrt(np.sum(v * v) + 0j)
 
 
@@ -170,7 +170,7 @@ def _power(node: Node, at: Source) -> Value:
     exponent = _number(exponent)
     if _ndim(base):
         if exponent not in (-1, 2):
-            raise SizeError(f"{size(base)} to the power {exponent}: of a matrix, only the powers -1 and 2 are known")
+            raise SizeError(f"{size(base)} to the power {node.parts[1]}: of a matrix, only the powers -1 and 2 are known")
         return np.linalg.inv(_square(base)) if exponent == -1 else _times(base, base)
     if isinstance(base, se.Basic):
         return base**exponent
@@ -199,7 +199,7 @@ def _call(node: Node, at: Source) -> Value:
     if name == "sum":
         ends = [float(np.real(_number(evaluate(p, at)))) for p in parts[2:]]
         if not all(map(float.is_integer, ends)):
-            raise SizeError("the ends of a sum are whole numbers")
+            raise SizeError(f"the limits of a sum must be whole numbers, not {ends[0]:g} and {ends[1]:g}")
         first, last = map(int, ends)
         return sum(evaluate(parts[0], at.bound(parts[1].value, complex(i))) for i in range(first, last + 1))
     if name == "integral":
@@ -214,7 +214,7 @@ def _call(node: Node, at: Source) -> Value:
 def _partial(e: Node, by: Node, at: Source) -> Value:
     """Partial derivative: by a number, or by a column (n, 1), which gives a matrix with one column for each entry."""
     if by.kind != "symbol":
-        raise SizeError("a derivative must be by a symbol, not by a formula")
+        raise SizeError(f"the second argument of diff must be a symbol, not the formula {by}")
 
     def along(entry: int) -> Value:
         return derivative(lambda h: evaluate(e, at.shifted(by.value, h, entry)), at.stepped)
@@ -261,7 +261,8 @@ def _block(node: Node, at: Source) -> Value:
 def _common(sizes: list[int], fill: int = 1) -> int:
     """The size that all entries of a row or column of blocks share; literal zeros take it (`fill` if all are zeros)."""
     if len(set(sizes)) > 1:
-        raise SizeError(f"sizes do not fit: a block of {sizes[0]} beside a block of {next(s for s in sizes if s != sizes[0])}")
+        other = next(s for s in sizes if s != sizes[0])
+        raise SizeError(f"sizes do not fit: in the block matrix, an entry of {sizes[0]} rows or columns is beside one of {other}")
     return sizes[0] if sizes else fill
 
 
@@ -276,7 +277,8 @@ _BY_KIND: dict[str, Callable[[Node, Source], Value]] = {
 
 
 def _no_case() -> Value:
-    raise SizeError("the law has a Piecewise without a branch for this state; end it with (value, True)")
+    raise SizeError("a se.Piecewise in the class of the law has no case that holds in this state; end it with the case (value, "
+                    "True)")  # fmt: skip
 
 
 def _cases(*parts: str) -> str:

@@ -32,6 +32,8 @@ FUNCTIONS = dict.fromkeys((*PLAIN, "norm", "trace", "det", "delta", "rate", "slo
 BINDING = ("sum", "integral")  #: functions whose second argument is a bound name
 _TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?)|([^\W\d]\w*)|(<=|[-+*/^'~()\[\],;=]))")
 
+OWN_CLASS = "give a class of your own as mb.audit(..., laws={{'{0}': {0}}})"  #: what to do where a law is not known
+
 
 class AuditError(MbdaeError):
     """A file of printed formulas that cannot be read; the message names the line and its text."""
@@ -259,7 +261,7 @@ class Reader:
         if len(parts) != FUNCTIONS[name]:
             raise self._error(f"'{name}' takes {FUNCTIONS[name]} argument{'s' * (FUNCTIONS[name] > 1)}, not {len(parts)}")
         if name in BINDING and parts[1].kind != "symbol":
-            raise self._error(f"the second argument of '{name}' is a name")
+            raise self._error(f"the second argument of '{name}' must be the name of its variable, as in {name}(e, i, a, b)")
         return Node("call", name, parts)
 
     def _block(self) -> Node:

@@ -82,7 +82,7 @@ class Audit:
         for row in self.equations:
             if row.equation == str(number):
                 return row
-        raise AuditError(f"there is no equation {shown(number)}; there is {', '.join(row.equation for row in self.equations)}")
+        raise AuditError(f"the audit has no equation {shown(number)}; it has {', '.join(row.equation for row in self.equations)}")
 
     @property
     def holds(self) -> bool:
@@ -202,8 +202,8 @@ def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Co
         raise AuditError(f"there are no equations, such as '1: a = b + c', and no claims in {shown(source)}: {remedy}")
     unknown = sorted(set(given) - {c.words for c in found.claims})
     if unknown:
-        raise OptionError(f"counts = {shown(counts)}: the text has no claim {shown(unknown[0])}; use the words of its claims: "
-                          f"{', '.join(shown(c.words) for c in found.claims) or 'it has none, leave counts out'}")  # fmt: skip
+        raise OptionError(f"counts = {shown(counts)}: the text has no claim with the words {shown(unknown[0])}; its claims: "
+                          f"{', '.join(shown(c.words) for c in found.claims) or 'none, leave counts out'}")  # fmt: skip
     return Audit(found.title, tuple(audit_text(found)), tuple(count(c, given) for c in found.claims))
 
 

@@ -103,7 +103,7 @@ def understand(text: str, units: tuple[Unit, ...], line: int = 0, name: str = ""
         known, match = min(found, key=lambda pair: sum(map(len, pair[1].groups())))
         own = (name or text,) if known.given else ()
         return Meaning(f"{text} {name}" if known.given and name else text, units, known, (*own, *match.groups()), letter)
-    raise AuditError(f"line {line}: no rule knows the meaning '{text}'; those there are: "
+    raise AuditError(f"line {line}: mbdae does not know the meaning '{text}'; the list of those it knows: "
                      "from mbdae.audit import wordings; wordings()")  # fmt: skip
 
 
@@ -160,7 +160,7 @@ class Scope:
         for statement in self.printed.get(number, ()):
             if str(statement.sides[0]) == name:
                 return statement.sides[-1]
-        raise AuditError(f"equation {number} defines no symbol '{name}'")
+        raise AuditError(f"no equation {number} above prints `{name} = ...`; name the equation that defines {name}")
 
     def reached(self, names: Iterable[str]) -> set[str]:
         """The named symbols and all symbols that their definitions contain."""
@@ -279,10 +279,10 @@ class Env:
         if name in self.names:
             return replace(self, names={**self.names, name: self.names[name] + amount})
         if self.shift is not None:
-            raise SizeError("a derivative by a symbol stands inside of another one: write the inner one out")
+            raise SizeError("an audit cannot evaluate a diff inside of another diff: write the result of the inner one")
         meaning = self._meaning(name)
         if isinstance(meaning, Definition):
-            raise SizeError(f"a derivative by '{name}', which is defined by other symbols: differentiate by one of these")
+            raise SizeError(f"diff is by '{name}', which `let` defines by other symbols: differentiate by one of those")
         factors = 1.0 if self.scale is None else scaled(meaning.units, self.plain.value(name), self.scale)
         size = float(np.real(np.ravel(factors)[0]))
         return replace(self, shift=(meaning.text, entry, amount / size), store=self._inner(name, entry, amount))
@@ -346,5 +346,5 @@ def scaled(units: tuple[Unit, ...], value: Value, scale: Mapping[str, float]) ->
     if len(factors) == 1 or np.ndim(value) == 0:
         return factors[0]
     if value.shape[0] % len(factors):
-        raise SizeError(f"{len(factors)} units are stated for {value.shape[0]} rows: state one, or one for every row")
+        raise SizeError(f"{len(factors)} units are declared for {value.shape[0]} rows: declare one, or one for each block")
     return np.repeat(factors, value.shape[0] // len(factors))[:, None]

@@ -177,7 +177,8 @@ class _File:
         kind = words.removesuffix(" only").strip().lower()
         wrong = checked_kind(kind, self.own)
         if wrong:
-            self.doubt = f"line {at}: 'states: {words}': {wrong}; say free, clearance or a joint; 'only' where no others"
+            self.doubt = (f"line {at}: 'states: {words}': {wrong}; write free, clearance or the name of a joint, with `only` "
+                          f"after it where the text speaks of no other states")  # fmt: skip
             raise AuditError(self.doubt)
         self.states, self.only = kind, only
 
@@ -185,7 +186,8 @@ class _File:
         old = self.symbols.pop(name, None)
         try:
             if letter is not None and not _prints(letter):
-                raise AuditError(f"line {at}: '${letter}$' prints nothing or is no TeX: say how the text prints {name}")
+                raise AuditError(f"line {at}: '${letter}$' prints nothing or is no TeX: give the TeX of the letter that the text "
+                                 f"prints for {name}")  # fmt: skip
             known = () if defined and units.strip() == "?" else tuple(_unit(u, at) for u in units.split(","))
             words = " ".join(meaning.split())
             self.symbols[name] = self._defined(at, name, words, known, letter or "") if defined else (
@@ -203,7 +205,7 @@ class _File:
         if match := PARAMETER.match(words):
             stated = unit_of_parameter(match[1], match[2], self.own)
             if stated and units[0].powers not in [_unit(u, at).powers for u in stated.split(" or ")]:
-                raise AuditError(f"line {at}: {words} has the unit {stated}, not {units[0]}")
+                raise AuditError(f"line {at}: {words} has the unit {stated}, not {units[0]} as declared")
         return understand(words, units, at, name, letter)
 
     def _defined(self, at: int, name: str, words: str, units: tuple[Unit, ...], letter: str) -> Meaning:
@@ -259,14 +261,15 @@ def stated_by_caller(text: str, units: tuple[Unit, ...], e: Any, letter: str = "
 
     def rule(env: Env) -> Value:
         if missing := [n for n in names if n != "t" and n not in env.scope.symbols]:
-            raise AuditError(f"'{text}' contains {missing[0]}, which the text does not declare")
+            raise AuditError(f"quantities: the expression for '{text}' contains {missing[0]}, which the text does not declare")
         values = [env.motion.clock if n == "t" and n not in env.scope.symbols else env.value(n) for n in names]
         try:
             found = compute(*values)
             return np.asarray(found) + 0j if np.ndim(found) else complex(found)
         except (TypeError, ValueError, NameError, AttributeError) as error:
-            raise SizeError(f"the expression {e} given for '{text}' has no value where its symbols are complex numbers and "
-                            f"columns ({error}): give a smooth function of them, with sizes that fit") from error
+            raise SizeError(f"quantities: the expression {e} for '{text}' cannot be evaluated ({error}): mbdae puts complex "
+                            f"numbers and columns for its symbols, so give smooth functions of them, with sizes that "
+                            f"fit") from error
 
     return Meaning(text, units, replace(OWN, rule=rule), (), letter)
 

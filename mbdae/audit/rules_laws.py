@@ -14,7 +14,7 @@ import symengine as se
 from mbdae.audit.evaluate import STEP, Value, expression_value
 from mbdae.audit.laws import WITH_COORDINATES, LawState, Own, derived, law_class, part_class
 from mbdae.audit.motion import quaternion
-from mbdae.audit.notation import AuditError
+from mbdae.audit.notation import OWN_CLASS, AuditError
 from mbdae.audit.phrases import Env, Rule, phrase, register
 from mbdae.audit.rules_contact import friction_parameter, potential
 from mbdae.errors import MbdaeError
@@ -34,14 +34,17 @@ def law(env: Env, name: str) -> LawState:
     part = part_class(name, env.scope.own)
     if cls is None and part is not None:
         kind = "friction" if issubclass(part, Friction) else "normal"
-        raise AuditError(f"{name} is a {kind} law, which acts in a contact or a joint: say `{kind} force of {name}`")
+        raise AuditError(f"{name} is a {kind} law, which acts in a contact or a joint: write `{kind} force of {name}` as the "
+                         f"meaning")  # fmt: skip
     if cls is None:
         plain = name.removesuffix(WITH_COORDINATES)
-        raise AuditError(f"there is no law '{name}'; give your own class with audit(..., laws={{'{plain}': {plain}}})")
+        raise AuditError(f"an audit knows no law '{name}'; {OWN_CLASS.format(plain)}")
     if issubclass(cls, LineLaw):
-        raise AuditError(f"{name} is a law on a line: say `strains NAMES of {name}` or `energy of {name} per length`")
+        raise AuditError(f"{name} is a law on a line, as of beams: write the meaning `strains NAMES of {name}` or `energy of "
+                         f"{name} per length`")  # fmt: skip
     if cls.frames != ("k", "l"):
-        raise AuditError(f"{name} acts on {', '.join(cls.frames) or 'coordinates alone'}; an audit knows two bodies, k and l")
+        raise AuditError(f"{name} acts on {', '.join(cls.frames) or 'coordinates alone'}; an audit takes only laws between two "
+                         f"bodies, k and l")  # fmt: skip
     declared = env.parameters(name)
 
     def made() -> LawState:
@@ -96,7 +99,7 @@ def unit_of_parameter(parameter: str, of: str, own: Own) -> str:
     """Unit of a parameter of a law, empty where the law leaves it open; AuditError where there is no such law or parameter."""
     cls = part_class(of, own) or law_class(of, own)
     if cls is None:
-        raise AuditError(f"there is no law '{of}'; give your own class with audit(..., laws={{'{of}': {of}}})")
+        raise AuditError(f"an audit knows no law '{of}'; {OWN_CLASS.format(of)}")
     if parameter in ("scaling", "penalty") and not issubclass(cls, Part) and derived(of, own).rows:
         return ""
     if parameter in cls.options and isinstance(cls, type) and issubclass(cls, Friction):
@@ -112,14 +115,16 @@ def _coordinate(env: Env, of: str) -> Value:
     stated = getattr(cls, "coordinates", {})
     if [spec.unit for spec in stated.values()] != ["rad"]:
         has = ", ".join(f"{name} ({spec.unit})" for name, spec in stated.items()) or "none"
-        raise AuditError(f"the coordinates of {of}: {has}; say `coordinate NAME of the joint` in states of that joint")
+        raise AuditError(f"{of} has not one angle as coordinate, but {has}; write `coordinate NAME of the joint` under `states: "
+                         f"{of.lower()}`")  # fmt: skip
     return env.motion.first[0]
 
 
 @phrase("coordinate {name} of the joint")
 def _coordinate_of_states(env: Env, name: str) -> Value:
     if name not in env.motion.coordinates:
-        raise AuditError(f"the states have no coordinate '{name}' but {', '.join(env.motion.coordinates)}")
+        raise AuditError(f"the states of this section have no coordinate '{name}'; they have "
+                         f"{', '.join(env.motion.coordinates) or 'none'}")  # fmt: skip
     return env.motion.coordinates[name][0]
 
 
@@ -159,10 +164,10 @@ def _listed(env: Env, parts: str, on: Callable[[str], Value]) -> Value:
     wanted = names(parts)
     unknown = sorted(set(wanted) - set(PARTS))
     if unknown:
-        raise AuditError(f"a force acts on {', '.join(PARTS)}, not on '{unknown[0]}'")
+        raise AuditError(f"'{unknown[0]}' is nothing that a force acts on: write some of {', '.join(PARTS)}")
     for part in PARTS if env.complete else ():
         if part not in wanted and np.max(np.abs(on(part))) > 1e-12:
-            raise UnlistedError(f"there is a force on {part} too")
+            raise UnlistedError(f"there is a force on {part} too, which the text does not list")
     return _stack([on(part) for part in wanted])
 
 
@@ -197,7 +202,7 @@ def _numbers(env: Env, of: str, stated: Callable[[LineDerived, Any], dict[str, A
     """Values of named quantities that a law on a line states at the section."""
     cls: Any = law_class(of, env.scope.own)
     if cls is None or not issubclass(cls, LineLaw):
-        raise AuditError(f"there is no law on a line '{of}'; give your own class with audit(..., laws=...)")
+        raise AuditError(f"an audit knows no law on a line, as of beams, with the name '{of}'; {OWN_CLASS.format(of)}")
     line, stated_law = _line(cls)
     values = env.motion.once(("line", cls), lambda: _point(env, stated_law))
     known = stated(line, stated_law)

@@ -37,8 +37,8 @@ class Equations:
             return system_for(self.prepared, form)
         assert self.given is not None
         if form is not None:
-            raise OptionError(f"form {form.label}: a System is in its form already; compare it by runs without a form, such as "
-                              f"mb.Run(mb.IDA())")
+            raise OptionError(f"form {form.label}: the equations of a System are given, so that a run cannot choose their form; "
+                              f"give runs without one, such as mb.Run(mb.IDA())")
         return self.given
 
     def for_solver(self, form: Form | None, solver: Solver) -> System:
@@ -88,8 +88,8 @@ def _columns(own: Prepared, wanted: Prepared) -> list[int]:
             continue
         twin = twins.get(node.body.name)
         if twin is None or twin.kind is not node.kind:
-            raise OptionError(f"body '{node.body.name}' has other unknowns here than in the reference; "
-                              f"name a sensor to compare them by, such as measure='C.angle'")  # fmt: skip
+            raise OptionError(f"body '{node.body.name}' is missing in this run or has other unknowns than in the reference: "
+                              f"motions cannot be compared; name a sensor to compare by, such as measure='C.angle'")  # fmt: skip
         positions += range(twin.q, twin.q + node.kind.sizes[0])
         velocities += range(own.mechanics.nq + twin.u, own.mechanics.nq + twin.u + node.kind.sizes[1])
     return positions + velocities

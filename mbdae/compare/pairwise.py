@@ -40,7 +40,7 @@ class Pairwise:
         if self.largest is None:
             return "Fewer than two runs finished: there is nothing to cross-check."
         d, a, b = self.largest
-        return f"At the tightest accuracy no two runs differ by more than {d:.1e} ({b} and {a})."
+        return f"At the tightest accuracy no two runs differ by more than {d:.1e}, in the unit of the error ({b} and {a})."
 
 
 def tightest(tightest_runs: dict[str, TightestRun], row: Row, values: Array) -> None:

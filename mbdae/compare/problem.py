@@ -133,7 +133,8 @@ class Problem:
             raise OptionError(f"model {run.model_label}: a System has no joints; compare it by runs without a model, such as "
                               f"mb.Run(mb.IDA())")
         if not any(c.has_models for c in self.scene.joints):
-            raise OptionError(f"model {run.model_label}: scene '{self.name}' has no joint with coordinates to describe")
+            raise OptionError(f"model {run.model_label}: scene '{self.name}' has no joint with coordinates, which alone have "
+                              f"joint models")  # fmt: skip
         return Equations(prepare(with_models(self.scene, run), t_end=self.t_end))
 
     @cached_property

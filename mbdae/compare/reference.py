@@ -56,21 +56,24 @@ def given_reference(problem: Problem, given: Any) -> tuple[Reference, Any]:
     if isinstance(given, Result):
         return _given_result(problem, given)
     if problem.measure is None:
-        raise OptionError("reference is a function: name the sensor it stands for, measure='C.angle'")
+        raise OptionError("reference is a function: name the sensor whose values it returns, such as measure='C.angle'")
     values: Array = option("reference(times)", given(problem.times), array, f"return {problem.measure} at the times given")
     shape = problem.values(problem.solve(_radau(problem, 1e-3), None, repeat=False).solution).shape
     if values.shape != shape:
-        raise OptionError(f"reference returns shape {values.shape}, {problem.measure} has {shape} at the times given")
+        raise OptionError(f"reference returns an array of shape {values.shape}; {problem.measure} at the times given has shape "
+                          f"{shape}")  # fmt: skip
     return Reference("given function", None, None, None), values
 
 
 def _given_result(problem: Problem, given: Result) -> tuple[Reference, Any]:
     if problem.scene is None:
-        raise OptionError("reference is the Result of a scene, compared is a System; leave it out")
+        raise OptionError("reference is the Result of a scene, but what is compared is a System, not a scene; leave reference "
+                          "out")  # fmt: skip
     bodies = [b.name for b in problem.scene.bodies]
-    if [b.name for b in given.prepared.model.scene.bodies] != bodies or given.solution.t[-1] < problem.t_end:
-        end = given.solution.t[-1]
-        raise OptionError(f"reference ends at t = {end:g} s or is of another scene; run this scene to {problem.t_end:g} s")
+    other, end = [b.name for b in given.prepared.model.scene.bodies] != bodies, given.solution.t[-1]
+    if other or end < problem.t_end:
+        why = "of a scene with other bodies" if other else f"that ends at t = {end:g} s"
+        raise OptionError(f"reference is a Result {why}; give one of this scene to t = {problem.t_end:g} s")
     label = f"given result, {given.solution.solver.label} {given.info.form}"
     return Reference(label, given.accuracy.asked, None, None), problem.values(given.solution, Equations(given.prepared))
 

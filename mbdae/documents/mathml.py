@@ -93,11 +93,14 @@ class _Reader:
     def __init__(self, latex: str, continued: bool = False) -> None:
         self.latex, self.tokens, self.i, self.continued = latex, tokens(latex), 0, continued
 
+    def _error(self, why: str) -> FormulaError:
+        return FormulaError(f"the formula '{self.latex}' cannot be printed in HTML: {why}")
+
     def formula(self) -> str:
         """MathML of the whole formula."""
         found = self.row("", set())
         if self.i < len(self.tokens):
-            raise FormulaError(f"formula '{self.latex}': '{self.tokens[self.i]}' closes nothing")
+            raise self._error(f"'{self.tokens[self.i]}' closes no bracket or group that is open")
         return found
 
     def peek(self) -> str:
@@ -198,13 +201,12 @@ class _Reader:
         if name in SIGNS:
             form = f' form="{"prefix" if name[0] == "l" else "postfix"}"' if name[0] in "lr" else ""
             return _sign(SIGNS[name], _FIXED + form) if name in FENCES else self._operator(SIGNS[name], "\\" + name, first)
-        raise FormulaError(f"formula '{self.latex}': unknown command '\\{name}'; write it by other "
-                           f"commands, a word as \\mathrm{{...}}")
+        raise self._error(f"unknown command '\\{name}'; write it by other commands, a word as \\mathrm{{...}}")
 
     def raw(self) -> str:
         """The text of a group, unchanged."""
         if self.take() != "{":
-            raise FormulaError(f"formula '{self.latex}': text without braces")
+            raise self._error("a command with a text or a name lacks its braces {...}")
         start, depth = self.i, 1
         while self.i < len(self.tokens) and depth:
             depth += (self.tokens[self.i] == "{") - (self.tokens[self.i] == "}")
@@ -227,7 +229,7 @@ class _Reader:
     def matrix(self, font: str) -> str:
         kind = self.raw()
         if kind not in _MATRICES:
-            raise FormulaError(f"formula '{self.latex}': unknown environment '{kind}'; use one of {', '.join(_MATRICES)}")
+            raise self._error(f"unknown environment '{kind}'; use one of {', '.join(_MATRICES)}")
         if kind == "array":
             self.raw()
         rows: list[list[str]] = [[]]
@@ -240,7 +242,7 @@ class _Reader:
             if token == r"\\":
                 rows.append([])
             elif token != "&":
-                raise FormulaError(f"formula '{self.latex}': '{kind}' is not closed")
+                raise self._error(f"\\begin{{{kind}}} has no \\end{{{kind}}}")
         cells = "".join(f"<mtr>{''.join(f'<mtd>{cell}</mtd>' for cell in row)}</mtr>" for row in rows)
         opening, closing = _MATRICES[kind]
         table = f'<mtable class="{kind}">{cells}</mtable>'
@@ -248,4 +250,4 @@ class _Reader:
 
     def _close(self, wanted: str) -> None:
         if self.take() != wanted:
-            raise FormulaError(f"formula '{self.latex}': '{wanted}' is missing")
+            raise self._error(f"'{wanted}' is missing")

@@ -88,8 +88,8 @@ class Export:
         """One function by its name; OptionError where there is none, or where CasADi is not installed."""
         if not isinstance(name, str) or name not in self.program.functions:
             why = self.missing.get(name) if isinstance(name, str) else None
-            there = why or f"there are: {', '.join(self.program.functions)}"
-            raise OptionError(f"name = {shown(name)}: {self.program.title} has no such function; {there}")
+            there = why or f"it has {', '.join(self.program.functions)}"
+            raise OptionError(f"name = {shown(name)}: the export of {self.program.title} has no such function; {there}")
         if self.format == "c":
             return f"{c.identifier(self.program.title)}_{name}"
         if self.format == "latex":
@@ -127,10 +127,10 @@ def export(what: Any, format: str = "sympy", form: Any = None, frames: Any = Non
     if isinstance(what, SceneData):
         if frames is not None or options:
             name = "frames" if frames is not None else next(iter(options))
-            raise OptionError(f"{name} is an option of laws; a scene takes form=")
+            raise OptionError(f"{name} is an option for classes of laws, such as mb.Revolute; a scene takes form= instead")
         program = scene_program(what, form_of(form) if form is not None else None)
     elif form is not None:
-        raise OptionError(f"form = {shown(form)}: a law has no form; scenes do")
+        raise OptionError(f"form = {shown(form)}: only a scene has a form; leave it out for a law")
     else:
         program = law_program(what.joint if isinstance(what, Connection) else what, frames, options)
     functions = program.functions.items()

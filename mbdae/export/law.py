@@ -15,6 +15,7 @@ from mbdae.kernels import Kernel, linearised_plan, plan
 from mbdae.laws.contact import JournalContact
 from mbdae.laws.friction import Friction
 from mbdae.native.program import Operations
+from mbdae.notation import counted
 from mbdae.reports.scenes.units import row_unit
 from mbdae.reports.statement import OPTIONS, structure_of
 from mbdae.results.sensors import power_outputs, reaction_outputs
@@ -94,7 +95,8 @@ def _sides(law: type[Law], structure: Structure, frames: Any) -> tuple[Side, ...
     usual = [ground, *[NodeKind.SPATIAL.value] * (count - 1)][:count]
     asked = option("frames", frames if frames is not None else usual, sequence, f"give {count} words", each=word, words=words)
     if len(asked) != count:
-        raise OptionError(f"frames = {shown(frames)}: {law.__name__} has {count}: {', '.join(law.frames)}")
+        raise OptionError(f"frames = {shown(frames)}: {law.__name__} has {counted(count, 'frame')} ({', '.join(law.frames)}); "
+                          f"give one word for each")  # fmt: skip
     kinds = [NodeKind(one) for one in asked]
     law_ = law.symbolic(structure)
     units = getattr(law_, "coordinates", {})

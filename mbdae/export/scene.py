@@ -139,8 +139,8 @@ class _Made:
         """Operations that compute u', the other rates and the multipliers: the equations are linear in them, so that one Newton
         step from 0 is exact. Raises OptionError where they are not linear."""
         if self.reactive():
-            raise OptionError("form = a form without multipliers: friction that follows from the reactions makes the equations "
-                              "nonlinear in them, which no formula solves; export mb.GGL() or mb.Index1()")  # fmt: skip
+            raise OptionError("form: one without multipliers solves for the joint forces by a formula, and there is none where "
+                              "friction follows from these forces; export with form=mb.GGL() or mb.Index1()")  # fmt: skip
         nb, e, n = self.numbering, self.e, self.assembly.n
         first = nb.start["lambda"]
         loaded = bool(self.assembly.motion())  # then the operations of the Jacobian contain the residual's
@@ -223,10 +223,9 @@ def _of_all_bodies(made: _Made, program: Program, prepared: Prepared) -> tuple[O
     the numbering of these unknowns and its first slot in the work array."""
     model = prepared.model
     if rubbing := made.reactive():
-        raise OptionError("joint forces: recursive joints, and joints that hold beams at their nodes, have no multipliers in any "
-                          "form; their forces follow from the accelerations of all bodies, in which the friction of "
-                          f"{', '.join(map(repr, rubbing))} by the reactions is nonlinear, so that no formula gives them; "
-                          "residual and jacobian are complete")  # fmt: skip
+        raise OptionError("the forces of recursive joints, and of joints that hold beams at their nodes, follow from the "
+                          f"accelerations of all bodies, in which the friction of {', '.join(map(repr, rubbing))} by the joint's "
+                          "own force is nonlinear: no formula gives them; residual and jacobian are exported")  # fmt: skip
     spec = replace(Index1(0.0, "eliminated").spec(), eliminated=False)
     assembly = Assembly(model, prepared.mechanics.rows, spec, False, MovedBodies(model, [], share=False), open=True)
     fixed = made.fixed | {("", name) for name in assembly.numbering.form_numbers}

@@ -61,8 +61,9 @@ def _pivots(program: Program, function: Function) -> Iterator[list[int]]:
             for k in range(len(A)):
                 sizes = np.abs(A[k:, k])
                 if not sizes.max() > 0:
-                    raise OptionError("what = a scene whose masses or constraints are singular at its start: its accelerations "
-                                      "have no formula there; export C, which chooses its pivots as it runs")  # fmt: skip
+                    raise OptionError("what: the masses or constraints of the scene are singular at its start, where its "
+                                      "accelerations have no formula; export format='c', which chooses its pivots as it "
+                                      "runs")  # fmt: skip
                 order.append(k if sizes[0] >= DIAGONAL * sizes.max() else k + int(np.argmax(sizes)))
                 A[[k, order[-1]]] = A[[order[-1], k]]
                 A[k + 1 :] -= np.outer(A[k + 1 :, k] / A[k, k], A[k])
@@ -82,7 +83,8 @@ class _Symbols:
             if kind == CALL:
                 self._call(f, step.tables["from_"].reshape(f["times"], -1))
             elif kind == LOOKUP:
-                raise OptionError("what = a scene with a table (mb.table): it is no formula; export C, which has its points")
+                raise OptionError("what: the scene has a table (mb.table), which is no formula; export format='c', which holds "
+                                  "its points")  # fmt: skip
             elif kind == LOAD:
                 self.W |= {f["first"] + i: _number(value) for i, value in enumerate(step.tables["weight"])}
             elif kind in (SET, ADD, MULTIPLY):

@@ -8,6 +8,7 @@ from textwrap import shorten
 from mbdae.compare.table import grid
 from mbdae.extremes.cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, Cell
 from mbdae.extremes.data import Block, ExtremesData
+from mbdae.notation import counted
 
 #: matches numbers and details of failures: of several warnings or errors that are equal without these only the first is shown
 NUMBERS = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?|\(resisting most: [^)]*\)+|; the iteration matrix is singular[^;(]*"
@@ -56,7 +57,8 @@ def notes(block: Block) -> list[str]:
                 alike = kind, NUMBERS.sub("#", sentence)
                 first.setdefault(alike, shorten(sentence, 300, placeholder="..."))
                 said.setdefault(alike, []).append(where)
-    return [f"{kind}: {first.get((kind, sentence), sentence)} ({p[0]}{f' and {len(p) - 1} more' if len(p) > 1 else ''})"
+    return [f"{kind}: {first.get((kind, sentence), sentence)} "
+            f"({p[0]}{' and ' + counted(len(p) - 1, 'more run') if p[1:] else ''})"
             for (kind, sentence), p in said.items()]  # fmt: skip
 
 

@@ -229,7 +229,8 @@ class Dual:
         elif atom.kind in (*FIXED, "w"):
             pair[1] = pair[1] - distributed(dual, atom)
         elif atom.kind == "v":
-            raise NotImplementedError("a potential that depends on velocities")
+            raise NotImplementedError("the report cannot differentiate an energy that contains a velocity: this is an error in "
+                                      "mbdae, please report it with the law")  # fmt: skip
 
 
 def virtual(record: Record) -> Callable[[Base], Vector | None]:

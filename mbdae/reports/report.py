@@ -136,7 +136,8 @@ def _of_law(law: type[Law], structure: Structure) -> Document:
 def _of_model(model: Any, law: type[Joint], options: dict[str, Any]) -> Document:
     """The report of a joint with a joint model; OptionError where `model` is none."""
     if isinstance(model, Clearance) and law is not Revolute:
-        raise OptionError(f"model = {shown(model)}: the report of a joint with clearance is that of mb.Revolute")
+        raise OptionError(f"model = {shown(model)}: of all joints only mb.Revolute has clearance; say mb.report(mb.Revolute, "
+                          f"model=...)")  # fmt: skip
     if isinstance(model, Clearance):
         return _clearance(model.normal, model.friction, model.length)
     if isinstance(model, Recursive):

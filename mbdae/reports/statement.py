@@ -58,12 +58,14 @@ def structure_of(law: type[Law], options: Mapping[str, Any]) -> Structure:
         raise LawError(f"{law.__name__} has the option '{missing[0]}': say mb.report({law.__name__}, {missing[0]}=...)")
     given = {name: v for name, v in options.items() if name in law.params}
     if wrong := [name for name, v in given.items() if v is not None]:
-        raise LawError(f"{law.__name__}: parameter '{wrong[0]}' is a symbol in a report of the class; say None to leave it out")
+        raise LawError(f"{law.__name__}: the report of a class has no value of '{wrong[0]}', only its letter; leave it out, or "
+                       f"give None for a law without it")  # fmt: skip
     options = {name: v for name, v in options.items() if name not in given}
     unknown = sorted(set(options) - set(law.options))
     if unknown:
         close = unknown_name(unknown[0], [*law.options, *law.params])
-        raise LawError(f"{law.__name__} has no option {close} it has {', '.join(sorted(law.options)) or 'none'}")
+        raise LawError(f"{law.__name__} has no option or parameter {close} options: {', '.join(sorted(law.options)) or 'none'}; "
+                       f"parameters, None for a law without one: {', '.join(law.params) or 'none'}")
     for name, value in options.items():
         check_kind(name, value, OPTIONS.get(name))
     chosen = {name: options.get(name, _default(law, name, options)) for name in law.options}
@@ -94,11 +96,12 @@ def _check_coordinates(law: type[Law], chosen: Mapping[str, Any]) -> None:
         return
     joint = _joint_of(law, chosen)
     if not chosen["kept"] and joint.must_keep():
-        raise OptionError(f"kept = {shown(chosen['kept'])}: the coordinates of {joint.__name__} are unknowns in every model, "
-                          f"nothing states it without them; say kept=True")  # fmt: skip
+        raise OptionError(f"kept = {shown(chosen['kept'])}: {joint.__name__} is stated by its coordinates alone, so that they "
+                          f"are unknowns in every joint model; give kept=True")  # fmt: skip
     for name in ("coordinate", "rubs"):
         if chosen.get(name) is not None and chosen[name] not in joint.scalars():
-            raise OptionError(f"{name} = {shown(chosen[name])}: {joint.__name__} has the coordinates {sorted(joint.scalars())}")
+            has = ", ".join(sorted(joint.scalars())) or "none"
+            raise OptionError(f"{name} = {shown(chosen[name])}: {joint.__name__} has no such coordinate, only {has}")
     what = "joint" if not issubclass(law, Joint) else "friction" if chosen["friction"] is not None else ""
     if what and not joint.scalars():
         by = "against which it" if what == "friction" else f"on which {law.__name__}"

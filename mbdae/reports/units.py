@@ -73,7 +73,7 @@ def unit(text: str) -> Unit:
         for word in part.strip(" ()").split():
             match = re.fullmatch(r"(\w+?)(?:\^(-?[\d.]+))?", word)
             if match is None or match[1] not in _KNOWN:
-                raise UnitError(f"the unit '{word}' is not known; there are {', '.join(_KNOWN)}")
+                raise UnitError(f"the unit '{word}' is not known; mbdae knows {', '.join(_KNOWN)}")
             for j, power in enumerate(_KNOWN[match[1]]):
                 powers[j] += (1 if i == 0 else -1) * power * float(match[2] or 1)
     return Unit((powers[0], powers[1], powers[2]), text.strip())

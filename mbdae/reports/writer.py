@@ -93,7 +93,8 @@ class Writer:
         if name not in self.letters:
             self.renew()
         if name not in self.letters:
-            raise LawError(f"the report has no letter for the symbol '{name}' of the law: please report this error")
+            raise LawError(f"the report has no letter to print for the symbol '{name}': this is an error in mbdae, please report "
+                           f"it with the law")  # fmt: skip
         return self.letters[name], _ATOM
 
     def _number(self, e: Expr) -> tuple[str, int]:

@@ -110,8 +110,8 @@ def varying(arguments: dict[str, Any], keys: Sequence[str], t_end: float, name: 
         return None
     found = pulse_of(inputs, t_end)
     if found is None or not (found.width or number != "width"):
-        raise OptionError(f"vary: '{name}': its inputs of time are no pulse: between the start and t = {t_end:g} s they have to "
-                          f"be constant, change for some time, and be constant again")  # fmt: skip
+        raise OptionError(f"vary: '{name}': only a pulse has this number, and what is stated there is none: between the start "
+                          f"and t = {t_end:g} s it has to be constant, change for some time, and be constant again")  # fmt: skip
     return Varying(tuple(path), found, number)
 
 

@@ -65,8 +65,8 @@ def resume_path(path: Any) -> Path | None:
 
 def interruption(path: Any, done: int, total: int, what: str) -> str:
     """A sentence on an interrupted call: how much it has finished, and where that is stored."""
-    where = f"{path}; the same call goes on from there" if path is not None else "no file (resume=FILE names one)"
-    return f"interrupted: {done} of {total} {what} are done and kept in {where}"
+    kept = f"kept in {path}; the same call goes on from there" if path is not None else "not kept; resume=FILE keeps them"
+    return f"interrupted: {done} of {total} {what} are done and {kept}"
 
 
 @contextmanager
@@ -83,16 +83,17 @@ def damage_refused(path: Path) -> Iterator[None]:
 
 def record(cls: type[T], data: Any, **further: Any) -> T:
     """A dataclass from its plain data, every entry of the type its class declares; further: entries that are no plain data."""
+    what = f"the record '{cls.__name__}'"
     if not isinstance(data, dict):
-        raise BadValueError(f"{shown(data)} is no {cls.__name__}")
+        raise BadValueError(f"{shown(data)} stands where the entries of {what} should stand")
     declared = {f.name: str(f.type) for f in fields(cls)}  # type: ignore[arg-type]
     needed = {f.name for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING}  # type: ignore[arg-type]
     wrong = sorted((set(data) - set(declared)) | (needed - set(data) - set(further)))
     if wrong:
-        raise BadValueError(f"a {cls.__name__} has no entry {shown(wrong[0])}, or lacks it")
+        raise BadValueError(f"the entry {shown(wrong[0])} of {what} is {'unknown' if wrong[0] in data else 'missing'}")
     for name, value in data.items():
         if name not in further and not _fits(value, declared[name]):
-            raise BadValueError(f"{name} = {shown(value)} of a {cls.__name__} is not {declared[name]}")
+            raise BadValueError(f"the entry {name} = {shown(value)} of {what} is not of type {declared[name]}")
     return cls(**(data | further))
 
 

@@ -98,7 +98,7 @@ def _axis(values: Any) -> Array:
         raise BadValueError(f"{shown(values)} is {'no list of numbers' if listed is None else 'empty'}")
     found = array(listed)
     if found.ndim != 1:
-        raise BadValueError(f"{shown(values)} has shape {found.shape}, not one number for every value")
+        raise BadValueError(f"{shown(values)} has shape {found.shape}, not that of a plain list of numbers")
     return found
 
 
@@ -251,8 +251,8 @@ def _check_sent(job: SceneJob) -> None:
     except Exception as error:
         raise OptionError(f"scene '{job.scene.name}' cannot be sent to another process ({error}): {advice}") from error
     if b"__main__" in sent and not hasattr(sys.modules["__main__"], "__file__"):
-        raise OptionError(f"scene '{job.scene.name}' has something that was typed in, which worker processes cannot import: "
-                          f"{advice}")  # fmt: skip
+        raise OptionError(f"scene '{job.scene.name}' contains something defined at the prompt or in a notebook, which worker "
+                          f"processes cannot import: {advice}")  # fmt: skip
 
 
 def _compute(made: SceneSweep, job: Any, points: Points, left: Sequence[tuple[int, int]], executor: Executor | None,

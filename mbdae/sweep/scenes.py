@@ -71,7 +71,8 @@ class SceneJob:
         for name, value in zip(self.names, values, strict=True):
             scene, factor = changed(scene, name, float(value), self.t_end)
             if factor != 1:
-                raise OptionError(f"grid: '{name}' changes the end of the run; vary it by a job of your own")
+                raise OptionError(f"grid: '{name}' is a speed, with which t_end would change from point to point; sweep a "
+                                  f"function of your own, mb.sweep(job, grid)")  # fmt: skip
         return scene
 
     def numbers(self, values: Array) -> dict[str, Array]:
@@ -90,7 +91,7 @@ def planned(job: SceneJob, values: Array) -> SceneJob:
         lines = {name: _lines(base, name, values[:, i], job.t_end) for i, name in enumerate(job.names)}
         named = [number for found in lines.values() for number in found]
         if len(set(named)) < len(named):
-            raise OptionError("two of the names set the same number of a law")
+            raise OptionError("a batch varies each number of a law once; two names of the grid set the same one")
         _check_together(job, values)
         made = replace(job, middle=middle, lines=lines)
         _compare(made, values[[0, -1]])
@@ -107,9 +108,9 @@ def _lines(base: SceneData, name: str, values: Array, t_end: float) -> dict[str,
     at = np.append(at, at[-1] * BESIDE**2) if len(at) == 1 else at
     shapes, places, rows = zip(*(_law_numbers(changed(base, name, float(v), t_end)[0]) for v in at), strict=True)
     if any(shape != shapes[0] for shape in shapes) or any(row.keys() != rows[0].keys() for row in rows):
-        raise OptionError(f"'{name}' changes which laws act, not only their numbers")
+        raise OptionError(f"a batch varies only numbers of laws; '{name}' changes which laws act")
     if not np.allclose(places, places[0], rtol=STRAIGHT, atol=STRAIGHT):
-        raise OptionError(f"'{name}' changes the places at which laws act, not only their numbers")
+        raise OptionError(f"a batch varies only numbers of laws; '{name}' changes the places at which they act")
     table = np.array([list(row.values()) for row in rows])
     lines = {}
     for number, column in zip(rows[0], table.T, strict=True):
@@ -117,10 +118,10 @@ def _lines(base: SceneData, name: str, values: Array, t_end: float) -> dict[str,
             slope = (column[-1] - column[0]) / (at[-1] - at[0])
             begin = column[0] - slope * at[0]
             if np.max(np.abs(begin + slope * at - column)) > STRAIGHT * np.max(np.abs(column)):
-                raise OptionError(f"{number} does not follow '{name}' on a straight line")
+                raise OptionError(f"a batch varies numbers of laws linearly; {number} is not linear in '{name}'")
             lines[number] = float(begin), float(slope)
     if not lines:
-        raise OptionError(f"'{name}' is no number of a law")
+        raise OptionError(f"a batch varies only numbers of laws; '{name}' changes none of them")
     return lines
 
 
@@ -137,7 +138,7 @@ def _law_numbers(scene: SceneData) -> tuple[list[Any], list[float], dict[str, fl
         places += [v for n, v in instance.numbers.items() if n not in law.params]
         for n, v in instance.numbers.items():
             if n in law.params and found.setdefault(f"{instance.item}.{n}", v) != v:
-                raise OptionError(f"the laws of '{instance.item}' have several numbers {n}")
+                raise OptionError(f"a batch varies one {n} of an item; the laws of '{instance.item}' have different ones")
     return shape, places, found
 
 
@@ -149,7 +150,7 @@ def _check_together(job: SceneJob, values: Array) -> None:
     for item in dict.fromkeys(items):
         of_item = [i for i, other in enumerate(items) if other == item]
         if len(of_item) > TOGETHER:
-            raise OptionError(f"more than {TOGETHER} of the names are of '{item}'")
+            raise OptionError(f"a batch varies at most {TOGETHER} numbers of an item, not {len(of_item)} of '{item}'")
         some = replace(job, names=tuple(job.names[i] for i in of_item))
         for corner in product(*({np.min(values[:, i]), np.max(values[:, i])} for i in of_item)) if len(of_item) > 1 else ():
             if problems := some.at(corner).problems:
@@ -164,10 +165,12 @@ def _compare(job: SceneJob, values: Array) -> None:
         own = Batches(job.at(point), job.t_end, job.accuracy, job.outputs).system
         same = own.names == batch.system.names and own.label == batch.system.label
         if not same or not np.allclose(own.y0, batch.system.y0, rtol=SAME, atol=SAME * float(np.max(own.scale))):
-            raise OptionError(f"{_told(job, point)} has other unknowns, or starts elsewhere")
+            raise OptionError(f"a batch needs the same unknowns and the same start at all points; at {_told(job, point)} they "
+                              f"differ")  # fmt: skip
         apart = batch.rates_apart(own, {n: float(v[0]) for n, v in job.numbers(point[None]).items()})
         if not apart <= SAME:
-            raise OptionError(f"the equations of {_told(job, point)} differ by {apart:.1e} from those of a batch")
+            raise OptionError(f"at {_told(job, point)} the rates y' of a batch differ by {apart:.1e} (relative) from those of "
+                              f"the scene")  # fmt: skip
 
 
 def _told(job: SceneJob, point: Array) -> str:

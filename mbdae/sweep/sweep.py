@@ -20,6 +20,7 @@ import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError, interrupted, naming_arguments
 from mbdae.files import read_file, write_file
+from mbdae.notation import counted
 from mbdae.scene.scene import SceneData
 from mbdae.sweep.resume import check_same, damage_refused, interruption, resume_path
 from mbdae.sweep.scene_sweep import SceneSweep, sweep_scene
@@ -77,10 +78,10 @@ class Sweep(ListsAttributes):
         known = {i: np.asarray(row.values[key], dtype=float) for i, row in self.done.items() if row.values and key in row.values}
         if not known:
             names = sorted({name for row in self.rows for name in row.values or ()})
-            raise OptionError(f"key = '{key}' is no value of any row: there are {', '.join(names) or 'none, every point failed'}")
+            raise OptionError(f"key = '{key}' is no value of any row; they have {', '.join(names) or 'none, every point failed'}")
         shapes = {value.shape for value in known.values()}
         if len(shapes) > 1:
-            raise OptionError(f"key = '{key}' has different shapes from point to point: {sorted(shapes)}; read it from the rows")
+            raise OptionError(f"key = '{key}' has different shapes from point to point: {sorted(shapes)}; read it from `rows`")
         out = np.full((len(self.points), *shapes.pop()), np.nan)
         for i, value in known.items():
             out[i] = value
@@ -184,7 +185,7 @@ def _points(grid: Any) -> tuple[list[dict[str, Any]], dict[str, list[Any]] | Non
                 for name, values in grid.items()}  # fmt: skip
         points = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
         if not (axes and points):
-            raise OptionError(f"grid has {len(axes)} names and {len(points)} points: give at least one value for every name")
+            raise OptionError(f"grid has {counted(len(axes), 'name')} and {len(points)} points: give one value or more for each")
         return [_scalars(point) for point in points], axes
     points = option("grid", _listed(grid), sequence, GRID, each=_point)
     if not points:
@@ -220,7 +221,8 @@ def _check_job(job: Any, points: list[dict[str, Any]]) -> None:
     advice = "move it to the top level of a file, or pass executor=concurrent.futures.ThreadPoolExecutor()"
     inner = job.func if isinstance(job, functools.partial) else job
     if getattr(inner, "__module__", None) == "__main__" and not hasattr(sys.modules["__main__"], "__file__"):
-        raise OptionError(f"job {_name(job)} was typed in: worker processes cannot import it; {advice}")
+        raise OptionError(f"job {_name(job)} was defined at the prompt or in a notebook: worker processes cannot import it; "
+                          f"{advice}")  # fmt: skip
     try:
         pickle.dumps((job, points))
     except Exception as error:
@@ -296,7 +298,7 @@ class _Kept:
         try:
             said = json.loads(lines[0])
             if said["format"] != FORMAT:
-                raise ValueError(said["format"])
+                raise ValueError(f"the first line has the format {said['format']!r}, not {FORMAT!r}")
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise OptionError(f"resume = '{path}' is not a sweep kept by resume; name another file") from error
         check_same(path, "sweep", said, meant)
@@ -309,7 +311,7 @@ class _Kept:
                 number = whole(data["number"], least=0, most=len(self.points) - 1)
                 row = SweepRow(self.points[number], *(data[key] for key in ("values", "error", "died")))
                 if not (isinstance(row.values, dict | None) and isinstance(row.error, str | None) and isinstance(row.died, bool)):
-                    raise BadValueError(f"a row is {shown(data)}")
+                    raise BadValueError(f"values, error or died has a wrong type in the row of a point: {shown(data)}")
             if not (row.died or (self.again and row.error)):
                 self.rows[number] = row
 

@@ -109,7 +109,8 @@ class _Workers:
         try:
             worker.wait_until_ready()
         except WorkerDiedError as error:
-            raise OptionError(GUARD if error.own_fault else f"the worker processes do not start: {error}") from None
+            raise OptionError(GUARD if error.own_fault else f"the worker processes do not start: {error}; to work in threads "
+                              f"instead, pass executor=concurrent.futures.ThreadPoolExecutor()") from None
         except BaseException:
             worker.kill()
             raise

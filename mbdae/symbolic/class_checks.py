@@ -72,7 +72,7 @@ def _part(entry: Check, e: Any, where: str) -> Any:
     try:
         return entry(e)
     except _WrongError as wrong:
-        raise _WrongError(f"as {where} {wrong}") from wrong.__cause__
+        raise _WrongError(f"{where} = {wrong}") from wrong.__cause__
 
 
 def _several(entry: Check, count: int | None = None) -> Check:
@@ -111,7 +111,7 @@ def _tie(found: Any) -> Any:
 
 def _motion(found: Any) -> Any:
     if not callable(getattr(found, "along", None)):
-        raise _WrongError(f"{shown(found)}, which is no motion")
+        raise _WrongError(f"{shown(found)}, which is no motion of l relative to k")
     return found
 
 

@@ -143,8 +143,8 @@ class _Derivation(Statement):
         for name, statement in self.feeds.stated(self.read_frames):
             e = without_overflow(one_sided(statement))
             for frame, quantity in self.undefined(e):
-                raise LawError(f"{type(self.law).__name__} is fed by a sensor that a {frame.kind.value} node does not have: its "
-                               f"{quantity}; use s.rigid_body")  # fmt: skip
+                raise LawError(f"an expression given to a {type(self.law).__name__} reads a sensor that a {frame.kind.value} "
+                               f"body does not have ({quantity} of its frame); use s.rigid_body for that body")  # fmt: skip
             self.variation.define(se.Symbol(name), e)
 
     def _coordinates(self) -> dict[str, Expr]:
@@ -206,8 +206,8 @@ class _Derivation(Statement):
                 raise LawError(f"force law {type(law).__name__} states none of {', '.join(FORCES)}; see mb.Force")
             wrench = law.wrench(*sides) or (ZERO, ZERO)
             if len(sides) > 2 and type(law).wrench is not Force.wrench:
-                raise LawError(f"{type(law).__name__} acts on more than two bodies, where a wrench between k and l says too "
-                               f"little; state its energy, dissipation or thrust")  # fmt: skip
+                raise LawError(f"{type(law).__name__} acts on {len(sides)} bodies, but its wrench is force and torque between "
+                               f"two, k and l; state energy, dissipation or thrust instead")  # fmt: skip
             return _Stated(law.energy(*sides), law.dissipation(*sides), *wrench, law.thrust(*sides))
         if not isinstance(law, Joint):
             return None

@@ -254,6 +254,6 @@ def angle(k: Frame, l: Frame) -> Expr:
     if NodeKind.PLANAR in (k.kind, l.kind):
         reference = k if k.kind.turns else l
         if reference.axes not in (Axes.NORMAL, Axes.REVERSED):
-            raise LawError("an angle about an axis in the plane does not exist in a planar scene")
+            raise LawError("its axis does not point along z, the only direction about which bodies turn in the plane")
         return (1 if reference.axes is Axes.NORMAL else -1) * (l.heading - k.heading)
     return se.atan2(k.y @ l.x - k.x @ l.y, k.x @ l.x + k.y @ l.y)

@@ -8,6 +8,7 @@ from typing import Any
 import symengine as se
 
 from mbdae.errors import LawError
+from mbdae.notation import counted
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.motion import Motion, Step, Triad, symbolic_motion
 from mbdae.symbolic.vectors import ZERO, Vec
@@ -21,9 +22,10 @@ def free_axes(law: Any, k: Frame, l: Frame, coordinate: str) -> list[Vec]:
     assert motion is not None
     own = [i for i, step in enumerate(motion.steps) if se.Symbol(coordinate) in step.amount.free_symbols]
     if len(own) != 1:
-        raise LawError(f"{type(law).__name__}: its {coordinate} moves l in {len(own)} ways at once, so that its motion does not "
-                       f"say which part of the reaction presses: state `pressing(self, k, l, force)`, or give a "
-                       f"normal_force")  # fmt: skip
+        raise LawError(f"friction on '{coordinate}' of a {type(law).__name__}: {counted(len(own), 'step')} of its motion "
+                       f"{'contains' if len(own) == 1 else 'contain'} this coordinate, where one is needed to tell which part of "
+                       f"the joint's force presses the surfaces together: state `pressing(self, k, l, force)` in its class, or "
+                       f"give normal_force=... (N)")  # fmt: skip
     slides = [i for i, step in enumerate(motion.steps) if not step.turns and step.amount.free_symbols & _names(law)]
     found: list[Vec] = []
     for i in (own[0], *slides):
@@ -52,7 +54,7 @@ def _axis(law: Any, k: Frame, l: Frame, steps: Sequence[Step], i: int) -> Vec:
     if not law.kept:
         raise LawError(f"{type(law).__name__}: friction needs the force that presses the joint together, across each of its "
                        f"axes of motion; one of them lies between two rotations whose angles are no unknowns of this joint "
-                       f"model: use model=mb.Classical(), or give a normal_force")  # fmt: skip
+                       f"model: use model=mb.Classical(), or give normal_force=... (N)")  # fmt: skip
     own: tuple[Step, ...] = law.motion(Motion()).steps
     return own[i].direction(_axes(own[:i], k))
 

@@ -121,8 +121,8 @@ class Joint(TwoBodyLaw):
         screws."""
         pressing = self.pressing(k, l, force)
         if all(c == 0 for c in pressing):
-            raise LawError(f"friction on '{self.rubbed}' of a {type(self).__name__}: no part of its reaction force presses the "
-                           f"surfaces together; give normal_force=..., or state normal_force(self, k, l, force, "
+            raise LawError(f"friction on '{self.rubbed}' of a {type(self).__name__}: no part of the joint's force presses the "
+                           f"rubbing surfaces together; give normal_force=... (N), or state normal_force(self, k, l, force, "
                            f"coefficient) in its class")  # fmt: skip
         return let(se.sqrt(let(pressing @ pressing) + SLIGHT**2))
 
@@ -199,8 +199,8 @@ class Joint(TwoBodyLaw):
             rows, ties = dict(self.constraints(*frames)), self._ties(*frames) if self.prescribed else {}
             for c, name in self.prescribed.items():
                 if c not in ties:
-                    raise LawError(f"{type(self).__name__} states no row that prescribes its {c} without it as an unknown; use "
-                                   f"model=mb.Classical()")  # fmt: skip
+                    raise LawError(f"{type(self).__name__} states no row (`ties`) by which its {c} could be prescribed without "
+                                   f"being an unknown; use model=mb.Classical(), which makes it one")  # fmt: skip
                 rows[name] = ties[c][0]
             return rows
         rows = self._rows_with_coordinates(*frames)
@@ -222,7 +222,7 @@ class Joint(TwoBodyLaw):
         """Raise LawError where coordinates would be unknowns that no row contains."""
         if self.coordinates and type(self).coordinate is not Joint.coordinate:
             raise LawError(f"{type(self).__name__} states neither its motion nor rows that tie {', '.join(self.coordinates)} to "
-                           f"the bodies (`ties`): use mb.Kinematic()")  # fmt: skip
+                           f"the bodies (`ties`), one of which this joint model needs: use mb.Kinematic()")  # fmt: skip
 
     def positives(self, *frames: Frame) -> dict[str, Expr]:
         stated = dict(self.branches(*frames)) if self.states_rows() else {}
@@ -295,7 +295,8 @@ class Joint(TwoBodyLaw):
             return None
         k, *others = frames
         if not (k.kind.oriented and (all(f.kind.oriented for f in others) or self.coordinates[self.rubbed].unit == "m")):
-            raise LawError("friction in a joint needs axes on both sides; a point mass has none: use s.rigid_body")
+            raise LawError(f"friction in a {type(self).__name__} needs axes on both of its bodies, and a point mass has none: "
+                           f"use s.rigid_body for it")
         coefficient = let(self.friction.coefficient(self.sliding(*frames)))
         normal = self.normal_force(frames[0], frames[1], force, coefficient)
         return self.read(*frames)[self.rubbed], let(-coefficient * normal) * self.lever()

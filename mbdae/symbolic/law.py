@@ -83,7 +83,7 @@ class Law:
         if unknown:
             wrong = unknown_name(unknown[0], {*known, *signature(type(self)).parameters})
             own = sorted(known - self.derived())
-            raise LawError(f"{type(self).__name__} {shown(name)}: unknown parameter {wrong} it has {own}")
+            raise LawError(f"{type(self).__name__} {shown(name)}: unknown parameter {wrong} it has {', '.join(own) or 'none'}")
         for key in known:
             setattr(self, key, values.get(key))
         self.compose()

@@ -68,7 +68,7 @@ class LinePoint:
 def make_point(kind: NodeKind) -> LinePoint:
     """The point of a line between nodes of one kind, SPATIAL or PLANAR."""
     if not kind.turns:
-        raise LawError(f"a line needs nodes with axes, not of kind '{kind.value}'")
+        raise LawError(f"a law on a line, as of a beam, needs nodes that turn, 'spatial' or 'planar', not '{kind.value}'")
     names = ["r1", "r2", "theta"] if kind is NodeKind.PLANAR else ["r1", "r2", "r3", "P1", "P2", "P3", "P4"]
     q, slope = ([se.Symbol(name + end) for name in names] for end in ("", "_xi"))
     u = [se.Symbol(f"u{i + 1}") for i in range(kind.sizes[1])]

@@ -156,7 +156,8 @@ def _amount(amount: Any) -> Expr:
     try:
         return se.sympify(amount)
     except Exception as error:
-        raise LawError(f"motion: amount = {shown(amount)} is no expression of the joint's coordinates and parameters") from error
+        raise LawError(f"motion: amount = {shown(amount)} is no expression of coordinates and parameters, such as "
+                       f"self.angle") from error  # fmt: skip
 
 
 def motion_of(law: Any, values: Mapping[str, Any]) -> Motion | None:

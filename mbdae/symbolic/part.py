@@ -92,7 +92,7 @@ class Part:
         known, kind = (*self.params, *self.options), type(self).__name__
         unknown = sorted(set(values) - set(known))
         if unknown:
-            raise LawError(f"{kind}: unknown parameter {unknown_name(unknown[0], known)} it has {list(known)}")
+            raise LawError(f"{kind}: unknown parameter {unknown_name(unknown[0], known)} it has {', '.join(known) or 'none'}")
         for key in known:
             value = values.get(key)
             setattr(self, key, self._number(key, value) if key in self.params and value is not None else value)

@@ -64,7 +64,7 @@ def written(e: Expr, names: Mapping[Expr, str], language: Language) -> str:
     if kind == "Pow":
         return language.power(args[0], texts[0], args[1], texts[1])
     if kind not in language.functions:
-        raise LawError(f"the function {kind} in {e} is not known outside of the compiled kernels; use one of "
+        raise LawError(f"the function {kind} in {e} can be simulated, but not written as text or audited; use one of "
                        f"{', '.join(language.functions)}")  # fmt: skip
     return language.functions[kind](*texts)
 

@@ -218,7 +218,7 @@ F [N]: force of row axial of ClearanceRevolute on move k, move l
 1: F = [-b3k; b3k]*(s*m + 2*p*c)
 """
     row = mb.audit(text)["1"]
-    assert (row.verdict, row.remark) == ("INCOMPLETE", "there is a force on turn k too")
+    assert (row.verdict, row.remark) == ("INCOMPLETE", "there is a force on turn k too, which the text does not list")
 
 
 def test_units_alone_can_be_wrong() -> None:
@@ -234,19 +234,19 @@ def test_units_alone_can_be_wrong() -> None:
     ("1: c = b3k' ! b1l", "line 15: '!' is not in the notation"),
     ("1: c = dot(b3k, b1l)", "line 15: 'dot' is no function of the notation"),
     ("1: c = atan2(c)", "'atan2' takes 2 arguments, not 1"),
-    ("1: c = sum(c, 2*c, 0, 3)", "the second argument of 'sum' is a name"),
+    ("1: c = sum(c, 2*c, 0, 3)", "the second argument of 'sum' must be the name of its variable"),
     ("1: c = [b3k; b3k, b1l]", "the rows of a block differ in length"),
     ("1: c", "there is no '='"),
     ("1: c = b3k'*", "the formula ends too early"),
-    ("x [m]: length of something", "line 15: no rule knows the meaning 'length of something'"),
-    ("x [1]: axis 4 of k", "line 15: no rule knows the meaning 'axis 4 of k'"),
+    ("x [m]: length of something", "line 15: mbdae does not know the meaning 'length of something'"),
+    ("x [1]: axis 4 of k", "line 15: mbdae does not know the meaning 'axis 4 of k'"),
     ("x [furlong]: number", "line 15: the unit 'furlong' is not known"),
     ("x [N/m]: parameter stiffness of Bushing", "Bushing has no parameter 'stiffness'; it has kx, ky, kz"),
     ("x [N/m]: parameter damping of PointSpring", "parameter damping of PointSpring has the unit N s/m, not N/m"),
-    ("x [N/m]: parameter stiffness of Nonsense", "there is no law 'Nonsense'"),
+    ("x [N/m]: parameter stiffness of Nonsense", "an audit knows no law 'Nonsense'; give a class of your own"),
     ("let x [m] = u*y", "line 15: the symbol 'y' has no meaning"),
     ("inner race: m", "say k or l"),
-    ("states: welded", "there is no joint 'welded' with coordinates"),
+    ("states: welded", "an audit knows no joint 'welded' with coordinates"),
     ("forces: upwards", "say left or applied or open"),
     ("what is this", "is neither"),
 ])  # fmt: skip
@@ -372,7 +372,7 @@ def test_no_paper_is_part_of_the_package(capsys) -> None:
 def test_counts_of_claims_that_the_text_does_not_make_are_refused():
     text = "claims:\nA: 3 = rows of something\n"
     assert mb.audit(text, counts={"rows of something": 3}).claims[0].verdict == "RIGHT"
-    with pytest.raises(mb.OptionError, match="has no claim 'nonsense'; use the words of its claims: 'rows"):
+    with pytest.raises(mb.OptionError, match="has no claim with the words 'nonsense'; its claims: 'rows"):
         mb.audit(text, counts={"nonsense": 3})
 
 

@@ -74,7 +74,7 @@ def test_a_parameter_of_a_friction_law_has_one_value() -> None:
 def test_a_force_on_one_body_is_compared_as_printed(formula: str, verdict: str) -> None:
     row = mb.audit(f"{POINTS}1: {formula}\n")["1"]
     assert row.verdict == verdict
-    assert "there is a force on move k too" in row.remark
+    assert "there is a force on move k too, which the text does not list" in row.remark
     assert (0 < row.residual < 1e-12) if verdict == "INCOMPLETE" else row.residual > 0.1
 
 

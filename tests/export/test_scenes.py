@@ -355,7 +355,7 @@ def test_files_are_written(tmp_path):
 
 
 @pytest.mark.parametrize(("arguments", "words"), [
-    ({"format": "fortran"}, "format"), ({"frames": ("planar",)}, "option of laws"), ({"friction": None}, "option of laws"),
+    ({"format": "fortran"}, "format"), ({"frames": ("planar",)}, "for classes"), ({"friction": None}, "for classes"),
     ({"form": "ode"}, "without constraints"),
 ])  # fmt: skip
 def test_refusals_say_why(arguments, words):

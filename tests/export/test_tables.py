@@ -30,5 +30,5 @@ def test_c_looks_up_as_the_native_core_does(compiled):
 
 
 def test_sympy_says_that_a_table_is_no_formula():
-    with pytest.raises(mb.OptionError, match=r"a scene with a table .*export C"):
+    with pytest.raises(mb.OptionError, match=r"the scene has a table .*export format='c'"):
         mb.export(scene(), format="sympy")["residual"]

@@ -68,7 +68,7 @@ def test_remarks_that_differ_in_numbers_are_told_once(m: Extremes):
     cell = block.cells[0]
     said = [replace(cell, value=float(i), warnings=(f"the error is {i}.5e-3 at t = {i}",), failure=None) for i in range(5)]
     alike = Block("p", tuple(c.value for c in said), ("",) * 5, tuple(said))
-    assert notes(alike) == [f"said: the error is 0.5e-3 at t = 0 ({cell.label} at 0 and 4 more)"]
+    assert notes(alike) == [f"said: the error is 0.5e-3 at t = 0 ({cell.label} at 0 and 4 more runs)"]
 
 
 def luminance(colour):

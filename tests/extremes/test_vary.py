@@ -158,7 +158,7 @@ def test_a_pulse_of_a_scene_with_arguments():
 
 
 def test_what_is_no_pulse_is_refused():
-    with pytest.raises(mb.OptionError, match=r"'A.width': its inputs of time are no pulse"):
+    with pytest.raises(mb.OptionError, match=r"'A.width': only a pulse has this number, and what is stated there is none"):
         varied(machine, 1.0, asked_values({"A.width": [1e-3]}))
     with pytest.raises(mb.OptionError, match=r"'drag.width'.*there is no number 'width' stated"):
         varied(kicked, 1.0, asked_values({"drag.width": [1e-3]}))

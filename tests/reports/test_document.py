@@ -73,7 +73,7 @@ def test_formulas_break_between_terms_only():
 def test_unknown_commands_are_told():
     with pytest.raises(FormulaError, match=r"unknown command '\\foo'"):
         inline(r"\foo + 1")
-    with pytest.raises(FormulaError, match="closes nothing"):
+    with pytest.raises(FormulaError, match="closes no bracket or group"):
         inline("a } b")
 
 

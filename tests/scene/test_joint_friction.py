@@ -401,5 +401,5 @@ def test_friction_that_nothing_presses_is_refused() -> None:
     s = mb.Scene("free")
     s.rigid_body("body", 2.0, (0.1, 0.1, 0.1), at=(0, 0, 0))
     s.joint(mb.Free, "J", s.ground, "body", at=(0, 0, 0), friction={"x": mb.Coulomb(0.3, 1e-3)})
-    with pytest.raises(mb.SceneError, match="friction on 'x' of a Free: no part of its reaction force presses"):
+    with pytest.raises(mb.SceneError, match="friction on 'x' of a Free: no part of the joint's force presses"):
         s.check()

@@ -244,7 +244,7 @@ def test_failed_points_again(tmp_path):
     ({"nobody.mass": [1.0]}, {}, "no item 'nobody'"),
     ({"a": [1, 2]}, {}, "'a' names no number; add one"), ({"a.mass": 1.0}, {}, "'a.mass' = 1.0 is no list of numbers"),
     ({"a.mass": None}, {}, "= None is no list"), ({"a.mass": "12"}, {}, "= '12' is no list"), ({1: [2.0]}, {}, "1 is not text"),
-    ({"a.mass": [[1, 2], [3, 4]]}, {}, r"has shape \(2, 2\), not one number"), ([{}], {}, "grid has 0 names"),
+    ({"a.mass": [[1, 2], [3, 4]]}, {}, r"has shape \(2, 2\), not that of a plain list"), ([{}], {}, "grid has 0 names"),
     ([{"a.mass": [1, 2]}], {}, r"'a.mass' = \[1, 2\] is not a number"),
     ([{"a.mass": 1.0}, {"b.mass": 1.0}], {}, "give a mapping of names such as"), (GRID, {"t_end": None}, "t_end"),
     (GRID, {"accuracy": 3}, "accuracy = 3"), (GRID, {"outputs": [5.0]}, "outputs"), (GRID, {"workers": 0}, "workers = 0"),

@@ -40,7 +40,7 @@ def test_rows_arrays_and_failures() -> None:
     assert "ValueError: a = 2 is not wanted" in found.table()
     data = json.loads(found.to_json())
     assert data["rows"][5] == {"point": {"a": 3, "b": 1.0}, "values": found.rows[5].values, "error": None}
-    with pytest.raises(mb.OptionError, match="key = 'sum' is no value of any row: there are pair, pid, product"):
+    with pytest.raises(mb.OptionError, match="key = 'sum' is no value of any row; they have pair, pid, product"):
         found.array("sum")
 
 
@@ -137,7 +137,7 @@ def test_ctrl_c_keeps_what_is_done(tmp_path: Path) -> None:
         (lambda x: {}, {"x": [1]}, {}, "cannot be sent to another process .* move it to the top level of a file"),
         (3, {"x": [1]}, {}, "job = 3: give a function"),
         (jobs.product, {}, {}, "grid has 0 names"),
-        (jobs.product, {"a": []}, {}, "grid has 1 names and 0 points"),
+        (jobs.product, {"a": []}, {}, "grid has 1 name and 0 points"),
         (jobs.product, [3], {}, r"grid = \[3\] has a wrong entry, 3 is not a dict"),
         (jobs.product, "ab", {}, "grid = 'ab' is not a list: give a mapping"),
         (jobs.product, GRID, {"workers": 0}, "workers = 0"),

@@ -193,7 +193,7 @@ def test_planar_is_spatial_in_the_plane():
 
 
 def test_lines_need_axes():
-    with pytest.raises(LawError, match="nodes with axes"):
+    with pytest.raises(LawError, match="needs nodes that turn"):
         make_point(NodeKind.POINT)
 
 
