@@ -23,7 +23,7 @@ def path_of(path: Any) -> Path:
     except (TypeError, ValueError):
         raise OptionError(f"path = {path!r} is not the name of a file; give a text such as 'result.npz', or a Path") from None
     if "\0" in str(found):
-        raise OptionError(f"path = {path!r} holds a zero character, which no file name may; give another name")
+        raise OptionError(f"path = {path!r} holds the character of code 0, which no file name may hold; give another name")
     return found
 
 
@@ -121,7 +121,7 @@ def first_difference(there: Any, here: Any, where: str = "") -> str | None:
     elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
         names = [(f"{where}[{i}]", a, b) for i, (a, b) in enumerate(zip(there, here, strict=True))]
     else:
-        return f"{where or 'it'} is {_short(there)} as stored and {_short(here)} in this call"
+        return f"{where or 'its content'} is {_short(there)} as stored and {_short(here)} in this call"
     return next(found for name, a, b in names if (found := first_difference(a, b, name)))
 
 

@@ -131,8 +131,8 @@ def test_mistakes_are_told_with_their_line(text, folder, capsys):
 @pytest.mark.parametrize(("line", "words"), [
     ("t_end = '2'", "t_end of 'swing.py' = '2' is not a number: give the end time in s"),
     ("t_end = -1.0", "t_end of 'swing.py' = -1.0 is not positive"),
-    ("measure = 3", "measure of 'swing.py' is 3: give a sensor"),
-    ("measure = 'angle'", "measure of 'swing.py' is 'angle': give a sensor"),
+    ("measure = 3", "measure = 3 in 'swing.py' is no sensor: give item.quantity"),
+    ("measure = 'angle'", "measure = 'angle' in 'swing.py' is no sensor: give item.quantity"),
 ])  # fmt: skip
 def test_what_a_file_states_is_checked_before_the_run(line, words, folder, capsys):
     (folder / "swing.py").write_text(FILE + line + "\n")

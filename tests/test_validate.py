@@ -123,15 +123,15 @@ def test_unknown_claim_ends_with_2_and_names_the_known_ones(checkout, capsys):
 def test_outside_a_checkout_it_says_what_to_do(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["validate"]) == 2
-    assert "run it from a checkout, or give --root" in capsys.readouterr().err
+    assert "run this in a clone of mbdae's repository, or name one by --root" in capsys.readouterr().err
     assert main(["validate", "--root", str(tmp_path)]) == 2
-    assert f"no validation/ with claims in {tmp_path}" in capsys.readouterr().err
+    assert f"no folder validation/ with claims in {tmp_path}" in capsys.readouterr().err
 
 
 def test_claims_without_their_runner_are_told(checkout, capsys):
     shutil.rmtree(checkout / "validation" / "runner")
     assert main(["validate", "right"]) == 2
-    assert f"{checkout / 'validation'} has claims, but no runner/" in capsys.readouterr().err
+    assert f"{checkout / 'validation'} has claims, but no folder runner/" in capsys.readouterr().err
 
 
 def test_root_names_another_checkout(checkout, tmp_path, monkeypatch, capsys):

@@ -96,7 +96,7 @@ class Equilibrium(Result):
 
     def __repr__(self) -> str:
         return (f"<Equilibrium of '{self.prepared.model.scene.name}' in the frame of '{self.frame}': load factor "
-                f"{self.load_factor:.6g}, residual {self.residual:.1e}, {self.iterations} iterations"
+                f"{self.load_factor:.6g}, residual {self.residual:.1e}, {counted(self.iterations, 'iteration')}"
                 f"{f', stiffness negative in {self.unstable} direction(s)' if self.unstable else ''}"
                 f"{', mesh: not covered' if self.accuracy.has_mesh else ''}>")  # fmt: skip
 
@@ -130,15 +130,15 @@ def confirmed(statics: Statics, point: Point) -> Equilibrium:
     result = as_result(statics, point)
     soft = statics.soft_motions(statics.tangent(point))
     if soft:
-        raise EquilibriumError(f"the state at rest is not determined: {soft[0]} meets no stiffness; {REMEDY}", result)
+        raise EquilibriumError(f"the state at rest is not the only one: nothing resists {soft[0]}; {REMEDY}", result)
     _refuse_other_branch(result)
     statics.check_steady(point)
     axes = statics.rest.axes(statics.q(point))
     beams = (statics.system, point.y[statics.kinds == "z"]) if statics.elastic else None
     reason = reason_not_steady(result.prepared, axes, statics.t, result.q[0], result.u[0], statics.s(point), 1e-6, beams)
     if reason:
-        raise EquilibriumError(f"no state stays at rest in the frame of '{axes.name}': {reason}; the loads or the joints change "
-                               f"in that frame with time; take another frame", result)  # fmt: skip
+        raise EquilibriumError(f"no state stays at rest in the frame of '{axes.name}': {reason}; loads or joints change with "
+                               f"time as seen in that frame; give another frame=", result)  # fmt: skip
     return result
 
 
@@ -148,7 +148,7 @@ def _refuse_other_branch(found: Equilibrium) -> None:
     off = np.abs(m.position_residual(t, q)[0])
     if m.redundant and np.max(off) > OFF * max(1.0, found.prepared.length):
         row = m.rows[int(np.argmax(off))].name
-        raise EquilibriumError(f"the search for a state at rest came to a position in which row {row} is off by "
+        raise EquilibriumError(f"the search for a state at rest ended where the redundant constraint {row} is violated by "
                                f"{np.max(off):.2g} (m or rad): start the scene nearer to its state at rest", found)  # fmt: skip
 
 
@@ -209,7 +209,7 @@ class _Path:
         aside[: s.mechanics.nu] = free @ np.random.default_rng(5).uniform(0.03, 0.1, free.shape[1])
         soft = s.soft_motions(T) and s.soft_motions(s.tangent(s.with_reactions(s.moved(full, T.p, aside))))
         if soft:
-            raise EquilibriumError(f"no state at rest can be determined: {soft[0]} meets no stiffness; {REMEDY}")
+            raise EquilibriumError(f"the scene has no single state at rest: nothing resists {soft[0]}; {REMEDY}")
 
     # -- raising the loads
 
@@ -259,10 +259,11 @@ class _Path:
         sizes, motions, _ = s.stiffness(T).softest()
         before = s.stiffness(s.tangent(s.begin)).softest()[0]
         motion = motion_in_words(s.mechanics.model, motions[:, 0], s.units)
-        why = (f"a limit point, the stiffness against {motion} vanishes there" if sizes[0] < 0.1 * before[0] else
-               f"no state at rest is next to it, the softest motion is {motion}")  # fmt: skip
-        return EquilibriumError(f"the loads cannot be raised beyond {point.load_factor:.6g} of their values: {why}; the state "
-                                f"reached is in `.equilibrium`: lower the loads, stiffen the scene, or simulate what follows",
+        why = (f"at this limit point the stiffness against {motion} vanishes" if sizes[0] < 0.1 * before[0] else
+               f"no state at rest was found for slightly larger loads; the motion of least stiffness is {motion}")  # fmt: skip
+        return EquilibriumError(f"the loads cannot be raised beyond {point.load_factor:.6g} of their values: {why}; lower the "
+                                f"loads, stiffen the scene, or simulate what follows from the state reached, which this error "
+                                f"holds as `.equilibrium`",
                                 where, point.load_factor)  # fmt: skip
 
     # -- scenes without stiffness of their own
@@ -289,8 +290,8 @@ class _Path:
             if size <= CONVERGED:
                 return point
         soft = self._unheld(point)
-        raise EquilibriumError(f"no state at rest was found in {counted(point.iterations, 'correction')}: {soft}; {REMEDY}, "
-                               f"or start nearer to rest")  # fmt: skip
+        raise EquilibriumError(f"no state at rest was found in {counted(point.iterations, 'iteration')}: {soft}; {REMEDY}, "
+                               f"or start the scene nearer to its state at rest")  # fmt: skip
 
     def _downhill(self, T: Tangent, point: Point, radius: float) -> Array:
         """A correction no larger than `radius` (scene's length, rad); it lowers the potential energy, where there is one."""
@@ -319,7 +320,8 @@ class _Path:
         T = s.tangent(point)
         force = T.right[: s.mechanics.nu] if s.elastic else T.N @ (T.N.T @ T.right[: s.mechanics.nu])
         soft = s.soft_motions(T)
-        return f"{soft[0] if soft else motion_in_words(s.mechanics.model, force, s.units)} is held by nothing"
+        return f"nothing resists {soft[0]}" if soft else (
+            f"the forces have no balance along this motion: {motion_in_words(s.mechanics.model, force, s.units)}")
 
 
 def _eigenvalues(K: Array, metric: Array) -> Array:

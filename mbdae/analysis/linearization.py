@@ -111,7 +111,7 @@ class Linearization(OnMesh, Modes[Mode]):
         return shares(m, self._metric, motion(m, vector))
 
     def __str__(self) -> str:
-        head = f"scene '{self.prepared.model.scene.name}', t = {self.t:g} s, departures resolved in the frame of '{self.frame}'"
+        head = f"scene '{self.prepared.model.scene.name}', t = {self.t:g} s, small motions in the axes of '{self.frame}'"
         lines = [head, f"{'mode':>4}  {'Hz':>11}  {'rad/s':>11}  {'damping':>10}  {'growth 1/s':>11}  bodies"]
         for i, mode in enumerate(self.modes):
             lines.append(f"{i + 1:>4}  {mode.frequency:>11.5g}  {mode.angular_frequency:>11.5g}  {mode.damping:>10.3g}  "
@@ -130,8 +130,8 @@ def eigenpairs(equations: Reduced, count: int | None) -> tuple[Complex, Complex]
     if size == 0:
         return np.zeros(0, dtype=complex), np.zeros((0, 0), dtype=complex)
     if size > LARGEST and count is None:
-        raise OptionError(f"the linearised scene has {size} states; above {LARGEST} ask for the lowest modes: count=20 (any "
-                          f"number) in s.linearize(...)")  # fmt: skip
+        raise OptionError(f"the linearised scene has {size} states, and all modes are computed up to {LARGEST} states only; ask "
+                          f"for the lowest ones, such as s.linearize(count=20)")  # fmt: skip
     if size <= LARGEST:
         S = np.linalg.solve(E, -A)
         values, vectors = np.linalg.eig(S)
@@ -183,9 +183,9 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     beams = (system, z) if m.model.lines else None
     reason = reason_not_steady(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
     if reason:
-        raise SteadyError(f"the linearised equations depend on t in the frame of '{axes.name}': {reason}; where they are "
-                          f"periodic, use s.floquet(period); otherwise resolve in the frame of a body that turns steadily "
-                          f"(frame=...), or start from s.equilibrium(frame=...)", found)  # fmt: skip
+        raise SteadyError(f"the linearised equations change with time in the frame of '{axes.name}': {reason}; where they are "
+                          f"periodic, use s.floquet(period); otherwise give the body that turns steadily as frame=, or start "
+                          f"from a steady motion, at=s.equilibrium(frame=...)", found)  # fmt: skip
     return found
 
 
@@ -264,7 +264,7 @@ def _turned_row(m: Mechanics, before: Array, after: Array) -> str | None:
     span = np.linalg.qr(before.T)[0]
     left = np.linalg.norm(after.T - span @ (span.T @ after.T), axis=0) / np.linalg.norm(after, axis=1)
     worst = largest(left)
-    return f"row {m.rows[worst].name} acts along another direction" if left[worst] > STEADY else None
+    return f"the force of constraint {m.rows[worst].name} has another direction" if left[worst] > STEADY else None
 
 
 def _changed_on_basis(m: Mechanics, found: Linearization, p: Pencil, frame: RotatingFrame) -> str | None:
@@ -272,7 +272,7 @@ def _changed_on_basis(m: Mechanics, found: Linearization, p: Pencil, frame: Rota
     G = p.constraints * m.velocity_units
     if np.abs(p.constraints @ before.N).max(initial=0.0) > STEADY * np.abs(G).max(initial=1e-300):
         worst = largest(np.max(np.abs(p.constraints @ before.N), axis=1))
-        return f"row {m.rows[worst].name} acts along another direction"
+        return f"the force of constraint {m.rows[worst].name} has another direction"
     return _differs(m, before, reduced(p, before.N), float(np.max(np.abs(frame.rate))))
 
 
@@ -284,5 +284,6 @@ def _differs(m: Mechanics, a: Reduced, b: Reduced, rate: float) -> str | None:
         if off.max(initial=0.0) > STEADY * scale and off.max() > 0:
             column = largest(off.max(axis=0))
             motion = motion_in_words(m.model, a.N[:, column], m.velocity_units)
-            return f"the {name} against {motion} changes by {off.max() / np.abs(x).max(initial=off.max()):.2g} of the largest"
+            part = off.max() / np.abs(x).max(initial=off.max())
+            return f"the {name} against {motion} changes by {part:.2g} of the largest {name}"
     return None

@@ -63,8 +63,8 @@ class OnMesh:
         beams = ", ".join(f"'{name}' {counted(sum(elements), 'element')} of order {order}"
                           for name, (elements, order) in self.mesh.items())  # fmt: skip
         if "mesh_error" in vars(self):
-            return f"mesh of {beams}: off by {np.nanmax(vars(self)['mesh_error'], initial=0.0):.1e} at most"
-        return f"mesh of {beams}: not covered{' (mesh_error measures it)' if self._finer is not None else ''}"
+            return f"mesh of {beams}: relative error of at most {np.nanmax(vars(self)['mesh_error'], initial=0.0):.1e}"
+        return f"mesh of {beams}: its error is not covered{' (.mesh_error measures it)' if self._finer is not None else ''}"
 
 
 def finer(again: Callable[..., Any], scene: SceneData, at: Any) -> Callable[[], Any] | None:

@@ -108,14 +108,15 @@ class Floquet(OnMesh, Modes[FloquetMode]):
 
     def __str__(self) -> str:
         head = (f"scene '{self.prepared.model.scene.name}', period {self.period:.9g} s from t = {self.t:g} s, {self.steps} "
-                f"steps; frequencies are known up to multiples of {2 * np.pi / self.period:.5g} rad/s")  # fmt: skip
+                f"steps; errors are those of the multipliers, relative; frequencies are known up to multiples of "
+                f"{2 * np.pi / self.period:.5g} rad/s")  # fmt: skip
         lines = [head, f"{'mode':>4}  {'growth 1/s':>11}  {'error':>8}  {'rad/s':>11}  {'multiplier':>24}  bodies"]
         for i, mode in enumerate(self.modes):
             mu = f"{mode.multiplier.real:.6g}" + (f"{mode.multiplier.imag:+.6g}i" if mode.multiplier.imag else "")
             numbers = f"{i + 1:>4}  {mode.growth:>11.5g}  {mode.error:>8.1e}  {mode.angular_frequency:>11.5g}"
             lines.append(f"{numbers}  {mu:>24}  {participants(mode)}")
         if self.unresolved:
-            lines.append(f"{counted(self.unresolved, 'multiplier')} more: of vibrations that {self.steps} steps do not follow")
+            lines.append(f"not listed: {counted(self.unresolved, 'multiplier')} of motions too fast for {self.steps} steps")
         return "\n".join(lines + ([self._on_mesh] if self.mesh else []))
 
     def __repr__(self) -> str:
@@ -243,8 +244,8 @@ def _compared(fine: Found, coarse: Found) -> Found:
 def _judged(found: Found, asked: Array, worst: float, accuracy: float) -> Found:
     """Leaves out inaccurate multipliers that were not asked for; warns where one that was asked for is inaccurate."""
     if worst > accuracy:
-        text = (f"multipliers are known to {worst:.1e} of their size, accuracy = {accuracy:g} was asked: {found.steps} steps of "
-                f"the period do not give more; ask for fewer (count=) or for less accuracy")  # fmt: skip
+        text = (f"floquet: the multipliers have relative errors of up to {worst:.1e} with {found.steps} steps a period, and more "
+                f"do not help; accuracy = {accuracy:g} was asked: ask for fewer modes (count=) or a looser accuracy")  # fmt: skip
         warnings.warn(text, AccuracyWarning, stacklevel=5)
     decayed = np.abs(found.values) <= LOST * np.max(np.abs(found.values), initial=0.0)
     all_asked = bool(np.all(asked | decayed))

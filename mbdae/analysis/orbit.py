@@ -118,7 +118,7 @@ def _difference(prepared: Prepared, period: float, q: Array, u: Array, s: Array,
     for node in m.model.nodes:
         own = slice(node.u, node.u + node.kind.sizes[1])
         worst = float(np.max(off[own], initial=0.0))
-        found.append((worst, f"the velocity of '{node.name}' differs from that at the start by {worst:.2g} of the typical speed"))
+        found.append((worst, f"the velocity of '{node.name}' differs from that at the start by {worst:.2g} of the largest"))
     size, names = np.maximum(np.abs(s[0]), state_scale(m)), list(m.numbering.states.values())
     for i in acting:
         off_s = abs(float(s[1, i] - s[0, i]))
@@ -164,7 +164,8 @@ def _changed(prepared: Prepared, system: SceneSystem, run: Solution, period: flo
             off = np.maximum(off, abs(a - b).multiply(weights).max(axis=1).toarray().ravel())
         worst = largest(off / size)
         if off[worst] > RETURN * size[worst]:
-            return f"{system.equations[worst]} differs by {off[worst] / size[worst]:.2g} of its terms at t = {there[0]:.6g} s"
+            return (f"{system.equations[worst]} at t = {there[0]:.6g} s differs from that a period before by "
+                    f"{off[worst] / size[worst]:.2g} of its largest term")
     return None
 
 

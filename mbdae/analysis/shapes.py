@@ -167,7 +167,7 @@ def motion(m: Mechanics, vector: Any) -> Array:
     except ValueError:  # lists of different lengths
         found = np.zeros(0)
     if found.shape != (m.nu,) or found.dtype.kind not in "fiuc" or not np.isfinite(found).all():
-        raise OptionError(f"vector = {shown(vector)} is no motion: give {m.nu} finite numbers, such as mode.vector")
+        raise OptionError(f"vector = {shown(vector)} is no motion of this scene: give {m.nu} finite numbers, such as mode.vector")
     return found
 
 

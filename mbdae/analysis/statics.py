@@ -330,7 +330,7 @@ class Statics:
             m = self.mechanics
             scale = float(np.max((acceleration_scale(m, self.rest.t, q, u, self.s(point)) * m.weight.diagonal())[m.rotational]))
             if abs(point.hold) > 1e-8 * scale:
-                reason = f"'{name}' turns freely and needs a torque of {abs(point.hold):.4g} N m to keep its rate"
+                reason = f"'{name}' turns freely, and loads of {abs(point.hold):.4g} N m about its axis change its rate"
         if reason is not None:
-            raise EquilibriumError(f"no state is at rest in the frame of '{name}': {reason}; take another frame, or prescribe "
+            raise EquilibriumError(f"no state is at rest in the frame of '{name}': {reason}; give another frame=, or prescribe "
                                    f"a steady motion")  # fmt: skip

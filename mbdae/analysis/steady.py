@@ -76,7 +76,7 @@ def _constraints_broken(m: Mechanics, t: float, q: Array, u: Array, tolerance: f
     for off, scale in ((m.position_residual(at, q[None])[0], 1.0), (m.velocity_residual(at, q[None], u[None])[0], speed)):
         worst = largest(np.abs(off) / size)
         if abs(off[worst]) > tolerance * size[worst] * scale:
-            return f"a motion that is steady in it breaks the row {m.rows[worst].name}"
+            return f"a motion that is steady there violates constraint {m.rows[worst].name}"
     return None
 
 
@@ -90,7 +90,7 @@ def _accelerates(m: Mechanics, frame: RotatingFrame, t: float, q: Array, u: Arra
         return None
     unit = "rad/s^2" if m.rotational[worst] else "m/s^2"
     node = next(n for n in m.model.nodes if n.u <= worst < n.u + n.kind.sizes[1])
-    return f"'{node.name}' accelerates in it by {abs(off[worst] * m.velocity_units[worst]):.3g} {unit}"
+    return f"'{node.name}' accelerates there at {abs(off[worst] * m.velocity_units[worst]):.3g} {unit}"
 
 
 def _accelerates_by_stresses(m: Mechanics, frame: RotatingFrame, beams: tuple[Assembly, Array],
@@ -102,7 +102,7 @@ def _accelerates_by_stresses(m: Mechanics, frame: RotatingFrame, beams: tuple[As
     if off[worst] <= tolerance:
         return None
     node = next(n for n in m.model.nodes if n.u <= worst < n.u + n.kind.sizes[1])
-    return f"'{node.name}' is accelerated in it by {off[worst]:.2g} of the largest force"
+    return f"a force that is not balanced, {off[worst]:.2g} of the largest, accelerates '{node.name}' there"
 
 
 def acceleration_scale(m: Mechanics, t: Array, q: Array, u: Array, s: Array | None) -> Array:
@@ -239,7 +239,7 @@ class Rest:
         for node in nodes_in_space(self.model):
             off = velocity(node, u) - np.cross(self.frame.rate, position(node, q) - self.center)
             if np.linalg.norm(off) > size * self.model.length:
-                return f"'{node.name}' moves in it at {np.linalg.norm(off):.4g} m/s"
+                return f"'{node.name}' moves there at {np.linalg.norm(off):.4g} m/s"
         return self._driven(q, u, size)
 
     def _driven(self, q: Array, u: Array, size: float) -> str | None:
@@ -248,7 +248,7 @@ class Rest:
         rate = self.mechanics.velocity_residual(self.t, q[None], u[None])[0]
         worst = largest(np.abs(rate))
         if abs(rate[worst]) > size * max(1.0, self.model.length):
-            return (f"joints and prescribed motions move the scene in it: row {self.mechanics.rows[worst].name} by "
+            return (f"joints or prescribed motions keep the scene moving there: constraint {self.mechanics.rows[worst].name} by "
                     f"{abs(rate[worst]):.4g} m/s or rad/s")  # fmt: skip
         up = steady_acceleration(self.model, self.frame, q, u)
         G, gamma = (f(self.t, q[None], *more)[0] for f, more in
@@ -258,5 +258,5 @@ class Rest:
         worst = largest(np.abs(off))
         if abs(off[worst]) <= 1e-7 * (terms[worst] + spin**2 * np.max(np.abs(G[worst]))) + 1e-12:
             return None
-        return (f"row {self.mechanics.rows[worst].name} accelerates by {abs(off[worst]):.4g} (m or rad, s^-2): a prescribed "
-                f"motion that is not steady")  # fmt: skip
+        return (f"constraint {self.mechanics.rows[worst].name} prescribes a motion that is not steady, with an acceleration of "
+                f"{abs(off[worst]):.4g} m/s^2 or rad/s^2")  # fmt: skip

@@ -71,8 +71,8 @@ def _judged(a: Namespace, error: Exception) -> tuple[int, str]:
     if isinstance(error, MemoryError):
         return 1, "the memory of this machine is used up; ask for a shorter run or a looser accuracy"
     line = traceback.extract_tb(error.__traceback__)[-1]
-    return 1, (f"an error of mbdae itself, {type(error).__name__}: {error} (line {line.lineno} of {line.filename}); "
-               f"--debug shows the traceback")  # fmt: skip
+    return 1, (f"this is an error in mbdae, {type(error).__name__}: {error} (line {line.lineno} of {line.filename}); "
+               f"please report it with your file and what the option --debug prints")  # fmt: skip
 
 
 def _complain(a: Namespace, error: BaseException, code: int, text: str | None = None, usage: str = "") -> int:

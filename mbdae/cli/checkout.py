@@ -18,14 +18,14 @@ def find(root: str | Path | None = None) -> Path:
         with suppress(OSError):  # a name that is too long, or a folder that may not be read
             if any((folder / "validation").glob("*/check.py")):
                 return folder / "validation"
-    raise OptionError(f"there is no validation/ with claims in {here}{'' if root else ' or above'}: "
-                      "run it from a checkout, or give --root")  # fmt: skip
+    raise OptionError(f"there is no folder validation/ with claims in {here}{'' if root else ' or above'}: "
+                      "run this in a clone of mbdae's repository, or name one by --root")  # fmt: skip
 
 
 def runner_of(folder: Path) -> Any:
     """The package `runner` in a folder validation/, made importable by that name because its checks import it so."""
     if not (folder / "runner" / "__init__.py").is_file():
-        raise OptionError(f"{folder} has claims, but no runner/ that measures them: give --root of a whole checkout")
+        raise OptionError(f"{folder} has claims, but no folder runner/ that measures them: give --root of a whole clone")
     if sys.path[:1] != [str(folder)]:
         sys.path.insert(0, str(folder))
     return importlib.import_module("runner")

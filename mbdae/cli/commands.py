@@ -60,7 +60,7 @@ def run(a: argparse.Namespace) -> int:
         print(f"largest constraint violation {r.drift.position.max(initial=0.0):.1e}, "
               f"largest energy balance error {abs(r.energy.balance).max():.1e} J")  # fmt: skip
         for joint, c in r.contacts.items():
-            loose = f" m, play {c['play']:.2g} m; force times sliding distance {c['wear']:.3g} J" if "play" in c else ""
+            loose = f" m, play {c['play']:.2g} m; normal force times sliding distance {c['wear']:.3g} J" if "play" in c else ""
             print(f"'{joint}': {c['contacts']:.0f} contacts, the first at t = {c['first']:.6g} s; penetration up to "
                   f"{c['deepest']:.2g}{loose or ' (m or rad) past its limits'}")  # fmt: skip
         _list(a.written)
@@ -107,7 +107,7 @@ def report(a: argparse.Namespace) -> int:
         document = make(_scene(a, _load(a)))
     else:
         closest = f"; {meant(a.what, names())}".rstrip("; ")
-        raise UsageError(f"report '{a.what}': neither a file nor one of {', '.join(names())}{closest}")
+        raise UsageError(f"report '{a.what}': this is neither a file nor one of {', '.join(names())}{closest}")
     holds = "NOT EQUAL" not in document.to_markdown()
     format_ = _report_format(a, "md")
     facts = {"report": a.what, "title": document.title, "holds": holds, "format": format_}
@@ -209,7 +209,7 @@ def _report_audit(a: argparse.Namespace) -> int:
     from mbdae.audit import audit
 
     if not _is_file(a.what):
-        raise UsageError(f"there is no file '{a.what}'; give a file of printed formulas")
+        raise UsageError(f"there is no file '{a.what}'; give an .audit file, with printed formulas and their claimed numbers")
     found = audit(Path(a.what))
     path = _saved(a, found.document(), _report_format(a, "html"))
     if a.json:
@@ -287,7 +287,7 @@ def _measure(a: argparse.Namespace, module: ModuleType, scene: Any) -> str | Non
     if measure is None:
         return None
     if not (isinstance(measure, str) and all(split(measure))):
-        raise UsageError(f"measure of '{a.file}' is {measure!r}: give a sensor, item and quantity, such as \"C.angle\"")
+        raise UsageError(f"measure = {measure!r} in '{a.file}' is no sensor: give item.quantity, such as \"C.angle\"")
     placed(scene, split(measure)[0])
     return measure
 
@@ -314,9 +314,9 @@ def _report_path(a: argparse.Namespace, format_: str) -> Path:
         _folder(a.out)
         return path / f"{Path(a.what).stem}.{format_}"
     if a.format is not None and path.suffix != f".{a.format}":
-        raise UsageError(f"--out {a.out}: the ending says {path.suffix}, --format {a.format}; give one of the two")
+        raise UsageError(f"--out {a.out}: its ending says {path.suffix}, and --format says {a.format}; give one of the two")
     if path.is_dir():
-        raise UsageError(f"--out {a.out}: that is a folder; give a file, or a folder whose name does not end so")
+        raise UsageError(f"--out {a.out}: that is a folder; give a file, or a folder whose name does not end in {path.suffix}")
     _folder(str(path.parent))
     return path
 

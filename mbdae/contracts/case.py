@@ -209,10 +209,18 @@ def compared(names: list[str], got: NDArray[Any], wanted: NDArray[Any]) -> Itera
         yield from zip(names, np.where(np.isnan(difference), np.inf, difference).tolist(), strict=True)
 
 
+_OF_ROWS = {"g": "row", "gd": "rate of row", "gdd": "acceleration of row", "lambda": "multiplier of row",
+            "mu": "multiplier mu of row"}  # fmt: skip
+_OF_BODIES = {"u": "equation of motion", "q": "kinematic equation"}
+
+
 def label(d: Derived, target: Target) -> str:
     """An output in words: constraint rows by name, others by kind, side and number."""
-    if target[0] in ("g", "gd", "gdd", "lambda", "mu"):
-        return f"{target[0]}[{d.rows[target[1]]}]"
+    kind, *place = target
+    if kind in _OF_ROWS:
+        return f"{_OF_ROWS[kind]} '{d.rows[place[0]]}'"
+    if kind in _OF_BODIES:
+        return f"{_OF_BODIES[kind]} {place[1] + 1} of {place[0]}"
     return " ".join(map(str, target))
 
 

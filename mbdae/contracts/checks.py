@@ -27,6 +27,22 @@ BOUNDS = {
     "invariance": 1e-10, "power": 1e-11, "inertia": 1e-11, "singular states": 0.0, "planar = spatial": 1e-11, "motion": 1e-9,
 }  # fmt: skip
 
+_DERIVED = "; of a law whose functions are finite and smooth, this is an error in mbdae: please report it with the law"
+#: what every contract compares, for messages
+MEANS = {
+    "Jacobian": f"the derivatives that solvers use, against those of the equations{_DERIVED}",
+    "compiled kernel": f"the compiled equations, against NumPy{_DERIVED}",
+    "rates": f"rates and accelerations of rows, against the time derivatives of the rows{_DERIVED}",
+    "virtual work": f"the forces in the equations of motion, against the power of the stated forces{_DERIVED}",
+    "action = reaction": "the forces and moments on all bodies, which must balance",
+    "invariance": "energy, power, coordinates and rows, which a rigid motion of all bodies together must not change",
+    "power": "the power of the forces, against the change of energy and the losses, which must not be negative",
+    "inertia": "the power and the moment of inertia forces, against the changes of kinetic energy and angular momentum",
+    "singular states": "values and derivatives as drawn, at a quarter turn and at half a turn, which must be finite",
+    "planar = spatial": f"the equations in the plane, against those in space{_DERIVED}",
+    "motion": "rows, coordinates, ties and branches, against the motion that the joint states",
+}
+
 
 # ---- what the contracts evaluate -----------------------------------------------------------------------------------
 
@@ -62,14 +78,14 @@ def jacobian(case: Case) -> Iterator[Measured]:
     index = {target: j for j, (target, _) in enumerate(unknowns)}
     residual, J = rebuilt(case, case.values, index)
     names = [label(d, t) for t in split.targets]
-    yield from compared([f"residual {n}" for n in names], residual, case.evaluate(ggl_outputs, case.values).real)
+    yield from compared([f"value of {n}" for n in names], residual, case.evaluate(ggl_outputs, case.values).real)
     count = len(residual)
     stepped = {name: np.tile(value.astype(complex), len(unknowns)) for name, value in case.values.items()}
     for j, (_, symbol) in enumerate(unknowns):
         stepped[str(symbol)][j * count : (j + 1) * count] += 1j * STEP
     slopes = case.evaluate(ggl_outputs, stepped).imag / STEP
     slopes = np.moveaxis(slopes.reshape(len(unknowns), count, -1), 0, 2)
-    places = [f"d({n})/d({label(d, t)})" for n in names for t in index]
+    places = [f"derivative of {n} by {t[0]} {label(d, t)}" for n in names for t in index]
     yield from compared(places, J.reshape(count, -1), slopes.reshape(count, -1))
 
 
@@ -107,7 +123,7 @@ def virtual_work(case: Case) -> Iterator[Measured]:
             if stated:
                 expected = expected + _stated_power(case, stated, f, i, unit)
             got = F.get((f.side, i), np.zeros(len(expected)))
-            yield from compared([f"u {f.side} {i}"], got[:, None], expected[:, None])
+            yield from compared([label(d, ("u", f.side, i))], got[:, None], expected[:, None])
 
 
 def _row_forces(case: Case) -> Array:
@@ -220,7 +236,8 @@ def power(case: Case) -> Iterator[Measured]:
         yield from compared(["losses by cause"], parts["losses"][:, None], dissipated[:, None])
     if d.states:  # a state may hold energy and give it back
         return
-    yield "dissipated power below zero", float(max(0.0, -np.min(dissipated))) / max(1.0, float(np.max(np.abs(dissipated))))
+    negative = float(max(0.0, -np.min(dissipated)))
+    yield "dissipated power, which is negative,", negative / max(1.0, float(np.max(np.abs(dissipated))))
 
 
 def inertia(case: Case) -> Iterator[Measured]:
@@ -269,7 +286,7 @@ def singular(case: Case) -> Iterator[Measured]:
                 if kernel.expressions:
                     finite = np.isfinite(case.run(kernel, columns(inputs.symbols, values)))
                     what = "values" if kernel is split.residual else "derivatives"
-                    yield f"{what} {name} that are not finite", 0.0 if finite.all() else 1.0
+                    yield f"{what} {name}, which are not all finite,", 0.0 if finite.all() else 1.0
 
 
 def planar(case: Case) -> Iterator[Measured]:
@@ -292,11 +309,11 @@ def planar(case: Case) -> Iterator[Measured]:
             zero = np.zeros(len(next(iter(values.values()))))
             if at is not None:
                 got, want = mine.get((f.side, at), zero), full.get((s.side, i), zero)
-                yield from compared([f"u {f.side} {at}"], got[:, None], want[:, None])
+                yield from compared([label(d, ("u", f.side, at))], got[:, None], want[:, None])
     for outputs in (position, velocity, acceleration):
         got, want = case.evaluate(outputs, own), other.evaluate(outputs, values)
         order = [other.d.rows.index(row) for row in d.rows]
-        yield from compared([f"{outputs.__name__} {row}" for row in d.rows], got.real, want.real[:, order])
+        yield from compared([f"{outputs.__name__} '{row}'" for row in d.rows], got.real, want.real[:, order])
     a, b = table(case, scalars, own), table(other, scalars, values)
     for name in a.keys() & b.keys():
         difference = a[name].real - b[name].real

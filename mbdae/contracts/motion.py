@@ -240,9 +240,11 @@ class _Moving:
             rank = int(np.sum(sizes > 1e-9 * np.max(sizes, initial=1.0)))
             which = "a row too many" if rank > wanted else "a row too few"
             if rank != wanted:
-                yield f"number of independent rows, {rank} where {wanted} leave the motion free ({which}),", abs(rank - wanted)
+                yield (f"number of independent rows, {rank} where {wanted} leave just the motion free ({which}),",
+                       abs(rank - wanted))  # fmt: skip
             if len(G) > rank:
-                yield f"number of rows, {len(G)} of which {rank} are independent (rows that follow from others),", len(G) - rank
+                yield (f"number of rows, {len(G)} of which {rank} are independent (leave out what follows from other rows),",
+                       len(G) - rank)  # fmt: skip
 
     def ties(self) -> Iterator[Measured]:
         """A row that equates a coordinate to a value has a positive derivative by that value: this is the sign convention."""
@@ -253,16 +255,18 @@ class _Moving:
         for row, symbol in by.items():
             slope = self.slope(symbol)["g", self.d.rows.index(row)]
             if _largest(slope) < CLEAR:
-                yield f"row '{row}', which does not depend on the value it ties,", 1.0
+                yield f"row '{row}', which does not depend on the coordinate that it ties,", 1.0
             else:
-                yield f"slope of row '{row}' by the value it ties, which must be positive,", float(max(0.0, -np.min(slope)))
+                yield (f"slope of row '{row}' over the coordinate that it ties, which must be positive,",
+                       float(max(0.0, -np.min(slope))))  # fmt: skip
 
     def branches(self) -> Iterator[Measured]:
         """The branches, expressions that must be positive, are positive where the motion leads."""
         for target, e in self.found.items():
             if target[0] == "positive":
                 least = float(np.min(e.real))
-                yield f"branch '{target[1]}', which must be positive where the motion puts l,", 0.0 if least > 0 else 1 - least
+                yield (f"expression '{target[1]}' of `branches`, which must be positive where the motion puts l,",
+                       0.0 if least > 0 else 1 - least)  # fmt: skip
 
     # -- solutions of the rows that are not meant
 
@@ -277,7 +281,8 @@ class _Moving:
             meant &= (e.real > CLEAR) if target[0] == "positive" else np.abs(e) < SOLVED if target[0] == "g" else True
         for i in np.flatnonzero(meant):
             off = self._off(solved, found, int(i))
-            yield f"second solution of the rows, which no branch refuses ({names[i]}),", off if off > APART else 0.0
+            yield (f"second solution of the rows, which no expression of `branches` refuses ({names[i]}),",
+                   off if off > APART else 0.0)  # fmt: skip
 
     def _starts(self) -> tuple[Values, list[str]]:
         """States from which solutions are searched, and their names: l turned by half a turn about each of its axes, then l at

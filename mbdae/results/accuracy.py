@@ -72,7 +72,8 @@ class Accuracy:
             if error is None or self.asked is None:
                 found[word] = self.unknown.get(word, RUN_ONCE)
             elif not error <= self.asked:
-                found[word] = f"about {error:.1e}{' of the largest' if word == 'reactions' else ''}, {self.asked:g} was asked"
+                of = " of the largest" if word == "reactions" else ""
+                found[word] = f"error of about {error:.1e}{of}, {self.asked:g} was asked"
         return found | {"model": MODEL}
 
     @property

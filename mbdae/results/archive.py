@@ -71,17 +71,17 @@ class Archive:
         infos = self._zip.infolist()
         names = [info.filename.removesuffix(".npy") for info in infos]
         if len(infos) > 100 or len(set(names)) < len(names):
-            raise BadValueError(f"it has {len(infos)} members, {len(set(names))} of them of different names")
+            raise BadValueError(f"it holds {len(infos)} arrays, where at most 100 of different names are expected")
         total = sum(info.file_size for info in infos)
         if total > max(FREE, DENSEST * size):
-            raise BadValueError(f"its {size} bytes would become {total}, too many for a result")
+            raise BadValueError(f"its {size} bytes would become {total} when unpacked, too many for a result")
         return {name: self._member(name, info) for name, info in zip(names, infos, strict=True)}
 
     def _member(self, name: str, info: zipfile.ZipInfo) -> _Member:
         """A member of the file as its first bytes describe it, checked."""
         plain = info.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) and not info.flag_bits & 1
         if not (info.filename == f"{name}.npy" and name.isidentifier() and plain):
-            raise BadValueError(f"its member {shown(info.filename)} is no array that mbdae wrote")
+            raise BadValueError(f"its entry {shown(info.filename)} is no array that mbdae wrote")
         with self._zip.open(info) as file:
             begin = file.read(12)
             wide = begin[6:8] == b"\2\0"
@@ -90,16 +90,16 @@ class Archive:
             head = (begin[12 if wide else 10 :] + file.read(max(0, offset - 12)))[:length] if length <= 4096 else b""
         found = _HEAD.fullmatch(head)
         if begin[:6] != b"\x93NUMPY" or begin[6:8] not in (b"\1\0", b"\2\0") or found is None:
-            raise BadValueError(f"its member {shown(name)} is not an array of numbers")
+            raise BadValueError(f"its entry {shown(name)} is not an array of numbers")
         order, kind, fortran, inside = found.groups()
         try:
             shape = tuple(int(n) for n in inside.decode().replace(" ", "").rstrip(",").split(",") if inside.strip())
         except ValueError:
-            raise BadValueError(f"its member {shown(name)} has no shape") from None
+            raise BadValueError(f"its array {shown(name)} has a shape that cannot be read") from None
         letters = int(kind[1:]) if kind != b"f8" else 0
         item = 8 if kind == b"f8" else 4 * letters
         if offset + item * math.prod(shape) != info.file_size or len(shape) > 3:
-            raise BadValueError(f"its member {shown(name)} is said to have shape {shape}, but has {info.file_size} bytes")
+            raise BadValueError(f"its array {shown(name)} is said to have shape {shape}, but has {info.file_size} bytes")
         return _Member(info, offset, np.dtype((order + kind).decode()), fortran == b"True", shape)
 
     def text(self, name: str) -> str:
@@ -128,8 +128,8 @@ class Archive:
             while at < len(into):
                 piece = file.read(min(CHUNK, len(into) - at))
                 if not piece:
-                    raise BadValueError("it ends too early")
+                    raise BadValueError("one of its arrays ends too early")
                 into[at : at + len(piece)] = np.frombuffer(piece, np.uint8)
                 at += len(piece)
             if file.read(1):
-                raise BadValueError("it is longer than its header says")
+                raise BadValueError("one of its arrays is longer than stated")

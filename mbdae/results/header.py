@@ -25,10 +25,10 @@ def parsed(text: str) -> dict[str, Any]:
     try:
         header = json.loads(text, object_pairs_hook=_table)
     except (ValueError, RecursionError) as error:
-        raise BadValueError(f"its header is no JSON: {shown(error)}") from error
+        raise BadValueError(f"its header is no JSON: {error}") from error
     _plain(header, 0)
     if not isinstance(header, dict) or "format" not in header:
-        raise BadValueError("its header names no format")
+        raise BadValueError("its header does not name the format of the file")
     if header["format"] != FORMAT:
         raise OtherFormatError(f"holds {shown(header['format'])}, not a result of mbdae; give a file written by r.save(path)")
     _whole()(header.get("version"), "version")
@@ -45,19 +45,19 @@ class OtherFormatError(BadValueError):
 def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
-        raise ValueError("an entry occurs twice")
+        raise ValueError(f"an entry occurs twice among {shown(list(dict(pairs)))}")
     return found
 
 
 def _plain(value: Any, depth: int) -> None:
     """Refuse what is nested too deeply, and text that cannot be written."""
     if depth > DEEPEST:
-        raise BadValueError(f"its header is nested more than {DEEPEST} deep")
+        raise BadValueError(f"the lists of its header are nested more than {DEEPEST} deep")
     if isinstance(value, str):
         try:
             value.encode()
         except UnicodeEncodeError:
-            raise BadValueError(f"its header holds {ascii(value)[:60]}, which is no text") from None
+            raise BadValueError(f"its header holds {ascii(value)[:60]}, which has characters that are no text") from None
     for part in value.items() if isinstance(value, dict) else value if isinstance(value, list | tuple) else ():
         _plain(part, depth if isinstance(value, dict) else depth + 1)
 
@@ -167,7 +167,7 @@ def _dense(value: Any, where: str) -> None:
              "joined": {"points": _many(_whole(1, 20)), "steps": _many(_whole(1))}}  # fmt: skip
     kind = value.get("kind") if isinstance(value, dict) else None
     if not isinstance(kind, str) or kind not in kinds:
-        raise _refuse(value, where, f"one of {', '.join(kinds)}")
+        raise _refuse(value, where, f"a table whose kind is one of {', '.join(kinds)}")
     _record({"kind": _text, **kinds[kind]})(value, where)
     if kind == "joined" and len(value["points"]) != len(value["steps"]):
         raise _refuse(value["steps"], f"{where}.steps", f"a list of {len(value['points'])}")

@@ -35,7 +35,7 @@ def value(result: Any, quantity: Quantity) -> Array:
         try:
             found = np.asarray(quantity(result), dtype=float)
         except (TypeError, ValueError) as error:
-            raise OptionError(f"{named(quantity)}: {error}; {REMEDY}") from error
+            raise OptionError(f"{named(quantity)} gives no numbers: {error}; {REMEDY}") from error
     elif isinstance(quantity, str):
         found = _of_text(result, quantity)
     else:
@@ -123,7 +123,7 @@ def _applied(result: Any, node: Any, function: Callable[..., Any], parts: Sequen
     given = [_evaluated(result, part, names) for part in parts]
     wanted = getattr(function, "nin", 1)
     if len(given) != wanted:
-        raise OptionError(f"'{_said(node, names)}' has {counted(len(given), 'argument')}, takes {wanted}")
+        raise OptionError(f"'{_said(node, names)}' has {counted(len(given), 'argument')}, but takes {wanted}")
     lengths = function is FUNCTIONS["norm"] and any(np.ndim(value) == 1 for value in given)
     if lengths or len({np.shape(value) for value in given if np.ndim(value)}) > 1:
         said = ", ".join(f"{_said(part, names)} has {_components(value)}" for part, value in zip(parts, given, strict=True))

@@ -173,8 +173,9 @@ class ConnectionSensor(ListsAttributes):
         if name in ("length", "rate") and has_length(item):
             return self._length[:, ("length", "rate").index(name)]
         if name == "drive" or name.startswith("drive_"):
-            driven = ", ".join(drives_of(item)) or "none of its coordinates is prescribed or loaded; read force and torque"
-            raise OptionError(f"{item.kind} '{item.name}' has no {name}: {driven}")
+            driven = ", ".join(drives_of(item))
+            told = f"it has {driven}" if driven else "none of its coordinates is prescribed or loaded; read force and torque"
+            raise OptionError(f"{item.kind} '{item.name}' has no {name}: {told}")
         if name in (*item.coordinates, "angle", "displacement", "rate", "angle_rate", "displacement_rate"):
             has = f"its coordinates: {', '.join(names)}" if names else "it has no angle or displacement: read its bodies instead"
             raise OptionError(f"{item.kind} '{item.name}' has no {name}; {has}")

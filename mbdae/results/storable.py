@@ -53,8 +53,8 @@ def _check_name(item: str, name: Any) -> None:
         raise OptionError(f"{item}: a lambda has no name by which it could be found again; define it with def, and pass it to "
                           f"mb.load in laws=[...]")  # fmt: skip
     if isinstance(name, str) and name.endswith(")"):
-        raise OptionError(f"{item}: another class or function is called {name.rpartition(' ')[0]} too, and could not be told "
-                          f"from it; give each a name of its own")  # fmt: skip
+        raise OptionError(f"{item}: two classes or functions are called {name.rpartition(' ')[0]}, which the file could not tell "
+                          f"apart; give each a name of its own")  # fmt: skip
 
 
 def _check_own(scene: SceneData, data: dict[str, Any]) -> None:

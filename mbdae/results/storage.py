@@ -96,7 +96,7 @@ def load(path: Any, laws: Iterable[Any] = ()) -> Result:
     except (FileNotFoundError, PermissionError, IsADirectoryError):
         raise
     except Exception as error:  # readers of a damaged archive may raise anything
-        raise OptionError(f"{place} is not a result of mbdae ({_reason(error)}); {_AGAIN}") from error
+        raise OptionError(f"{place} is not a result of mbdae, or damaged ({_reason(error)}); {_AGAIN}") from error
     try:
         return _result(header, arrays, known)
     except Exception as error:  # a statement is wrong, in a way that its own checks may not have foreseen
@@ -183,7 +183,7 @@ def _prepared(header: dict[str, Any], scene: SceneData, start: Start) -> Prepare
     named_rows = [*(name for what in _RANK for name in stored[what]), *(name for name, _ in stored["doubtful"])]
     unknown = sorted({*named_rows} - set(rows))
     if unknown or sorted(stored["kept"] + stored["dropped"]) != sorted(rows):
-        why = f"has no row {shown(unknown[0])}" if unknown else f"has {len(rows)} rows, not those kept or dropped"
+        why = f"has no constraint {shown(unknown[0])}, which the file names" if unknown else "has not the constraints of the file"
         raise BadValueError(f"its scene {why}")
     lists = {what: [rows[name] for name in stored[what]] for what in _RANK}
     doubtful = [(rows[name], size) for name, size in stored["doubtful"]]
@@ -202,7 +202,8 @@ def _check_elements(statements: list[Any], unknowns: int) -> None:
         given = kwargs.get("elements", 1) if method == "beam" else 1
         for count in given if isinstance(given, list) else [given]:
             if not isinstance(count, int) or count > unknowns:
-                raise BadValueError(f"its beam {shown(args[:1] or kwargs.get('name'))} has elements = {shown(count)}")
+                name = args[0] if args else kwargs.get("name")
+                raise BadValueError(f"its beam {shown(name)} has elements = {shown(count)}, with {unknowns} unknowns in its run")
 
 
 def _check_unknowns(prepared: Prepared, names: list[str]) -> None:
@@ -214,12 +215,12 @@ def _check_unknowns(prepared: Prepared, names: list[str]) -> None:
     multipliers = {f"{block}({row.name})" for block in ("lambda", "mu") for row in mechanics.rows}
     in_order = [*nb.names(), *(stresses if len(rest) < len(names) - nb.n else []), *rest]
     if names != in_order or not multipliers >= {*rest} or len({*rest}) < len(rest):
-        raise BadValueError("the unknowns of its run are not those of its scene")
+        raise BadValueError("the unknowns of its run are not those of its scene: it was changed, or written by another mbdae")
     sizes = {"q": prepared.model.nq, "u": prepared.model.nu, "s": len(mechanics.numbering.states),
              "acceleration": prepared.model.nu, "multipliers": len(mechanics.rows)}  # fmt: skip
     for name, size in sizes.items():
         if getattr(start, name).shape != (size,):
-            raise BadValueError(f"its start has {name} of shape {getattr(start, name).shape}, its scene needs ({size},)")
+            raise BadValueError(f"its start has {name} of shape {getattr(start, name).shape}, where its scene needs ({size},)")
 
 
 # ---- the run -----------------------------------------------------------------------------------------------------------
@@ -250,7 +251,7 @@ def _solver(stored: dict[str, Any], known: Known) -> Any:
     for key, value in stored["options"].items():
         several = isinstance(value, list)
         if not all(isinstance(v, int | float | str | None) for v in (value if several else [value])):
-            raise BadValueError(f"its solver has {key} = {shown(value)}")
+            raise BadValueError(f"its solver has {key} = {shown(value)}, where a number, a text or a list of numbers is expected")
         options[key] = np.array(value, dtype=float) if several else value
     return cls(**options)
 
@@ -260,7 +261,7 @@ def _form(label: str, known: Known) -> str:
     own: list[type[Form]] = [form for form in known.own.values() if isinstance(form, type) and issubclass(form, Form)]
     forms: list[type[Form]] = [GGL, Index3, Index1, ODE, *own]
     if label not in {form.label for form in forms}:
-        raise BadValueError(f"its form {shown(label)} is unknown: pass laws=[...] with its class in it")
+        raise BadValueError(f"the form {shown(label)} of its equations is not mbdae's: pass laws=[...] with its class in it")
     return label
 
 
@@ -273,8 +274,8 @@ def _dense(interpolant: Interpolant) -> dict[str, Any]:
         return {"kind": "joined", "points": [part.points for part in interpolant.parts],
                 "steps": [len(part.t) for part in interpolant.parts]}  # fmt: skip
     kind = type(interpolant).__name__
-    raise OptionError(f"the dense output {kind} of this run cannot be stored; run with mb.IDA, mb.RadauIIA, mb.CVODE or "
-                      f"mb.DOP853 to save")
+    raise OptionError(f"runs of a solver that interpolates between its steps by {kind} cannot be stored; run with mb.IDA, "
+                      f"mb.RadauIIA, mb.CVODE or mb.DOP853 to save")
 
 
 def _arrays(interpolant: Interpolant) -> dict[str, Array]:
@@ -314,11 +315,13 @@ def _check_shapes(header: dict[str, Any], shapes: dict[str, tuple[int, ...]]) ->
         inside = sum(dense["steps"])
         meant |= {"part_t": (inside,), "part_y": (inside, n), "part_yp": (inside, n)}
     if set(shapes) != set(meant):
-        raise BadValueError(f"it has the arrays {', '.join(shapes)}, not {', '.join(meant)}")
+        name = min(set(shapes) ^ set(meant))
+        raise BadValueError(f"it {'has an unknown' if name in shapes else 'lacks the'} array {shown(name)}")
     for name, shape in shapes.items():
         fits = len(shape) == len(meant[name]) and all(m in (None, k) for m, k in zip(meant[name], shape, strict=True))
         if not fits or not steps:
-            raise BadValueError(f"its array {name} has shape {shape}, not {meant[name]} of {n} unknowns at {steps} steps")
+            wanted = str(meant[name]).replace("None", "any")
+            raise BadValueError(f"its array {name} has shape {shape}, not {wanted}; steps: {steps}, unknowns: {n}")
 
 
 def _check_times(header: dict[str, Any], arrays: dict[str, Array]) -> None:
@@ -326,10 +329,10 @@ def _check_times(header: dict[str, Any], arrays: dict[str, Array]) -> None:
     t, steps = arrays["t"], arrays["steps"]
     parts = np.split(arrays["part_t"], np.cumsum(header["run"]["dense"]["steps"])[:-1]) if "part_t" in arrays else []
     if not all(np.all(np.diff(times) > 0) for times in [steps, *parts]):
-        raise BadValueError("the times of its steps do not rise")
+        raise BadValueError("the times of its steps do not increase")
     if not len(t):
-        raise BadValueError("it has no times of outputs")
+        raise BadValueError("it has no output times")
     slack = 1e-12 * float(np.max(np.abs(steps[[0, -1]])))
     outside = (t < steps[0] - slack) | (t > steps[-1] + slack)
     if np.any(outside) or abs(header["start"]["t"] - steps[0]) > slack:
-        raise BadValueError("its times lie outside of its run")
+        raise BadValueError("its output times or its start lie outside of its run")

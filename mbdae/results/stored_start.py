@@ -47,6 +47,7 @@ def _coordinates(stored: dict[str, Any], scene: SceneData) -> dict[tuple[str, st
         names = known.get(joint, ())
         of_joint = values if isinstance(values, dict) else dict.fromkeys(names[:1], values)
         if not of_joint or not set(of_joint) <= set(names):
-            raise BadValueError(f"its start has {shown(values)} of {shown(joint)} with the coordinates {shown(list(names))}")
+            raise BadValueError(f"its start gives {shown(values)} for joint {shown(joint)}, which has the coordinates "
+                                f"{', '.join(names) or 'none'}")
         found |= {(joint, name): float(value) for name, value in of_joint.items()}
     return found

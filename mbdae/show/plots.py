@@ -166,7 +166,7 @@ def compared(result: Any, against: Any, labels: Sequence[str] | None) -> list[tu
     results = [result, *others]
     if labels is None:
         return list(zip(_different_names(results) if others else [""], results, strict=True))
-    remedy = f"give {len(results)} texts, one for each result, this one first"
+    remedy = f"give {counted(len(results), 'text')}, one for each result, this one first"
     texts = option("labels", labels, sequence, remedy, each=text)
     if len(texts) != len(results):
         raise OptionError(f"labels = {shown(labels)} has {counted(len(texts), 'entry')} for "

@@ -92,7 +92,7 @@ def arch(force: float) -> mb.Scene:
 def test_arch_stops_at_its_limit_load_and_keeps_that_state() -> None:
     reached = []
     for force in (40.0, 800.0):
-        with pytest.raises(mb.EquilibriumError, match=r"a limit point, the stiffness against 'arch.* vanishes there") as caught:
+        with pytest.raises(mb.EquilibriumError, match=r"at this limit point the stiffness against 'arch.* vanishes") as caught:
             arch(force).equilibrium()
         kept = caught.value.equilibrium
         assert kept.load_factor == caught.value.load_factor
@@ -192,7 +192,7 @@ def test_floating_beam_has_its_rigid_motions() -> None:
     modes = s.linearize(count=14)
     assert np.sum(modes.eigenvalues == 0) == 12
     assert modes.angular_frequencies[12:] == pytest.approx(np.full(2, 4.730040744862704**2), rel=1e-4)
-    with pytest.raises(mb.EquilibriumError, match="meets no stiffness"):
+    with pytest.raises(mb.EquilibriumError, match="nothing resists '"):
         s.equilibrium()
 
 
@@ -200,7 +200,7 @@ def test_refusals() -> None:
     s = cantilever(gravity=(0, -9.81, 0))
     with pytest.raises(mb.OptionError, match="frame = 'beam': a beam bends"):
         s.equilibrium(frame="beam")
-    with pytest.raises(mb.SteadyError, match="is accelerated in it by"):
+    with pytest.raises(mb.SteadyError, match=r"a force that is not balanced, .* of the largest, accelerates"):
         s.linearize()
     assert s.linearize(at=s.equilibrium(), count=2).stable
 
@@ -253,7 +253,7 @@ def test_slides_under_a_rotor_of_beams_stand_out() -> None:
         tube = mb.Section.circular(0.02, 7e10, 0.3, 2700)
         blade = s.beam(f"blade {side}", (0.1 * side, 0), (side, 0), section=tube, elements=1)
         s.weld(f"root {side}", hub, blade.at((0.1 * side, 0)))
-    with pytest.raises(mb.SteadyError, match="acts along another direction"):
+    with pytest.raises(mb.SteadyError, match="has another direction"):
         s.linearize(at=s.equilibrium("hub"), frame="hub")
 
 
@@ -267,11 +267,11 @@ def test_modes_name_their_mesh_and_what_it_is_off(elements: int, order: int) -> 
     found, exact = modes(elements, order), modes(16, 4)
     words = f"mesh of 'beam' {elements} elements of order {order}"
     assert found.mesh == {"beam": ((elements,), order)}
-    assert f"{words}: not covered (mesh_error measures it)" in repr(found)
+    assert f"{words}: its error is not covered (.mesh_error measures it)" in repr(found)
     ratio = found.mesh_error / np.abs(found.frequencies / exact.frequencies - 1)
     assert 0.5 < ratio.min() <= ratio.max() < 2.0
     for text in (repr(found), str(found)):
-        assert f"{words}: off by {found.mesh_error.max():.1e} at most" in text
+        assert f"{words}: relative error of at most {found.mesh_error.max():.1e}" in text
 
 
 def test_multipliers_name_their_mesh_and_the_state_of_a_run_has_none_to_compare() -> None:
@@ -284,9 +284,9 @@ def test_multipliers_name_their_mesh_and_the_state_of_a_run_has_none_to_compare(
     assert np.all(found.mesh_error >= nearest * (1 - 1e-9))
     slow = np.argmin(np.abs(found.exponents))
     assert found.mesh_error[slow] == pytest.approx(nearest[slow], rel=1e-3)
-    assert "mesh of 'beam' 2 elements of order 2: off by" in repr(found)
+    assert "mesh of 'beam' 2 elements of order 2: relative error of at most" in repr(found)
     of_run = s.linearize(at=s.simulate(1e-3, accuracy=1e-3, outputs=2), count=2)
-    assert repr(of_run).endswith("of order 2: not covered>")
+    assert repr(of_run).endswith("of order 2: its error is not covered>")
     with pytest.raises(mb.OptionError, match="the state of a run has no counterpart on a finer mesh"):
         of_run.mesh_error  # noqa: B018
     rigid = mb.Scene("rigid")

@@ -182,11 +182,11 @@ def swinging() -> mb.Scene:
 @pytest.mark.parametrize(
     ("scene", "period", "message"),
     [
-        (shaken, 1.1 * T, r"after period = 0.767944871 s the velocity of 'pivot' differs .* by 0.81 of the typical speed"),
+        (shaken, 1.1 * T, r"after period = 0.767944871 s the velocity of 'pivot' differs .* by 0.81 of the largest"),
         (lambda: steady_sliding(0.1), 0.5, "after period = 0.5 s 'mass' is 0.05 m from its start"),
         (swinging, 1.0, "after period = 1 s (the velocity of )?'rod' "),
         (wound, T / 2, "'disc' is turned by 3.14 rad from its start"),
-        (wound, T, "the equations do not repeat after period = 0.698.* s: momentum of disc.omega differs by"),
+        (wound, T, "the equations do not repeat after period = 0.698.* s: momentum of disc.omega at t = .* differs"),
     ],
 )
 def test_what_does_not_repeat_is_named(scene: Callable[[], mb.Scene], period: float, message: str) -> None:
@@ -212,7 +212,7 @@ def test_bad_options(options: dict[str, Any], message: str) -> None:
 
 def test_what_more_steps_do_not_give_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mbdae.analysis.multipliers.MOST", 32)
-    with pytest.warns(mb.AccuracyWarning, match="accuracy = 1e-11 was asked: .* steps of the period do not give more"):
+    with pytest.warns(mb.AccuracyWarning, match="steps a period, and more do not help; accuracy = 1e-11 was asked"):
         f = shaken(amplitude=0.5).floquet(T, accuracy=1e-11)
     expected = mathieu(0.5, -1, 0.0)
     off = np.abs(ordered(f.multipliers) - ordered(expected)) / np.abs(ordered(expected))
@@ -247,4 +247,4 @@ def test_beams() -> None:
     linear = max(mode.growth for mode in s.linearize(e, "hub"))
     assert f.growth.max() == pytest.approx(linear, rel=1e-6)
     assert f.unresolved > 0
-    assert "more: of vibrations that" in str(f)
+    assert "of motions too fast for" in str(f)

@@ -94,13 +94,13 @@ def test_joints_of_ones_own(law: Any) -> None:
 ALWAYS: list[tuple[type[mb.Joint], list[str]]] = [
     (changed(constraints=lambda self, k, l: Sleeve.constraints(self, k, l) | {"stop": k.x @ (l.r - k.r)}),
      ["row 'stop', where the motion puts l, is off by",
-      "number of independent rows, 5 where 4 leave the motion free (a row too many)",
+      "number of independent rows, 5 where 4 leave just the motion free (a row too many)",
       "rate of row 'stop' at the rates of the motion"]),
     (changed(constraints=lambda self, k, l: Sleeve.constraints(self, k, l) | {"again": 2 * (k.x @ l.y)}),
-     ["number of rows, 5 of which 4 are independent (rows that follow from others), is off by 1"]),
+     ["number of rows, 5 of which 4 are independent (leave out what follows from other rows), is off by 1"]),
     (changed(constraints=without("bend_z")),
-     ["number of independent rows, 3 where 4 leave the motion free (a row too few), is off by 1",
-      "second solution of the rows, which no branch refuses (found from a random place)"]),
+     ["number of independent rows, 3 where 4 leave just the motion free (a row too few), is off by 1",
+      "second solution of the rows, which no expression of `branches` refuses (found from a random place)"]),
     (changed(motion=lambda self, from_k: from_k.along("x", self.slide).about("y", self.roll)),
      ["row 'bend_z', where the motion puts l,", "coordinate 'roll' as read, against the value of the motion,"]),
     (changed(motion=lambda self, from_k: from_k.along("y", self.slide).about("x", self.roll)),
@@ -110,12 +110,12 @@ ALWAYS: list[tuple[type[mb.Joint], list[str]]] = [
     (changed(coordinate=lambda self, k, l: {"slide": k.x @ (l.r - k.r)}),
      ["coordinate 'roll', which `coordinate` does not return,"]),
     (changed(branches=lambda self, k, l: {}),
-     ["second solution of the rows, which no branch refuses (half a turn about its y axis), is off by",
-      "second solution of the rows, which no branch refuses (half a turn about its z axis), is off by"]),
+     ["second solution of the rows, which no expression of `branches` refuses (half a turn about its y axis), is off by",
+      "second solution of the rows, which no expression of `branches` refuses (half a turn about its z axis), is off by"]),
     (changed(branches=lambda self, k, l: {"ahead": k.x @ l.x, "behind": -(k.x @ l.x)}),
-     ["branch 'behind', which must be positive where the motion puts l, is off by 2"]),
+     ["expression 'behind' of `branches`, which must be positive where the motion puts l, is off by 2"]),
     (type("Unread", (Unread,), {"branches": lambda self, k, l: {}}),
-     ["which no branch refuses (half a turn about its z axis), is off by"]),
+     ["which no expression of `branches` refuses (half a turn about its z axis), is off by"]),
 ]  # fmt: skip
 
 
@@ -132,13 +132,14 @@ def test_ties_that_are_wrong(kept: bool, row: str) -> None:
     """The row of a prescribed coordinate; the same where the coordinate is an unknown."""
     sine = Sleeve.ties
     backwards = changed(ties=tied(slide=lambda self, k, l: k.x @ (l.r - k.r) - self.slide))
-    assert f"slope of row '{row}slide' by the value it ties, which must be positive, is off by 1 " in told(backwards, True, kept)
+    slope = f"slope of row '{row}slide' over the coordinate that it ties, which must be positive, is off by 1 "
+    assert slope in told(backwards, True, kept)
     deaf = changed(ties=tied(slide=lambda self, k, l: 0 * self.slide - k.x @ (l.r - k.r)))
     found = told(deaf, True, kept)
     assert f"row '{row}slide', where the motion puts l, is off by" in found
-    assert f"row '{row}slide', which does not depend on the value it ties, is off by 1" in found
+    assert f"row '{row}slide', which does not depend on the coordinate that it ties, is off by 1" in found
     half_turn = changed(ties=tied(roll=lambda self, k, l: sine(self, k, l)["roll"][0]))
-    assert "second solution of the rows, which no branch refuses (half a turn about its x axis)" in told(half_turn, True, kept)
+    assert "no expression of `branches` refuses (half a turn about its x axis)" in told(half_turn, True, kept)
 
 
 def test_a_way_back_that_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -159,7 +160,7 @@ def test_coordinates_that_no_row_ties_are_refused() -> None:
 
 
 def test_options_that_a_joint_cannot_have() -> None:
-    with pytest.raises(mb.OptionError, match="rubs = 'height': Sleeve has the coordinates slide, roll"):
+    with pytest.raises(mb.OptionError, match="rubs = 'height': friction acts on one of the coordinates of Sleeve, slide or roll"):
         mb.selftest(Sleeve, rubs="height")
     with pytest.raises(mb.OptionError, match="kept = True: Distance has no coordinates; leave it out"):
         mb.selftest(mb.Distance, kept=True)

@@ -72,7 +72,7 @@ def test_the_drives_of_several_coordinates() -> None:
     r = s.simulate(1.0, accuracy=1e-7)
     np.testing.assert_allclose(r["C"].drive_angle, 0.1 * 2, atol=1e-7)
     np.testing.assert_allclose(r["C"].drive_displacement, 3.0, atol=1e-12)
-    with pytest.raises(mb.OptionError, match="has no drive: drive_displacement, drive_angle"):
+    with pytest.raises(mb.OptionError, match="has no drive: it has drive_displacement, drive_angle"):
         r["C"].drive  # noqa: B018
 
 

@@ -145,8 +145,8 @@ def odd_names():
 @pytest.mark.parametrize(("expression", "said"), [
     ("P.rate + b.position", "P.rate has one number, b.position has 3 components"),
     ("b.position*b.rotation", "b.position has 3 components, b.rotation has 3 x 3 components"),
-    ("norm(P.rate)", "P.rate has one number"), ("sin(P.rate, P.displacement)", "2 arguments, takes 1"),
-    ("minimum(P.rate)", "1 argument, takes 2"), ("2*norm(Gelenk-1 ä.angle)", "'norm(Gelenk-1 ä.angle)' cannot be formed"),
+    ("norm(P.rate)", "P.rate has one number"), ("sin(P.rate, P.displacement)", "2 arguments, but takes 1"),
+    ("minimum(P.rate)", "1 argument, but takes 2"), ("2*norm(Gelenk-1 ä.angle)", "'norm(Gelenk-1 ä.angle)' cannot be formed"),
 ])  # fmt: skip
 def test_expressions_of_unequal_components_are_named(expression, said, outputs):
     """Also where there are as many times as components."""

@@ -59,7 +59,7 @@ def tube(**given: Any) -> mb.Scene:
         (lambda: rod(limits=(-1, 1), stop=mb.Stop("hard")), "stop.stiffness = 'hard' is not a number"),
         (lambda: rod(angle0=1.5, limits=(-1, 1), stop=STOP), "angle0 = 1.5 rad is outside limits = (-1, 1) rad; start between them"),
         (lambda: rod(angle=mb.t, limits=(-1, 1), stop=STOP), "its angle is prescribed, so that no stop can hold it; omit limits and stop"),
-        (lambda: rod(limits=(0.1, 1), stop=STOP), "its angle is outside its limits (0.1, 1) rad: hold its start inside them"),
+        (lambda: rod(limits=(0.1, 1), stop=STOP), "its angle is outside its limits (0.1, 1) rad: start it inside them"),
         (lambda: tube(limits=(-1, 1), stop=STOP), "say for which coordinate, as in {'displacement': ...}"),
         (lambda: tube(limits={"turn": (-1, 1)}, stop=STOP), "there is no coordinate 'turn'; the joint has displacement, angle"),
         (lambda: tube(limits={"angle": (-1, 1)}, stop={"displacement": STOP}), "limits = (-1, 1) rad have no stop"),

@@ -123,7 +123,7 @@ def test_other_files_are_refused(pair: Any, tmp_path: Path) -> None:
     np.savez(table, x=np.zeros(3))
     broken.write_bytes(path.read_bytes()[:300])
     for file in (text, table, broken):
-        with pytest.raises(mb.OptionError, match=r"is not a result of mbdae .* give a file written by r\.save"):
+        with pytest.raises(mb.OptionError, match=r"is not a result of mbdae, or damaged .* give a file written by r\.save"):
             mb.load(file)
     with pytest.raises(FileNotFoundError):
         mb.load(tmp_path / "missing.npz")

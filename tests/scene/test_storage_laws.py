@@ -157,7 +157,7 @@ def test_what_cannot_be_stored_is_refused_with_its_item(tmp_path: Path) -> None:
     s.add(Cubic("X", s.ground, rod, at=(1, 0), stiffness=0.1))
     s.add(local_classes()["Cubic"]("Y", s.ground, rod, at=(1, 0), stiffness=0.1))
     s.add(local_classes()["Cubic"]("Z", s.ground, rod, at=(1, 0), stiffness=0.1))
-    with pytest.raises(mb.OptionError, match=r"add 'Z': another class or function is called .*Cubic too"):
+    with pytest.raises(mb.OptionError, match=r"add 'Z': two classes or functions are called .*Cubic, which"):
         stored(s, tmp_path / "r.npz")
     s, rod = swing()
     law = Cubic("X", s.ground, rod, at=(1, 0), stiffness=0.1)

@@ -67,7 +67,8 @@ class Contact(Force):
 
     def stations(self, k: Frame, l: Frame) -> list[tuple[Station, str]]:
         """The places where the bodies may touch, each with the suffix of its states."""
-        raise LawError(f"contact {type(self).__name__} does not state `stations(self, k, l)`")
+        raise LawError(f"contact {type(self).__name__} does not state `stations(self, k, l)`: add it; it returns the "
+                       f"places where the bodies may touch, as that of JournalContact does")
 
     def equal(self, k: Frame, l: Frame) -> int:
         """Number of equal places for which each station stands: 2 where symmetry makes the contact at both ends the same."""

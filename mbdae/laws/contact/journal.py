@@ -105,8 +105,8 @@ class JournalContact(Contact):
     def refuses_start(self, depth: float, size: float, continued: bool) -> str:
         if depth <= self.inner / DEEP:
             return ""
-        return (f"more than {1 / DEEP:g} of the pin's radius {self.inner:g} m: draw the pin inside the race, or give the "
-                f"clearance that is meant")  # fmt: skip
+        return (f"more than {1 / DEEP:g} of the pin's radius of {self.inner:g} m: draw the pin inside the race, or give a "
+                f"larger clearance")  # fmt: skip
 
     def doubtful_depth(self) -> tuple[float, str, str]:
         play, part = self.outer - self.inner, self.inner / DEEP

@@ -19,7 +19,8 @@ class Normal(Part):
 
     def energy(self, p: Expr) -> Expr:
         """Elastic energy of a penetration p >= 0, J."""
-        raise LawError(f"normal law {type(self).__name__} does not state `energy(self, p)`")
+        raise LawError(f"normal law {type(self).__name__} does not state `energy(self, p)`: add it; it returns the "
+                       f"elastic energy (J) of a penetration p (m)")
 
     def damping_force(self, p: Expr, rate: Expr) -> Expr:
         """Damping force, which is added to the elastic one, N."""
@@ -32,9 +33,10 @@ class Normal(Part):
 
     def penetration(self, force: float) -> float:
         """Static penetration under a force (N), m."""
-        raise LawError(f"normal law {type(self).__name__} does not state `penetration(self, force)`: add it; it "
-                       f"returns the penetration (m) at rest under a force (N)")
+        raise LawError(f"normal law {type(self).__name__} does not state `penetration(self, force)`: add it; it returns the "
+                       f"penetration (m) at rest under a force (N)")
 
     def impact(self, mass: float, speed: Any) -> tuple[Any, Any]:
         """Largest penetration (m) and duration (s) of an elastic impact of an effective mass (kg) at a speed (m/s)."""
-        raise LawError(f"normal law {type(self).__name__} does not state `impact(self, mass, speed)`")
+        raise LawError(f"normal law {type(self).__name__} does not state `impact(self, mass, speed)`: add it; it returns the "
+                       f"largest penetration (m) and the duration (s) of an elastic impact")

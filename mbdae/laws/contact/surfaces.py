@@ -37,10 +37,10 @@ class SurfaceContact(Contact):
         """A place of contact. inward: direction on l in which penetration grows; across: unit vector normal to the plane of a
         planar scene; at: point of contact relative to l.r (a mass point takes no moment: there both forces act at it)."""
         if self.friction is not None and not (k.kind.oriented or l.kind.oriented):
-            raise LawError("friction between two mass points has no arm that balances its moment; use s.rigid_body")
+            raise LawError("friction between two point masses has no moment that balances it; use s.rigid_body for one of them")
         if self.friction is not None and self.friction.states and not k.kind.flat:
-            raise LawError(f"friction law {type(self.friction).__name__} has internal states, which need one direction of "
-                           f"sliding: in space bodies slide in two; take a law without states, such as mb.Coulomb")  # fmt: skip
+            raise LawError(f"friction law {type(self.friction).__name__} has internal states for one direction of sliding, "
+                           f"but bodies in space slide in two; take a law without states, such as mb.Coulomb")  # fmt: skip
         arm = ZERO if not l.kind.oriented else (at.named("h") if k.kind.oriented else k.r - l.r)
         velocity = self.sliding(k, l, arm, l.r + arm - k.r).named("v")
         return station(penetration, inward, across.cross(inward), velocity, arm)
@@ -71,7 +71,7 @@ class SurfaceContact(Contact):
         allowed = (size if self.smallest is None else self.smallest) / DEEP
         if depth <= allowed or continued:
             return ""
-        what = "the scene's length" if self.smallest is None else f"its smallest radius {self.smallest:g} m"
+        what = "the scene's length" if self.smallest is None else f"its smallest radius of {self.smallest:g} m"
         return f"more than {1 / DEEP:g} of {what}: draw the bodies apart; the normal of a plane points to the side that is free"
 
     def doubtful_depth(self) -> tuple[float, str, str]:

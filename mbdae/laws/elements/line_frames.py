@@ -29,7 +29,7 @@ def section_axes(tangents: Array, positions: Array, axis2: Any = None) -> Array:
     second = direction - (first @ direction)[:, None] * first
     size = np.linalg.norm(second, axis=1, keepdims=True)
     if np.any(size <= PARALLEL * np.linalg.norm(direction)):
-        raise OptionError(f"axis2 = {direction.tolist()} is parallel to the line somewhere: give a direction across it")
+        raise OptionError(f"axis2 = {direction.tolist()} is parallel to the beam somewhere: give a direction across it")
     second = second / size
     return np.stack([first, second, np.cross(first, second)], axis=-1)
 

@@ -138,7 +138,7 @@ def arc(start: Any, through: Any, end: Any) -> Curve:
     u, v = b - a, c - a
     w = np.cross(u, v)
     if np.linalg.norm(w) < 1e-12 * np.linalg.norm(u) * np.linalg.norm(v):
-        raise OptionError("the three points of an arc lie on a line: give a point off it, or a straight beam")
+        raise OptionError("the three points of an arc lie on a straight line: give a point off it, or a straight beam")
     center = a + np.cross((u @ u) * v - (v @ v) * u, w) / (2 * (w @ w))
     first, normal = a - center, w / np.linalg.norm(w)
     second = np.cross(normal, first)
@@ -155,7 +155,7 @@ def _points(points: Any) -> Array:
     """Positions (k, 3), no two neighbours equal."""
     found = _vectors(points)
     if len(found) < 2 or not np.all(np.linalg.norm(np.diff(found, axis=0), axis=1) > 0):
-        raise OptionError("a line needs at least two points, each different from the one before")
+        raise OptionError("a beam needs at least two points, each different from the one before")
     return found
 
 
@@ -165,7 +165,7 @@ def _counts(lengths: Array, elements: int | Sequence[int]) -> list[int]:
     least = 1 if counts.ndim else n
     if counts.shape not in ((), (n,)) or not np.issubdtype(counts.dtype, np.integer) or counts.min() < least:
         several = "" if n == 1 else f", or a list of {n}, one positive integer for every segment"
-        raise OptionError(f"elements = {elements}: the line has {counted(n, 'segment')}; give an integer of at least {n}"
+        raise OptionError(f"elements = {elements}: the beam has {counted(n, 'segment')}; give an integer of at least {n}"
                           f"{several}")  # fmt: skip
     if counts.ndim:
         return [int(count) for count in counts]
@@ -187,9 +187,8 @@ def _with_nodes(edges: Array, order: int, wanted: Array) -> Array:
         at = int(np.searchsorted(cut, place))
         smallest = min(sizes[at - 1], sizes[at])
         if smallest < SHORTEST * max(sizes[max(at - 2, 0) : at + 2]):
-            raise OptionError(f"an attachment at {place:.9g} of the length of its segment would leave an element of "
-                              f"{smallest:.3g} of that length: attach at the node at {nearest:.9g}, or move it away from "
-                              f"there")  # fmt: skip
+            raise OptionError(f"a joint at {place:.9g} of the length of its segment would leave an element of {smallest:.3g} of "
+                              f"it: attach it at the node at {nearest:.9g} of the length, or farther from that node")  # fmt: skip
         edges = cut
     return edges
 

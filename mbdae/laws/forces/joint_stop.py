@@ -135,5 +135,5 @@ class JointStop(OnCoordinate):
         if continued or depth <= ALLOWED * size:
             return ""
         low, high = ("none" if limit is None else f"{limit:.6g}" for limit in (self.lower, self.upper))
-        return (f"its {self.name_of_coordinate} is outside its limits ({low}, {high}) {self.unit}: hold its start inside them, "
-                f"or draw the scene there")  # fmt: skip
+        return (f"its {self.name_of_coordinate} is outside its limits ({low}, {high}) {self.unit}: start it inside them, or "
+                f"draw the scene so")  # fmt: skip

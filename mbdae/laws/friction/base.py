@@ -21,7 +21,8 @@ class Friction(Part):
 
     def coefficient(self, v: Expr) -> Expr:
         """Friction coefficient with the sign of the velocity; the friction power is -coefficient(v) v f_n."""
-        raise LawError(f"friction law {type(self).__name__} does not state `coefficient(self, v)`")
+        raise LawError(f"friction law {type(self).__name__} does not state `coefficient(self, v)`: add it; it returns the "
+                       f"friction coefficient, with its sign, at a sliding velocity v (m/s)")
 
     def rate(self, v: Expr) -> dict[str, Expr]:
         """Time derivative of every internal state."""

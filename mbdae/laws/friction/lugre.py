@@ -92,10 +92,10 @@ class LuGre(Friction):
         if not self.damping_decay:
             limit = 4 * self.mu_k * (sigma1 + sigma2) / sigma1**2
             found.append(f"LuGre: with damping_decay=False, sigma1 = {sigma1:g} s/m creates energy above "
-                         f"{limit:.2g} m/s and changes impacts; use damping_decay=True")  # fmt: skip
+                         f"{limit:.2g} m/s of sliding, and impacts differ; use damping_decay=True")  # fmt: skip
         elif sigma1 * self.v_s > bound:
-            found.append(f"LuGre: sigma1 v_s = {sigma1 * self.v_s:.2g} exceeds 4 sqrt(2 e) mu_k = {bound:.2g}, the bound below "
-                         f"which it cannot create energy: take sigma1 at most {bound / self.v_s:.3g} s/m")  # fmt: skip
+            found.append(f"LuGre: sigma1 v_s = {sigma1 * self.v_s:.2g} exceeds 4 sqrt(2 e) mu_k = {bound:.2g}, and beyond that "
+                         f"friction may create energy: take sigma1 of at most {bound / self.v_s:.3g} s/m")  # fmt: skip
         if self.mu_s / self.sigma0 > 1e-3:
             found.append(f"LuGre: sigma0 = {self.sigma0:g} 1/m lets the bristles deflect by {self.mu_s / self.sigma0:.2g} m "
                          f"before they slip (mu_s / sigma0): sigma0 is a stiffness over the normal force, 1/m")  # fmt: skip

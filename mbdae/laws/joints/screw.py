@@ -62,7 +62,7 @@ class Screw(Joint):
         if mu is None or not mu > steepness > 0:
             return []
         return [f"self-locking: its friction coefficient {mu:g} is above tan(lead angle) = {steepness:.4g}; an axial force alone "
-                f"does not turn it, and where friction is smoothed it creeps"]  # fmt: skip
+                f"does not turn it, and with smoothed friction it creeps"]  # fmt: skip
 
     def _travel(self) -> Expr:
         """Travel along k.z per radian of the angle, m."""

@@ -87,7 +87,7 @@ def test_elements_that_do_not_suit_the_points(elements):
 def test_points_that_are_no_line():
     with pytest.raises(OptionError, match="two points"):
         polyline([(0, 0), (0, 0, 0)], 1)
-    with pytest.raises(OptionError, match="on a line"):
+    with pytest.raises(OptionError, match="on a straight line"):
         arc((0, 0), (1, 1), (2, 2))
 
 
