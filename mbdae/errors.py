@@ -180,6 +180,11 @@ class LibraryError(MbdaeError):
     """The compiled part of the package cannot be opened, or, in a clone whose C files have changed, not be compiled."""
 
 
+def internal(found: str, kind: type[Exception] = ValueError) -> Exception:
+    """The error for a check between two parts of mbdae that failed: no mistake of the user. found: what was compared."""
+    return kind(f"{found}. This is an error in mbdae, not in what you stated: please report it with the scene or the equations")
+
+
 class AccuracyWarning(UserWarning):
     """A result does not, or may not, meet the accuracy asked for."""
 

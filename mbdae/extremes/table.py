@@ -11,9 +11,9 @@ from mbdae.extremes.data import Block, ExtremesData
 from mbdae.notation import counted
 
 #: matches numbers and details of failures: of several warnings or errors that are equal without these only the first is shown
-NUMBERS = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?|\(resisting most: [^)]*\)+|; the iteration matrix is singular"
+NUMBERS = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?|\(resisting most: [^)]*\)+|; the iteration matrix is singular[^;(]*"
                      r"|Convergence tests failed too many times, or reached min step size"
-                     r"|the step fell below the round-off of the time")  # fmt: skip
+                     r"|the step became smaller than the round-off of the time t")  # fmt: skip
 #: mark of each verdict, also for readers who cannot tell the colours
 MARKS = {MET: "=", NEAR: "~", TOLD: "!", SILENT: "SILENT", FAILED: "x", UNKNOWN: "?"}
 

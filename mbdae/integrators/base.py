@@ -71,7 +71,7 @@ class Solver(ABC):
     def tolerance(self) -> float:
         """rtol where it is a number; OptionError where it is None."""
         if self.rtol is None:
-            raise OptionError(f"{self.label} has no rtol yet: use at_accuracy, or give rtol")
+            raise OptionError(f"{self.label} has no rtol yet: give rtol, or take its method at_accuracy(accuracy, form_label)")
         return self.rtol
 
     @property
@@ -112,8 +112,8 @@ class Solver(ABC):
         """rtol over accuracy in a form; where that was not measured, the smallest ratio measured."""
         measured = self.factors.get(self.label) or {k: v for table in self.factors.values() for k, v in table.items()}
         if not measured:
-            raise OptionError(f"{self.label} states no `factors` (rtol over accuracy by form), so an accuracy says nothing about "
-                              f"its rtol: give rtol, or state them in its class")  # fmt: skip
+            raise OptionError(f"{self.label} is given an accuracy, but its class states no `factors` (rtol over accuracy, by "
+                              "form), so the rtol for it is not known: give rtol, or state `factors` in the class")  # fmt: skip
         return measured.get(form_label, min(measured.values()))
 
     def aimed(self, form_label: str) -> float | None:
@@ -133,8 +133,8 @@ class Solver(ABC):
         tightest = self.tightest.get(form_label, self.tightest[""])
         if rtol < tightest * (1 - 1e-9):
             raise OptionError(
-                f"accuracy = {accuracy:g} needs rtol = {rtol:.1e} in {self.label} ({form_label}), where round-off "
-                f"allows {tightest:g}: ask for an accuracy of {tightest / factor:.1e} or more{self.alternative}"
+                f"accuracy = {accuracy:g} needs rtol = {rtol:.1e} in {self.label} with form {form_label}, where the least that "
+                f"round-off allows is {tightest:g}: ask for an accuracy of {tightest / factor:.1e} or more{self.alternative}"
             )
         return replace(self, rtol=min(rtol, 0.1))  # type: ignore[type-var]
 
@@ -276,7 +276,7 @@ def check_start(system: System) -> None:
     if not np.isfinite(start).all():
         row = int(np.flatnonzero(~np.isfinite(start))[0])
         raise OptionError(
-            f"equation {system.equations[row]} is {start[row]} at the start t = {system.t0}: "
+            f"equation {system.equations[row]} is {start[row]} at the start t = {system.t0:g} s: "
             "check its parameters and the start values it uses"
         )
 
@@ -302,7 +302,8 @@ def output_times(t0: float, t_end: float, outputs: Any) -> Array:
     falling = np.flatnonzero(np.diff(times) <= 0)
     if len(falling):
         k = int(falling[0])
-        raise OptionError(f"outputs = {shown(outputs)}: outputs[{k + 1}] = {times[k + 1]} follows {times[k]}: {remedy}")
+        raise OptionError(f"outputs = {shown(outputs)}: outputs[{k + 1}] = {times[k + 1]:g} s is not after outputs[{k}] = "
+                          f"{times[k]:g} s: {remedy}")  # fmt: skip
     return times
 
 

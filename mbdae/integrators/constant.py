@@ -20,6 +20,15 @@ FOLLOWED = 1e-9
 SAME, CLOSE = 1e-6, 1e-3
 
 
+#: why a step could not be solved
+SINGULAR = "the iteration matrix is singular: the position is singular, or the equations do not determine an unknown"
+
+
+def not_finite(equation: str, t: float) -> str:
+    """What a message says of an equation that has no finite value at t, s."""
+    return f"equation {equation} is not finite near t = {t:.9g} s: check what it divides by there"
+
+
 class StepFailedError(Exception):
     """A step could not be solved; culprit: name of the unknown or equation that prevented it."""
 

@@ -35,7 +35,7 @@ LONGEST, FIRST = 1 / 20, 0.1
 #: longest step of the first run, as a fraction of the time scale on which an input varies; reduced in proportion to the step
 SHARE = 0.5
 NEARBY = 0.24  #: smallest ratio of the finer to the coarser step of two runs whose difference is taken as the final estimate
-COARSER = "the run attached (step = {:g} s) is complete, its error is not known"
+COARSER = "the run attached (attribute `solution`, step = {:g} s) is complete, its error is not known"
 ALGEBRAIC = ("lambda", "mu", "z")  #: kinds of unknowns whose rates do not bound the first step
 
 
@@ -162,9 +162,9 @@ def _too_dear(best: Halved, h: float, span: float, accuracy: float) -> SolverErr
     solution, steps = best.solution, span / h
     cpu = solution.stats.cpu_s * steps / max(solution.stats.steps, 1)
     reached = best.estimate * (solution.stats.steps / MOST_STEPS) **best.solver.order
-    text = (f"{best.solver.label}: accuracy {accuracy:g} needs steps of {h:.1e} s, {steps:.1e} steps and {cpu:.0f} s of CPU; "
-            f"the run attached has {best.estimate:.1e}. Ask for {_up(reached / SAFETY)} or more, or use "
-            f"mb.RadauIIA(3)")  # fmt: skip
+    text = (f"{best.solver.label}: accuracy {accuracy:g} needs about {steps:.1e} steps of {h:.1e} s and {cpu:.0f} s of CPU, more "
+            f"than the {MOST_STEPS:.0e} steps allowed; the finest run made, attribute `solution` of this error, has an estimated "
+            f"error of {best.estimate:.1e}. Ask for an accuracy of {_up(reached / SAFETY)} or more, or use mb.RadauIIA(3)")
     return SolverError(text, float(solution.t[-1]), "", solution)
 
 

@@ -221,5 +221,5 @@ def read_chunk(path: Path, shape: tuple[int, ...]) -> Array:
                           f"files alone while a run is made, and see that its disk is not full", 0.0) from error  # fmt: skip
     if found.shape != shape or found.dtype != float:
         raise SolverError(f"the file '{path}' with steps of the run holds {found.dtype} {found.shape} instead of {shape}: "
-                          f"another program changed it", 0.0)  # fmt: skip
+                          "another program changed it; run again, and leave the folder for temporary files alone", 0.0)
     return np.asarray(found)

@@ -106,13 +106,13 @@ class StepLoop:
         elif isinstance(error, SolverError):
             error.solution = self.solution() if error.solution is None else error.solution
         elif error is not None:
-            error.add_note(f"raised in {self.solver.label} after t = {self.t:.9g}, {self.stats.steps} steps")
+            error.add_note(f"raised in {self.solver.label} after t = {self.t:.9g} s (steps made: {self.stats.steps})")
 
     def _interrupted(self, error: KeyboardInterrupt | SystemExit) -> None:
         """Attach the solution so far to an exception that ends the process (Ctrl-C, or one raised by a user's handler)."""
         whole = len(self._pieces) + 1  # a step of which only t or y was stored when the exception came is dropped
         del self._t[whole:]
-        where = f"{self.solver.label} was interrupted at t = {self.t:.9g} of {self.run_end:.9g}"
+        where = f"{self.solver.label} was interrupted at t = {self.t:.9g} s of {self.run_end:.9g} s"
         interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", self.solution())
 
     def _clock(self) -> None:
@@ -200,11 +200,11 @@ class StepLoop:
         """Check the wall time and the number of evaluations, and report progress."""
         now = time.perf_counter()
         if now - (self._wall if self._begin is None else self._begin) > self._max_wall:
-            raise self.failure(f"max_wall = {self._max_wall:g} s of wall time is used up: raise max_wall, loosen the accuracy, "
-                               f"or look at what makes the steps small", "", WallClockError)  # fmt: skip
+            raise self.failure(f"max_wall = {self._max_wall:g} s of wall time is used up: raise max_wall, or loosen the "
+                               "accuracy", "", WallClockError)  # fmt: skip
         if self.stats.residuals > self._max_residuals:
-            raise self.failure(f"the budget of {self._max_residuals:.0f} residual evaluations is used up: the steps are "
-                               f"too small to reach the end; loosen the accuracy, or raise max_residuals", "")  # fmt: skip
+            raise self.failure(f"the budget of {self._max_residuals:.0f} residual evaluations is used up: the steps are too "
+                               "small to reach the end within it; loosen the accuracy, or raise max_residuals", "")
         if self._progress is not None and now - self._wall >= self._next_progress:
             self._next_progress = now - self._wall + PROGRESS_PERIOD
             self._clock()
@@ -214,7 +214,7 @@ class StepLoop:
         """A SolverError with the time, the culprit (name of an unknown or equation) and the solution so far."""
         t = self.t
         self._clock()
-        resists = f" (resisting most: {culprit})" if culprit else ""
+        resists = f" (resisting most: unknown or equation {culprit})" if culprit else ""
         text = f"{self.solver.label} stopped at t = {t:.9g} s of {self.run_end:.9g} s: {message}{resists}"
         return kind(text, t, culprit, self.solution())
 
@@ -293,8 +293,8 @@ class StepLoop:
         pieces = self._pieces.since(first)[: last - first]
         have = np.array([piece is not None for piece in pieces], dtype=bool)
         if not all(isinstance(piece, np.ndarray) for piece in pieces if piece is not None):
-            raise OptionError(f"checkpoint: {self.solver.label} returns step data that are not arrays, which "
-                              f"cannot be stored: run it without checkpoint=")
+            raise OptionError(f"checkpoint: {self.solver.label} keeps data of its steps (for `dense`) that are not "
+                              f"arrays, so they cannot be stored: let it keep arrays, or run it without checkpoint=")
         inner = np.array([piece for piece in pieces if piece is not None])
         return {"t": np.array(self._t[first + 1 : last + 1]), "y": y, "yp": yp, "have": have, "inner": inner,
                 "anew": anew, "after": after}  # fmt: skip

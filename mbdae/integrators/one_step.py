@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mbdae.errors import OptionError
-from mbdae.integrators.constant import StepFailedError, constant_steps
+from mbdae.integrators.constant import StepFailedError, constant_steps, not_finite
 from mbdae.integrators.dense import hermite
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.rates import check_rates, rate_jacobian
@@ -110,11 +110,12 @@ class RightHandSide:
         system, rows = self._system, np.empty(self._system.n)
         size = np.abs(y) / (np.asarray(system.scale) + np.abs(system.y0))
         if not np.max(size) < GROWN:
-            return StepFailedError(f"the motion grows beyond all bounds near t = {t:.9g}", system.names[largest(size)])
+            return StepFailedError(f"the motion grows beyond all bounds near t = {t:.9g} s, as with steps too long for the "
+                                   "method", system.names[largest(size)])  # fmt: skip
         system.residual(t, y, self.yp, rows)
         bad = ~np.isfinite(rows if not np.isfinite(rows).all() else rate)
         equation = system.equations[int(np.argmax(bad))]
-        return StepFailedError(f"equation {equation} is not finite near t = {t:.9g}", equation)
+        return StepFailedError(not_finite(equation, t), equation)
 
     def solve(self, h: float) -> None:
         """Make a step of h (s)."""
@@ -127,7 +128,7 @@ class RightHandSide:
             if not np.isfinite(end).all():
                 worst = self._system.names[int(np.argmax(~np.isfinite(end)))]
                 raise StepFailedError(f"{self._solver.label}.advance returned a value that is not finite near t = "
-                                      f"{self.t + h:.9g}", worst)  # fmt: skip
+                                      f"{self.t + h:.9g} s", worst)  # fmt: skip
             self._h, self._end, self._rate = h, end, self(self.t + h, end)
         end.setflags(write=False)
 

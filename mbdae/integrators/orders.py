@@ -126,8 +126,8 @@ def _closed_form(exact: Callable[[Array], Array], system: System) -> tuple[Refer
     def values(t: Array) -> dict[str, Array]:
         y = np.asarray(exact(t), dtype=float)
         if y.ndim != 2 or len(y) != len(t) or not 0 < y.shape[1] <= system.n:
-            raise OptionError(f"exact = {shown(exact)} returns an array of shape {y.shape} for {len(t)} times: return the first "
-                              f"unknowns (k, m) at times (k,), m up to {system.n}")  # fmt: skip
+            raise OptionError(f"exact = {shown(exact)} returns an array of shape {y.shape} for {len(t)} times: return shape "
+                              f"({len(t)}, m), the first m unknowns at these times, m from 1 to {system.n}")  # fmt: skip
         return _parts(system, y)
 
     return values, dict.fromkeys(values(np.array([system.t0])), ROUND_OFF)
@@ -168,18 +168,20 @@ def _order(slopes: Array, errors: Array, floor: float) -> tuple[float | None, st
     if np.isnan(errors).all():
         return None, "every run failed, or the equations have no such unknowns in this form"
     if ABOVE * floor >= SMALL:
-        return None, f"no order to be seen: the reference itself is known to {floor:.0e} of the largest value only"
+        return None, (f"no order to be seen: the reference itself is uncertain by {floor:.0e} of the largest value; take more "
+                      "steps, or give exact=")  # fmt: skip
     rises = np.flatnonzero((errors[1:] >= errors[:-1]) & (errors[1:] < ROUGH))
     last = int(rises[0]) if len(rises) else len(errors)
     floor = max(floor, float(errors[last + 1])) if len(rises) else floor
     shows = (errors > ABOVE * floor) & (errors < SMALL) & (np.arange(len(errors)) <= last)
     windows = np.flatnonzero(shows[:-2] & shows[1:-1] & shows[2:])[-WINDOWS:]
     if not len(windows):
-        return None, (f"no order to be seen: fewer than three neighbouring runs have errors between {ABOVE * floor:.0e}, where "
-                      f"those of the reference and of round-off begin, and {SMALL:g}")  # fmt: skip
+        return None, ("no order to be seen: fewer than three neighbouring runs have errors (over the largest value) from "
+                      f"{ABOVE * floor:.0e}, below which lie those of the reference and of round-off, to {SMALL:g}; give other "
+                      "steps=")  # fmt: skip
     found = slopes[windows[0] + 1 : windows[-1] + 3]
     order = float(found[-2:].mean())
     if not np.ptp(found) <= max(AGREE, PART * abs(order)):
-        return None, (f"no order to be seen: it goes from {found.min():.2f} to {found.max():.2f} between neighbouring runs, as "
-                      f"where the equations have kinks or the steps are too long")  # fmt: skip
+        return None, (f"no order to be seen: the order goes from {found.min():.2f} to {found.max():.2f} between neighbouring "
+                      "runs, as where the equations have kinks or the steps are too long; give larger numbers in steps=")
     return order, ""

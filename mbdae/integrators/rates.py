@@ -34,6 +34,6 @@ def rate_jacobian(system: System, t: float, y: Array, yp: Array) -> Array:
         return np.asarray(-splu(as_csc(system, fyp)).solve(as_csc(system, fy).toarray()))
     except (np.linalg.LinAlgError, RuntimeError) as error:
         raise OptionError(
-            f"dF/dy' is singular at t = {t:.9g}: an equation lacks its derivative (a massless motion?), so there is no "
-            "y' = f(t, y); use mb.IDA() or mb.RadauIIA(3)"
+            f"dF/dy' is singular at t = {t:.9g} s: an equation contains no derivative (such as a motion without mass), so there "
+            "is no y' = f(t, y); use mb.IDA() or mb.RadauIIA(3)"
         ) from error

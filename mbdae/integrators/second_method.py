@@ -56,7 +56,8 @@ class SecondMethod:
         failed."""
         name = self._solver.label
         if self._failed:
-            warnings.warn(f"{name}: its runs agree with each other, but no second method could confirm them ({self._failed})",
+            warnings.warn(f"{name}: its runs agree with each other, but no second method could confirm them ({self._failed}), so "
+                          f"the estimated error stands on {name} alone: compare with a run of another solver yourself",
                           AccuracyWarning, stacklevel=2)  # fmt: skip
         elif distance > max(CLEARLY * estimate, accuracy):
             warnings.warn(f"{name} differs by {distance:.1e} from {self._method.label}, while its own runs with shorter steps or "

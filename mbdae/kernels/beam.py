@@ -41,8 +41,8 @@ def strain_kernel(mesh: LineMesh, numbers: Mapping[str, float], kind: NodeKind, 
     """
     rigid = [name for name, value in numbers.items() if name.startswith("compliance_") and value == 0]
     if rigid and not mixed:
-        raise OptionError(f"{rigid[0]} = 0: a rigid strain exists in the mixed form only, where its stress is an unknown: "
-                          f"give the section a finite stiffness")  # fmt: skip
+        raise OptionError(f"{rigid[0]} = 0, an infinite stiffness of the section, with mixed=False: no stress follows from a "
+                          "strain that stays 0; give the section a finite stiffness, or mixed=True, where stresses are unknowns")
     d, at = derived_beam(numbers, kind, mixed), strain_points(mesh.order)
     constants = {**numbers, **_measures(mesh, at), **_reference_strains(mesh, kind)}
     return LineKernel(d, at, constants, turns(mesh, kind))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mbdae.costs import spends
 from mbdae.disk.entries import keep, part_key, recall
 from mbdae.disk.exact import code_key
+from mbdae.errors import internal
 from mbdae.kernels.oracle import numpy_function
 from mbdae.native.program import Operations, block
 from mbdae.symbolic.program import Program
@@ -108,7 +109,8 @@ class Kernel:
         inputs): slots, indices of the inputs in that array. Returns the slots (points, outputs) of the values, which begin at
         `first` where that is given."""
         if gather.shape[1:] != (len(self.symbols),):
-            raise ValueError(f"slots {gather.shape} of {len(self.symbols)} symbols")
+            raise internal(f"a compiled function of {len(self.symbols)} arguments was given places of arguments of shape "
+                           f"{gather.shape}, whose last number should be {len(self.symbols)}")  # fmt: skip
         if self.symbols:
             return part.call(self, gather, first)
         first = part.slots(len(gather) * self.width) if first is None else first

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mbdae.costs import made_once
 from mbdae.disk.entries import keep, part_key, recall
 from mbdae.disk.exact import code_key
-from mbdae.errors import LawError
+from mbdae.errors import LawError, internal
 from mbdae.kernels.compile import Kernel
 from mbdae.kernels.element import Array, ElementKernel
 from mbdae.kernels.line_nodes import Nodes
@@ -206,7 +206,8 @@ def merged(kernels: Sequence[LineKernel]) -> LineKernel:
     equal."""
     first = kernels[0]
     if len({(k.derived, k.at, k.given, k.turns is None) for k in kernels}) > 1:
-        raise LawError("lines of different laws, orders or kinds of nodes have no kernel in common")
+        raise internal("beams of different laws, orders or kinds of nodes were to share one compiled function; they need one "
+                       "each", LawError)  # fmt: skip
     names = first.parameters[len(first.given) :]
     numbers = np.concatenate([k.numbers for k in kernels])
     turns = None if first.turns is None else np.concatenate([k.turns for k in kernels])

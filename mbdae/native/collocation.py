@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbdae.errors import internal
 from mbdae.native.contacts import Contacts
 from mbdae.native.elimination import Array, address
 from mbdae.native.equations import RAISED, SLICE, Equations, Number, Pointer, Stepping, Stretches, Whole
@@ -66,11 +67,14 @@ class Run(Stepping):
         entries, given = stages.matrix.entries.nnz, int(stages.equations.table.nnz)
         self._kept = stages, rates, np.array(atol, dtype=float), np.array(order, dtype=float)
         if any(array.shape != (n,) for array in self._kept[2:]):
-            raise ValueError(f"atol {np.shape(atol)} and order {np.shape(order)} need one value for each of {n} unknowns")
+            raise internal(f"Radau IIA in C was given absolute tolerances of shape {np.shape(atol)} and indices of shape "
+                           f"{np.shape(order)}, it needs one for each of {n} unknowns")  # fmt: skip
         if given != entries or not stages.equations.table.jacobian:
-            raise ValueError(f"the table has a Jacobian of {given} entries, the matrix needs one of {entries}")
+            raise internal(f"Radau IIA in C was given equations whose Jacobian has {given} entries, and an iteration matrix that "
+                           f"has {entries}: it needs as many, and a Jacobian")  # fmt: skip
         if rates is not None and (rates.table.n != n or not rates.table.rates):
-            raise ValueError(f"the table has {rates.table.n} equations, and y' as a function is needed for {n} unknowns")
+            raise internal(f"Radau IIA in C needs y' as a function of {n} unknowns, and was given one of {rates.table.n}, or "
+                           "none")  # fmt: skip
         self.y, self.yp, self._weights, self._power = np.zeros((4, n))
         self.last = np.zeros((s, n))
         arrays = (self.y, self.yp, self.last, self._weights, self._power)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.errors import internal
 from mbdae.native.elimination import Array, address
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.program import address_of
@@ -41,8 +42,9 @@ class Contacts:
         bodies that joints tie to those in contact; numbers: the constants `NUMBERS` of the checks."""
         count = len(by_joints)
         if count < 1 or scene.width != 2 * count or set(numbers) != set(NUMBERS):
-            raise ValueError(f"{count} contacts need {2 * count} values and the numbers {sorted(NUMBERS)}: there are "
-                             f"{scene.width} values and the numbers {sorted(numbers)}")
+            raise internal(f"the watch over contacts in C has {count} contacts, which need {2 * count} values (gap and gap rate "
+                           f"of each) and the numbers {sorted(NUMBERS)}: it was given {scene.width} values and the numbers "
+                           f"{sorted(numbers)}")
         self._scene, self._by_joints, self._known = scene, np.array(by_joints, dtype=np.int64), np.zeros(count, dtype=np.int64)
         self._logarithms, self._pairs = np.zeros((count, len(SPEEDS))), np.zeros((count, 2))
         self.here, self.before, self._end = (np.zeros((count, 3)) for _ in range(3))
@@ -57,7 +59,8 @@ class Contacts:
         computed at the positions `at` (k,); reach: change of any of these up to which that mass is used."""
         found, self._at = np.array(durations, dtype=float), np.array(at, dtype=float)
         if found.shape != self._logarithms.shape or len(known) != len(found) or len(self._at) > self._scene.n:
-            raise ValueError(f"durations {found.shape} and known {len(known)} need the shape {self._logarithms.shape} and one "
-                             f"entry per contact; there are {len(self._at)} positions, of {self._scene.n} at most")
+            raise internal(f"the watch over contacts in C was given durations of impacts of shape {found.shape} instead of "
+                           f"{self._logarithms.shape}, {len(known)} marks for {len(self._known)} contacts, or "
+                           f"{len(self._at)} positions where there are {self._scene.n} unknowns")
         self._logarithms[:], self._known[:] = np.log(np.clip(found, 1e-300, 1e300)), known
         self.table.at, self.table.positions, self.table.reach = address(self._at), len(self._at), reach

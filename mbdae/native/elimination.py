@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import csc_matrix, distinct
+from mbdae.errors import internal
 from mbdae.native.equations import Pointer, Whole
 from mbdae.native.library import declared
 
@@ -48,12 +49,13 @@ class Entries:
         self.nnz = len(self.row_of)
         ends = 0, self.nnz
         if self.indptr.shape != (n + 1,) or (self.indptr[0], self.indptr[-1]) != ends or (np.diff(self.indptr) < 0).any():
-            raise ValueError(f"indptr of {self.indptr.shape} does not divide {self.nnz} entries into {n} columns")
+            raise internal(f"the pattern of a sparse matrix has column pointers of shape {self.indptr.shape} that do not divide "
+                           f"its {self.nnz} entries into {n} columns")  # fmt: skip
         if n < 1 or self.row_of.ndim != 1 or not ((self.row_of >= 0) & (self.row_of < n)).all():
-            raise ValueError(f"indices are not rows of a matrix ({n}, {n})")
+            raise internal(f"the pattern of a sparse matrix ({n}, {n}) has entries in rows outside of it")
         self.column_of = np.repeat(np.arange(n, dtype=np.int64), np.diff(self.indptr))
         if len(distinct(self.column_of * n + self.row_of)) != self.nnz:
-            raise ValueError("an entry is named twice")
+            raise internal("the pattern of a sparse matrix names an entry (row and column) twice")
 
     @classmethod
     def full(cls, n: int) -> Entries:
@@ -76,7 +78,7 @@ class Order:
         self.rows, self.columns = whole(rows), whole(columns)
         for order in (self.rows, self.columns):
             if order.shape != (n,) or not np.array_equal(np.sort(order), np.arange(n)):
-                raise ValueError(f"an order of elimination is no permutation of {n}")
+                raise internal(f"an order of elimination does not name each of the {n} rows or columns of a sparse matrix once")
         row_of, column_of = np.empty((2, n), dtype=np.int64)
         row_of[self.rows] = column_of[self.columns] = np.arange(n)
         i, j = row_of[entries.row_of], column_of[entries.column_of]

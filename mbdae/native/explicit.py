@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.errors import internal
 from mbdae.native.equations import SLICE, Equations, Number, Pointer, Stepping, Stretches, Whole
 from mbdae.native.library import declared
 
@@ -39,10 +40,11 @@ class Batch:
     def __init__(self, begin: float, end: float, starts: Array, times: Array, W: Array, slots: Whole64, numbers: Array) -> None:
         k, n = starts.shape
         if numbers.shape != (k, len(slots)) or (len(slots) and not (slots.min() >= 0 and slots.max() < len(W))):
-            raise ValueError(f"numbers {numbers.shape} need the shape ({k}, {len(slots)}), and slots {slots.tolist()} have "
-                             f"to lie in an array of {len(W)}")
+            raise internal(f"a batch of {k} runs was given values of shape {numbers.shape} for {len(slots)} numbers, or places "
+                           f"of these, {slots.tolist()}, outside of the {len(W)} that the equations read")  # fmt: skip
         if not (begin < end and (np.diff(times, prepend=begin)[1:] > 0).all() and ((times >= begin) & (times <= end)).all()):
-            raise ValueError(f"outputs {times} have to increase, from {begin} to {end} s at most")
+            raise internal(f"a batch was given output times {times} s that do not increase, or leave its time from {begin} to "
+                           f"{end} s")  # fmt: skip
         self.y, self.last = np.full((k, len(times), n), np.nan), np.full((k, n), np.nan)
         self.code, self.counts = np.zeros(k, dtype=np.int64), np.zeros((3, k), dtype=np.int64)
         arrays = {"starts": np.array(starts, dtype=float, order="C"), "numbers": np.array(numbers, dtype=float, order="C"),
@@ -78,7 +80,8 @@ class Method:
     def _rows(self, entries: Entries, rows: int, columns: int) -> _Coefficients:
         i, j = (np.array([entry[k] for entry in entries], dtype=np.int64) for k in (0, 1))
         if not (i.min() >= 0 and i.max() < rows and j.min() >= 0 and j.max() < columns and (np.diff(i) >= 0).all()):
-            raise ValueError(f"coefficients lie outside of {rows} rows and {columns} columns, or not in the order of rows")
+            raise internal(f"the coefficients of a Runge-Kutta method lie outside of their table of {rows} rows and {columns} "
+                           "columns, or are not sorted by rows")  # fmt: skip
         starts = np.searchsorted(i, np.arange(rows + 1)).astype(np.int64)
         arrays = starts, j, np.array([v for *_, v in entries])
         self._kept.append(arrays)
@@ -124,7 +127,8 @@ class Explicit(Stepping):
     def __init__(self, equations: Equations, method: Method, nodes: Array, rtol: float, atol: Array) -> None:
         n = int(equations.table.n)
         if not equations.table.rates or atol.shape != (n,):
-            raise ValueError(f"the table needs rates, and atol one value for each of {n} equations, not {atol.shape}")
+            raise internal(f"DOP853 in C needs y' as a function and {n} absolute tolerances, one per unknown; the shape of those "
+                           f"it was given is {atol.shape}")  # fmt: skip
         super().__init__(equations)
         self.n = n
         self._K, self._y, self._next, self._F = np.zeros((ALL, n)), np.zeros(n), np.zeros(n), np.zeros((ORDER + 1, n))
@@ -163,6 +167,6 @@ class Explicit(Stepping):
     def go_on(self, batch: Batch) -> None:
         """Continue the runs of a batch for SLICE seconds of wall time; `Batch.done` counts those that have ended."""
         if batch.n != self.n:
-            raise ValueError(f"the starts have {batch.n} unknowns, the equations {self.n}")
+            raise internal(f"the starts of a batch have {batch.n} unknowns, its equations {self.n}")
         self.table.longest = np.inf
         self.native(_functions().explicit_batch, self._at, ctypes.addressof(batch.table), SLICE)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import csc_matrix, splu
+from mbdae.errors import internal
 from mbdae.native.elimination import Entries, Order, address, whole
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.library import declared
@@ -48,7 +49,8 @@ def by_counts(entries: Entries, values: NDArray[Any], share: float = 1.0) -> Ord
     matrix is singular."""
     n, complex_ = entries.n, values.dtype.kind == "c"
     if n > MANY:
-        raise ValueError(f"{n} unknowns: pivots are chosen by counts for up to {MANY}")
+        raise internal(f"the order of elimination of a matrix of {n} unknowns was to be found by a search that takes {MANY} "
+                       "unknowns at most")  # fmt: skip
     d, at = np.zeros((n, n), complex if complex_ else float), np.zeros((n, n), dtype=np.int8)
     d[entries.row_of, entries.column_of], at[entries.row_of, entries.column_of] = values, 1
     rows, columns, top, lists = whole(np.arange(n)), whole(np.arange(n)), np.zeros(n), np.empty((2, n, n), dtype=np.int16)

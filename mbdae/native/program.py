@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mbdae.errors import internal
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.library import declared
 
@@ -119,7 +120,8 @@ class Operations:
         slots, sums = np.asarray(gather, dtype=np.int64), np.asarray(to, dtype=np.int64)
         (points, inputs), width, count = slots.shape, kernel.width, sums.shape[-1] if sums.ndim == 2 else -1
         if sums.shape != (points, count) or count > width:
-            raise ValueError(f"the slots to add to have the shape {sums.shape}: ({points}, up to {width}) is needed")
+            raise internal(f"a compiled function with {width} outputs at {points} points was given places of shape {sums.shape} "
+                           f"to add them to: ({points}, {width} or fewer) is needed")  # fmt: skip
         first = self.slots(points * width) if first is None else first
         self._add(PASS, {"from_": slots, "to": sums}, (first, points * width), times=points, inputs=inputs, outputs=width,
                   count=count, first=first, kernel=kernel)  # fmt: skip
@@ -174,7 +176,8 @@ class Operations:
         first, points = self.slots(READ + 3), (len(packed) - 9) // 6
         self._room.constants.append((first + READ, np.array([0.0, a, b])))  # segment of the table read last, a, b
         if len(packed) != 9 + 6 * points or points < 2:
-            raise ValueError(f"a table has {len(packed)} numbers: 9, and 6 for each of two or more points, are needed")
+            raise internal(f"a table of an input of time was stored in {len(packed)} numbers: 9, and 6 for each of two or more "
+                           "points, are needed")  # fmt: skip
         self._add(LOOKUP, {"weight": packed}, (first, READ + 3), (at, 1), (side, 1), times=1, count=points, first=first,
                   inputs=at, outputs=side)  # fmt: skip
         return first
@@ -185,14 +188,16 @@ class Operations:
         tables: dict[str, Any] = {name: np.asarray(values, dtype=np.int64).ravel() for name, values in slots.items()}
         count = len(tables["from_"])
         if any(len(table) != count for table in tables.values()):
-            raise ValueError(f"tables of different lengths: { {name: len(table) for name, table in tables.items()} }")
+            raise internal("an operation of the compiled equations was given lists of places of different lengths: "
+                           f"{ {name.rstrip('_'): len(table) for name, table in tables.items()} }")  # fmt: skip
         if not count or not times:
             return
         if weight is not None:
             weights = np.asarray(weight, dtype=float)
             weights = np.full(count, weights) if weights.ndim == 0 else weights
             if weights.shape not in ((count,), (times, count)):
-                raise ValueError(f"weight has the shape {weights.shape}: give a number or ({count},) or ({times}, {count})")
+                raise internal(f"an operation of the compiled equations was given factors of shape {weights.shape}: a number, "
+                               f"({count},) or ({times}, {count}) is needed")  # fmt: skip
             steps["weight_step"], tables["weight"] = (count if weights.ndim == 2 else 0), weights.ravel()
         self._add(kind, tables, times=times, count=count, **steps)
 
@@ -203,7 +208,7 @@ class Operations:
                 last = max((fields["times"] - 1) * fields.get(f"{name.rstrip('_')}_step", 0), 0)
                 ranges = (*ranges, (int(table.min()), int(table.max()) + last - int(table.min()) + 1))
         if fields["times"] < 0 or any(fields.get(name, 0) < 0 for name in ("to_step", "from_step", "by_step", "count", "inputs")):
-            raise ValueError(f"negative sizes: {fields}")
+            raise internal(f"an operation of the compiled equations has a negative size: {fields}")
         self.steps.append(Step({"kind": kind} | fields, kept, _whole(ranges)))
 
     @property
@@ -225,7 +230,8 @@ class Operations:
         kept: list[Any] = [made]
         for operation, (fields, tables, (low, high)) in zip(made, self.steps, strict=False):
             if low < 0 or high > size:
-                raise ValueError(f"an operation on slots {low} to {high - 1} of an array of {size}")
+                raise internal(f"an operation of the compiled equations reads or writes numbers {low} to {high - 1}, beyond the "
+                               f"{size} of its array")  # fmt: skip
             for name, value in fields.items():
                 if name == "kernel":
                     code, data = value.compiled.as_ctypes()

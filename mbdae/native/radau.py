@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.errors import internal
 from mbdae.native.elimination import Array, address
 from mbdae.native.equations import Equations, Number, Pointer, Whole
 from mbdae.native.library import declared
@@ -59,15 +60,18 @@ class Stages:
         kept = {name: np.array(getattr(coefficients, name), dtype=float, order="C") for name in NAMES}
         square = {"A_inv", "T", "T_inv", "V_inv"}
         if any(array.shape != ((s, s) if name in square else (s,)) for name, array in kept.items()) or s < 1:
-            raise ValueError(f"coefficients of {s} stages need {s} values, or ({s}, {s}): "
-                             f"{({name: array.shape for name, array in kept.items()})}")
+            raise internal(f"the coefficients of a collocation method of {s} stages need the shape ({s},) or ({s}, {s}): "
+                           f"{({name: array.shape for name, array in kept.items()})}")
         if reals + 2 * pairs != s or len(matrix.real) < reals or len(matrix.pairs) != pairs:
-            raise ValueError(f"{s} stages need {s} eigenvalues, a complex pair counts twice, and a factor of each: there "
-                             f"are {reals} real ones, {pairs} pairs and {len(matrix.factors)} factors")
+            raise internal(f"a collocation method of {s} stages needs {s} eigenvalues, a complex pair counts as two, and a "
+                           f"factorised matrix for each: there are {reals} real ones, {pairs} pairs and "
+                           f"{len(matrix.factors)} factorised matrices")
         if not (np.array_equal(matrix.real[:reals], coefficients.real) and np.array_equal(matrix.pairs, coefficients.pairs)):
-            raise ValueError("the factors are not those of these eigenvalues")
+            raise internal("the factorised matrices of a collocation method were made for other eigenvalues than those of its "
+                           "coefficients")  # fmt: skip
         if equations.table.n != n or not equations.table.residual:
-            raise ValueError(f"the table has {equations.table.n} equations for {n} unknowns: as many are needed, with a residual")
+            raise internal(f"a collocation method was given {equations.table.n} equations, or none as a residual, and an "
+                           f"iteration matrix of {n} unknowns: it needs equations as a residual, as many as unknowns")
         self.s, self.n, self.equations, self.matrix = s, n, equations, matrix
         self.Z, self.Y, self.Yp, self.R, self._D, self.correction = (np.zeros((s, n)) for _ in range(6))
         self._w, (self.error, self.scaled) = np.zeros((2, n)), np.zeros((2, n))
@@ -119,7 +123,8 @@ class Stages:
         """Embedded estimate of the local error of the step from (t, y, yp), in units of the tolerance; a solution with the
         iteration matrix filters out stiff components. careful: filter once more where the estimate is 1 or larger."""
         if not len(self.matrix.real):
-            raise ValueError("an estimate of the error needs a real eigenvalue")
+            raise internal("the error estimate of a collocation method needs a real eigenvalue of its coefficients, these have "
+                           "none")  # fmt: skip
         self._y[:], self._yp[:], self._weights[:] = y, yp, weights
         if self._c.radau_error(self._at, t, *self._inputs[:2], h, self._inputs[2], careful) < 0:
             self.equations.raise_error()

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import cython_lapack
+from mbdae.errors import internal
 from mbdae.native.elimination import Array, Entries, Index, Order, address
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.library import declared
@@ -193,11 +194,11 @@ class Factors:
         """Solution (n,) for a right-hand side (n,), with one step of iterative refinement, because the factors may have lost
         digits (see ACCURATE)."""
         if not self.table.lu:
-            raise ValueError("nothing is factorised")
+            raise internal("a linear system was to be solved while nothing is factorised")
         right = np.array(b, dtype=self.dtype)
         x = right.copy()
         if x.shape != (self.orders.entries.n,):
-            raise ValueError(f"a right-hand side of shape {x.shape} for {self.orders.entries.n} unknowns")
+            raise internal(f"a linear system of {self.orders.entries.n} unknowns was given a right-hand side of shape {x.shape}")
         functions().lu_solve(self._at, address(x))
         functions().lu_correct(self._at, address(right), address(x))
         return x
@@ -228,14 +229,16 @@ class Matrix:
         self.scale, self.power = np.array(scale, dtype=float), np.array(power, dtype=float)
         self.real, self.pairs = np.array(real, dtype=float), np.array(pairs, dtype=complex)
         if self.scale.shape != (n,) or self.power.shape != (n,) or self.real.ndim != 1 or self.pairs.ndim != 1:
-            raise ValueError(f"scale {self.scale.shape}, power {self.power.shape} for {n} unknowns")
+            raise internal(f"an iteration matrix of {n} unknowns needs scales and powers of the step of shape ({n},) and lists "
+                           f"of eigenvalues: their shapes are {self.scale.shape}, {self.power.shape}, {self.real.shape} and "
+                           f"{self.pairs.shape}")  # fmt: skip
         self._values = np.concatenate([self.real, self.pairs.view(float)])
         self.fy, self.fyp = np.zeros((2, nnz))
         self.row, self.column, self._work = np.ones(n), self.scale.copy(), np.zeros((3, n))
         self.orders = Orders(entries, searches)
         self.factors = [Factors(self.orders, kind) for kind in (*(float for _ in self.real), *(complex for _ in self.pairs))]
         if not self.factors:
-            raise ValueError("no lambda")
+            raise internal("an iteration matrix was given no eigenvalue lambda to be factorised for")
         self._addresses = (Pointer * len(self.factors))(*(ctypes.addressof(f.table) for f in self.factors))
         kept = (entries.row_of, entries.column_of, self.scale, self.power, self._values, self.fy, self.fyp, self.row, self.column,
                 self._work)  # fmt: skip
@@ -254,7 +257,8 @@ class Matrix:
     def solved(self, right: Array) -> Array:
         """Solutions (k, n) for the right-hand sides (k, n), with the matrix of the first lambda, which has to be real."""
         if right.shape[1:] != (self.entries.n,) or not (len(self.real) and self.table.ready):
-            raise ValueError(f"right-hand sides of shape {right.shape} for {self.entries.n} unknowns, or nothing is factorised")
+            raise internal(f"a linear system of {self.entries.n} unknowns was given right-hand sides of shape {right.shape}, or "
+                           "nothing is factorised")  # fmt: skip
         x = np.ascontiguousarray(right * self.row)
         functions().lu_solve_each(ctypes.addressof(self.factors[0].table), len(x), address(x))
         return np.asarray(x * self.column)
@@ -274,5 +278,5 @@ class Matrix:
     def _vector(self, x: Array) -> Array:
         found = np.ascontiguousarray(x, dtype=float)
         if found.shape != (self.entries.n,):
-            raise ValueError(f"shape {found.shape} for {self.entries.n} unknowns")
+            raise internal(f"an iteration matrix of {self.entries.n} unknowns was given a vector of shape {found.shape}")
         return found

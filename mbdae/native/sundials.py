@@ -165,7 +165,7 @@ class Method:
     def reason(self, code: int) -> str:
         """Meaning of a return code, for messages."""
         if code == STUCK:
-            return "the step fell below the round-off of the time"
+            return "the step became smaller than the round-off of the time t"
         name = _flag_name(self.prefix, code)
         word = name.partition("_")[2].replace("FAILURE", "FAIL")
         return f"{SAID[word]} ({name})" if word in SAID else name
@@ -178,13 +178,15 @@ class Method:
         function = getattr(self.S, self.prefix + name)
         code = function(*args) if name == "Free" else function(self.memory, *args)
         if checked and code < 0:
-            raise RuntimeError(f"{self.prefix}{name} of SUNDIALS returned {self.reason(code)}")
+            raise RuntimeError(f"SUNDIALS refused a call of its function {self.prefix}{name}: {self.reason(code)}. This is an "
+                               "error in mbdae, not in what you stated: please report it with the scene; mb.RadauIIA(3) does "
+                               "without")  # fmt: skip
         return code
 
     def _owned(self, made: int | None, free: Callable[..., Any]) -> int:
         """Register the object at the address `made`, which SUNDIALS allocated, to be freed by `close`; returns the address."""
         if not made:
-            raise MemoryError("SUNDIALS could not allocate its memory")
+            raise MemoryError(f"no memory is left for {self.prefix} of SUNDIALS: end other programs, or take fewer unknowns")
         self._free.callback(free, made)
         return made
 

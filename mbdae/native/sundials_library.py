@@ -73,7 +73,8 @@ class Functions:
 
     def _open(self, name: str) -> None:
         if name not in self._files:
-            raise UnavailableError(f"scikit-sundae brings no library of SUNDIALS called {name}")
+            raise UnavailableError(f"the installed scikit-sundae lacks the library {name} of SUNDIALS: install a newer "
+                                   "scikit-sundae")  # fmt: skip
         try:
             opened = ctypes.CDLL(str(self._files[name]))
             for key, (result, *arguments) in FUNCTIONS[name].items():
@@ -81,14 +82,16 @@ class Functions:
                 function.restype, function.argtypes = result, arguments
                 self.__dict__[key] = function
         except (OSError, AttributeError) as error:
-            raise UnavailableError(f"{self._files[name].name} of scikit-sundae cannot be used: {error}") from error
+            raise UnavailableError(f"the file {self._files[name].name} of scikit-sundae cannot be used: {error}; install "
+                                   "scikit-sundae again") from error  # fmt: skip
 
     def _check_version(self) -> None:
         major, minor, patch = c_int(), c_int(), c_int()
         label = ctypes.create_string_buffer(64)
         self.SUNDIALSGetVersionNumber(*map(ctypes.byref, (major, minor, patch)), label, len(label))
         if major.value != MAJOR:
-            raise UnavailableError(f"SUNDIALS {major.value}.{minor.value}.{patch.value} is not of release {MAJOR}")
+            raise UnavailableError(f"scikit-sundae brings SUNDIALS {major.value}.{minor.value}.{patch.value}, mbdae needs "
+                                   f"{MAJOR}.x: install a scikit-sundae that brings it")  # fmt: skip
 
     def _index(self) -> type[np.signedinteger[Any]]:
         """Integer type of matrix indices in this build of SUNDIALS. It is found from the column pointers 0, 1, 2 of a sparse
@@ -105,7 +108,8 @@ class Functions:
         self.SUNContext_Free(ctypes.byref(context))
         kinds: dict[tuple[int, ...], type[np.signedinteger[Any]]] = {(0, 1, 2): np.int32, (0, 0, 1): np.int64}
         if tuple(found) not in kinds:
-            raise UnavailableError(f"indices of this SUNDIALS are neither int32 nor int64: {found}")
+            raise UnavailableError("the SUNDIALS of scikit-sundae takes indices that are neither int32 nor int64 (a test gave "
+                                   f"{found}): install the scikit-sundae of the package index")  # fmt: skip
         return kinds[tuple(found)]
 
 
@@ -119,7 +123,7 @@ def files() -> dict[str, Path]:
     """Name of a library of SUNDIALS, such as "core" or "ida" -> its file."""
     spec = find_spec("sksundae")
     if spec is None or spec.origin is None:
-        raise UnavailableError("scikit-sundae is not installed")
+        raise UnavailableError("scikit-sundae, which brings SUNDIALS, is not installed: pip install scikit-sundae")
     package = Path(spec.origin).parent
     found = {}
     for folder in (package.parent / BESIDE, package / WITHIN):

@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from mbdae.errors import internal
 from mbdae.native.program import ADD, CALL, CHOLESKY, LOAD, MULTIPLY, PASS, POSITIVE, SET, SOLVE, Operations, Step
 
 
@@ -45,7 +46,7 @@ class Tangent:
             right = fields["outputs"] + by
             part.solve(fields["count"], fields["inputs"], fields["first"], right, fields["times"])
         elif kind != POSITIVE:
-            raise ValueError(f"operation {kind} has no derivative")
+            raise internal(f"the derivative of the compiled equations is not known for their operation number {kind}")
 
     def _call(self, part: Operations, step: Step, first: int) -> None:
         fields, tables, by = step.fields, step.tables, self.distance

@@ -54,8 +54,8 @@ def _missed(known: Accuracy, run: Controlled) -> list[str]:
         found = f"about {known.motion:.1e}" if math.isfinite(known.motion) else "not known"
         notes.append(f"accuracy {asked:g} was asked, the error is {found}: {_nearer(known.motion, asked, run)}")
     if known.mesh is not None and not known.mesh <= asked:
-        notes.append(f"accuracy {asked:g} was asked, the mesh of the beams is off by about {known.mesh:.1e}: give them more "
-                     f"elements or a higher order")  # fmt: skip
+        notes.append(f"accuracy {asked:g} was asked, the error by the mesh of the beams is about {known.mesh:.1e}: give them "
+                     "more elements or a higher order")  # fmt: skip
     return notes
 
 
@@ -68,15 +68,15 @@ def _nearer(error: float, asked: float, run: Controlled) -> str:
         return "no two runs that can be compared were completed; take another solver, a larger accuracy or a shorter run"
     last, estimate = told[-1]
     if error > APART * estimate:
-        return (f"runs of {run.solver.label} alone differ by {estimate:.1e}, the rest is what another method or shorter steps "
-                f"show; no run has shown that a smaller accuracy comes nearer")  # fmt: skip
+        return (f"runs of {run.solver.label} alone differ by {estimate:.1e}, the larger error is what another method or shorter "
+                "steps show; no run has shown that a smaller accuracy comes nearer")  # fmt: skip
     if last <= run.limit * (1 + 1e-9):
         return (f"{size.format(last)} is the smallest that round-off allows {run.solver.label}, so that a smaller accuracy ends "
-                f"with the same run; a shorter run comes nearer")  # fmt: skip
+                f"with the same run; a run over a shorter time comes nearer")  # fmt: skip
     if len(told) < 2:
-        return f"it was estimated once, with {size.format(last)}; no run has shown that a smaller accuracy comes nearer"
+        return f"the error was estimated once, with {size.format(last)}; no run has shown that a smaller accuracy comes nearer"
     before, earlier = told[-2]
-    went = f"with {size.format(before)} it was {earlier:.1e}, with {size.format(last)} {estimate:.1e}"
+    went = f"with {size.format(before)} the error was {earlier:.1e}, with {size.format(last)} {estimate:.1e}"
     if estimate > earlier * (last / before) ** SLOW:
         return f"{went}: a smaller accuracy comes no nearer where the motion is chaotic, only a shorter run does"
     return f"{went}, so that accuracy={asked / 10:g} comes nearer"
@@ -106,4 +106,5 @@ def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tu
     if m.rows[worst] in prepared.rank.dropped:
         why += " (it was left out as redundant at the start, and is not redundant all the way)"
     return float(off[worst]), [f"constraint {m.rows[worst].name} is violated by {off[worst]:.1e} of the scene's length, or rad: "
-                               f"{why}; r.drift has its course, and falls with accuracy or rtol if it is numerical"]  # fmt: skip
+                               f"{why}; r.drift shows the violation over time; if it is a numerical error, a smaller accuracy or "
+                               "rtol reduces it"]  # fmt: skip

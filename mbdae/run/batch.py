@@ -57,7 +57,8 @@ class Batches:
         prepared = with_recursive_joints(scene, t_end=t_end) or prepared_from(scene, t_end=t_end)
         choice = choose(prepared, scene, self.accuracy)
         if not isinstance(choice.solver, DOP853):
-            raise OptionError(f"scene '{scene.name}': a batch takes DOP853, this scene {choice}; run its points one by one")
+            raise OptionError(f"scene '{scene.name}': a batch is solved by DOP853, but mbdae solves this scene by {choice}; run "
+                              "its points one by one")  # fmt: skip
         self.system, self._known = system_for(prepared, choice.form, 0), dict[str, bool]()
         try:
             self.read(dict.fromkeys(numbers))

@@ -85,7 +85,7 @@ def statement_of(scene: SceneData, every: int, solver: Solver | None, form: Form
     try:
         stated = statements(scene)
     except OptionError as error:
-        raise OptionError(f"checkpoint: the scene cannot be stored, so a folder could not be told from that of another one: "
+        raise OptionError(f"checkpoint: the folder has to hold the scene, and this scene cannot be stored: "
                           f"{error}") from error  # fmt: skip
     found = environment()
     return {"scene": by_item(stated), "laws": own_laws(modelled(scene)[0]),

@@ -193,7 +193,8 @@ class Check(ListsAttributes):
         lines += _by_joint("  constraint equations left out because they hold in every position", always)
         lines += _by_joint("  constraint equations left out because a point mass has no axes", undefined)
         for row in p.rank.singular_here:
-            lines.append(f"  dependent on others at the start only: {row.name}; the scene starts in a singular position")
+            lines.append(f"  constraint equation dependent on others at the start only: {row.name}; the scene starts in a "
+                         "singular position")  # fmt: skip
         lines += [f"  {note}" for note in doubts(p)]
         if p.rows:
             lines.append(f"  smallest singular value of the constraints (rows of unit length): {p.rank.smallest:.2g}")
@@ -264,7 +265,7 @@ class Check(ListsAttributes):
         if not bodies.moved.ordered:
             return f"{tree_plan(tree.structure).operations} operations in one program"
         kernels, operations = ordered_size(bodies.moved, bodies.numbering, tree)
-        return f"{operations} operations by {kernels} kernels of single joints"
+        return f"{operations} operations by {kernels} functions of single joints"
 
     def _of_recursive_joints(self) -> list[str]:
         """Lines on the trees of recursive joints with operation counts, and on joints that keep their constraint equations."""
@@ -273,8 +274,8 @@ class Check(ListsAttributes):
             root = tree.nodes[0].name if tree.nodes[0] is not None else "ground"
             names = _listed([c.name for c in tree.coordinates]) or "none"
             welded = f"; rigid: {_listed(list(tree.rigid))}" if tree.rigid else ""
-            lines.append(f"  recursive, from '{root}': {names}{welded}; "
-                         f"no unknowns for {_listed([n.name for n in tree.nodes[1:] if n])} "
+            lines.append(f"  recursive joints, from '{root}' outwards: {names}{welded}; "
+                         f"their bodies have no unknowns: {_listed([n.name for n in tree.nodes[1:] if n])} "
                          f"({self._kernels_of(tree)})")  # fmt: skip
         kept = _grouped(self.kept_kinematic.items())
         return lines + [f"  constraint equations kept for {names}: {why}" for names, why in kept]
@@ -284,15 +285,15 @@ def why_kept(c: Connection, couplings: list[Connection]) -> str:
     """Why the coordinates of a joint are unknowns although its joint model (kinematic) does not make them unknowns."""
     law: Any = c.joint
     if law.must_keep():
-        return "the joint states no rows without them"
+        return "without them the joint has no constraint equations"
     coupled = [o.name for o in couplings if any(joint == c.name for joint, _ in o.joint.coordinates_in(o.name))]
     if coupled:
-        return f"whole turns count in {_listed(coupled)}"
+        return f"the coupling {_listed(coupled)} counts their whole turns"
     if c.prescribed and type(law).ties is Joint.ties:
-        return "the joint states no row that prescribes a coordinate without them"
+        return "without them the joint has no constraint equation that prescribes a coordinate"
     acting = [type(part).__name__.removeprefix("Joint").lower() for part in c.laws if isinstance(part, OnCoordinate)]
     acting += ["friction"] if c.rubs else []
-    return f"the joint does not read from the bodies the coordinate of its {_listed(list(dict.fromkeys(acting)))}"
+    return f"no method `coordinate` of the joint computes from the bodies that of its {_listed(list(dict.fromkeys(acting)))}"
 
 
 def _coordinates(c: Connection) -> str:
@@ -304,8 +305,8 @@ def _coordinates(c: Connection) -> str:
 def doubts(p: Prepared) -> list[str]:
     """Warnings about constraint rows that are nearly redundant, whether they were kept or left out."""
     dropped = set(p.rank.dropped)
-    left_out = ("is nearly redundant (novelty {:.1e}: joints misaligned by about that many rad) and was left out: kept, it "
-                "would lock the mechanism; align the joints if that is not meant")  # fmt: skip
+    left_out = ("is nearly redundant (only {:.1e} of it is independent of the others: joints are misaligned by about that "
+                "many rad) and was left out: kept, it would lock the mechanism; align the joints if that is not meant")
     found = [f"constraint row {row.name} {left_out.format(size)}" for row, size in p.rank.doubtful if row in dropped]
     return found + [f"{text}; its reaction is uncertain" for text in p.rank.locking]
 

@@ -33,7 +33,7 @@ TIGHT = 3e-6  #: accuracy below which multipliers may be eliminated (index 1); j
 STIFF, SMOOTH = 100.0, 0.3
 SMALL = 30  #: number of unknowns, with multipliers, up to which Radau IIA is cheaper if all motions are prescribed
 FRICTION = "friction, which is stiff where bodies stick"
-UNSAID = "internal states of '{}': bodies may stick by them, unless the class {} says sticks = False"
+UNSAID = "internal states of '{}' may let bodies stick, as friction, unless the class {} says sticks = False"
 LARGEST = 8  #: number of eigenvalues, those of largest magnitude, that are computed for a large system
 EIGENVALUES = 300  #: largest number of unknowns for which all eigenvalues are computed
 WELL_CONDITIONED = 1e8  #: largest condition number of a mass matrix that is inverted

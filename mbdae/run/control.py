@@ -47,8 +47,8 @@ CLOSER = 0.4
 #: the same factor for the longest step during an impact. The first run after the companions has the bound of a single run; the
 #: companions take longer steps
 CLOSER_IMPACTS = 0.5
-UNKNOWN = "the run attached (rtol = {:g}) is complete, its error is not known"
-UNTESTED = "the run attached is complete; whether its steps leave out fast vibrations was not tested"
+UNKNOWN = "the run attached (attribute `solution`, rtol = {:g}) is complete, its error is not known"
+UNTESTED = "the run attached (attribute `solution`) is complete; whether its steps leave out fast vibrations was not tested"
 CRAWL = 10  #: a run is stopped, as too expensive, after this many times the residual evaluations of its companion
 CUT = 100  #: number of residual evaluations allowed in addition for every step that inputs of time make shorter
 CHAOTIC = 2.0  #: with contact: a run is not repeated after two repeats lowered its estimate by less than this factor

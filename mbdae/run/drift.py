@@ -46,7 +46,7 @@ def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[s
     if not abs(off) > max(max(SHARE, ALLOWED * tolerance) * exchanged, _at_rest(prepared, tolerance), round_off(prepared, e)):
         return []
     cause = "BDF of order above 2 adds energy to undamped motion: use mb.RadauIIA(3), or" if order > 2 else "use"
-    return [f"the energy balance drifts: {abs(off):.2g} J {'gained' if off > 0 else 'lost'} without a cause, where "
+    return [f"the energy balance drifts: {abs(off):.2g} J {'gained' if off > 0 else 'lost'} without a cause, while "
             f"{exchanged:.2g} J are exchanged; {cause} a smaller rtol or step"]  # fmt: skip
 
 
@@ -96,10 +96,10 @@ def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> lis
     speed = max(prepared.length / prepared.time, float(np.max(np.abs(u) * m.velocity_units, initial=0.0)))
     sizes = row_sizes(m, prepared)
     off = [np.abs(m.position_residual(t, q)) / sizes, np.abs(m.velocity_residual(t, q, u)) / (sizes * speed / prepared.length)]
-    for values, what in zip(off, ("position", "velocity"), strict=True):
+    for values, what, size in zip(off, ("position", "velocity"), ("length, or rad", "speed"), strict=True):
         worst = largest(np.max(values, axis=0))
         if np.max(values) > asked:
-            return [f"joint row {m.rows[worst].name} is violated in {what}, by {np.max(values):.1e} of the scene's size or "
-                    f"speed: the index-1 form holds accelerations only; raise baumgarte, ask for a smaller accuracy, or use "
-                    f"mb.GGL()"]  # fmt: skip
+            return [f"joint row {m.rows[worst].name} is violated in {what}, by {np.max(values):.1e} of the scene's {size}: form "
+                    "mb.Index1() satisfies constraints for accelerations only; raise its baumgarte, ask for a smaller accuracy, "
+                    "or use mb.GGL()"]  # fmt: skip
     return []

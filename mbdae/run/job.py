@@ -48,8 +48,8 @@ from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
 from mbdae.system.without_multipliers import WithoutMultipliers
 
-UNRESOLVED = ("of it, part are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with solver=mb.RadauIIA(3) "
-              "follows them")  # fmt: skip
+UNRESOLVED = ("part of the error are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with "
+              "solver=mb.RadauIIA(3) follows them")  # fmt: skip
 #: a run that only locates an event is made to LOOSER times the accuracy of the run that then ends there, but at most to MOST
 LOOSER, MOST = 10.0, 1e-3
 NEARLY = 10.0  #: up to this ratio of estimate to accuracy a tighter run is tried before one that resolves all vibrations of beams
@@ -223,8 +223,8 @@ class Job:
         except (SolverError, KeyboardInterrupt, SystemExit) as error:
             solution, singular = getattr(error, "solution", None), self.prepared.rank.singular_here
             if isinstance(error, SolverError) and singular and error.time <= self.prepared.start.t:
-                error.args = (f"{error}; the scene starts in a singular position, where {singular[0].name} depends on the other "
-                              f"rows: start it slightly away from that position",)  # fmt: skip
+                error.args = (f"{error}; the scene starts in a singular position, where constraint {singular[0].name} depends on "
+                              "the others: start it slightly away from that position",)  # fmt: skip
             if isinstance(solution, Solution):
                 why = "the run failed before its end" if isinstance(error, SolverError) else "the run was interrupted"
                 known, stats = nothing_known(self.prepared, why), solution.stats

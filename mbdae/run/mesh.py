@@ -37,7 +37,8 @@ def with_finer_beams(scene: SceneData) -> SceneData:
     try:
         finer = copy.deepcopy(scene)
     except TypeError as error:  # a law of the user's contains what cannot be copied: an open file, a lock, ...
-        raise OptionError(f"scene '{scene.name}' cannot be copied ({error}): keep such objects out of its laws") from error
+        raise OptionError(f"scene '{scene.name}' cannot be copied, as a finer mesh needs ({error}): keep such an object, like an "
+                          "open file, out of its laws") from error
     for beam in (body for body in finer.bodies if isinstance(body, Beam)):
         if beam.order < max(ORDERS):
             beam.order += 1

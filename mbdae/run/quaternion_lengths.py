@@ -27,5 +27,5 @@ def unequal_lengths(result: Result) -> list[str]:
         worst = float(np.max(np.max(along, axis=2) / np.min(along, axis=2))) - 1
         if worst > UNEQUAL:
             notes.append(f"beam '{line.beam.name}': quaternions within one element differ in length by {worst:.1e}, which "
-                         f"strains it: ask for a smaller accuracy, or more elements")  # fmt: skip
+                         "strains it falsely (all should have length 1): ask for a smaller accuracy, or more elements")
     return notes

@@ -119,7 +119,8 @@ def _of_contact(result: Result, run: Controlled, expected: ExpectedContact) -> l
     tolerance = (run.solver.rtol or 0.0) * expected.size
     if typical > ROUNDED * expected.size and tolerance > max(COARSE, 3 * run.solver.penetration_share) * typical:
         wanted = run.solver.penetration_share * typical / expected.size
-        found.append(f"'{item}' penetrates by {typical:.2g} {unit} (median), {run.solver.label} resolves {tolerance:.2g} {unit}: "
+        found.append(f"'{item}' penetrates by {typical:.2g} {unit} (median of its contacts), {run.solver.label} with its rtol "
+                     f"resolves only {tolerance:.2g} {unit}: "
                      f"{_finer(run, result.info.form, wanted, 'take a softer contact law')}")  # fmt: skip
     limit, what, consequence = law.doubtful_depth()
     if deepest > limit:
@@ -133,7 +134,7 @@ def _finer(run: Controlled, form: str, wanted: float, else_do: str) -> str:
     least = run.solver.tightest.get(form, run.solver.tightest[""])
     if least <= 3 * wanted:  # with a tolerance of up to three times the wanted one the warning does not come again
         return f"use rtol = {max(wanted, least):.1g}"
-    return f"rtol = {least:.1g}, the smallest it takes, does not resolve that either; {else_do}"
+    return f"rtol = {least:.1g}, the smallest it takes in this form, does not resolve that either; {else_do}"
 
 
 def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
@@ -155,7 +156,8 @@ def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
     if in_contact < WHIRL_CONTACT or turning * spin >= 0 or abs(turning) < WHIRL_RATE * abs(spin) or turns < WHIRL_TURNS:
         return []
     return [f"backward whirl in '{item}': the contact runs around the race at {turning:.4g} rad/s against a spin of {spin:.4g} "
-            f"rad/s, driven by dry friction; this is no ideal joint: less friction or more contact damping ends it"]  # fmt: skip
+            "rad/s, driven by dry friction, so the pin does not run as in an ideal joint: less friction or more contact damping "
+            "ends it"]  # fmt: skip
 
 
 def _flutter(result: Result, sensor: ClearanceSensor, expected: ExpectedContact) -> list[str]:
@@ -181,8 +183,8 @@ def _flutter(result: Result, sensor: ClearanceSensor, expected: ExpectedContact)
 def _of_friction(result: Result, run: Controlled) -> list[str]:
     speed, form = typical_speed(result.prepared), result.info.form
     resolved = (run.solver.rtol or 0.0) * speed
-    return [f"friction of '{item}' changes within {velocity:.2g} m/s, {run.solver.label} resolves {resolved:.2g} m/s: "
-            f"{_finer(run, form, RESOLVED * velocity / speed, 'raise that velocity of the friction law')}"
+    return [f"friction of '{item}' changes within {velocity:.2g} m/s of sliding, {run.solver.label} with its rtol resolves only "
+            f"{resolved:.2g} m/s: {_finer(run, form, RESOLVED * velocity / speed, 'raise that velocity of the friction law')}"
             for item, velocity in reversing(result.prepared, run.solution) if resolved > 10 * RESOLVED * velocity]  # fmt: skip
 
 
@@ -192,10 +194,11 @@ def doubts_of_steps(run: Controlled) -> list[str]:
     if run.hidden:
         found.append(stepped_over(run.hidden))
     elif stats.missed_dips:
-        found.append(f"{counted(stats.missed_dips, 'contact')} may have been stepped over: use error control, or a smaller step")
+        found.append(f"{counted(stats.missed_dips, 'contact')} may have been stepped over (begun and ended within a step): "
+                     "use error control, or a smaller step")  # fmt: skip
     for item, count in stats.unresolved.items():
-        found.append(f"{counted(count, 'step')} did not resolve the law of '{item}', which changes within a step: use error "
-                     f"control or steps of at most {stats.resolving_step:.1g} s")  # fmt: skip
+        found.append(f"{counted(count, 'step')} did not resolve the law of '{item}', which jumps, bends or acts for a part of a "
+                     f"step only: use error control or steps of at most {stats.resolving_step:.1g} s")  # fmt: skip
     if 0 < stats.shortest_contact < FEW_STEPS:
         found.append(f"the shortest contact took {counted(stats.shortest_contact, 'step')}: impacts are not resolved; use a "
                      f"smaller rtol")  # fmt: skip

@@ -38,9 +38,9 @@ def singular_passages(result: Result, asked: float | None) -> list[str]:
     if value**2 > resolved:
         return []
     loop, _ = _dependent(result, when)
-    return [f"passes a singular position of the loop closed by '{loop}' at t = {when:.6g} s (smallest singular value of its rows "
-            f"{value:.1e}): two branches of the motion meet there, closer than {resolved:.0e} resolves, and the run may have "
-            f"changed branch; compare with runs at smaller accuracies, or avoid that position"]  # fmt: skip
+    return [f"the run passes a singular position of the loop closed by '{loop}' at t = {when:.6g} s (smallest singular value of "
+            f"its rows {value:.1e}): two branches of the motion meet there, closer than {resolved:.0e} resolves, and the run may "
+            "have changed branch; compare with runs at smaller accuracies, or avoid that position"]  # fmt: skip
 
 
 def singular_stop(result: Result) -> str:

@@ -68,7 +68,7 @@ class Switches:
         set_option(self, "names", _words, "give one text per argument", each=text)
         if not len(self.kinds) == len(self.names) == np.size(self.weights) or np.ndim(self.weights) != 1:
             raise OptionError(f"kinds = {shown(self.kinds)}, weights = {shown(self.weights)}, names = {shown(self.names)}: "
-                              f"give one of each per argument")  # fmt: skip
+                              f"their lengths differ; give one of each per argument of mb.Switches")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -244,8 +244,8 @@ class System:
     def numbers(self, names: Sequence[str]) -> Numbers:
         """The numbers of laws with these names, such as "elbow.mass", that a batch of runs may vary; OptionError where one cannot
         be varied."""
-        raise OptionError(f"numbers = {shown(list(names))}: the equations of this system are functions, whose numbers are not "
-                          f"known; give starts alone, or solve the systems one by one")  # fmt: skip
+        raise OptionError(f"numbers = {shown(list(names))}: the equations of this system are functions (mb.DAE), in which "
+                          "numbers of laws are not known; give starts alone, or solve the systems one by one")  # fmt: skip
 
     def accept(self, t: float, y: Array) -> None:
         """Called by the step loop after every accepted step at t, y (n,): the only function in which a System may store something

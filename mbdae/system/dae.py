@@ -172,29 +172,31 @@ class DAE(System):
         values = np.asarray(switches.arguments(np.full(2, self.t0), np.array([self.y0, self.y0])))
         count = len(switches.kinds)
         if values.shape != (2, count) or values.dtype.kind not in "fiu":
-            raise OptionError(f"switches: arguments at 2 points are {shown(values)} of shape {values.shape}: return numbers of "
-                              f"shape (2, {count})")  # fmt: skip
+            raise OptionError(f"switches: `arguments` returns {shown(values)} of shape {values.shape} for 2 times: return "
+                              f"numbers of shape (2, {count}), one column for each of its kinds")  # fmt: skip
         return switches
 
     def _checked_guards(self, names: Sequence[str] | None) -> tuple[str, ...]:
         """Names (nc,) of the contacts; raises OptionError where `guards` cannot be evaluated at the start."""
         if self.guards is None:
             if names is not None:
-                raise OptionError(f"guard_names = {shown(names)} without guards: give guards too")
+                raise OptionError(f"guard_names = {shown(names)} without guards, whose contacts they would name: give guards too")
             return ()
         given = self.guards(self.t0, self.y0.copy())
         parts = [np.asarray(part) for part in given] if isinstance(given, tuple | list | np.ndarray) else []
         if len(parts) != 3 or any(part.dtype.kind not in "fiu" for part in parts):
-            raise OptionError(f"guards returns {shown(given)}: return (gap, gap rate, duration), three arrays of numbers (nc,)")
+            raise OptionError(f"guards returns {shown(given)}: return (gap, gap rate, duration), three arrays with one number "
+                              "per contact")  # fmt: skip
         gap, rate, duration = parts
         if gap.ndim != 1 or not gap.shape == rate.shape == duration.shape:
-            raise OptionError(f"guards returns shapes {gap.shape}, {rate.shape}, {duration.shape}: return three times (nc,)")
+            raise OptionError(f"guards returns shapes {gap.shape}, {rate.shape}, {duration.shape}: return three arrays of equal "
+                              "length, one number per contact")  # fmt: skip
         default = tuple(f"contact[{i}]" for i in range(len(gap)))
         chosen = default if names is None else _different("guard_names", names, len(gap), "contact")
         for name, g, r, d in zip(chosen, gap, rate, duration, strict=True):
             if not (np.isfinite(g) and np.isfinite(r) and d > 0):
                 raise OptionError(
-                    f"guards of {name} at the start t = {self.t0}: gap {g}, gap rate {r}, duration {d}: "
+                    f"guards of {name} at the start t = {self.t0:g} s: gap {g}, gap rate {r}, duration of an impact {d} s: "
                     "gap and rate have to be finite, the duration positive (inf: no impact)"
                 )
         return chosen
@@ -205,7 +207,7 @@ class DAE(System):
         if not np.isfinite(out).all():
             row = int(np.flatnonzero(~np.isfinite(out))[0])
             raise OptionError(
-                f"residual F[{row}] = {out[row]} at the start t = {self.t0}: "
+                f"residual F[{row}] = {out[row]} at the start t = {self.t0:g} s: "
                 "fill every entry of out and check the start values"
             )
 
@@ -216,7 +218,7 @@ class DAE(System):
         out = np.zeros(shape)
         self.jacobian(self.t0, self.y0.copy(), self.yp0.copy(), 1.0, out)
         if not np.isfinite(out).all():
-            raise OptionError(f"jacobian is not finite everywhere at the start t = {self.t0}: check its formulas")
+            raise OptionError(f"jacobian is not finite everywhere at the start t = {self.t0:g} s: check its formulas")
 
     def _check_start(self, yp: Array, fy: Array, fyp: Array, what: str, remedy: str) -> None:
         """Raise OptionError where the residual at y0, yp is not finite, or too large for START_TOLERANCE. fy, fyp (n, n):
@@ -228,7 +230,7 @@ class DAE(System):
         row = largest(relative)
         if not relative[row] <= START_TOLERANCE:
             raise OptionError(
-                f"{what}: F[{row}] = {out[row]:.3e} at t = {self.t0}, {relative[row]:.1e} of the "
+                f"{what}: F[{row}] = {out[row]:.3e} instead of 0 at t = {self.t0:g} s, {relative[row]:.1e} of the "
                 f"size of its terms: {remedy} (the equation contains {self._contents(row, fy, fyp)})"
             )
 

@@ -57,7 +57,7 @@ def _check_start(system: System, parts: Sequence[Callable[..., Any]], nu: int, m
     inertia, force, rows = np.asarray(M(t, q)) @ system.yp0[nu : 2 * nu], np.asarray(f(t, q, u)), np.asarray(G(t, q))
     left, size = inertia + rows.T @ multipliers - force, np.max(np.abs(inertia)) + np.max(np.abs(force)) + 1e-300
     if np.max(np.abs(left)) > TOLERANCE * size:
-        raise OptionError(f"partition: M u' + G^T lambda - f = {left} at the start; it states other equations than the residual, "
-                          f"or multipliers of another sign")  # fmt: skip
+        raise OptionError(f"partition: M u' + G^T lambda - f = {left} at the start instead of 0; it states other equations than "
+                          "the residual, or multipliers of another sign")  # fmt: skip
     if np.max(np.abs(g(t, q)), initial=0.0) > TOLERANCE * (1 + np.max(np.abs(q))):
         raise OptionError(f"partition: g = {g(t, q)} at the start, where it has to vanish; correct g or y0")

@@ -124,8 +124,8 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
         raise SceneError([f"scene '{scene.name}' has no bodies; add s.link, s.rigid_body or s.point_mass"])
     model, moved = modelled(scene)
     if start is not None and (len(start.q), len(start.u)) != (model.nq, model.nu):
-        raise SceneError([f"start: that run has {len(start.q)} positions and {len(start.u)} velocities, this scene {model.nq} "
-                          f"and {model.nu}; continue it with the same bodies and joint models"])  # fmt: skip
+        raise SceneError([f"start: the run given has {len(start.q)} positions and {len(start.u)} velocities, but this scene has "
+                          f"{model.nq} and {model.nu}; continue it with the same bodies and joint models"])  # fmt: skip
     model.conditions.time = after(begin_time)  # at the start, conditions of inputs such as t < 1 are evaluated just after it
     model.conditions.end = t_end if t_end is not None else inf
     all_bodies = bodies_of(model, moved)
@@ -212,7 +212,7 @@ def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tupl
         return model, MovedBodies(model, moved.trees, ordered=True)
     kept = too_large(moved) | acted_on_while_prescribed(moved)
     if not kept and not AllBodies(model, moved).numbering.free:  # every coordinate of the trees is prescribed
-        kept = {c.name: "without them the scene would have no unknowns" for c in scene.joints if c.rigid}
+        kept = {c.name: "without these equations the scene would have no unknowns" for c in scene.joints if c.rigid}
     if kept:
         model = build(scene, {**(by_rows or {}), **kept})
         moved = MovedBodies(model, find_trees(model))
@@ -293,7 +293,7 @@ def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[st
     speed = float(np.max(np.abs(start.u) * mechanics.velocity_units, initial=0.0))
     if np.max(np.abs(g), initial=0.0) > FITS * max(1.0, mechanics.model.length):
         off = int(np.argmax(np.abs(g)))
-        raise StartError([f"start: row {mechanics.rows[off].name} is off by {g[off]:.3g} (m or rad) where that run ended: "
+        raise StartError([f"start: row {mechanics.rows[off].name} is off by {g[off]:.3g} (m or rad) where the run given ended: "
                           f"the joints of this scene do not fit that position; draw or prescribe them to fit it"])  # fmt: skip
     if np.max(np.abs(rate), initial=0.0) <= FITS * speed / max(1.0, mechanics.model.length):
         return start.u, []

@@ -108,7 +108,7 @@ class _Called:
         except (TypeError, ValueError):
             raise self._error(t, values, f"returned {shown(found)}, which is not {self._wanted()}") from None
         if len(outputs) != len(names):
-            raise self._error(t, values, f"returned {counted(len(outputs), 'output')}, {shown(found)}, but it sets "
+            raise self._error(t, values, f"returned {counted(len(outputs), 'output')}, {shown(found)}, but has to return "
                               f"{self._wanted()}")  # fmt: skip
         wrong = [f"{name} = {value}" for name, value in zip(names, outputs, strict=True) if not math.isfinite(value)]
         if wrong:
@@ -117,7 +117,7 @@ class _Called:
 
     def _wanted(self) -> str:
         names = self.controller.sets
-        return f"a number, {names[0]}" if len(names) == 1 else f"{len(names)} numbers, {', '.join(names)}"
+        return f"a number for {names[0]}" if len(names) == 1 else f"{len(names)} numbers for {', '.join(names)}"
 
     def _error(self, t: float, values: Sequence[float], what: str) -> ControllerError:
         inputs = dict(zip(self.controller.reads, values, strict=True))

@@ -142,8 +142,8 @@ class WithoutMultipliers(SceneSystem):
                 raise singular(t, self.full.numbering.rows[weakest].name)
             self._warned = True
             name = self.full.numbering.rows[weakest].name
-            text = (f"a singular position is near or passed at t = {t:.6g} s: {name} depends on the other constraints there; the "
-                    f"index-1 form may continue on another branch of the motion unnoticed; compare with mb.GGL()")  # fmt: skip
+            text = (f"a singular position is near or passed at t = {t:.6g} s: constraint {name} depends on the others there; "
+                    "form mb.Index1() may continue on another branch of the motion unnoticed; compare with mb.GGL()")  # fmt: skip
             warnings.warn(text, AccuracyWarning, stacklevel=4)
 
     def _own_memory(self) -> dict[str, Any]:

@@ -100,7 +100,7 @@ def raising(t, angle, rate, memory):
     (lambda t, a, w, m: (math.nan, m), "u = nan, which is not finite"),
     (lambda t, a, w, m: ((1.0, 2.0), m), "returned 2 outputs"),
     (lambda t, a, w, m: 1.0, "has to return (outputs, memory)"),
-    (lambda t, a, w, m: ("x", m), "which is not a number, u"),
+    (lambda t, a, w, m: ("x", m), "which is not a number for u"),
 ])  # fmt: skip
 def test_controllers_that_fail_are_named_with_time_and_inputs(f, said):
     with pytest.raises(ControllerError, match="controller 'pid'") as failed:

@@ -92,7 +92,7 @@ def test_the_native_lookup_is_that_of_numpy(kind: str, outside: str, order: int)
 
 
 def test_a_short_array_is_no_table_for_the_native_core() -> None:
-    with pytest.raises(ValueError, match="a table has 20 numbers: 9, and 6 for each"):
+    with pytest.raises(ValueError, match="was stored in 20 numbers: 9, and 6 for each"):
         Operations(2).lookup(np.zeros(20), 0, 1, 1.0, 0.0)
 
 

@@ -112,7 +112,7 @@ def test_accuracy_steers_the_step(solver):
         assert r.accuracy.met
         assert r.accuracy.estimated > 0.02 * asked
         assert not r.warnings
-    with pytest.raises(SolverError, match=r"accuracy 1e-12 needs steps of .* s of CPU.* Ask for .*RadauIIA"):
+    with pytest.raises(SolverError, match=r"accuracy 1e-12 needs about .* steps of .* s of CPU.* Ask for .*RadauIIA"):
         s.simulate(1.0, accuracy=1e-12, solver=solver)
 
 
@@ -120,9 +120,9 @@ def test_the_accuracy_that_a_refusal_asks_for_is_one_that_the_steps_reach():
     s, solver, asked = physical_pendulum(60), mb.HHT(), 1e-9
     with pytest.raises(SolverError, match="Ask for") as refused:
         s.simulate(2.0, accuracy=asked, solver=solver)
-    enough = float(str(refused.value).partition("Ask for ")[2].partition(" ")[0])
+    enough = float(str(refused.value).partition("Ask for an accuracy of ")[2].partition(" ")[0])
     assert enough > asked
-    steps = float(str(refused.value).partition(" s, ")[2].partition(" ")[0])
+    steps = float(str(refused.value).partition(" about ")[2].partition(" ")[0])
     assert steps * (asked / enough) ** 0.5 <= MOST_STEPS
 
 
@@ -169,8 +169,8 @@ def test_nothing_speaks_against_the_stabilised_form_there():
 @pytest.mark.parametrize(
     ("solver", "message"),
     [
-        (mb.GeneralizedAlpha(0.95, step=1e-3), r"spectral radius 0\.95\) that coarse steps gain energy"),
-        (mb.HHT(0.02, step=1e-3), "coarse steps gain energy"),
+        (mb.GeneralizedAlpha(0.95, step=1e-3), r"spectral radius 0\.95\) that long steps gain energy"),
+        (mb.HHT(0.02, step=1e-3), "long steps gain energy"),
     ],
 )
 def test_weak_damping_is_told(solver, message):
@@ -181,7 +181,7 @@ def test_weak_damping_is_told(solver, message):
 
 
 def test_newmark_in_index_three_is_told():
-    with pytest.warns(AccuracyWarning, match=r"Newmark's method \(alpha = 0\): in index 3 multipliers do not converge"):
+    with pytest.warns(AccuracyWarning, match=r"\(Newmark's method, alpha = 0\): with form mb\.Index3\(\) constraint"):
         mb.HHT(0.0, step=1e-3).solve(system(a01(), mb.Index3()), 0.01)
 
 
@@ -217,7 +217,7 @@ def test_failure_names_the_unknown():
         (lambda: mb.GeneralizedAlpha(step=1e-3, accuracy=1e-3), "give one of the two"),
         (lambda: mb.HHT(step=1e-2).solve(decay(), 1.0), r"no partition into them.*partition=\(M, f, g, G\)"),
         (lambda: mb.HHT(step=1e-2).solve(pendulum("ggl_rates"), 1.0), "no partition into them"),
-        (lambda: mb.HHT(step=1e-2).solve(a01().system(mb.GGL()), 1.0), "multipliers as unknowns, not as derivatives"),
+        (lambda: mb.HHT(step=1e-2).solve(a01().system(mb.GGL()), 1.0), r"this system \(GGL\) has their integrals over time"),
     ],
 )
 def test_what_is_refused(make, message):

@@ -129,12 +129,12 @@ def test_what_cannot_be_opened_falls_back(monkeypatch):
     monkeypatch.setattr(sundials_library, "MAJOR", 6)
     sundials.sundials.cache_clear()
     try:
-        assert "is not of release 6" in sundials.why_not()
+        assert "mbdae needs 6.x" in sundials.why_not()
         assert mb.IDA(rtol=1e-6).solve(decay(), 1.0).y[-1] == pytest.approx(np.exp(-1) * np.array([1, 2]), abs=1e-4)
     finally:
         sundials.sundials.cache_clear()
     monkeypatch.setattr(sundials_library, "BESIDE", "nowhere")
-    with pytest.raises(sundials_library.UnavailableError, match="brings no library of SUNDIALS called core"):
+    with pytest.raises(sundials_library.UnavailableError, match="lacks the library core of SUNDIALS"):
         sundials_library.Functions(sundials_library.files())
 
 
@@ -211,7 +211,7 @@ def test_what_fails_is_told_and_nothing_is_printed(capfd):
     late = Explicit(lambda t, y, yp, out: yp - np.cos(1e9 * (t - 1e10)) * 1e9, [1.0], [1e9],
                     lambda t, y, yp, cj, out: np.array([[cj]]), t0=1e10)  # fmt: skip
     for solver in (mb.IDA(rtol=1e-10), mb.CVODE(rtol=1e-10)):  # SUNDIALS warns of it
-        with pytest.raises(SolverError, match="the step fell below the round-off of the time"):
+        with pytest.raises(SolverError, match="the step became smaller than the round-off of the time t"):
             solver.solve(late, 1e10 + 1, h0=1e-9)
     assert capfd.readouterr() == ("", "")
 

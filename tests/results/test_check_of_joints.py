@@ -21,9 +21,10 @@ def test_every_joint_is_listed_with_model_and_coordinates(model: mb.JointModel |
     (line,) = [line for line in str(found).splitlines() if line.startswith("  joints, ")]
     assert line == (f"  joints, {type(model or mb.Kinematic()).__name__.lower()}: R, H, A (angle); P (displacement prescribed); "
                     f"C (displacement prescribed, angle); U (angle_k, angle_l); E (x, y, angle); S (travel, angle)")  # fmt: skip
-    kept = dict.fromkeys("HS", "the joint states no rows without them") if model in (None, mb.Kinematic()) else {}
+    kept = dict.fromkeys("HS", "without them the joint has no constraint equations") if model in (None, mb.Kinematic()) else {}
     assert found.kept_coordinates == kept
-    assert ("  coordinates kept as unknowns: H, S: the joint states no rows without them" in str(found)) == bool(kept)
+    assert ("  coordinates kept as unknowns: H, S: without them the joint has no constraint "
+            "equations" in str(found)) == bool(kept)  # fmt: skip
 
 
 def test_the_reason_why_coordinates_are_kept_is_what_needs_them() -> None:
@@ -38,8 +39,8 @@ def test_the_reason_why_coordinates_are_kept_is_what_needs_them() -> None:
     s.gear("mesh", "wheel", "T", ratio=-1.0)
     found = s.check()
     assert found.kept_coordinates == {
-        "sprung": "the joint does not read from the bodies the coordinate of its spring, damper",
-        "driven": "the joint states no row that prescribes a coordinate without them",
-        "rubbed": "the joint does not read from the bodies the coordinate of its friction",
-        "wheel": "whole turns count in mesh", "T": "whole turns count in mesh"}  # fmt: skip
+        "sprung": "no method `coordinate` of the joint computes from the bodies that of its spring, damper",
+        "driven": "without them the joint has no constraint equation that prescribes a coordinate",
+        "rubbed": "no method `coordinate` of the joint computes from the bodies that of its friction",
+        "wheel": "the coupling mesh counts their whole turns", "T": "the coupling mesh counts their whole turns"}  # fmt: skip
     assert "7 joints, 1 coupling, 0 force elements" in str(found)

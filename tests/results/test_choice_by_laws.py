@@ -86,7 +86,7 @@ def test_states_of_a_users_law_are_handled_with_care_unless_it_says() -> None:
     given = {"wanted": 1.0, "time": 0.5}
     careful, told = (sliding(law, **given).check(1e-6).choice for law in (Lag, SmoothLag))
     assert isinstance(careful.solver, mb.RadauIIA)
-    assert careful.why == "internal states of 'load': bodies may stick by them, unless the class Lag says sticks = False"
+    assert careful.why == "internal states of 'load' may let bodies stick, as friction, unless the class Lag says sticks = False"
     assert isinstance(told.solver, mb.DOP853)
     ends = [sliding(law, **given).simulate(2.0, accuracy=1e-8)["b"].position[-1, 0] for law in (Lag, SmoothLag)]
     assert ends[0] == pytest.approx(ends[1], abs=1e-7)

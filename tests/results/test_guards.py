@@ -316,7 +316,8 @@ def test_the_joint_row_that_drifts_is_named(row, entry, what):
     off[entry] = 3e-4 * size
     run = SimpleNamespace(solver=r.info.solver, solution=Moved(t, lambda at: r.solution(at) + off))
     (note,) = joint_drift(p, run, 1e-4)
-    assert f"joint row {row} is violated in {what}, by 3.0e-04 of the scene's size or speed" in note
+    of = "length, or rad" if what == "position" else "speed"
+    assert f"joint row {row} is violated in {what}, by 3.0e-04 of the scene's {of}:" in note
     assert not joint_drift(p, run, 4e-4)
 
 

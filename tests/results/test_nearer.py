@@ -39,10 +39,11 @@ def test_where_round_off_limits_a_smaller_accuracy_is_the_same_run_and_the_warni
 
 @pytest.mark.parametrize(("told", "limit", "error", "words"), [
     (((1e-6, 1e-2), (1e-7, 1e-3)), 1e-13, 1e-3, "so that accuracy=1e-05 comes nearer"),
-    (((1e-6, 1e-3), (1e-7, 8e-4)), 1e-13, 8e-4, "with rtol = 1e-06 it was 1.0e-03, with rtol = 1e-07 8.0e-04: a smaller accuracy "
-                                                "comes no nearer where the motion is chaotic"),
+    (((1e-6, 1e-3), (1e-7, 8e-4)), 1e-13, 8e-4, "with rtol = 1e-06 the error was 1.0e-03, with rtol = 1e-07 8.0e-04: a smaller "
+                                                "accuracy comes no nearer where the motion is chaotic"),
     (((1e-6, 1e-2), (1e-7, 1e-3)), 1e-7, 1e-3, "the smallest that round-off allows"),
-    (((1e-6, 1e-2), (1e-7, 1e-6)), 1e-13, 1e-3, "alone differ by 1.0e-06, the rest is what another method or shorter steps show"),
+    (((1e-6, 1e-2), (1e-7, 1e-6)), 1e-13, 1e-3, "alone differ by 1.0e-06, the larger error is what another method or shorter "
+                                                "steps show"),
     (((1e-6, 1e-3),), 1e-13, 1e-3, "estimated once"), ((), 1e-13, 1e-3, "no two runs that can be compared"),
     (((1e-6, np.inf),), 1e-13, np.inf, "no two runs that can be compared"),
 ])  # fmt: skip

@@ -202,7 +202,7 @@ def test_a_prismatic_joint_has_no_clearance_and_a_mass_point_no_race() -> None:
 
 def test_a_start_in_contact_is_told_and_a_deep_one_refused() -> None:
     r = ball(0.0, HERTZ, play=1e-3, at=(1.01e-3, 0)).simulate(1e-4, accuracy=1e-4)
-    assert r.start.changes == ["'J' starts with a penetration of 1e-05 m (31.6 N, 0.000126 J)"]
+    assert r.start.changes == ["'J' starts with a penetration of 1e-05 m (elastic load 31.6 N, energy 0.000126 J)"]
     text = problems(ball(0.0, HERTZ, play=1e-3, at=(8e-3, 0)))
     assert "'J' starts with a penetration of 0.007 m" in text
     assert "more than 0.1 of the pin's radius 0.05 m" in text

@@ -176,7 +176,7 @@ def test_spurious_branch_is_refused() -> None:
     q = starter.placed()
     q[3:] = turned(q[3:], np.array([np.pi, 0.0, 0.0]))
     assert np.max(np.abs(starter.mechanics.position_residual(np.zeros(1), q[None]))) < 1e-12
-    with pytest.raises(mb.StartError, match=r"joint 'A' starts on the wrong branch \(axes in the same sense: -1"):
+    with pytest.raises(mb.StartError, match=r"joint 'A' starts on the wrong branch, .* \(axes in the same sense: -1"):
         starter.check_branches(q)
 
 

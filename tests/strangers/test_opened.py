@@ -104,7 +104,7 @@ def test_two_ways_that_are_equally_near_are_refused(model):
         s = chain((0, 0), (1, y), (2, 0), closing=-0.5)
         return s.recursive() if model is None else s.replace(model=model)
 
-    with pytest.raises(mb.StartError, match=r"can close in two ways that are equally near to the drawing, most apart in 'b2'"):
+    with pytest.raises(mb.StartError, match=r"equally near to the drawing, and differ most in the place of 'b2'"):
         scene(0.0).check()
     for y in (0.1, -0.1):
         angle = float(started(prepare(scene(y)))["J0"].angle[0])

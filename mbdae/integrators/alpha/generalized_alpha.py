@@ -58,18 +58,20 @@ class _Alpha(Stepped):
         forces = np.array([kind == "lambda" for kind in system.kinds])
         columns = forces if not system.sparse else forces[np.repeat(np.arange(system.n), np.diff(system.sparsity.indptr))]
         if forces.any() and not np.any(system.jacobian_parts(system.t0, system.y0, system.yp0)[0][..., columns]):
-            raise OptionError(f"{self.label} takes multipliers as unknowns, not as derivatives of unknowns ({system.label}): "
-                              f"use the variant with algebraic multipliers, such as mb.GGL(algebraic=True)")  # fmt: skip
+            raise OptionError(f"{self.label} needs the multipliers (constraint forces) themselves as unknowns, this system "
+                              f"({system.label}) has their integrals over time: use mb.GGL(algebraic=True), where multipliers "
+                              "are algebraic unknowns")  # fmt: skip
 
     def doubts(self, system: System) -> list[str]:
         """Warnings about known weaknesses of the method with the present options."""
         if self.rho_infinity < GAINS:
             return []
-        less = "rho = 0.6 to 0.8, or HHT with alpha = 0.1 to 0.25"
+        less = "mb.GeneralizedAlpha(rho=0.7) or mb.HHT(alpha=0.1), which damp more"
         if self.coefficients == Alphas.of(0.0, 0.0) and "lambda" in system.kinds and "mu" not in system.kinds:
-            return [f"Newmark's method (alpha = 0): in index 3 multipliers do not converge with any step; use GGL, or {less}"]
-        return [f"{self.label} damps high frequencies so little (spectral radius {self.rho_infinity:.2g}) that coarse steps gain "
-                f"energy, and with index 3 may blow up; compare the energy balance, or use {less}"]
+            return [f"{self.label} without damping (Newmark's method, alpha = 0): with form mb.Index3() constraint forces do not "
+                    f"converge with shorter steps; use form=mb.GGL(), or {less}"]
+        return [f"{self.label} damps high frequencies so little (spectral radius {self.rho_infinity:.2g}) that long steps gain "
+                f"energy, and with form mb.Index3() may grow without bound; look at r.energy.balance, or use {less}"]
 
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
         """Integrate with constant steps."""
@@ -134,7 +136,7 @@ class HHT(_Alpha):
     rtol: float | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        set_option(self, "alpha", number, "give 0 (Newmark) to 1/3 (most damping), or the same with Hughes's sign",
+        set_option(self, "alpha", number, "give 0 (Newmark) to 1/3 (most damping), or the same values below 0, as Hughes counts",
                    least=-1 / 3, most=1 / 3)  # fmt: skip
         self._set_step()
 

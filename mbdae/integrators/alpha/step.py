@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.deferred import sp
-from mbdae.integrators.constant import StepFailedError
+from mbdae.integrators.constant import SINGULAR, StepFailedError, not_finite
 from mbdae.integrators.dense import cubic
 from mbdae.integrators.matrices.iteration import as_csc, inverse_or_one
 from mbdae.integrators.matrices.ordering import searches
@@ -292,12 +292,12 @@ class AlphaStep:
         bad = ~np.isfinite(self._F)
         if bad.any():
             equation = self.system.equations[int(np.argmax(bad))]
-            return StepFailedError(f"equation {equation} is not finite near t = {self.t + h:.9g}", equation)
+            return StepFailedError(not_finite(equation, self.t + h), equation)
         if unknown >= 0:
-            return StepFailedError("the iteration matrix is singular", names[self.nq + unknown])
+            return StepFailedError(SINGULAR, names[self.nq + unknown])
         share = np.abs(self._correction) / (np.abs(self._x) + self._columns)
         worst = self.nq + largest(np.where(np.isfinite(share), share, inf))
-        return StepFailedError("Newton's method diverges, or stops above its tolerance on round-off", names[worst])
+        return StepFailedError("Newton's iteration diverges, or round-off keeps it above its tolerance", names[worst])
 
     # -- going on
 

@@ -77,8 +77,8 @@ class Record:
         self._files = keeper.next_run()
         self._stored = stored = self._files.read()
         if stored is not None and stored["what"] != what:
-            raise DamagedError(f"the folder holds the run {stored['what']} where {what} begins: it was written by another "
-                               f"version, or damaged; delete it, or name another one")  # fmt: skip
+            raise DamagedError(f"the folder holds a run by {stored['what']}, where this call runs {what}: the folder was written "
+                               "by another version, or is damaged; delete it, or name another one")  # fmt: skip
         self._pending = list(stored["ends"]) if stored is not None else []
         self._ends: list[tuple[int, str]] = []
         self._chunks: int = 0 if stored is None else stored["chunks"]

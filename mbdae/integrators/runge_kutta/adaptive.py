@@ -167,7 +167,7 @@ class Adaptive:
                 return False
             return ended == DIVERGED
         if ended == NO_WIDTH:
-            text = f"the step fell below the round-off of the time (h = {h:.2e} s){self._where()}; {REMEDY}"
+            text = f"the step became smaller than the round-off of the time t (h = {h:.2e} s){self._where()}; {REMEDY}"
             raise self.loop.failure(text, step.fastest())
         if ended == VANISHED:
             text = f"the error test fails ({self.control.error:.1e} times the tolerance)"
@@ -192,8 +192,9 @@ class Adaptive:
         if noise and not self.warned:
             self.warned = True
             warnings.warn(
-                f"round-off exceeds the tolerance at t = {self.control.noise_t:.6g} (h = {h:.1e} s, rtol = {self.rtol:g}): "
-                f"loosen rtol to {10 * noise * self.rtol:.0e}, or move the origin nearer to the bodies",
+                f"round-off exceeds the tolerance at t = {self.control.noise_t:.6g} s (step {h:.1e} s, rtol = {self.rtol:g}), so "
+                f"that is not met: loosen rtol to {10 * noise * self.rtol:.0e}, or state the bodies nearer to the origin of "
+                "coordinates",
                 AccuracyWarning,
                 stacklevel=6,
             )

@@ -64,8 +64,9 @@ def refuse_watched(system: System, t_end: float) -> None:
     """Raise OptionError for a batch of runs to t_end (s) with different numbers of laws where `is_watched`: contacts, switches
     and inputs are watched with the numbers of the scene."""
     if is_watched(system, t_end):
-        raise OptionError("numbers: a run that watches contacts, switching laws, sampled controllers or breaks of inputs does "
-                          "so with the numbers of its scene; build a scene for every value, and solve them one by one")
+        raise OptionError("numbers: the contacts, switching laws, sampled controllers or breaks of inputs of this scene are "
+                          "watched with the numbers stated in the scene, so these cannot vary in a batch; build a scene for "
+                          "every value, and solve them one by one")  # fmt: skip
 
 
 def solve_batch(system: System, t_end: float, solver: Any = None, *, starts: Any = None,
@@ -116,7 +117,8 @@ class _Points:
         counts = {len(part) for part in (y, *rows)} - {1} or {1}
         if len(counts) > 1 or 0 in counts or any(row.ndim != 1 for row in rows):
             shapes = ", ".join([f"starts {y.shape}", *(f"{name} {row.shape}" for name, row in zip(numbers, rows, strict=True))])
-            raise OptionError(f"a batch takes as many starts as values of every number, or one: {shapes}")
+            raise OptionError("a batch needs as many starts as values of every number, or one that serves all points; the "
+                              f"shapes are: {shapes}")  # fmt: skip
         k = counts.pop()
         at = system.numbers(list(numbers)) if rows else None
         values = np.array([np.broadcast_to(row, k) for row in rows]).reshape(len(rows), k)

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
+from mbdae.integrators.constant import not_finite
 from mbdae.integrators.dense import Collocation, increments_of, inside_of
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.rates import check_rates
@@ -156,11 +157,11 @@ class _Run:
         """The error for a step that became as small as the round-off of the time."""
         loop, (y, yp) = self.loop, self.loop.state
         where, F = "" if self.watch is None else self.watch.nearest(), np.empty(self.system.n)
-        text = f"the step fell below the round-off of the time; where the motion is stiff, use mb.RadauIIA(3){where}"
+        text = f"the step became smaller than the round-off of the time t; where the motion is stiff, use mb.RadauIIA(3){where}"
         for h in (0.0, 1e-9 * (loop.run_end - float(loop.system.t0))):  # F at the last state, and just after it
             self.system.residual(loop.t + h, y + h * yp, yp, F)  # raises an error where accelerations are not determined
             if not np.isfinite(F).all():
                 culprit = self.system.equations[int(np.argmax(~np.isfinite(F)))]
-                return loop.failure(f"{text}; equation {culprit} is not finite near t = {loop.t + h:.9g}", culprit)
+                return loop.failure(f"{text}; {not_finite(culprit, loop.t + h)}", culprit)
         return loop.failure(text, self.system.names[largest(np.abs(yp) / (self.rtol * np.abs(y) + self.atol))])
 

@@ -59,7 +59,8 @@ class RadauIIA(CollocationMethod):
         newton = "give a value from 1e-15 to 1e-2 with a constant step, or rtol for an adaptive one"
         set_option(self, "newton", number, newton, least=1e-15, most=1e-2)
         if self.newton is not None and self.step is None:
-            raise OptionError(f"newton = {self.newton:g} without a step: {newton}")
+            raise OptionError(f"newton = {self.newton:g} without a step (it is the tolerance of Newton's iteration for constant "
+                              f"steps): {newton}")  # fmt: skip
 
     @classmethod
     def variants(cls) -> list[RadauIIA]:

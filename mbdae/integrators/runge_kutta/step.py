@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbdae.integrators.constant import StepFailedError
+from mbdae.integrators.constant import SINGULAR, StepFailedError, not_finite
 from mbdae.integrators.matrices.iteration import IterationMatrix
 from mbdae.integrators.runge_kutta.newton import StageNewton
 from mbdae.integrators.runge_kutta.tables import CollocationTable
@@ -193,10 +193,10 @@ class CollocationStep:
         bad = ~np.isfinite(newton.R).all(axis=0)
         if bad.any():
             equation = self.system.equations[int(np.argmax(bad))]
-            return StepFailedError(f"equation {equation} is not finite near t = {self.t + h:.9g}", equation)
+            return StepFailedError(not_finite(equation, self.t + h), equation)
         if unknown is not None or not np.isfinite(newton.correction).all():
             culprit = names[unknown] if unknown is not None and 0 <= unknown < len(names) else ""
-            return StepFailedError("the iteration matrix is singular", culprit)
+            return StepFailedError(SINGULAR, culprit)
         worst = largest(np.abs(newton.correction * self.weights(h)).max(axis=0))
-        text = f"Newton's method diverges (last correction {newton.table.norm:.1e} tolerances)"
+        text = f"Newton's iteration diverges (last correction {newton.table.norm:.1e} tolerances)"
         return StepFailedError(text, names[worst])

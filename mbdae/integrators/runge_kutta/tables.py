@@ -66,8 +66,8 @@ class CollocationTable:
         for name, defect in conditions.items():
             if not np.abs(defect).max() < EXACT:
                 raise OptionError(f"nodes {self.c.tolist()}, order {self.order}: the {name} condition is off by "
-                                  f"{np.abs(defect).max():.1e}: give the order of the quadrature on these nodes, or nodes "
-                                  f"farther apart")  # fmt: skip
+                                  f"{np.abs(defect).max():.1e} in the coefficients made of them: give the order of the "
+                                  "quadrature on these nodes, or nodes farther apart")  # fmt: skip
 
     @property
     def stiffly_accurate(self) -> bool:

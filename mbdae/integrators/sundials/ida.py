@@ -9,6 +9,7 @@ import numpy as np
 
 from mbdae.errors import OptionError, SolverError
 from mbdae.integrators.base import Solver, set_tolerances
+from mbdae.integrators.constant import SINGULAR
 from mbdae.integrators.dense import Hermite
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.matrices.iteration import as_csc
@@ -58,18 +59,16 @@ class IDA(Solver):
         highest = int(np.max(system.index))
         if highest > 1:
             worst = system.names[int(np.argmax(system.index))]
-            raise OptionError(
-                f"{worst} has index {highest}: with multipliers of index 2 or 3 the error test of IDA fails, or passes "
-                "silently with a wrong answer; use the GGL form with multipliers as derivatives, or RadauIIA"
-            )
+            raise OptionError(f"unknown {worst} has index {highest}: with multipliers of index 2 or 3 the error test of IDA "
+                              "fails, or passes silently with a wrong answer; use form=mb.GGL(algebraic=False), or "
+                              "mb.RadauIIA(3)")  # fmt: skip
         if self.max_order > 2 and self.tolerance >= LOOSE and system.vibration is not None:
             name, angle = system.vibration()
             if angle > FAST:
-                raise OptionError(
-                    f"beam '{name}' vibrates by {angle:.1e} rad in the characteristic time of the motion: there IDA with "
-                    f"rtol = {self.tolerance:g} and max_order = {self.max_order} ends silently with a wrong answer; use "
-                    "RadauIIA(3), or max_order=2 and compare with a smaller rtol"
-                )
+                raise OptionError(f"beam '{name}' vibrates by {angle:.1e} rad of phase in the characteristic time of the motion, "
+                                  f"too fast for IDA with rtol = {self.tolerance:g} and max_order = {self.max_order}, which ends "
+                                  "silently with a wrong answer; use RadauIIA(3), or max_order=2 and compare with a smaller "
+                                  "rtol")  # fmt: skip
 
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
         """Step from system.t0 to loop.t_end."""
@@ -98,11 +97,12 @@ class _Run(SundialsRun):
         weights = 1 / self.tolerance(last.y)
         if correction is None:
             worst = largest(np.abs(last.values))
-            return self.loop.failure(f"{message}; the iteration matrix is singular", self.system.equations[worst])
+            return self.loop.failure(f"{message}; {SINGULAR}", self.system.equations[worst])
         if np.max(np.abs(correction) * weights) < 1.0:  # Newton's method converges, so the error test failed
             y, yp = self.loop.state
             correction = last.y - y - (last.t - self.loop.t) * yp
-        return self.loop.failure(message, self.system.names[largest(np.abs(correction) * weights)])
+        text = f"{message}; see whether a force jumps or grows without bound there, or use mb.RadauIIA(3)"
+        return self.loop.failure(text, self.system.names[largest(np.abs(correction) * weights)])
 
     def _newton_correction(self) -> Array | None:
         """Correction (n,) of one more Newton iteration at the last point that IDA evaluated; None where the iteration matrix is

@@ -90,7 +90,7 @@ class PythonMethod(ABC):
 
     def reason(self, code: int) -> str:
         """Text for the error code of the last step."""
-        return "the step fell below the round-off of the time" if code == STUCK else self._message
+        return "the step became smaller than the round-off of the time t" if code == STUCK else self._message
 
     def raise_error(self) -> None:
         """Raise the stored exception of a function called by SUNDIALS."""

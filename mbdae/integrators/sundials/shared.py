@@ -12,6 +12,7 @@ import numpy as np
 
 from mbdae.errors import SolverError
 from mbdae.integrators.base import absolute_tolerance
+from mbdae.integrators.constant import not_finite as not_finite_text
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.watched.watch import SundialsWatch, stop_time
 from mbdae.native import sundials as native
@@ -125,5 +126,5 @@ def not_finite(loop: StepLoop, run: SundialsRun, why: str) -> SolverError | None
     for values in (*predicted[0], *predicted[1], run.last.values):
         if not np.isfinite(values).all():
             culprit = run.system.equations[int(np.argmax(~np.isfinite(values)))]
-            return loop.failure(f"{why}; equation {culprit} is not finite near t = {run.last.t:.9g}", culprit)
+            return loop.failure(f"{why}; {not_finite_text(culprit, run.last.t)}", culprit)
     return None

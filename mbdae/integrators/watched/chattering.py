@@ -39,10 +39,10 @@ class Endless(NamedTuple):
 
     def told(self) -> str:
         """The text of the error about it."""
-        return (f"'{self.item}' switches without end: {self.times} times within {self.span:.1e} s, and stays where it "
-                f"switches, to within the tolerance. Its value jumps there and drives the motion back from both sides, as "
-                f"on-off control and friction by the sign of a rate do: give the jump a width, as in tanh(x/width), state "
-                f"mb.Coulomb friction, or switch at the instants of s.controller(...)")  # fmt: skip
+        return (f"'{self.item}' switches without end: {self.times} times within {self.span:.1e} s, while the motion "
+                "stays there to within the tolerance. Its value jumps there and drives the motion back from both sides, "
+                "as on-off control and friction by the sign of a rate do: give the jump a width, as in tanh(x/width), state "
+                "mb.Coulomb friction, or switch at the instants of s.controller(...)")  # fmt: skip
 
 
 class Chattering:

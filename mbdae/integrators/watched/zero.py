@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from mbdae.errors import internal
+
 ITERATIONS = 100
 
 
@@ -19,7 +21,8 @@ def zero_between(f: Callable[[float], float], within: float) -> float:
     if at_a == 0 or at_b == 0:
         return a if at_a == 0 else b
     if (at_a < 0) == (at_b < 0):
-        raise ValueError(f"values {at_a:g} and {at_b:g} at both ends have one sign")
+        raise internal(f"a zero was searched between two times at which the watched value is {at_a:g} and {at_b:g}: it needs "
+                       "values of opposite sign")  # fmt: skip
     c, at_c, step, before = a, at_a, b - a, b - a
     for _ in range(ITERATIONS):
         if abs(at_c) < abs(at_b):

@@ -25,8 +25,8 @@ def numbers_of(workspace: Workspace, equations: Assembly, names: Sequence[str]) 
         found = _slots(equations, name)
         fixed = [slot for slot in found if slot not in reads]
         if fixed:
-            raise NotReadError(f"numbers: {name} is not read where y' is evaluated (a number that is 0, 1 or -1, or part of a "
-                              f"constant, is compiled in): {REMEDY}")  # fmt: skip
+            raise NotReadError(f"numbers: {name} cannot vary in a batch: it has no effect on y', or is compiled in as a constant "
+                               f"(as a number that is 0, 1 or -1 in the scene): {REMEDY}")  # fmt: skip
         slots += found
         of += [k] * len(found)
     return Numbers(workspace.W, np.array(slots, dtype=np.int64), np.array(of, dtype=np.int64))
@@ -54,6 +54,6 @@ def _numbers(equations: Assembly) -> Iterator[tuple[str, str, int]]:
         for number in instance.numbers:
             if number in law.params:
                 part = number in constants or (derived.rows and not in_tree)
-                why = "it is part of a constant of the equations" if part else ""
-                why = "others follow from the numbers of its law" if law.derived() else why
+                why = "the equations contain constants computed from it" if part else ""
+                why = "other numbers of its law are computed from it" if law.derived() else why
                 yield f"{instance.item}.{number}", why, equations.numbering.slot(g, i, number)

@@ -153,7 +153,7 @@ class Rates:
             if np.max(np.abs(step)) <= SETTLED * max(np.max(np.abs(out)), np.max(np.abs(self.multipliers))):
                 return
         raise SolverError(f"friction and reactions find no balance at t = {t:.9g} s: self-locking; take a smaller friction "
-                          f"coefficient", t)  # fmt: skip
+                          f"coefficient in a joint whose friction follows from its reaction", t)  # fmt: skip
 
     def _corrected(self, t: float, out: Array, solve: Callable[[Array], Array]) -> Array:
         """One step of Newton's method from the point set by `point`: subtracts the step from y' (out) and the multipliers, and
@@ -189,9 +189,9 @@ def factorised(matrix: sp.csc_matrix, full: Assembly, t: float) -> Callable[[Arr
 
 def singular(t: float, row: str) -> SolverError:
     """The error where constraints depend on each other, or a motion has no inertia; row: name of a dependent row, or ""."""
-    where = f": {row} depends on the other constraints there" if row else ""
-    return SolverError(f"accelerations and reactions are not determined at t = {t:.9g} s (singular position){where}; the GGL "
-                       f"form with mb.RadauIIA(3) may pass it", t, row)  # fmt: skip
+    where = f": constraint {row} depends on the others there" if row else ""
+    return SolverError(f"accelerations and reactions are not determined at t = {t:.9g} s (singular position){where}; "
+                       "form=mb.GGL() with mb.RadauIIA(3) may pass it", t, row)  # fmt: skip
 
 
 def rhs_of(system: Assembly) -> Callable[[float, Array, Array], None]:

@@ -72,8 +72,9 @@ class JointMotion:
         P, r = self.drawn({}, True)
         if np.max(np.abs(P[1:])) <= 1e-9 and np.max(np.abs(r)) <= 1e-9 * length:
             return ""
-        return (f"its motion moves l by {np.linalg.norm(r):.3g} m and turns it by {2 * np.linalg.norm(P[1:]):.3g} rad where its "
-                f"coordinates are 0, but l must be as drawn there; state the motion without this, or draw l there")  # fmt: skip
+        return (f"its method `motion` moves the second body (l) by {np.linalg.norm(r):.3g} m and turns it by "
+                f"{2 * np.linalg.norm(P[1:]):.3g} rad where its coordinates are 0, but there both bodies have to be as drawn; "
+                "state the motion without this offset, or draw l there")  # fmt: skip
 
     def planar_turn(self, values: dict[str, float]) -> float:
         """Rotation of body l relative to k about z at these values of the coordinates, whole turns included, rad."""
@@ -104,5 +105,5 @@ def out_of_plane_motions(scene: SceneData) -> dict[str, str]:
         if "rotation" in map(c.unit, c.coordinates):
             found[c.name] = "in the plane its rotation is an angle: state a revolute joint to make it recursive"
         elif 0 < len(across) < len(c.coordinates):
-            found[c.name] = f"in the plane its {across[0]} stays 0: as a recursive joint it would move out of the plane"
+            found[c.name] = f"in a planar scene its {across[0]} stays 0: as a recursive joint it would move out of the plane"
     return found

@@ -218,7 +218,7 @@ def out_of_plane(scene: SceneData) -> str | None:
         if load.law.f3 is not None:
             return f"load '{load.name}' has a component 3, out of the plane"
         if load.law.following and not _upright(load.beam):
-            return f"load '{load.name}' follows a section whose axis 3 is not z"
+            return f"load '{load.name}' turns with the sections of beam '{load.beam.name}', whose axis 3 is not z"
     for c in scene.connections:
         for law in c.laws:
             for point in (law.at, law.point_on("l")):
@@ -271,11 +271,10 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
             if isinstance(law, Joint) and not joints[item].loose:
                 refused += without_rows(item, derived)
             if law.drives().keys() & set(derived.vanished):
-                refused.append(f"'{item}': the prescribed motion has no effect: a point mass has no orientation; "
-                               f"use s.rigid_body")  # fmt: skip
+                refused.append(f"'{item}': prescribed motion has no effect: a point mass has no orientation; use s.rigid_body")
         except LawError as error:
             if planar:
-                raise LawError(f"{item}: {error}") from error
+                raise LawError(f"'{item}': {error}") from error
             refused.append(f"'{item}': {error}")
         groups.setdefault(key, Group(key)).instances.append(instance)
     length = scene_length(scene)
@@ -293,7 +292,10 @@ def entry_of(scenery: Scenery, law: Any, bodies: tuple[Body, ...], ends: tuple[N
              item: str) -> tuple[tuple[Any, Structure, tuple[Side, ...]], Instance]:  # fmt: skip
     """The key of the group that a law belongs to, and its instance in the group. bodies, ends: the bodies of its frames and their
     nodes (None: ground); item: name of its item."""
-    sides, numbers = sides_of(law, bodies, ends, scenery.planar)
+    try:
+        sides, numbers = sides_of(law, bodies, ends, scenery.planar)
+    except LawError as error:
+        raise LawError(f"'{item}': {error}") from error
     own = tuple(scenery.by_coordinate[key] for key in law.coordinates_in(item))
     values = {p: getattr(law, p) for p in law.params if getattr(law, p) is not None}
     fed = fed_into(scenery, values)

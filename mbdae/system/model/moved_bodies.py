@@ -149,7 +149,7 @@ def too_large(moved: MovedBodies) -> dict[str, str]:
 def acted_on_while_prescribed(moved: MovedBodies) -> dict[str, str]:
     """Joints of trees that are treated as kinematic because a law outside, such as a coupling, reads their prescribed coordinate;
     and why."""
-    why = "a coupling reads its prescribed coordinate, which its tree does not give"
+    why = "a coupling reads its prescribed coordinate, which is no unknown where the joint is recursive"
     return {n.joint: why for n in moved.loaded if n.kind.of_joint}
 
 

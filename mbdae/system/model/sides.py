@@ -81,6 +81,6 @@ def pattern(Q: Array) -> Axes:
     if abs(Q[2, 2]) < 1e-12 and abs(Q[2, 0] - 1) < 1e-12:
         return Axes.IN_PLANE
     if abs(Q[2, 2]) < 1e-12:
-        raise LawError(f"its axis is in the plane, its x axis ({Q[0, 0]:.6g}, {Q[1, 0]:.6g}, {Q[2, 0]:.6g}) is not (0, 0, 1); "
-                       f"omit axis_x")  # fmt: skip
+        raise LawError(f"its axis is in the plane, but its x axis ({Q[0, 0]:.6g}, {Q[1, 0]:.6g}, {Q[2, 0]:.6g}) is not (0, 0, "
+                       "1); omit axis_x")  # fmt: skip
     raise LawError(f"its axis ({Q[0, 2]:.6g}, {Q[1, 2]:.6g}, {Q[2, 2]:.6g}) is neither in the plane nor normal to it")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.errors import internal
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model
 from mbdae.system.model.moved_bodies import MovedBodies, slot_of
@@ -55,7 +56,8 @@ class AllBodies:
 
     def _motion(self, W: Array, up: Array | None) -> tuple[Array, Array, Array]:
         if self.moved.ordered:
-            raise TypeError("trees that are evaluated joint by joint have no kernels of their own: see `bodies_of`")
+            raise internal("the bodies behind recursive joints were asked for as one function, where they are computed joint by "
+                           "joint", TypeError)  # fmt: skip
         nb, model = self.numbering, self.model
         q, u, a = (np.zeros((len(W), n)) for n in (model.nq, model.nu, model.nu))
         q[:, nb.of_positions], u[:, nb.of_velocities] = W[:, : self.nq], W[:, self.nq : self.nq + self.nu]

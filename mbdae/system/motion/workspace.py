@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import sp
+from mbdae.errors import internal
 from mbdae.kernels.tree_plan import Piece
 from mbdae.native.program import Operations, Scene, core
 from mbdae.system.base import Array
@@ -109,7 +110,7 @@ class Values(Workspace):
         """(k, values) at times (k,) and unknowns y (k, n or more)."""
         t, y = np.ascontiguousarray(t, dtype=float), np.ascontiguousarray(y, dtype=float)
         if y.shape != (len(t), max(self.n, y.shape[1])):
-            raise ValueError(f"states {y.shape} at {len(t)} times, of {self.n} unknowns or more")
+            raise internal(f"states of shape {y.shape} were given at {len(t)} times: ({len(t)}, {self.n} or more) is needed")
         out = np.empty((len(t), self.width))
         self._call(self.address, len(t), t.ctypes.data, y.ctypes.data, y.shape[1], self.width, out.ctypes.data)
         return out

@@ -188,6 +188,6 @@ class NotResolvedError(Exception):
 
 def too_many(m: int) -> SceneError:
     """The error for m rows whose rank neither sparse nor dense matrices can determine."""
-    return SceneError([f"the {m} constraint rows of the scene depend on each other too nearly to tell their rank, and more than "
-                       f"{DENSE} are too many for dense matrices: align the joints of its loops exactly, or leave out joints "
-                       f"that other joints make superfluous"])  # fmt: skip
+    return SceneError([f"which of the {m} constraint rows of the scene are redundant cannot be told, since they depend on each "
+                       f"other nearly but not exactly, and more than {DENSE} are too many for full matrices: align the joints of "
+                       "its loops exactly, or leave out joints that other joints make superfluous"])  # fmt: skip

@@ -57,10 +57,10 @@ class RankReport:
     def locking(self) -> list[str]:
         """Messages, one sentence each, on kept rows that are nearly redundant: they may lock the mechanism."""
         dropped = set(self.dropped)
-        return [f"constraint row {row.name} is nearly redundant at the start (novelty {size:.1e}) and was kept: it takes a "
-                f"freedom because the joints of its loop are misaligned by about that part of the scene's length, or rad, or "
-                f"because the start is near a singular position; if the loop is meant to move, draw its points and axes exactly "
-                f"(calculated, not rounded), or leave out a joint that others make superfluous"
+        return [f"constraint row {row.name} is nearly redundant at the start (only {size:.1e} of it is independent of the "
+                "others) and was kept: it takes a freedom because the joints of its loop are misaligned by about that part of "
+                "the scene's length, or rad, or because the start is near a singular position; if the loop is meant to move, "
+                "draw its points and axes exactly (calculated, not rounded), or leave out a joint that others make superfluous"
                 for row, size in self.doubtful if row not in dropped]  # fmt: skip
 
 

@@ -136,7 +136,7 @@ def _name_motion(mechanics: Mechanics, G: Array, motion: Array) -> str:
             how = _motion_in_words(motion[node.u : node.u + node.kind.sizes[1]], worst - node.u, node.kind.translations)
             return (f"body '{node.name}' can {how} without any inertia: "
                     f"give it mass or inertia, or a joint that stops this motion")  # fmt: skip
-    raise SceneError(["a motion has no inertia: give every body mass and inertia"])
+    raise SceneError(["a motion of the bodies has no inertia (the mass matrix is singular): give every body mass and inertia"])
 
 
 def _undetermined_coordinate(mechanics: Mechanics, G: Array, node: Node) -> str:

@@ -62,7 +62,8 @@ class ExpectedContact:
 
     def _at_start(self) -> str:
         p, load = self.penetration, self.law.elastic_load(self.penetration)
-        detail = "" if load is None else f" ({load[0]:.3g} {'N' if self.unit == 'm' else 'N m'}, {load[1]:.3g} J)"
+        unit = "N" if self.unit == "m" else "N m"
+        detail = "" if load is None else f" (elastic load {load[0]:.3g} {unit}, energy {load[1]:.3g} J)"
         return f"penetration of {p:.3g} {self.unit}{detail}"
 
     def problems(self, continued: bool) -> list[str]:

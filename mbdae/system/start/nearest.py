@@ -337,9 +337,9 @@ class NearestPositions(ConsistentPositions):
                                 "the one that ends nearer to the drawing is taken")  # fmt: skip
 
     def _two_ways(self, q: Array, other: Array) -> str:
-        return (f"the loops can close in two ways that are equally near to the drawing, most apart in "
+        return ("the loops can close in two ways that are equally near to the drawing, and differ most in the place of "
                 f"'{self._apart(q, other)[1]}': draw the bodies nearer to the way that is meant, or state where another joint "
-                f"starts")  # fmt: skip
+                "starts")  # fmt: skip
 
 
 def _decomposed(B: Array) -> tuple[Array, Any]:

@@ -277,8 +277,8 @@ class ConsistentPositions:
             for i, instance in enumerate(self.model.groups[g].instances):
                 for o, target in enumerate(p.targets):
                     if values[0, i, o] <= 0:
-                        problems.append(f"joint '{instance.item}' starts on the wrong branch ({target[1]}: "
-                                        f"{values[0, i, o]:.3g}, must be positive); "
-                                        f"draw the bodies nearer to their start")  # fmt: skip
+                        problems.append(f"joint '{instance.item}' starts on the wrong branch, another solution of its equations "
+                                        f"than it stands for ({target[1]}: {values[0, i, o]:.3g}, must be positive); draw the "
+                                        "bodies nearer to the start that is meant")  # fmt: skip
         if problems:
             raise StartError(problems)

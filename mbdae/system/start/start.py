@@ -209,7 +209,7 @@ class Starter(ConsistentPositions):
                 return slow, np.zeros(self.rigid.size)
         worst, m = int(np.argmax(np.abs(left))), self.mechanics.m
         name = self.mechanics.rows[worst].name if worst < m else f"rate of {held[worst - m][0].name}"
-        raise StartError([f"the start velocities contradict the joints: {name} stays off by {left[worst]:.3g}; "
+        raise StartError([f"the start velocities contradict the joints: {name} stays off by {left[worst]:.3g} (m/s or rad/s); "
                           f"release one of the prescribed or held rates"])  # fmt: skip
 
     def _change(self, A: Any, right: Array, q: Array, stated: Any, off: Array, u: Array, change: Array) -> Array:
