@@ -366,7 +366,7 @@ def test_no_paper_is_part_of_the_package(capsys) -> None:
     from mbdae.cli import main
 
     assert main(["report", "paper"]) == 2
-    assert "report 'paper': neither a file nor one of " in capsys.readouterr().err
+    assert "report 'paper': this is neither a file nor one of " in capsys.readouterr().err
 
 
 def test_counts_of_claims_that_the_text_does_not_make_are_refused():

@@ -205,7 +205,7 @@ def test_a_start_in_contact_is_told_and_a_deep_one_refused() -> None:
     assert r.start.changes == ["'J' starts with a penetration of 1e-05 m (elastic load 31.6 N, energy 0.000126 J)"]
     text = problems(ball(0.0, HERTZ, play=1e-3, at=(8e-3, 0)))
     assert "'J' starts with a penetration of 0.007 m" in text
-    assert "more than 0.1 of the pin's radius 0.05 m" in text
+    assert "more than 0.1 of the pin's radius of 0.05 m" in text
 
 
 def test_tolerances_that_lose_contact_or_friction_are_refused_with_what_to_use() -> None:
