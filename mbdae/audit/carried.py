@@ -10,7 +10,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.audit.evaluate import SizeError, Value, expression_function
-from mbdae.audit.notation import OWN_CLASS
+from mbdae.audit.notation import GIVE_OWN_CLASS
 from mbdae.laws import joints
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
@@ -51,11 +51,11 @@ class Carried:
     def __init__(self, word: str, own: Any = ()) -> None:
         cls = joint_class(word, own)
         if cls is None:
-            own_class = OWN_CLASS.format(word.capitalize())
-            raise SizeError(f"an audit knows no joint '{word}' with coordinates; {own_class}")
+            give_own_class = GIVE_OWN_CLASS.format(word.capitalize())
+            raise SizeError(f"an audit knows no joint '{word}' with coordinates; {give_own_class}")
         if any(spec.unit == "rotation" for spec in cls.coordinates.values()):
-            raise SizeError(f"the joint '{word}' turns freely; an audit takes only joints whose coordinates are angles and "
-                            f"displacements")  # fmt: skip
+            raise SizeError(f"the joint '{word}' turns freely, which an audit cannot use: name one whose coordinates are "
+                            f"angles and displacements")  # fmt: skip
         self.coordinates = tuple(cls.coordinates)
         self.inputs, self.function = _program(cls)
 

@@ -118,7 +118,9 @@ def _values(sides: Sequence[Node], env: Env) -> list[Value]:
         found = [evaluate(side, env) for side in sides]
     for side, value in zip(sides, found, strict=True):
         if not np.all(np.isfinite(np.asarray(value, dtype=complex))):
-            raise SizeError(f"{infinite(side, env) or side} is infinite or undefined in a random state of motion")
+            piece = infinite(side, env) or side
+            raise SizeError(f"{piece} is infinite or undefined in a random state of motion: correct it, or state by `states:` "
+                            f"in which states it is finite")  # fmt: skip
     return found
 
 
@@ -233,11 +235,12 @@ class SymbolicMotion(Motion):
         return np.array([[se.Symbol(f"{name} {i} {j}") for j in range(3)] for i in range(3)], dtype=object)
 
     def relative_angle(self) -> Value:
-        raise SizeError("the relative angle of two free bodies has no formula in symbols; both sides are compared by numbers "
-                        "only")  # fmt: skip
+        raise SizeError("no mistake of the user: the relative angle of two free bodies has no formula in symbols, so that both "
+                        "sides are compared by numbers only")  # fmt: skip
 
     def _copy(self, amount: complex) -> Motion:
-        raise SizeError("a complex step takes a derivative of numbers, not of symbols; both sides are compared by numbers only")
+        raise SizeError("no mistake of the user: a complex step takes a derivative of numbers, not of symbols, so that both "
+                        "sides are compared by numbers only")  # fmt: skip
 
 
 def identical(equation: Printed, inner: str, side: int = 1) -> bool:

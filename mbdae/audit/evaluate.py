@@ -86,19 +86,19 @@ def magnitude(v: Value) -> Value:
 
 def _number(v: Value) -> Value:
     if _ndim(v):
-        raise SizeError(f"it needs a number where a quantity of size {size(v)} stands")
+        raise SizeError(f"the argument of a function, a divisor, an exponent or a limit must be a number, not {size(v)}")
     return v
 
 
 def _square(v: Value) -> Value:
     if _ndim(v) != 2 or v.shape[0] != v.shape[1]:
-        raise SizeError(f"it needs a square matrix, but got {size(v)}")
+        raise SizeError(f"trace, det and the power -1 take a square matrix, not {size(v)}")
     return v
 
 
 def _length(v: Value) -> Value:
     if np.shape(v)[1:] != (1,):
-        raise SizeError(f"a norm is that of a column (n x 1), not of {size(v)}")
+        raise SizeError(f"norm takes a column (n x 1), not {size(v)}; of a number write abs")
     return np.sqrt(np.sum(v * v) + 0j)
 
 
@@ -144,7 +144,7 @@ def _sum(node: Node, at: Source) -> Value:
     for part in node.parts[1:]:
         term = evaluate(part, at)
         if np.shape(total) != np.shape(term):
-            raise SizeError(f"sizes do not fit: {size(total)} + {size(term)}")
+            raise SizeError(f"sizes do not fit: {size(total)} + {size(term)}, which must be equal")
         total = total + term
     return total
 
@@ -160,7 +160,8 @@ def _times(a: Value, b: Value) -> Value:
     if _ndim(a) == 0 or _ndim(b) == 0:
         return a * b
     if a.shape[1] != b.shape[0]:
-        raise SizeError(f"sizes do not fit: {size(a)} times {size(b)}")
+        raise SizeError(f"sizes do not fit: {size(a)} times {size(b)}, where the left one needs as many columns as the right "
+                        f"one has rows")  # fmt: skip
     c = a @ b
     return c[0, 0] if c.shape == (1, 1) else c
 

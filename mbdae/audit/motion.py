@@ -237,8 +237,8 @@ class Motion:
 
     def _copy(self, amount: complex) -> Motion:
         if self.stepped and np.imag(amount):
-            raise NestedError("a derivative by a complex step stands inside of another; the outer one is taken by finite "
-                              "differences")  # fmt: skip
+            raise NestedError("no mistake of the user: a derivative by a complex step stands inside of another, so that the "
+                              "outer one is taken by finite differences")  # fmt: skip
         other = copy(self)
         other.memory = {}
         if np.imag(amount):

@@ -32,7 +32,7 @@ FUNCTIONS = dict.fromkeys((*PLAIN, "norm", "trace", "det", "delta", "rate", "slo
 BINDING = ("sum", "integral")  #: functions whose second argument is a bound name
 _TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?)|([^\W\d]\w*)|(<=|[-+*/^'~()\[\],;=]))")
 
-OWN_CLASS = "give a class of your own as mb.audit(..., laws={{'{0}': {0}}})"  #: what to do where a law is not known
+GIVE_OWN_CLASS = "give a class of your own as mb.audit(..., laws={{'{0}': {0}}})"  #: what to do where a law is not known
 
 
 class AuditError(MbdaeError):
@@ -165,12 +165,12 @@ class Reader:
         sides, relation = [self._sum()], "="
         while found := self._accept("=", "<="):
             if len(sides) > 1 and found != relation:
-                raise self._error("'=' and '<=' in one statement: write two")
+                raise self._error("'=' and '<=' stand in one statement: write two statements")
             relation = found
             sides.append(self._sum())
         self._end()
         if len(sides) == 1:
-            raise self._error("there is no '=' or '<='")
+            raise self._error("a statement needs '=' or '<=' between two sides")
         return Statement(tuple(sides), relation, self.line)
 
     def expression(self) -> Node:
@@ -179,8 +179,8 @@ class Reader:
         self._end()
         return found
 
-    def _error(self, what: str) -> AuditError:
-        return AuditError(f"line {self.line}: {what} (in '{self.text.strip()}')")
+    def _error(self, problem: str) -> AuditError:
+        return AuditError(f"line {self.line}: {problem} (in '{self.text.strip()}')")
 
     def _next(self) -> str | None:
         return self.tokens[self.at] if self.at < len(self.tokens) else None
@@ -193,7 +193,7 @@ class Reader:
 
     def _end(self) -> None:
         if self._next() is not None:
-            raise self._error(f"'{self._next()}' is not expected here")
+            raise self._error(f"'{self._next()}' follows a complete formula: put an operator before it, or leave it out")
 
     def _demand(self, wanted: str) -> None:
         if not self._accept(wanted):
@@ -239,13 +239,13 @@ class Reader:
             return self._block()
         token = self._next()
         if token is None:
-            raise self._error("the formula ends too early")
+            raise self._error("the formula ends where a number, a name or a bracket should follow")
         self.at += 1
         if token[0].isdigit():
             return number(float(token))
         if token.isidentifier():
             return self._call(token) if self._accept("(") else symbol(token)
-        raise self._error(f"'{token}' is not expected here")
+        raise self._error(f"'{token}' stands where a number, a name or a bracket should stand")
 
     def _list(self) -> tuple[Node, ...]:
         parts = [self._sum()]
@@ -270,7 +270,7 @@ class Reader:
             rows.append(made("row", *self._list()))
         self._demand("]")
         if len({len(row.parts) for row in rows}) > 1:
-            raise self._error("the rows of a block differ in length")
+            raise self._error("the rows of a block differ in length: give each the same number of entries")
         return made("block", *rows)
 
 
@@ -279,9 +279,10 @@ def _tokens(text: str, line: int) -> list[str]:
     while text[at:].strip():
         match = _TOKEN.match(text, at)
         if text[at:].strip().startswith((">", "<")) and match is None:
-            raise AuditError(f"line {line}: a bound is written with '<=': turn it round, b <= a for a >= b (in '{text.strip()}')")
+            raise AuditError(f"line {line}: write a bound as `smaller <= larger`, not with '<', '>', '>=' (in '{text.strip()}')")
         if match is None:
-            raise AuditError(f"line {line}: '{text[at:].strip()[0]}' is not in the notation (in '{text.strip()}')")
+            raise AuditError(f"line {line}: '{text[at:].strip()[0]}' is not in the notation, which has names, numbers and "
+                             f"+ - * / ^ ~ ' ( ) [ ] , ; = <= (in '{text.strip()}')")
         found.append(match.group().strip())
         at = match.end()
     return found

@@ -82,7 +82,8 @@ class Audit:
         for row in self.equations:
             if row.equation == str(number):
                 return row
-        raise AuditError(f"the audit has no equation {shown(number)}; it has {', '.join(row.equation for row in self.equations)}")
+        there = ", ".join(row.equation for row in self.equations) or "none"
+        raise AuditError(f"the audit has no equation {shown(number)}; it has {there}")
 
     @property
     def holds(self) -> bool:
@@ -190,16 +191,19 @@ def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Co
     reason. Raises AuditError where there is neither an equation nor a claim, OptionError for an argument that does not fit."""
     remedy = "give a file of printed formulas, or its text"
     text = source if isinstance(source, str) and "\n" in source else str(option("source", source, path_of, remedy))
-    own = _by_name("laws", laws, lambda law: isinstance(law, type), "give {name: class of a law}")
-    given = _by_name("counts", counts, counts_something, "give {words of the claim: number, or a function that counts}")
+    own = _by_name("laws", laws, lambda law: isinstance(law, type), "a class of a law",
+                   "give {name: class of a law}")  # fmt: skip
+    given = _by_name("counts", counts, counts_something, "a whole number from 0, or a function",
+                     "give {words of the claim: number, or a function that counts}")  # fmt: skip
     if "\n" not in text:
         if not Path(text).is_file():
-            raise AuditError(f"there is no file '{text}'; {remedy}")
+            raise AuditError(f"there is no file '{text}'; name one with printed formulas, or give their text in several lines")
         text = _text_of(Path(text))
-    stated = _by_name("quantities", quantities, is_expression, "give {meaning: expression of SymPy in names of the text}")
+    stated = _by_name("quantities", quantities, is_expression, "an expression of SymPy or a number",
+                      "give {meaning: expression of SymPy in names of the text}")  # fmt: skip
     found = read(text, own, stated)
     if not found.equations and not found.claims:
-        raise AuditError(f"there are no equations, such as '1: a = b + c', and no claims in {shown(source)}: {remedy}")
+        raise AuditError(f"there are no equations, such as '1: a = b + c', and no claims in {shown(source)}: add some")
     unknown = sorted(set(given) - {c.words for c in found.claims})
     if unknown:
         raise OptionError(f"counts = {shown(counts)}: the text has no claim with the words {shown(unknown[0])}; its claims: "
@@ -207,12 +211,15 @@ def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Co
     return Audit(found.title, tuple(audit_text(found)), tuple(count(c, given) for c in found.claims))
 
 
-def _by_name(name: str, value: Any, fits: Callable[[Any], bool], remedy: str) -> Mapping[str, Any]:
-    """A checked option that maps names to values for which `fits` holds; None becomes an empty mapping."""
+def _by_name(name: str, value: Any, fits: Callable[[Any], bool], wanted: str, remedy: str) -> Mapping[str, Any]:
+    """A checked option that maps names to values for which `fits` holds; None becomes an empty mapping. wanted: such a value in
+    words."""
     found: Mapping[str, Any] = option(name, {} if value is None else value, of_class, remedy, base=Mapping)
     for key, entry in found.items():
-        if not (isinstance(key, str) and fits(entry)):
-            raise OptionError(f"{name}: {shown(key)} = {shown(entry)}: {remedy}")
+        if not isinstance(key, str):
+            raise OptionError(f"{name}: the key {shown(key)} is no text; {remedy}")
+        if not fits(entry):
+            raise OptionError(f"{name}[{shown(key)}] = {shown(entry)} is not {wanted}; {remedy}")
     return found
 
 
@@ -220,4 +227,4 @@ def _text_of(file: Path) -> str:
     try:
         return file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise AuditError(f"'{file}' cannot be read: {error}; give a text file in UTF-8") from error
+        raise AuditError(f"'{file}' cannot be read: {error}; give a readable text file in UTF-8") from error

@@ -346,5 +346,5 @@ def scaled(units: tuple[Unit, ...], value: Value, scale: Mapping[str, float]) ->
     if len(factors) == 1 or np.ndim(value) == 0:
         return factors[0]
     if value.shape[0] % len(factors):
-        raise SizeError(f"{len(factors)} units are declared for {value.shape[0]} rows: declare one, or one for each block")
+        raise SizeError(f"{len(factors)} units are declared for {value.shape[0]} rows: give one, or one for each equal block")
     return np.repeat(factors, value.shape[0] // len(factors))[:, None]

@@ -149,7 +149,8 @@ class _File:
         elif match := _EQUATION.match(" ".join(line.split("\n", 1)[:1])):
             self._equation(at, line, match)
         else:
-            raise AuditError(f"line {at}: '{line}' is neither `NAME [UNIT]: MEANING` nor `NUMBER: STATEMENT`")
+            raise AuditError(f"line {at}: '{line}' is neither a symbol nor an equation: write `NAME [UNIT]: MEANING`, "
+                             f"`let NAME [UNIT] = FORMULA` or `NUMBER: STATEMENT`")  # fmt: skip
 
     def _set(self, at: int, word: str, rest: str) -> None:
         if word == "title":
@@ -205,7 +206,7 @@ class _File:
         if match := PARAMETER.match(words):
             stated = unit_of_parameter(match[1], match[2], self.own)
             if stated and units[0].powers not in [_unit(u, at).powers for u in stated.split(" or ")]:
-                raise AuditError(f"line {at}: {words} has the unit {stated}, not {units[0]} as declared")
+                raise AuditError(f"line {at}: {words} has the unit {stated} in mbdae: declare it with that, not {units[0]}")
         return understand(words, units, at, name, letter)
 
     def _defined(self, at: int, name: str, words: str, units: tuple[Unit, ...], letter: str) -> Meaning:
@@ -227,8 +228,12 @@ class _File:
 
     def _known(self, where: Node | Statement, line: str, names: Set[str], scope: Scope) -> None:
         for name in sorted(names - set(scope.symbols) - _CONSTANTS):
-            why = self.unread.get(name, f"declare it above as `{name} [unit]: meaning` or `let {name} [unit] = formula`")
-            raise AuditError(f"{line}: the symbol '{name}' has no meaning: {why} (in '{where}')")
+            if name in self.unread:
+                declared = self.unread[name]
+                raise AuditError(f"{line}: the symbol '{name}' has no meaning: correct its declaration, {declared} "
+                                 f"(in '{where}')")  # fmt: skip
+            raise AuditError(f"{line}: the symbol '{name}' has no meaning: declare it above as `{name} [unit]: meaning` or "
+                             f"`let {name} [unit] = formula` (in '{where}')")  # fmt: skip
 
     def _equation(self, at: int, line: str, match: re.Match[str]) -> None:
         first = self.places.setdefault(match[1], at)
@@ -261,7 +266,8 @@ def stated_by_caller(text: str, units: tuple[Unit, ...], e: Any, letter: str = "
 
     def rule(env: Env) -> Value:
         if missing := [n for n in names if n != "t" and n not in env.scope.symbols]:
-            raise AuditError(f"quantities: the expression for '{text}' contains {missing[0]}, which the text does not declare")
+            raise AuditError(f"quantities: the expression for '{text}' contains {missing[0]}: declare it in the text, or "
+                             f"leave it out")  # fmt: skip
         values = [env.motion.clock if n == "t" and n not in env.scope.symbols else env.value(n) for n in names]
         try:
             found = compute(*values)
@@ -277,8 +283,8 @@ def stated_by_caller(text: str, units: tuple[Unit, ...], e: Any, letter: str = "
 def _unit(text: str, at: int) -> Unit:
     try:
         return unit(text)
-    except UnitError as error:
-        raise AuditError(f"line {at}: {error}") from error
+    except UnitError as unknown_unit:
+        raise AuditError(f"line {at}: {unknown_unit}") from unknown_unit
 
 
 def _prints(letter: str) -> bool:

@@ -14,7 +14,7 @@ import symengine as se
 
 from mbdae.audit.evaluate import STEP, Value, cross, expression_value
 from mbdae.audit.laws import LawState, journal, observed, outward, part_class
-from mbdae.audit.notation import OWN_CLASS, AuditError
+from mbdae.audit.notation import GIVE_OWN_CLASS, AuditError
 from mbdae.audit.phrases import Env, Rule, phrase, random_number, random_positive, register
 from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.laws.contact import Normal
@@ -101,7 +101,7 @@ def _sense(env: Env) -> float:
 
 def _no_contact() -> float:
     raise AuditError("race and pin do not touch or do not slide in a random state of motion, where this direction or force has "
-                     "no value")  # fmt: skip
+                     "no value: leave the equation out, or name a normal law with force at every penetration")  # fmt: skip
 
 
 def _friction_force(env: Env) -> Value:
@@ -165,7 +165,7 @@ def part(env: Env, name: str, base: type, options: dict[str, Any] | None = None,
     """A normal law or friction law with random parameters."""
     cls = part_class(name, env.scope.own)
     if cls is None or not issubclass(cls, base):
-        raise AuditError(f"an audit knows no {base.__name__.lower()} law '{name}'; {OWN_CLASS.format(name)}")
+        raise AuditError(f"an audit knows no {base.__name__.lower()} law '{name}'; {GIVE_OWN_CLASS.format(name)}")
     made = object.__new__(cls)
     for p in cls.params:
         setattr(made, p, env.motion.positive(f"parameter {p}"))

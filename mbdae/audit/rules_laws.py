@@ -14,7 +14,7 @@ import symengine as se
 from mbdae.audit.evaluate import STEP, Value, expression_value
 from mbdae.audit.laws import WITH_COORDINATES, LawState, Own, derived, law_class, part_class
 from mbdae.audit.motion import quaternion
-from mbdae.audit.notation import OWN_CLASS, AuditError
+from mbdae.audit.notation import GIVE_OWN_CLASS, AuditError
 from mbdae.audit.phrases import Env, Rule, phrase, register
 from mbdae.audit.rules_contact import friction_parameter, potential
 from mbdae.errors import MbdaeError
@@ -38,13 +38,13 @@ def law(env: Env, name: str) -> LawState:
                          f"meaning")  # fmt: skip
     if cls is None:
         plain = name.removesuffix(WITH_COORDINATES)
-        raise AuditError(f"an audit knows no law '{name}'; {OWN_CLASS.format(plain)}")
+        raise AuditError(f"an audit knows no law '{name}'; {GIVE_OWN_CLASS.format(plain)}")
     if issubclass(cls, LineLaw):
         raise AuditError(f"{name} is a law on a line, as of beams: write the meaning `strains NAMES of {name}` or `energy of "
                          f"{name} per length`")  # fmt: skip
     if cls.frames != ("k", "l"):
         raise AuditError(f"{name} acts on {', '.join(cls.frames) or 'coordinates alone'}; an audit takes only laws between two "
-                         f"bodies, k and l")  # fmt: skip
+                         f"bodies, k and l: leave it out")  # fmt: skip
     declared = env.parameters(name)
 
     def made() -> LawState:
@@ -69,7 +69,7 @@ def _rows(env: Env, of: str, rows: str) -> tuple[LawState, list[str]]:
     state, wanted = law(env, of), names(rows)
     for row in wanted:
         if row not in state.d.rows:
-            raise AuditError(f"{of} has no row '{row}'; it has {', '.join(state.d.rows)}")
+            raise AuditError(f"{of} has no row '{row}'; it has {', '.join(state.d.rows) or 'none'}")
     return state, wanted
 
 
@@ -99,7 +99,7 @@ def unit_of_parameter(parameter: str, of: str, own: Own) -> str:
     """Unit of a parameter of a law, empty where the law leaves it open; AuditError where there is no such law or parameter."""
     cls = part_class(of, own) or law_class(of, own)
     if cls is None:
-        raise AuditError(f"an audit knows no law '{of}'; {OWN_CLASS.format(of)}")
+        raise AuditError(f"an audit knows no law '{of}'; {GIVE_OWN_CLASS.format(of)}")
     if parameter in ("scaling", "penalty") and not issubclass(cls, Part) and derived(of, own).rows:
         return ""
     if parameter in cls.options and isinstance(cls, type) and issubclass(cls, Friction):
@@ -112,9 +112,13 @@ def unit_of_parameter(parameter: str, of: str, own: Own) -> str:
 @phrase("coordinate of {name}")
 def _coordinate(env: Env, of: str) -> Value:
     cls = law_class(of, env.scope.own)
+    if cls is None:
+        raise AuditError(f"an audit knows no law '{of}'; {GIVE_OWN_CLASS.format(of)}")
     stated = getattr(cls, "coordinates", {})
+    if not stated:
+        raise AuditError(f"{of} has no coordinates: name a joint with one angle, such as Revolute")
     if [spec.unit for spec in stated.values()] != ["rad"]:
-        has = ", ".join(f"{name} ({spec.unit})" for name, spec in stated.items()) or "none"
+        has = ", ".join(f"{name} ({spec.unit})" for name, spec in stated.items())
         raise AuditError(f"{of} has not one angle as coordinate, but {has}; write `coordinate NAME of the joint` under `states: "
                          f"{of.lower()}`")  # fmt: skip
     return env.motion.first[0]
@@ -162,12 +166,11 @@ class UnlistedError(MbdaeError):
 
 def _listed(env: Env, parts: str, on: Callable[[str], Value]) -> Value:
     wanted = names(parts)
-    unknown = sorted(set(wanted) - set(PARTS))
-    if unknown:
-        raise AuditError(f"'{unknown[0]}' is nothing that a force acts on: write some of {', '.join(PARTS)}")
+    for part in sorted(set(wanted) - set(PARTS)):
+        raise AuditError(f"'{part}' is nothing that a force acts on: write some of {', '.join(PARTS)}")
     for part in PARTS if env.complete else ():
         if part not in wanted and np.max(np.abs(on(part))) > 1e-12:
-            raise UnlistedError(f"there is a force on {part} too, which the text does not list")
+            raise UnlistedError(f"there is a force on {part} too, which the text does not list: add it after `on`")
     return _stack([on(part) for part in wanted])
 
 
@@ -202,7 +205,7 @@ def _numbers(env: Env, of: str, stated: Callable[[LineDerived, Any], dict[str, A
     """Values of named quantities that a law on a line states at the section."""
     cls: Any = law_class(of, env.scope.own)
     if cls is None or not issubclass(cls, LineLaw):
-        raise AuditError(f"an audit knows no law on a line, as of beams, with the name '{of}'; {OWN_CLASS.format(of)}")
+        raise AuditError(f"an audit knows no law on a line, as of beams, with the name '{of}'; {GIVE_OWN_CLASS.format(of)}")
     line, stated_law = _line(cls)
     values = env.motion.once(("line", cls), lambda: _point(env, stated_law))
     known = stated(line, stated_law)

@@ -72,9 +72,9 @@ def unpacked(stored: Any) -> Array:
     shape = [whole(n, least=0) for n in stored["shape"]]
     content, size = base64.b64decode(stored["zlib_float64"], validate=True), 8 * math.prod(shape)
     if size > 2000 * len(content) + 64:
-        raise BadValueError(f"{len(content)} bytes cannot hold an array of shape {shape}")
+        raise BadValueError(f"the stored data are damaged: {len(content)} bytes cannot hold an array of shape {shape}")
     unpacking = zlib.decompressobj()
     raw = unpacking.decompress(content, size + 1)
     if len(raw) != size or not unpacking.eof:
-        raise BadValueError(f"the bytes stored for an array of shape {shape} are not as many as it needs")
+        raise BadValueError(f"the stored data are damaged: an array of shape {shape} needs more or fewer bytes")
     return np.frombuffer(raw, dtype="<f8").reshape(shape)

@@ -99,5 +99,5 @@ def _checked_accuracies(accuracies: Any) -> tuple[float, ...]:
     remedy = "give numbers from 1e-12 to 0.1, such as [1e-3, 1e-6]"
     values = option("accuracies", given, sequence, remedy, each=number, least=1e-12, most=1e-1)
     if not values:
-        raise OptionError(f"accuracies = {shown(accuracies)} is empty: {remedy}")
+        raise OptionError(f"accuracies = {shown(accuracies)} is empty: give one number or more, from 1e-12 to 0.1")
     return tuple(sorted(set(values), reverse=True))

@@ -134,7 +134,7 @@ class Problem:
                               f"mb.Run(mb.IDA())")
         if not any(c.has_models for c in self.scene.joints):
             raise OptionError(f"model {run.model_label}: scene '{self.name}' has no joint with coordinates, which alone have "
-                              f"joint models")  # fmt: skip
+                              f"joint models: give runs without a model, such as mb.Run(mb.IDA())")  # fmt: skip
         return Equations(prepare(with_models(self.scene, run), t_end=self.t_end))
 
     @cached_property
@@ -220,5 +220,5 @@ def refuse_unknown(prepared: Prepared, sensor: str) -> None:
     try:
         numbers(started(prepared), sensor)
     except (SceneError, OptionError) as error:
-        told = "; ".join(error.problems) if isinstance(error, SceneError) else str(error)
-        raise OptionError(f"measure = {shown(sensor)}: {told}") from error
+        sensor_problem = "; ".join(error.problems) if isinstance(error, SceneError) else str(error)
+        raise OptionError(f"measure = {shown(sensor)}: {sensor_problem}") from error

@@ -55,6 +55,8 @@ def given_reference(problem: Problem, given: Any) -> tuple[Reference, Any]:
     """A reference given by the user: a Result of the same scene, or values of the measure as a function of time."""
     if isinstance(given, Result):
         return _given_result(problem, given)
+    if problem.scene is None:
+        raise OptionError("reference is a function, which returns values of a sensor, and a System has none; leave reference out")
     if problem.measure is None:
         raise OptionError("reference is a function: name the sensor whose values it returns, such as measure='C.angle'")
     values: Array = option("reference(times)", given(problem.times), array, f"return {problem.measure} at the times given")
@@ -71,9 +73,11 @@ def _given_result(problem: Problem, given: Result) -> tuple[Reference, Any]:
                           "out")  # fmt: skip
     bodies = [b.name for b in problem.scene.bodies]
     other, end = [b.name for b in given.prepared.model.scene.bodies] != bodies, given.solution.t[-1]
-    if other or end < problem.t_end:
-        why = "of a scene with other bodies" if other else f"that ends at t = {end:g} s"
-        raise OptionError(f"reference is a Result {why}; give one of this scene to t = {problem.t_end:g} s")
+    if other:
+        raise OptionError(f"reference is a Result of a scene with other bodies; give one of this scene to t = {problem.t_end:g}"
+                          f" s")  # fmt: skip
+    if end < problem.t_end:
+        raise OptionError(f"reference is a Result that ends at t = {end:g} s; give one to t = {problem.t_end:g} s")
     label = f"given result, {given.solution.solver.label} {given.info.form}"
     return Reference(label, given.accuracy.asked, None, None), problem.values(given.solution, Equations(given.prepared))
 

@@ -122,7 +122,7 @@ def checked_runs(runs: Any) -> list[Run]:
     remedy = "give a list of mb.Run, such as [mb.Run(mb.IDA()), mb.Run(mb.RadauIIA(3))]"
     given = option("runs", runs, sequence, remedy, each=lambda run: run)
     if not given:
-        raise OptionError(f"runs = {shown(runs)} is empty: {remedy}")
+        raise OptionError(f"runs = {shown(runs)} is empty: give one or more, such as [mb.Run(mb.IDA())], or None for usual ones")
     return [run if isinstance(run, Run) else Run(solver_of(run, f"runs = {shown(runs)}: entry {i}", remedy))
             for i, run in enumerate(given, 1)]
 

@@ -73,8 +73,10 @@ class Document(NamesArguments):
             for _ in range(2):  # the second run knows the column widths of the tables
                 done = subprocess.run(command, cwd=folder, capture_output=True, check=False)
             if done.returncode:
-                said = done.stdout.decode(errors="replace").partition("\n! ")[2][:300]
-                raise OptionError(f"path = {shown(str(file))}: {Path(compiler).name} stopped: {said}")
+                output = done.stdout.decode(errors="replace")
+                last_output = output.partition("\n! ")[2][:300] or output[-300:].strip() or "it printed nothing"
+                raise OptionError(f"path = {shown(str(file))}: {Path(compiler).name} stopped: {last_output}; write .tex, or install"
+                                  " it fully (Debian: texlive-latex-recommended, texlive-pictures, lmodern)")  # fmt: skip
             return write_file(file, (Path(folder) / "report.pdf").read_bytes())
 
     def _with_pictures(self, file: Path) -> str:

@@ -93,14 +93,14 @@ class _Reader:
     def __init__(self, latex: str, continued: bool = False) -> None:
         self.latex, self.tokens, self.i, self.continued = latex, tokens(latex), 0, continued
 
-    def _error(self, why: str) -> FormulaError:
-        return FormulaError(f"the formula '{self.latex}' cannot be printed in HTML: {why}")
+    def _error(self, problem: str) -> FormulaError:
+        return FormulaError(f"the formula '{self.latex}' cannot be printed in HTML: {problem}")
 
     def formula(self) -> str:
         """MathML of the whole formula."""
         found = self.row("", set())
         if self.i < len(self.tokens):
-            raise self._error(f"'{self.tokens[self.i]}' closes no bracket or group that is open")
+            raise self._error(f"'{self.tokens[self.i]}' closes no bracket or group that is open; leave it out")
         return found
 
     def peek(self) -> str:
@@ -206,7 +206,7 @@ class _Reader:
     def raw(self) -> str:
         """The text of a group, unchanged."""
         if self.take() != "{":
-            raise self._error("a command with a text or a name lacks its braces {...}")
+            raise self._error("a command such as \\text or \\begin needs a text or name in braces after it, {...}")
         start, depth = self.i, 1
         while self.i < len(self.tokens) and depth:
             depth += (self.tokens[self.i] == "{") - (self.tokens[self.i] == "}")
@@ -242,12 +242,13 @@ class _Reader:
             if token == r"\\":
                 rows.append([])
             elif token != "&":
-                raise self._error(f"\\begin{{{kind}}} has no \\end{{{kind}}}")
+                raise self._error(f"\\begin{{{kind}}} has no \\end{{{kind}}} after its last row")
         cells = "".join(f"<mtr>{''.join(f'<mtd>{cell}</mtd>' for cell in row)}</mtr>" for row in rows)
         opening, closing = _MATRICES[kind]
         table = f'<mtable class="{kind}">{cells}</mtable>'
         return f"<mrow>{_sign(opening, _FENCE) if opening else ''}{table}{_sign(closing, _FENCE) if closing else ''}</mrow>"
 
     def _close(self, wanted: str) -> None:
-        if self.take() != wanted:
-            raise self._error(f"'{wanted}' is missing")
+        token = self.take()
+        if token != wanted:
+            raise self._error(f"'{wanted}' is missing " + (f"before '{token}'" if token else "at the end"))

@@ -79,7 +79,7 @@ class Export:
         suffix = FORMATS[self.format][1]
         named: Path = option("path", path, path_named, f"give the name of a file that ends in {suffix}")
         if named.suffix != suffix:
-            raise OptionError(f"path = '{named}': a file of format '{self.format}' ends in {suffix}")
+            raise OptionError(f"path = '{named}': a file of format '{self.format}' ends in {suffix}; name it so")
         if self.format == "c":
             write_file(named.with_suffix(".h"), self.header)
         return write_file(named, self.text)
@@ -87,9 +87,11 @@ class Export:
     def __getitem__(self, name: str) -> Any:
         """One function by its name; OptionError where there is none, or where CasADi is not installed."""
         if not isinstance(name, str) or name not in self.program.functions:
-            why = self.missing.get(name) if isinstance(name, str) else None
-            there = why or f"it has {', '.join(self.program.functions)}"
-            raise OptionError(f"name = {shown(name)}: the export of {self.program.title} has no such function; {there}")
+            why_missing = self.missing.get(name) if isinstance(name, str) else None
+            if why_missing:
+                raise OptionError(f"name = {shown(name)}: the export of {self.program.title} lacks this function: {why_missing}")
+            raise OptionError(f"name = {shown(name)}: the export of {self.program.title} has no such function; it has "
+                              f"{', '.join(self.program.functions)}")  # fmt: skip
         if self.format == "c":
             return f"{c.identifier(self.program.title)}_{name}"
         if self.format == "latex":

@@ -84,7 +84,7 @@ def _law(what: Any, options: Mapping[str, Any]) -> tuple[type[Law], Structure, M
         return JournalContact, structure_of(JournalContact, {role: part, **options}), {}
     if isinstance(what, type) and issubclass(what, Law):
         return what, structure_of(what, options), {}
-    raise OptionError(f"what = {shown(what)}: give a scene, a class of a law such as mb.Revolute, or a law with values")
+    raise OptionError(f"what = {shown(what)}: give a scene, a class of a law or part such as mb.Revolute, or one with values")
 
 
 def _sides(law: type[Law], structure: Structure, frames: Any) -> tuple[Side, ...]:

@@ -140,7 +140,8 @@ class _Made:
         step from 0 is exact. Raises OptionError where they are not linear."""
         if self.reactive():
             raise OptionError("form: one without multipliers solves for the joint forces by a formula, and there is none where "
-                              "friction follows from these forces; export with form=mb.GGL() or mb.Index1()")  # fmt: skip
+                              "friction follows from these forces; export with form=mb.GGL() or "
+                              "mb.Index1(multipliers='derivatives')")  # fmt: skip
         nb, e, n = self.numbering, self.e, self.assembly.n
         first = nb.start["lambda"]
         loaded = bool(self.assembly.motion())  # then the operations of the Jacobian contain the residual's
@@ -225,7 +226,8 @@ def _of_all_bodies(made: _Made, program: Program, prepared: Prepared) -> tuple[O
     if rubbing := made.reactive():
         raise OptionError("the forces of recursive joints, and of joints that hold beams at their nodes, follow from the "
                           f"accelerations of all bodies, in which the friction of {', '.join(map(repr, rubbing))} by the joint's "
-                          "own force is nonlinear: no formula gives them; residual and jacobian are exported")  # fmt: skip
+                          "own force is nonlinear: no formula gives them. This is no mistake: residual and jacobian are "
+                          "exported without them")  # fmt: skip
     spec = replace(Index1(0.0, "eliminated").spec(), eliminated=False)
     assembly = Assembly(model, prepared.mechanics.rows, spec, False, MovedBodies(model, [], share=False), open=True)
     fixed = made.fixed | {("", name) for name in assembly.numbering.form_numbers}

@@ -49,5 +49,5 @@ def _cell(stored: Any) -> Cell:
 
 def _text(value: Any) -> str:
     if not isinstance(value, str):
-        raise BadValueError(f"{shown(value)} stands where a warning, a text, should stand")
+        raise BadValueError(f"{shown(value)} stands where a text should stand")
     return value

@@ -40,8 +40,8 @@ def page(m: ExtremesData) -> str:
 
 
 def _summary(m: ExtremesData) -> str:
-    held = "No run was silently wrong." if not m.silent else f"Silently wrong: {counted(len(m.silent), 'run')}."
-    return (f'<p class="holds">{held}</p>\n<p>{counted(len(m.cells), "run")} to t = {m.t_end:g} s, accuracy '
+    verdict = "No run was silently wrong." if not m.silent else f"Silently wrong: {counted(len(m.silent), 'run')}."
+    return (f'<p class="holds">{verdict}</p>\n<p>{counted(len(m.cells), "run")} to t = {m.t_end:g} s, accuracy '
             f"{m.accuracy:g} unless it is varied. Error: {escape(m.what)}.</p>\n")  # fmt: skip
 
 

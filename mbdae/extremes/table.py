@@ -58,8 +58,8 @@ def notes(block: Block) -> list[str]:
                 first.setdefault(alike, shorten(sentence, 300, placeholder="..."))
                 said.setdefault(alike, []).append(where)
     return [f"{kind}: {first.get((kind, sentence), sentence)} "
-            f"({p[0]}{' and ' + counted(len(p) - 1, 'more run') if p[1:] else ''})"
-            for (kind, sentence), p in said.items()]  # fmt: skip
+            f"({runs[0]}{' and ' + counted(len(runs) - 1, 'more run') if runs[1:] else ''})"
+            for (kind, sentence), runs in said.items()]  # fmt: skip
 
 
 def doubted(block: Block) -> list[tuple[float, str]]:

@@ -15,9 +15,9 @@ RUNGS = 7  #: largest number of values between two bounds
 
 def asked_values(vary: Any) -> dict[str, tuple[float, ...]]:
     """The values by parameter; OptionError where `vary` is no such mapping, or a value is no number."""
-    remedy = "give {parameter: (low, high) or [values]}, such as {'coupler.mass': (1e-3, 1e3)}"
     if not isinstance(vary, Mapping) or not vary or not all(isinstance(name, str) for name in vary):
-        raise OptionError(f"vary = {shown(vary)}: {remedy}")
+        raise OptionError(f"vary = {shown(vary)}: give {{parameter: (low, high) or [values]}}, such as "
+                          "{'coupler.mass': (1e-3, 1e3)}")  # fmt: skip
     return {name: _values(name, asked) for name, asked in vary.items()}
 
 
@@ -30,12 +30,12 @@ def _values(name: str, asked: Any) -> tuple[float, ...]:
         each, bounds = f"{remedy}, each positive, in s", {"above": 0}
     given: tuple[float, ...] = tuple(option(what, asked, sequence, each, each=number, **bounds))
     if not given:
-        raise OptionError(f"{what} = {shown(asked)} is empty: {remedy}")
+        raise OptionError(f"{what} = {shown(asked)} is empty: give (low, high) for a ladder of decades, or a list of values")
     if not isinstance(asked, tuple) or len(given) != 2:
         return given
     if given[0] * given[1] <= 0:
         raise OptionError(f"{what} = {shown(asked)}: a tuple means (low, high) with values by decades between, so that both "
-                          f"need one sign and neither may be 0; give a list for single values: [..., ...]")  # fmt: skip
+                          f"need the same sign and neither may be 0; give a list for single values: [..., ...]")  # fmt: skip
     return ladder(*given)
 
 

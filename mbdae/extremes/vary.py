@@ -40,17 +40,19 @@ def varied(scene: Any, t_end: float, values: Mapping[str, Sequence[float]]) -> l
 
 def stated(scene: Any) -> SceneData:
     """The scene without variation; `scene` is a scene, or a function that returns one."""
-    remedy = "give a mb.Scene, or a function scene(**parameters) with defaults that returns one"
     made = scene
     if callable(scene) and not isinstance(scene, SceneData | type):
         try:
             inspect.signature(scene).bind()
         except (TypeError, ValueError) as error:
-            raise OptionError(f"scene = {shown(scene)} cannot be called without arguments ({error}): {remedy}") from error
+            raise OptionError(f"scene = {shown(scene)} cannot be called without arguments ({error}): give a function "
+                              f"whose parameters have defaults") from error
         made = scene()
     if not isinstance(made, SceneData):
-        returned = "" if made is scene else f" returns {shown(made)}"
-        raise OptionError(f"scene = {shown(scene)}{returned}: {remedy}")
+        if made is not scene:
+            raise OptionError(f"scene = {shown(scene)} returns {shown(made)}: let it return a mb.Scene")
+        raise OptionError(f"scene = {shown(scene)}: give a mb.Scene, or a function scene(**parameters) with defaults "
+                          f"that returns one")  # fmt: skip
     return made
 
 
@@ -100,15 +102,15 @@ def _number_in(name: str, value: str) -> float:
     try:
         return number(float(value))
     except ValueError:
-        raise OptionError(f"vary: '{name}': the argument {value} of scene(...) is not a number; give one, as in "
+        raise OptionError(f"vary: '{name}': the argument {value} of scene(...) is not a finite number; give one, as in "
                           f"'scene(n=3).A.spring'") from None
 
 
 def _refuse_unknown_argument(scene: Any, name: str) -> None:
     own = list(inspect.signature(scene).parameters) if callable(scene) and not isinstance(scene, SceneData) else []
     if name not in own:
-        told = f"arguments of scene(): {', '.join(own)}; " if own else "scene() has no arguments; "
-        raise OptionError(f"vary: there is nothing named '{name}'; {told}options of the run: {', '.join(OPTIONS)}; "
+        arguments = f"arguments of scene(): {', '.join(own)}; " if own else "scene() has no arguments; "
+        raise OptionError(f"vary: there is nothing named '{name}'; {arguments}options of the run: {', '.join(OPTIONS)}; "
                           f"or 'item.argument' of an item of the scene: {items_of(stated(scene))}")  # fmt: skip
 
 

@@ -99,7 +99,7 @@ class Reader:
         """The value of the whole formula; UnreadError where something is left over."""
         found: Array = self.sum()
         if self.i < len(self.line):
-            raise self._unread(f"'{self.peek()}' is left over")
+            raise self._fault_of_mbdae(f"'{self.peek()}' is left over")
         return found
 
     def peek(self) -> str:
@@ -110,13 +110,13 @@ class Reader:
         """Consume the next token; UnreadError where it is not the wanted one."""
         token = self.peek()
         if wanted and token != wanted:
-            raise self._unread(f"'{wanted}' is missing" + (f" before '{token}'" if token else " at the end"))
+            raise self._fault_of_mbdae(f"'{wanted}' is missing" + (f" before '{token}'" if token else " at the end"))
         self.i += 1
         return token
 
-    def _unread(self, why: str) -> UnreadError:
+    def _fault_of_mbdae(self, problem: str) -> UnreadError:
         return UnreadError(f"'{' '.join(self.line)}', as the report prints it, has no value from symbol {self.i + 1} on: "
-                           f"{why} (this is an error in mbdae, please report it with the law or scene)")
+                           f"{problem} (this is an error in mbdae, please report it with the law or scene)")
 
     def sum(self) -> Any:
         """Value of a sum of signed terms."""
@@ -127,7 +127,7 @@ class Reader:
             term = term if sign == "+" else -term
             self.largest = max(self.largest, float(np.max(np.abs(term), initial=0.0)))
             if total is not None and np.ndim(total) != np.ndim(term) and not (isinstance(total, int) or isinstance(term, int)):
-                raise self._unread("two terms of a sum are not both numbers, both vectors or both matrices")
+                raise self._fault_of_mbdae("two terms of a sum are not both numbers, both vectors or both matrices")
             total = term if total is None else total + term
         return total
 
@@ -152,7 +152,7 @@ class Reader:
         if sign == "" and m == 3:
             found = np.einsum("pij,pj->pi", a, b) if n == 2 else np.einsum("pij,pjk->pik", a, b)
             return found.reshape(self.points) if found[0].size == 1 else found
-        raise self._unread(f"{sign or 'a product without sign'} stands between {_KINDS[m]} and {_KINDS[n]}")
+        raise self._fault_of_mbdae(f"{sign or 'a product without sign'} stands between {_KINDS[m]} and {_KINDS[n]}")
 
     def power(self) -> Any:
         """Value of a factor with its exponents."""
@@ -178,13 +178,13 @@ class Reader:
     def atom(self) -> Any:
         """Value of a number, a symbol or a bracket."""
         if self.peek() == "":
-            raise self._unread("the formula ends where a term should follow")
+            raise self._fault_of_mbdae("the formula ends where a term should follow")
         key = self.symbols.at(self.line, self.i)
         if key is not None:
             self.i += len(key)
             if self.peek() in ("_", "'"):
-                after = "".join(self.line[self.i : self.i + 6])
-                raise self._unread(f"{''.join(key)} has a value, but not with the index or accent that follows it: {after}")
+                index = "".join(self.line[self.i : self.i + 6])
+                raise self._fault_of_mbdae(f"{''.join(key)} has a value, but not with the index or accent after it: {index}")
             return self.symbols.value(key)
         token = self.take()
         if token.isdigit() or token == ".":
@@ -217,7 +217,7 @@ class Reader:
             name = "".join(self.line[self.i + 1 : self.line.index("}", self.i)])
             self.i += len(name) + 2
         if name not in _FUNCTIONS:
-            raise self._unread(f"the function {name} is not known")
+            raise self._fault_of_mbdae(f"the function {name} is not known")
         if self.peek() != r"\left":
             return _FUNCTIONS[name](self.atom())
         self.take()
@@ -255,7 +255,7 @@ class Reader:
             kind = "".join(self.line[self.i + 1 : self.line.index("}", self.i)])
             self.i += len(kind) + 2
             return self._cases() if kind == "cases" else self._matrix()
-        raise self._unread(f"the symbol '{token}' has no value: the page does not define it")
+        raise self._fault_of_mbdae(f"the symbol '{token}' has no value: the page does not define it")
 
     def _end(self) -> None:
         self.take(r"\end")
@@ -281,7 +281,7 @@ class Reader:
         left = np.real(self.sum())
         relation = self.take()
         if relation not in _COMPARED:
-            raise self._unread(f"'{relation}' stands where a relation such as = or < should stand")
+            raise self._fault_of_mbdae(f"'{relation}' stands where a relation such as = or < should stand")
         found: Array = _COMPARED[relation](left, np.real(self.sum()))
         return found
 
@@ -297,7 +297,7 @@ class Reader:
             if token == r"\\":
                 rows.append([])
             elif token != "&":
-                raise self._unread("a matrix has no end")
+                raise self._fault_of_mbdae("a matrix has no end")
         found = assembled(rows, self.points)
         return found[:, 0, 0] if found[0].size == 1 else found
 

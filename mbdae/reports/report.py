@@ -112,7 +112,7 @@ def _refuse(what: Any, options: dict[str, Any]) -> None:
     """OptionError where options are given with something else than a class of laws."""
     if options:
         name, value = next(iter(options.items()))
-        raise OptionError(f"{name} = {shown(value)}: {shown(what)} takes no options; only classes of laws do")
+        raise OptionError(f"{name} = {shown(value)}: {shown(what)} takes no options, which only classes of laws do; leave it out")
 
 
 def _by_name(name: str, options: dict[str, Any]) -> Document:
@@ -121,7 +121,8 @@ def _by_name(name: str, options: dict[str, Any]) -> Document:
         _refuse(name, options)
         return _clearance(Hertz(1e9, damping=0.3), Coulomb(0.3, 1e-3), None)
     if name not in known:
-        raise OptionError(f"what = {shown(name)} is not known: {meant(name, names())}give one of {', '.join(names())}, or a file")
+        raise OptionError(f"what = {shown(name)} is not known: {meant(name, names())}give one of {', '.join(names())}, or a law "
+                          f"or scene itself")  # fmt: skip
     return report(known[name], **{"kept": True} | options if name == "classical" else options)
 
 
@@ -130,7 +131,7 @@ def _of_law(law: type[Law], structure: Structure) -> Document:
         if issubclass(law, kind):
             found: Document = page(law, structure).document()
             return found
-    raise LawError(f"{law.__name__} is neither joint, force, body nor line: there is no report of it")
+    raise LawError(f"{law.__name__} is neither joint, force, body nor line: no report shows it; give a class of one of these")
 
 
 def _of_model(model: Any, law: type[Joint], options: dict[str, Any]) -> Document:
@@ -143,7 +144,8 @@ def _of_model(model: Any, law: type[Joint], options: dict[str, Any]) -> Document
     if isinstance(model, Recursive):
         return recursive_report((law,), options) if law is not Revolute or options else recursive_report()
     if not isinstance(model, JointModel):
-        raise OptionError(f"model = {shown(model)}: give mb.Kinematic(), mb.Classical() or mb.Recursive()")
+        raise OptionError(f"model = {shown(model)}: give mb.Kinematic(), mb.Classical() or mb.Recursive(), for mb.Revolute also "
+                          f"mb.Clearance(...)")  # fmt: skip
     return report(law, kept=isinstance(model, Classical) or law.must_keep(), **options)
 
 

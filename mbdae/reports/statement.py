@@ -55,17 +55,19 @@ def structure_of(law: type[Law], options: Mapping[str, Any]) -> Structure:
     """Structure of a law class in a report: all parameters but scaling and penalty; a prescribed motion is a function of time."""
     missing = [name for name in law.options if name not in options and name not in OPTIONS]
     if missing:
-        raise LawError(f"{law.__name__} has the option '{missing[0]}': say mb.report({law.__name__}, {missing[0]}=...)")
+        name = missing[0]
+        raise LawError(f"{law.__name__} needs a value of its option '{name}': say mb.report({law.__name__}, {name}=...)")
     given = {name: v for name, v in options.items() if name in law.params}
-    if wrong := [name for name, v in given.items() if v is not None]:
-        raise LawError(f"{law.__name__}: the report of a class has no value of '{wrong[0]}', only its letter; leave it out, or "
-                       f"give None for a law without it")  # fmt: skip
+    for name in (name for name, v in given.items() if v is not None):
+        raise LawError(f"{law.__name__}: {name} = {shown(given[name])}: the report of a class shows letters, no values; leave "
+                       f"{name} out, or give None for a law without it")  # fmt: skip
     options = {name: v for name, v in options.items() if name not in given}
     unknown = sorted(set(options) - set(law.options))
     if unknown:
-        close = unknown_name(unknown[0], [*law.options, *law.params])
-        raise LawError(f"{law.__name__} has no option or parameter {close} options: {', '.join(sorted(law.options)) or 'none'}; "
-                       f"parameters, None for a law without one: {', '.join(law.params) or 'none'}")
+        name_and_closest = unknown_name(unknown[0], [*law.options, *law.params])
+        raise LawError(f"{law.__name__} has no option or parameter {name_and_closest} options: "
+                       f"{', '.join(sorted(law.options)) or 'none'}; parameters, None for a law "
+                       f"without one: {', '.join(law.params) or 'none'}")
     for name, value in options.items():
         check_kind(name, value, OPTIONS.get(name))
     chosen = {name: options.get(name, _default(law, name, options)) for name in law.options}
@@ -100,12 +102,19 @@ def _check_coordinates(law: type[Law], chosen: Mapping[str, Any]) -> None:
                           f"are unknowns in every joint model; give kept=True")  # fmt: skip
     for name in ("coordinate", "rubs"):
         if chosen.get(name) is not None and chosen[name] not in joint.scalars():
-            has = ", ".join(sorted(joint.scalars())) or "none"
-            raise OptionError(f"{name} = {shown(chosen[name])}: {joint.__name__} has no such coordinate, only {has}")
-    what = "joint" if not issubclass(law, Joint) else "friction" if chosen["friction"] is not None else ""
-    if what and not joint.scalars():
-        by = "against which it" if what == "friction" else f"on which {law.__name__}"
-        raise OptionError(f"{what} = {shown(chosen[what])}: {joint.__name__} has no angle or displacement {by} could act")
+            if not joint.scalars():
+                raise OptionError(f"{name} = {shown(chosen[name])}: {joint.__name__} has no angle or displacement; leave "
+                                  f"{name} out")  # fmt: skip
+            raise OptionError(f"{name} = {shown(chosen[name])}: {joint.__name__} has no such coordinate; give one of "
+                              f"{', '.join(sorted(joint.scalars()))}")  # fmt: skip
+    if joint.scalars():
+        return
+    if not issubclass(law, Joint):
+        raise OptionError(f"joint = {shown(chosen['joint'])}: {joint.__name__} has no angle or displacement on which "
+                          f"{law.__name__} could act; give a joint with one, such as joint=mb.Revolute")  # fmt: skip
+    if chosen["friction"] is not None:
+        raise OptionError(f"friction = {shown(chosen['friction'])}: {joint.__name__} has no angle or displacement against which "
+                          f"friction could act; leave friction out")  # fmt: skip
 
 
 def sides_of(law: type[Law], planar: bool = False) -> tuple[Side, ...]:

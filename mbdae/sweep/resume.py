@@ -40,7 +40,8 @@ class ResumeFile:
         try:
             data = json.loads(read_file(self.path))
         except (OSError, ValueError, RecursionError) as error:
-            raise OptionError(f"resume = '{self.path}' cannot be read: {error}; delete it, or name another file") from error
+            raise OptionError(f"resume = '{self.path}' cannot be read as a file that an earlier call with resume wrote "
+                              f"({error}); name another file, or delete this one") from error
         if not isinstance(data, dict) or data.get("format") != self.file_format:
             raise OptionError(f"resume = '{self.path}' is not a {self.kind} kept by resume; name another file")
         check_same(self.path, self.kind, data.get("statement"), self.identity)
@@ -59,7 +60,7 @@ def resume_path(path: Any) -> Path | None:
     remedy = "give a file in a folder that exists and can be written to, or None"
     where: Path | None = optional("resume", path, file_to_write, remedy)
     if where is not None and not os.access(where.parent, os.W_OK):
-        raise OptionError(f"resume = {shown(path)}: {remedy}")
+        raise OptionError(f"resume = {shown(path)}: its folder cannot be written to; name a file in another one, or None")
     return where
 
 
@@ -77,8 +78,8 @@ def damage_refused(path: Path) -> Iterator[None]:
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, zlib.error) as error:
         if isinstance(error, OptionError):
             raise
-        told = str(error) if isinstance(error, BadValueError) else f"{type(error).__name__}: {shown(error)}"
-        raise OptionError(f"resume = '{path}' is damaged ({told}); delete it, or name another file") from error
+        damage = str(error) if isinstance(error, BadValueError) else f"{type(error).__name__}: {shown(error)}"
+        raise OptionError(f"resume = '{path}' is damaged ({damage}); delete it, or name another file") from error
 
 
 def record(cls: type[T], data: Any, **further: Any) -> T:
@@ -88,9 +89,10 @@ def record(cls: type[T], data: Any, **further: Any) -> T:
         raise BadValueError(f"{shown(data)} stands where the entries of {what} should stand")
     declared = {f.name: str(f.type) for f in fields(cls)}  # type: ignore[arg-type]
     needed = {f.name for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING}  # type: ignore[arg-type]
-    wrong = sorted((set(data) - set(declared)) | (needed - set(data) - set(further)))
-    if wrong:
-        raise BadValueError(f"the entry {shown(wrong[0])} of {what} is {'unknown' if wrong[0] in data else 'missing'}")
+    for name in sorted(set(data) - set(declared)):
+        raise BadValueError(f"{what} has the unknown entry {shown(name)}")
+    for name in sorted(needed - set(data) - set(further)):
+        raise BadValueError(f"{what} lacks the entry {shown(name)}")
     for name, value in data.items():
         if name not in further and not _fits(value, declared[name]):
             raise BadValueError(f"the entry {name} = {shown(value)} of {what} is not of type {declared[name]}")
@@ -102,9 +104,9 @@ def _fits(value: Any, declared: str) -> bool:
     return type(value) in allowed
 
 
-def check_same(path: Path, what: str, there: Any, here: Any) -> None:
+def check_same(path: Path, kind: str, there: Any, here: Any) -> None:
     """OptionError where the identity `there`, stored in the file, differs from that of the call, `here`, with the first
     difference."""
     difference = first_difference(there, json.loads(json.dumps(here)))
     if difference:
-        raise OptionError(f"resume = '{path}' holds another {what}: {difference}; ask for the same one, or name another file")
+        raise OptionError(f"resume = '{path}' holds another {kind}: {difference}; ask for the same one, or name another file")

@@ -28,7 +28,7 @@ from mbdae.run.control import plausible
 from mbdae.scene.scene import SceneData
 from mbdae.sweep.resume import interruption
 from mbdae.sweep.scenes import SceneJob, planned, solved
-from mbdae.sweep.workers import with_executor, with_processes
+from mbdae.sweep.workers import THREADS, with_executor, with_processes
 from mbdae.system.base import Array
 from mbdae.system.prepare import modelled
 from mbdae.values import BadValueError, array, number, option, several, shown, text, whole
@@ -80,22 +80,25 @@ class Points:
             return cls(_names(grid), axes, None)
         listed = list(grid) if several(grid) else []
         if not listed or not all(isinstance(p, Mapping) and p.keys() == listed[0].keys() for p in listed):
-            raise OptionError(f"grid = {shown(grid)}: {GRID}")
+            raise OptionError(f"grid = {shown(grid)}: give a mapping of names such as 'crank.mass' to lists of numbers, or a "
+                              f"list of such points, all with the same names")  # fmt: skip
         names = _names(listed[0])
         return cls(names, None, np.array([[option(f"grid: '{n}'", p[n], number, GRID) for n in names] for p in listed]))
 
 
 def _names(point: Mapping[Any, Any]) -> tuple[str, ...]:
     if not point:
-        raise OptionError(f"grid has 0 names: {GRID}")
+        raise OptionError("grid has 0 names: name what varies, as in {'crank.mass': [1.0, 2.0]}")
     return tuple(option("grid: name", name, text, GRID) for name in point)
 
 
 def _axis(values: Any) -> Array:
     """The values (k,) of one name, read from what a user gave."""
-    listed = list(values) if several(values) else None
+    if not several(values):
+        raise BadValueError(f"{shown(values)} is no list of numbers")
+    listed = list(values)
     if not listed:
-        raise BadValueError(f"{shown(values)} is {'no list of numbers' if listed is None else 'empty'}")
+        raise BadValueError(f"{shown(values)} is an empty list")
     found = array(listed)
     if found.ndim != 1:
         raise BadValueError(f"{shown(values)} has shape {found.shape}, not that of a plain list of numbers")
@@ -214,7 +217,7 @@ def _part(path: Path) -> Any:
     try:
         return read_tree(path)
     except DamagedError as error:
-        raise OptionError(f"resume: {error}") from error
+        raise OptionError(f"resume = '{path.parent}': {error}") from error
 
 
 def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers: int | None, resume: Any, again: bool, tell: Any,
@@ -244,15 +247,14 @@ def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers:
 
 def _check_sent(job: SceneJob) -> None:
     """Raise OptionError for a scene that cannot be sent (pickled) to other processes."""
-    advice = ("define functions and classes of your own at the top level of a file, or pass "
-              "executor=concurrent.futures.ThreadPoolExecutor()")  # fmt: skip
     try:
         sent = pickle.dumps(job)
     except Exception as error:
-        raise OptionError(f"scene '{job.scene.name}' cannot be sent to another process ({error}): {advice}") from error
+        raise OptionError(f"scene '{job.scene.name}' cannot be sent to another process ({error}): define functions and classes "
+                          f"of your own at the top level of a file, or pass {THREADS}") from error
     if b"__main__" in sent and not hasattr(sys.modules["__main__"], "__file__"):
         raise OptionError(f"scene '{job.scene.name}' contains something defined at the prompt or in a notebook, which worker "
-                          f"processes cannot import: {advice}")  # fmt: skip
+                          f"processes cannot import: define it in a file and import it from there, or pass {THREADS}")
 
 
 def _compute(made: SceneSweep, job: Any, points: Points, left: Sequence[tuple[int, int]], executor: Executor | None,
@@ -297,7 +299,8 @@ def _folder(resume: Any, job: SceneJob, points: Points) -> tuple[Path | None, st
         folder.mkdir(parents=True, exist_ok=True)
         there = json.loads(read_file(place)) if place.exists() else None
     except (OSError, ValueError) as error:
-        raise OptionError(f"resume = '{folder}' cannot be used ({error}): {FOLDER}") from error
+        raise OptionError(f"resume = '{folder}' cannot be used ({error}): give a new folder, or that of an earlier call of "
+                          f"the same sweep; None keeps nothing") from error
     if there is not None and (difference := first_difference(there, json.loads(statement))):
         raise OptionError(f"resume = '{folder}' holds another sweep: {difference}; ask for the same one, or name another folder")
     return folder, statement

@@ -117,7 +117,7 @@ def _fields(call: Mapping[str, Any], key: str, wanted: Sequence[str], name: str)
     `wanted`."""
     fields = (call.get(key) or {}).get("fields", {}) if isinstance(call.get(key), dict | None) else {}
     if not all(isinstance(fields.get(w), float | int | dict) for w in wanted):
-        raise OptionError(f"vary: '{name}' needs a {key} with {' and '.join(wanted)}, which this item was not given; "
+        raise OptionError(f"vary: '{name}' needs {' and '.join(wanted)} of a {key}, which this item was not given; "
                           f"it was given {_listed(call)}")  # fmt: skip
     return dict.__getitem__(call[key], "fields") if isinstance(call[key], dict) else fields
 
@@ -131,7 +131,9 @@ def _by_coordinate(call: dict[str, Any], option: str) -> list[tuple[dict[str, An
 
 def _alone(places: list[tuple[dict[str, Any], str]], name: str, word: str) -> tuple[dict[str, Any], str]:
     """The only one of `places`, the values of an option by coordinate; OptionError where there is not exactly one."""
-    if len(places) != 1:
+    if not places:
+        raise OptionError(f"vary: '{name}': no coordinate of this joint has a {word}; give it one")
+    if len(places) > 1:
         options = " or ".join(f"'{name.partition('.')[0]}.{word}.{key}'" for _, key in places)
         raise OptionError(f"vary: '{name}': this joint has a {word} in several coordinates; name one: {options}")
     return places[0]
@@ -147,24 +149,24 @@ def _set_speed(call: dict[str, Any], method: str, value: float, name: str, coord
         holder, key = _alone(moving, name, "speed")
         if not isinstance(holder[key], dict):
             before, holder[key] = abs(holder[key]), value
-            return 1 / abs(_ratio(value, before, name))
+            return 1 / abs(_ratio(value, before, name, "the speed"))
         e = timed.expression(read(holder[key]))
         before = abs(float(timed.values(timed.derivatives(e)[1], np.zeros(1))[0]))
-        factor = _ratio(value, before, name)
+        factor = _ratio(value, before, name, "the speed")
         holder[key] = stored(e.subs({timed.TIME: factor * timed.TIME}))
         return 1 / abs(factor)
     for key in ("angular_velocity", "velocity"):
         if not coordinate and call.get(key) is not None and np.linalg.norm(call[key]) > 0:
-            factor = _ratio(value, float(np.linalg.norm(call[key])), name)
+            factor = _ratio(value, float(np.linalg.norm(call[key])), name, "the speed")
             call[key] = (np.asarray(call[key], dtype=float) * factor).tolist()
             return 1 / abs(factor)
     raise OptionError(f"vary: '{name}': the item has no speed at the start: give it a prescribed angle or position, a "
                       f"rate0 or start_rate, a velocity or an angular_velocity; it has {_listed(call)}")  # fmt: skip
 
 
-def _ratio(value: float, before: float, name: str) -> float:
+def _ratio(value: float, before: float, name: str, quantity: str) -> float:
     if not before or not value:
-        raise OptionError(f"vary: '{name}' = {value:g}: speeds are multiples of the one stated, {before:g}; neither may be 0")
+        raise OptionError(f"vary: '{name}' = {value:g}: values are multiples of {quantity} stated, {before:g}; neither may be 0")
     return value / before
 
 
@@ -185,7 +187,7 @@ def _descend(holder: Any, keys: list[str], value: float, name: str) -> None:
     old = holder[key]
     if isinstance(old, list | tuple):
         entries = option(f"vary: '{name}': its value", old, array, "vary one of its entries, by their numbers after a dot")
-        holder[key] = (entries * _ratio(value, float(np.max(np.abs(entries), initial=0.0)), name)).tolist()
+        holder[key] = (entries * _ratio(value, float(np.max(np.abs(entries), initial=0.0)), name, "the largest entry")).tolist()
     elif isinstance(old, dict) and "by" in old:
         raise OptionError(f"vary: '{name}' has values by coordinate; say {' or '.join(repr(f'{name}.{c}') for c in old['by'])}")
     elif isinstance(old, bool | str | dict):

@@ -24,7 +24,7 @@ from mbdae.notation import counted
 from mbdae.scene.scene import SceneData
 from mbdae.sweep.resume import check_same, damage_refused, interruption, resume_path
 from mbdae.sweep.scene_sweep import SceneSweep, sweep_scene
-from mbdae.sweep.workers import Job, Outcome, with_executor, with_processes
+from mbdae.sweep.workers import THREADS, Job, Outcome, with_executor, with_processes
 from mbdae.sweep.writing import as_json
 from mbdae.system.base import Array
 from mbdae.values import BadValueError, flag, function, option, optional, sequence, shown, text, whole
@@ -78,7 +78,9 @@ class Sweep(ListsAttributes):
         known = {i: np.asarray(row.values[key], dtype=float) for i, row in self.done.items() if row.values and key in row.values}
         if not known:
             names = sorted({name for row in self.rows for name in row.values or ()})
-            raise OptionError(f"key = '{key}' is no value of any row; they have {', '.join(names) or 'none, every point failed'}")
+            if names:
+                raise OptionError(f"key = '{key}' is no value of any row; they have {', '.join(names)}")
+            raise OptionError(f"key = '{key}': there are no values, since {self._why_no_values()}")
         shapes = {value.shape for value in known.values()}
         if len(shapes) > 1:
             raise OptionError(f"key = '{key}' has different shapes from point to point: {sorted(shapes)}; read it from `rows`")
@@ -86,6 +88,11 @@ class Sweep(ListsAttributes):
         for i, value in known.items():
             out[i] = value
         return out if self.axes is None else out.reshape(*map(len, self.axes.values()), *out.shape[1:])
+
+    def _why_no_values(self) -> str:
+        if not self.rows:
+            return "no point is done yet"
+        return "every point failed: see `failures`" if self.failures == self.rows else "the job returned empty dicts"
 
     def table(self) -> str:
         """All rows as text: points, values, errors."""
@@ -151,10 +158,11 @@ def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int
         return sweep_scene(job, grid, executor, workers, resume, again, tell, t_end, accuracy, outputs)
     for name, value, default in (("t_end", t_end, None), ("accuracy", accuracy, 1e-6), ("outputs", outputs, None)):
         if value is not default and not (isinstance(value, float) and value == default):
-            raise OptionError(f"{name} = {shown(value)} is for sweeps of a scene; a function takes what it needs itself")
+            raise OptionError(f"{name} = {shown(value)} is for sweeps of a scene; leave it out: a function takes what it needs "
+                              f"itself")  # fmt: skip
     points, axes = _points(grid)
     if not callable(job):
-        raise OptionError(f"job = {shown(job)}: give a function that takes a point and returns a dict")
+        raise OptionError(f"job = {shown(job)}: give a mb.Scene, or a function that takes a point and returns a dict")
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise OptionError(f"executor = {shown(executor)}: give an executor of concurrent.futures, or None for processes")
     if executor is None:
@@ -185,18 +193,19 @@ def _points(grid: Any) -> tuple[list[dict[str, Any]], dict[str, list[Any]] | Non
                 for name, values in grid.items()}  # fmt: skip
         points = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
         if not (axes and points):
-            raise OptionError(f"grid has {counted(len(axes), 'name')} and {len(points)} points: give one value or more for each")
+            raise OptionError(f"grid has {counted(len(axes), 'name')} and {len(points)} points: give one name or more, each with "
+                              f"one value or more")  # fmt: skip
         return [_scalars(point) for point in points], axes
     points = option("grid", _listed(grid), sequence, GRID, each=_point)
     if not points:
-        raise OptionError(f"grid = {shown(grid)} is empty: {GRID}")
+        raise OptionError(f"grid = {shown(grid)} is empty: give one point or more, such as [{{'mass': 1.0}}]")
     return [_scalars(point) for point in points], None
 
 
 def _point(value: Any) -> Mapping[str, Any]:
     if isinstance(value, Mapping):
         return value
-    raise BadValueError(f"{shown(value)} is not a dict")
+    raise BadValueError(f"{shown(value)} is not a dict, as a point is")
 
 
 def _listed(values: Any) -> Any:
@@ -206,9 +215,9 @@ def _listed(values: Any) -> Any:
 
 def _scalars(point: Mapping[str, Any]) -> dict[str, Any]:
     """The point with plain numbers instead of NumPy's, so that it is equal to the point read from a file."""
-    wrong = [name for name in point if not (isinstance(name, str) and name.isidentifier())]
-    if wrong:
-        raise OptionError(f"grid: {shown(wrong[0])} is not the name of an argument: {GRID}")
+    for name in point:
+        if not (isinstance(name, str) and name.isidentifier()):
+            raise OptionError(f"grid: {shown(name)} cannot be the name of an argument of the job; use letters, digits and _")
     return {name: _scalar(value) for name, value in point.items()}
 
 
@@ -218,15 +227,15 @@ def _scalar(value: Any) -> Any:
 
 def _check_job(job: Any, points: list[dict[str, Any]]) -> None:
     """Raise OptionError for a job or points that cannot be sent (pickled) to another process."""
-    advice = "move it to the top level of a file, or pass executor=concurrent.futures.ThreadPoolExecutor()"
     inner = job.func if isinstance(job, functools.partial) else job
     if getattr(inner, "__module__", None) == "__main__" and not hasattr(sys.modules["__main__"], "__file__"):
         raise OptionError(f"job {_name(job)} was defined at the prompt or in a notebook: worker processes cannot import it; "
-                          f"{advice}")  # fmt: skip
+                          f"move it to the top level of a file, or pass {THREADS}")  # fmt: skip
     try:
         pickle.dumps((job, points))
     except Exception as error:
-        raise OptionError(f"job {_name(job)} or its points cannot be sent to another process ({error}); {advice}") from error
+        raise OptionError(f"job {_name(job)} or its points cannot be sent to another process ({error}); give a function at the "
+                          f"top level of a file and points of numbers or texts, or pass {THREADS}") from error
 
 
 def _name(job: Any) -> str:
@@ -253,7 +262,7 @@ def _json(value: Any) -> str:
 def _plain(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray) and not np.iscomplexobj(value):
         return value.tolist()
-    raise TypeError(f"{value!r} is of type {type(value).__name__}")
+    raise TypeError(f"{value!r} of type {type(value).__name__} cannot be written to a file")
 
 
 def _finite(value: Any) -> Any:
@@ -283,11 +292,11 @@ class _Kept:
         try:
             head = _json(self.statement)
         except TypeError as error:
-            raise OptionError(f"resume = '{path}': points cannot be written to a file: {error}; give numbers or texts") from error
+            raise OptionError(f"resume = '{path}': points cannot be kept: {error}; let them have numbers or texts") from error
         try:
             lines = read_file(path).splitlines(keepends=True) if path.exists() else []
         except (OSError, ValueError) as error:
-            raise OptionError(f"resume = '{path}' cannot be read: {error}; delete it, or name another file") from error
+            raise OptionError(f"resume = '{path}' cannot be read as text ({error}); name another file, or delete it") from error
         if lines:
             self._read(path, lines, json.loads(head))
         rows = [_json(_line(i, row)) for i, row in self.rows.items()]
@@ -297,10 +306,10 @@ class _Kept:
     def _read(self, path: Path, lines: list[str], meant: dict[str, Any]) -> None:
         try:
             said = json.loads(lines[0])
-            if said["format"] != FORMAT:
-                raise ValueError(f"the first line has the format {said['format']!r}, not {FORMAT!r}")
-        except (ValueError, KeyError, TypeError, RecursionError) as error:
-            raise OptionError(f"resume = '{path}' is not a sweep kept by resume; name another file") from error
+        except (ValueError, RecursionError):
+            said = None
+        if not isinstance(said, dict) or said.get("format") != FORMAT:
+            raise OptionError(f"resume = '{path}' is not a sweep kept by resume; name another file")
         check_same(path, "sweep", said, meant)
         for line in lines[1:]:
             try:
@@ -311,7 +320,7 @@ class _Kept:
                 number = whole(data["number"], least=0, most=len(self.points) - 1)
                 row = SweepRow(self.points[number], *(data[key] for key in ("values", "error", "died")))
                 if not (isinstance(row.values, dict | None) and isinstance(row.error, str | None) and isinstance(row.died, bool)):
-                    raise BadValueError(f"values, error or died has a wrong type in the row of a point: {shown(data)}")
+                    raise BadValueError(f"in the row of a point, values, error or died is of a wrong type: {shown(data)}")
             if not (row.died or (self.again and row.error)):
                 self.rows[number] = row
 

@@ -15,8 +15,7 @@ from mbdae.errors import OptionError
 from mbdae.sweep.worker import Worker, WorkerDiedError
 
 DIED = "worker died"
-GUARD = ("the worker processes do not start: they import the script again, so keep what it runs under "
-         "`if __name__ == '__main__':`; their messages are printed above")  # fmt: skip
+THREADS = "executor=concurrent.futures.ThreadPoolExecutor()"  #: to work in threads, which share this process's objects
 
 
 @dataclass(frozen=True)
@@ -109,8 +108,10 @@ class _Workers:
         try:
             worker.wait_until_ready()
         except WorkerDiedError as error:
-            raise OptionError(GUARD if error.own_fault else f"the worker processes do not start: {error}; to work in threads "
-                              f"instead, pass executor=concurrent.futures.ThreadPoolExecutor()") from None
+            if error.own_fault:
+                raise OptionError("the worker processes do not start: they import the script again, so keep what it runs under "
+                                  "`if __name__ == '__main__':`; their messages are printed above") from None
+            raise OptionError(f"the worker processes do not start: {error}; to work in threads instead, pass {THREADS}") from None
         except BaseException:
             worker.kill()
             raise

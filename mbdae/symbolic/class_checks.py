@@ -43,10 +43,12 @@ def _expression(e: Any) -> Any:
     try:
         if isinstance(e, int | float | np.number) or type(e).__module__.partition(".")[0] == "sympy" or hasattr(e, "_symengine_"):
             e = se.sympify(number(e) if not getattr(e, "free_symbols", None) else e)
-    except Exception as error:  # NaN, infinite, or what symengine does not know
-        raise _WrongError(f"{shown(e)}, which is no finite number or expression") from error
+    except BadValueError as error:
+        raise _WrongError(f"{shown(e)}, which is no real, finite number of usual magnitude") from error
+    except Exception as error:
+        raise _WrongError(f"{shown(e)}, which is no expression that symengine knows") from error
     if is_condition(e):
-        raise _WrongError(f"{shown(e)}, which is no expression or number")
+        raise _WrongError(f"{shown(e)}, which is a condition, no expression or number")
     return e
 
 
@@ -68,11 +70,11 @@ def _by_name(entry: Check) -> Check:
     return read
 
 
-def _part(entry: Check, e: Any, where: str) -> Any:
+def _part(entry: Check, e: Any, name: str) -> Any:
     try:
         return entry(e)
-    except _WrongError as wrong:
-        raise _WrongError(f"{where} = {wrong}") from wrong.__cause__
+    except _WrongError as value_and_fault:
+        raise _WrongError(f"{name} = {value_and_fault}") from value_and_fault.__cause__
 
 
 def _several(entry: Check, count: int | None = None) -> Check:
@@ -190,7 +192,7 @@ def _check_names(cls: Any, instance: Sequence[str]) -> None:
 
 
 def _checked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
-    read, wanted = RETURNS[name]
+    read, allowed = RETURNS[name]
     # whether this is a default of a base class: it states nothing and takes k and l only, however many frames the law has
     unstated = method.__module__ in ("mbdae.symbolic.law", "mbdae.symbolic.joint")
 
@@ -198,17 +200,18 @@ def _checked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
     def checked(self: Any, *args: Any, **kwargs: Any) -> Any:
         if unstated and len(self.frames) > 2:
             args = (*args[:2], *args[len(self.frames) :])
-        where = f"{type(self).__name__}.{name}"
+        class_and_method = f"{type(self).__name__}.{name}"
         try:
             found = method(self, *args, **kwargs)
         except (MbdaeError, NotImplementedError):
             raise
         except Exception as error:
-            raise LawError(f"{where} fails: {type(error).__name__}: {error}{_hint(self, error)}{_line(error)}") from error
+            raise LawError(f"{class_and_method} fails: {type(error).__name__}: {error}{_hint(self, error)}"
+                           f"{_line(error)}") from error  # fmt: skip
         try:
             return read(found)
-        except _WrongError as wrong:
-            raise LawError(f"{where} returns {wrong}; it must return {wanted}") from wrong.__cause__
+        except _WrongError as what_and_fault:
+            raise LawError(f"{class_and_method} returns {what_and_fault}; it must return {allowed}") from what_and_fault.__cause__
 
     return checked
 

@@ -30,15 +30,14 @@ class Coupling(TwoBodyLaw):
         kind = f"{type(self).__name__} {shown(name)}"
         if not self.own_coordinates:
             raise LawError(f"{kind} couples no coordinates; declare them: coordinates = mb.params(angle=('rad', 'of a wheel'))")
+        names = ", ".join(self.own_coordinates)
         example = f"as in of={{'{self.own_coordinates[0]}': 'A.angle', ...}}"
-        wanted = f"say which joint's coordinate each of {', '.join(self.own_coordinates)} is, {example}"
         if not isinstance(of, Mapping):
-            raise LawError(f"{kind}: of = {shown(of)}: {wanted}")
+            raise LawError(f"{kind}: of = {shown(of)} is no dict: say which joint's coordinate each of {names} is, {example}")
         self.of = dict(of)
-        missing = [c for c in self.own_coordinates if c not in self.of]
-        unknown = [c for c in self.of if c not in self.own_coordinates]
-        if missing or unknown:
-            raise LawError(f"{kind}: of = {shown(of)}: {wanted}")
+        if set(self.of) != set(self.own_coordinates):
+            raise LawError(f"{kind}: of = {shown(of)} must have the keys {names} and no others: say which joint's coordinate "
+                           f"each is, {example}")  # fmt: skip
 
     def constraints(self) -> dict[str, Expr]:
         """Expressions of the coordinates that vanish, by name of the row."""

@@ -203,7 +203,8 @@ class _Derivation(Statement):
         law, sides = self.law, self.sides
         if isinstance(law, Force):
             if all(getattr(type(law), name) is getattr(Force, name) for name in FORCES):
-                raise LawError(f"force law {type(law).__name__} states none of {', '.join(FORCES)}; see mb.Force")
+                raise LawError(f"force law {type(law).__name__} states none of {', '.join(FORCES)}; state one of these "
+                               f"methods, see mb.Force")  # fmt: skip
             wrench = law.wrench(*sides) or (ZERO, ZERO)
             if len(sides) > 2 and type(law).wrench is not Force.wrench:
                 raise LawError(f"{type(law).__name__} acts on {len(sides)} bodies, but its wrench is force and torque between "

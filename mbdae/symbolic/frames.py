@@ -254,6 +254,7 @@ def angle(k: Frame, l: Frame) -> Expr:
     if NodeKind.PLANAR in (k.kind, l.kind):
         reference = k if k.kind.turns else l
         if reference.axes not in (Axes.NORMAL, Axes.REVERSED):
-            raise LawError("its axis does not point along z, the only direction about which bodies turn in the plane")
+            raise LawError(f"the angle between {k.side} and {l.side} is about an axis that does not point along z, the only "
+                           f"direction about which bodies turn in the plane: give axis=(0, 0, 1)")  # fmt: skip
         return (1 if reference.axes is Axes.NORMAL else -1) * (l.heading - k.heading)
     return se.atan2(k.y @ l.x - k.x @ l.y, k.x @ l.x + k.y @ l.y)

@@ -58,8 +58,8 @@ class Joint(TwoBodyLaw):
         super().__init_subclass__(**kwargs)
         for name, entry in cls.coordinates.items():
             if name in SENSORS or name.endswith("_rate"):
-                raise LawError(f"{cls.__name__}: the coordinate '{name}' has the name of another sensor of joints; choose "
-                               f"another name")
+                raise LawError(f"{cls.__name__}: the coordinate '{name}' has the name of another sensor of joints, or ends in "
+                               f"'_rate' as their rates do; choose another name")
             if entry.unit not in UNITS:
                 raise LawError(f"{cls.__name__}: the coordinate '{name}' has the unit '{entry.unit}'; give 'rad', 'm' or "
                                f"'rotation'")  # fmt: skip
@@ -94,7 +94,8 @@ class Joint(TwoBodyLaw):
             raise LawError(f"joint law {type(self).__name__} states a motion without coordinates: where l moves with k use "
                            f"mb.Weld, otherwise declare coordinates = mb.params(name=('rad', 'meaning')) and move by "
                            f"self.name")  # fmt: skip
-        raise LawError(f"joint law {type(self).__name__} states neither `motion(self, from_k)` nor `constraints(self, k, l)`")
+        raise LawError(f"joint law {type(self).__name__} states neither `motion(self, from_k)` nor `constraints(self, k, l)`: "
+                       f"state one of these methods")  # fmt: skip
 
     def coordinate(self, *frames: Any, **_: Any) -> Any:
         """{coordinate: expression of the frames}, or the expression alone where there is one coordinate; None: the coordinates
@@ -295,8 +296,8 @@ class Joint(TwoBodyLaw):
             return None
         k, *others = frames
         if not (k.kind.oriented and (all(f.kind.oriented for f in others) or self.coordinates[self.rubbed].unit == "m")):
-            raise LawError(f"friction in a {type(self).__name__} needs axes on both of its bodies, and a point mass has none: "
-                           f"use s.rigid_body for it")
+            raise LawError(f"friction in a {type(self).__name__} needs axes on its bodies, and a point mass has none: use "
+                           f"s.rigid_body for it")
         coefficient = let(self.friction.coefficient(self.sliding(*frames)))
         normal = self.normal_force(frames[0], frames[1], force, coefficient)
         return self.read(*frames)[self.rubbed], let(-coefficient * normal) * self.lever()

@@ -81,9 +81,10 @@ class Law:
         known = {*self.params, *self.options}
         unknown = sorted(set(values) - known)
         if unknown:
-            wrong = unknown_name(unknown[0], {*known, *signature(type(self)).parameters})
+            name_and_closest = unknown_name(unknown[0], {*known, *signature(type(self)).parameters})
             own = sorted(known - self.derived())
-            raise LawError(f"{type(self).__name__} {shown(name)}: unknown parameter {wrong} it has {', '.join(own) or 'none'}")
+            raise LawError(f"{type(self).__name__} {shown(name)}: unknown parameter {name_and_closest} it has "
+                           f"{', '.join(own) or 'none'}")  # fmt: skip
         for key in known:
             setattr(self, key, values.get(key))
         self.compose()
@@ -198,7 +199,8 @@ class TwoBodyLaw(Law):
                  **values: Any) -> None:  # fmt: skip
         for side in self.frames[2:]:
             if side not in values:
-                raise LawError(f"{type(self).__name__} {shown(name)}: {side} is missing; say {side}=body")
+                raise LawError(f"{type(self).__name__} {shown(name)}: the body of its frame '{side}' is missing; add {side}= "
+                               f"with a body or a place")  # fmt: skip
             setattr(self, side, values.pop(side))
         self.points = {side: values.pop(f"at_{side}") for side in self.frames[2:] if values.get(f"at_{side}") is not None}
         super().__init__(name, **values)

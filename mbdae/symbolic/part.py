@@ -51,8 +51,8 @@ def checked_value(item: str, key: str, value: Any, read: Callable[..., T], remed
     item, the key, the value and the remedy."""
     try:
         return read(value, **bounds)
-    except BadValueError as refused:
-        raise LawError(f"{item}: {key} = {refused}; {remedy}") from None
+    except BadValueError as value_and_fault:
+        raise LawError(f"{item}: {key} = {value_and_fault}; {remedy}") from None
 
 
 @dataclass(frozen=True)
@@ -123,14 +123,14 @@ class Part:
         if found is None:
             return self._number(key, found)
         if found < 0 or (found == 0 and bound == "above 0"):
-            what = "negative" if found < 0 else "not positive"
-            raise self.refuse(key, f"is {what}{why and f': {why}'}; give a value {bound}")
+            negative_or_0 = "negative" if found < 0 else "not positive"
+            raise self.refuse(key, f"is {negative_or_0}{why and f': {why}'}; give a value {bound}")
         return float(found)
 
-    def refuse(self, key: str, why: str) -> LawError:
-        """The error that names the parameter `key` with its value and unit; why: the rest of the sentence."""
+    def refuse(self, key: str, fault_and_remedy: str) -> LawError:
+        """The error that names the parameter `key` with its value and unit; fault_and_remedy: the rest of the sentence."""
         unit = self.params[key].unit.removesuffix("1")
-        return LawError(f"{type(self).__name__}: {key} = {getattr(self, key):g}{' ' if unit else ''}{unit} {why}")
+        return LawError(f"{type(self).__name__}: {key} = {getattr(self, key):g}{' ' if unit else ''}{unit} {fault_and_remedy}")
 
     def values(self) -> dict[str, Any]:
         """Parameters and options by name."""

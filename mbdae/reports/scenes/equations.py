@@ -212,7 +212,7 @@ class SceneEquations:
         while open_:
             block = self._block(open_, known)
             if block is None:
-                raise ValueError(f"more than {LARGEST_BLOCK} of its constraint rows can only be solved together")
+                raise ValueError(f"more than {LARGEST_BLOCK} constraint rows must be solved together (no mistake in the scene)")
             places, unknowns = block
             self.steps.append((unknowns, [open_.pop(at) for at in places], places))
             known |= set(unknowns)
