@@ -144,7 +144,7 @@ def _sum(node: Node, at: Source) -> Value:
     for part in node.parts[1:]:
         term = evaluate(part, at)
         if np.shape(total) != np.shape(term):
-            raise SizeError(f"sizes do not fit: {size(total)} + {size(term)}, which must be equal")
+            raise SizeError(f"sizes do not fit: {size(total)} + {size(term)}; the terms of a sum need one size")
         total = total + term
     return total
 

@@ -170,7 +170,8 @@ def _listed(env: Env, parts: str, on: Callable[[str], Value]) -> Value:
         raise AuditError(f"'{part}' is nothing that a force acts on: write some of {', '.join(PARTS)}")
     for part in PARTS if env.complete else ():
         if part not in wanted and np.max(np.abs(on(part))) > 1e-12:
-            raise UnlistedError(f"there is a force on {part} too, which the text does not list: add it after `on`")
+            raise UnlistedError(f"there is a force on {part} too, which the text does not list: the formula or the list "
+                                f"is incomplete")
     return _stack([on(part) for part in wanted])
 
 

@@ -19,6 +19,7 @@ from mbdae.files import write_file
 from mbdae.values import file_to_write, option, shown
 
 COMPILERS = ("pdflatex", "lualatex")
+INSTALL_TEX = "install TeX (Debian: texlive-latex-recommended, texlive-pictures, lmodern)"
 
 
 @dataclass(frozen=True)
@@ -65,8 +66,8 @@ class Document(NamesArguments):
         """Compile the document's LaTeX to a PDF; OptionError without a TeX installation."""
         compiler = next((found for found in map(shutil.which, COMPILERS) if found), None)
         if compiler is None:
-            raise OptionError(f"path = {shown(str(file))}: there is none of {', '.join(COMPILERS)} here; write .tex, or install"
-                              f" TeX (Debian: texlive-latex-recommended, texlive-pictures, lmodern)")  # fmt: skip
+            raise OptionError(f"path = {shown(str(file))}: there is none of {', '.join(COMPILERS)} here; write .tex, or "
+                              f"{INSTALL_TEX}")
         with TemporaryDirectory() as folder:
             self.save(Path(folder) / "report.tex")
             command = [compiler, "-interaction=nonstopmode", "-halt-on-error", "report.tex"]
@@ -75,8 +76,8 @@ class Document(NamesArguments):
             if done.returncode:
                 output = done.stdout.decode(errors="replace")
                 last_output = output.partition("\n! ")[2][:300] or output[-300:].strip() or "it printed nothing"
-                raise OptionError(f"path = {shown(str(file))}: {Path(compiler).name} stopped: {last_output}; write .tex, or install"
-                                  " it fully (Debian: texlive-latex-recommended, texlive-pictures, lmodern)")  # fmt: skip
+                raise OptionError(f"path = {shown(str(file))}: {Path(compiler).name} stopped: {last_output}; write .tex, or "
+                                  f"{INSTALL_TEX}")
             return write_file(file, (Path(folder) / "report.pdf").read_bytes())
 
     def _with_pictures(self, file: Path) -> str:

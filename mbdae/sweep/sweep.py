@@ -193,8 +193,8 @@ def _points(grid: Any) -> tuple[list[dict[str, Any]], dict[str, list[Any]] | Non
                 for name, values in grid.items()}  # fmt: skip
         points = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
         if not (axes and points):
-            raise OptionError(f"grid has {counted(len(axes), 'name')} and {len(points)} points: give one name or more, each with "
-                              f"one value or more")  # fmt: skip
+            raise OptionError(f"grid has {counted(len(axes), 'name')} and {counted(len(points), 'point')}: give one name or more,"
+                              f" each with one value or more")  # fmt: skip
         return [_scalars(point) for point in points], axes
     points = option("grid", _listed(grid), sequence, GRID, each=_point)
     if not points:

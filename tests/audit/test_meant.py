@@ -65,7 +65,7 @@ def test_the_repair_is_what_was_printed_in_excess(formula: str, repair: str) -> 
     ("n = sum(i, i, 0, n)", "sum(i, i, 0, n) has no value: the limits of a sum must be whole numbers, not 0 and "),
     ("u = u + n", "u + n has no value: sizes do not fit: 3 x 1 + a number"),
     ("u = ~n*u", "~n has no value: the matrix of a cross product is that of a 3 x 1 column, not of a number"),
-    ("n = norm(n)", "norm(n) has no value: a norm is that of a column (n x 1), not of a number"),
+    ("n = norm(n)", "norm(n) has no value: norm takes a column (n x 1), not a number; of a number write abs"),
     ("n = n*atan2(n - n, n - n)", "atan2(n - n, n - n) has no value: a quantity it divides by is 0"),
 ])  # fmt: skip
 def test_reasons_name_the_piece_that_has_no_value(formula: str, told: str) -> None:

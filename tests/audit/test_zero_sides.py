@@ -42,7 +42,7 @@ def test_what_is_zero_is_right_on_either_side_and_repaired_alike() -> None:
     ("0 <= norm(wk) <= wk'*a1", "MISPRINT", ""),
     ("0 <= a1", "CANNOT JUDGE", "a bound is one of numbers"),
     ("0 = 0", "CANNOT JUDGE", "both sides are 0"),
-    ("a1 >= a2", "CANNOT JUDGE", "turn it round"),
+    ("a1 >= a2", "CANNOT JUDGE", "write a bound as `smaller <= larger`"),
     ("0 = wk'*a1 <= 1", "CANNOT JUDGE", "write two"),
     ("abs(wk'*a3) <= norm(wk)^2", "MISPRINT", "the unit s^-2"),
 ])  # fmt: skip

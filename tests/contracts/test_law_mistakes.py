@@ -41,7 +41,7 @@ ROWS: list[tuple[Callable[..., Any], str]] = [
     (lambda self, k, l: {1: k.x @ l.y}, "Bowl.constraints returns the name 1; names are text"),
     (lambda self, k, l: {"a": "x"}, "Bowl.constraints returns 'a' = 'x', which is no expression"),
     (lambda self, k, l: {"a": l.r - k.r}, "Bowl.constraints returns 'a' = Vec("),
-    (lambda self, k, l: {"a": math.nan}, "Bowl.constraints returns 'a' = nan, which is no finite number"),
+    (lambda self, k, l: {"a": math.nan}, "Bowl.constraints returns 'a' = nan, which is no real, finite number"),
     (lambda self, k, l: {"a": True}, "'a' = True, which is no expression"), (lambda self, k, l: {"a": 1j}, "'a' = 1j, which is no"),
     (lambda self, k, l: {"a": l.r[0] > 0}, "which is no expression"), (lambda self, k, l: {"a": np.ones(3)}, "which is no expression"),
     (lambda self, k, l: {"a": l.q @ k.x}, "Bowl.constraints fails: "),

@@ -149,7 +149,7 @@ def test_options_a_joint_cannot_have():
     for law, options, said in (
         (joints.Screw, {"kept": False}, "unknowns in every joint model"),
         (joints.Spherical, {"friction": FRICTION}, "no angle or displacement against which"),
-        (joints.Universal, {"friction": FRICTION, "rubs": "angle"}, r"has no such coordinate, only angle_k, angle_l"),
+        (joints.Universal, {"friction": FRICTION, "rubs": "angle"}, r"has no such coordinate; give one of angle_k, angle_l"),
         (forces.JointSpring, {"joint": joints.Weld}, "no angle or displacement on which"),
         (forces.JointSpring, {"joint": joints.Planar, "coordinate": "z"}, "has no such coordinate"),
     ):

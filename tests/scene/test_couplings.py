@@ -32,7 +32,8 @@ def wheels() -> mb.Scene:
 
 
 @pytest.mark.parametrize(("of", "words"), [
-    (None, "of = None: say which joint's coordinate each of a, b is"), ("A", "of = 'A': say"), ({}, "of = {}: say"),
+    (None, "of = None is no dict: say which joint's coordinate each of a, b is"), ("A", "of = 'A' is no dict"),
+    ({}, "of = {} must have the keys a, b and no others"),
     (5, "of = 5"),
 ])  # fmt: skip
 def test_coordinates_of_a_coupling(of: Any, words: str) -> None:

@@ -69,5 +69,5 @@ def test_the_same_in_a_tree_of_recursive_joints() -> None:
 def test_a_missing_body_is_named() -> None:
     s = mb.Scene("s")
     a, b = s.rigid_body("a", 1.0, 0.1), s.rigid_body("b", 1.0, 0.1, at=(1, 0))
-    with pytest.raises(mb.LawError, match="m is missing; say m=body"):
+    with pytest.raises(mb.LawError, match="the body of its frame 'm' is missing; add m= with a body or a place"):
         Bend("bend", a, b, stiffness=1.0)

@@ -240,7 +240,7 @@ def test_failed_points_again(tmp_path):
 
 
 @pytest.mark.parametrize(("grid", "options", "told"), [
-    ({}, {}, "grid has 0 names"), ({"a.mass": []}, {}, r"grid: 'a.mass' = \[\] is empty"),
+    ({}, {}, "grid has 0 names"), ({"a.mass": []}, {}, r"grid: 'a.mass' = \[\] is an empty list"),
     ({"nobody.mass": [1.0]}, {}, "no item 'nobody'"),
     ({"a": [1, 2]}, {}, "'a' names no number; add one"), ({"a.mass": 1.0}, {}, "'a.mass' = 1.0 is no list of numbers"),
     ({"a.mass": None}, {}, "= None is no list"), ({"a.mass": "12"}, {}, "= '12' is no list"), ({1: [2.0]}, {}, "1 is not text"),

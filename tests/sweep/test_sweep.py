@@ -134,15 +134,15 @@ def test_ctrl_c_keeps_what_is_done(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("job", "grid", "options", "message"),
     [
-        (lambda x: {}, {"x": [1]}, {}, "cannot be sent to another process .* move it to the top level of a file"),
-        (3, {"x": [1]}, {}, "job = 3: give a function"),
+        (lambda x: {}, {"x": [1]}, {}, "cannot be sent to another process .* give a function at the top level of a file"),
+        (3, {"x": [1]}, {}, "job = 3: give a mb.Scene, or a function"),
         (jobs.product, {}, {}, "grid has 0 names"),
         (jobs.product, {"a": []}, {}, "grid has 1 name and 0 points"),
         (jobs.product, [3], {}, r"grid = \[3\] has a wrong entry, 3 is not a dict"),
         (jobs.product, "ab", {}, "grid = 'ab' is not a list: give a mapping"),
         (jobs.product, GRID, {"workers": 0}, "workers = 0"),
         (jobs.product, GRID, {"resume": "/nowhere/x"}, "give a file in a folder that exists"),
-        (partial(jobs.product, b=1), {"a": [print]}, {"resume": "x.jsonl"}, "points cannot be written to a file"),
+        (partial(jobs.product, b=1), {"a": [print]}, {"resume": "x.jsonl"}, "points cannot be kept"),
     ],
 )
 def test_bad_options(job: Any, grid: Any, options: dict[str, Any], message: str, tmp_path: Path) -> None:
