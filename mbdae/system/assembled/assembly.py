@@ -38,7 +38,8 @@ from mbdae.system.motion.workspace import Columns, Loaded
 #: resolved
 ELASTIC = {"v": 2, "z": 3, "lambda": 3, "mu": 2}
 RESOLVED = {"z": 3}
-#: number of unknowns from which the Jacobian is sparse; with fewer, dense linear algebra is faster (measured 150-200)
+#: number of unknowns above which the Jacobian is sparse unless stated otherwise; with fewer, dense linear algebra is faster
+#: (measured: up to 150 to 200)
 SPARSE_FROM = 150
 
 
@@ -66,7 +67,9 @@ class Assembly:
         self.equations = self._equations()
         self._offset = np.zeros(1 + nb.first_input - self.n)  # constants of the rows of F, a spare row, the rows of loaded nodes
         self._residual, self._jacobian, self._mass = Scatter(), Scatter(), Scatter()
-        self._inert = False  #: whether kernels of laws outside of trees depend on accelerations
+        #: whether laws outside of trees have inertia that varies (kernels that read u'). Where none of them has any inertia, y'
+        #: comes from the trees' kernels alone
+        self._inert = False
         #: kernels of trees with loaded nodes (bodies on which other laws act): their motion, the trees' rows, derivatives of both
         self._loaded: tuple[list[Any], Scatter, list[Any]] = ([], Scatter(), [])
         entries = Entries(self.n)
