@@ -137,7 +137,7 @@ class _Run:
     checked: list[str] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
     worst: dict[str, tuple[float, str]] = field(default_factory=dict)
-    failed: dict[str, set[str]] = field(default_factory=dict)  #: contract -> what fails; told for the first variant alone
+    failed: dict[str, set[str]] = field(default_factory=dict)  #: contract -> what fails, told only where it fails first
 
     def check(self, name: str, structure: Structure, sides: tuple[Side, ...]) -> list[str]:
         self.checked.append(name)

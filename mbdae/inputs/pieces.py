@@ -26,11 +26,11 @@ DEGREE = 7
 #: a piece of joined segments is divided into this many equal parts, but not into more than it has segments; the parts limit the
 #: steps, so that several steps follow the polynomial of the piece
 PARTS = 4
-SAMPLES = np.array([0.0, 1 / 3, 2 / 3, 1.0])  #: parts of a segment's length at which deviations are measured; it is a cubic
+SAMPLES = np.array([0.0, 1 / 3, 2 / 3, 1.0])  #: parts of a segment's length at which deviations are measured; segments are cubics
 #: largest number of segments of a block at which the polynomial is compared first, before it is at all of them; and of segments
 #: on each side of a point between two pieces, at which one polynomial across this point is compared
 SOME = 16
-LARGE = 256  #: the deviation of a block, from a comparison at at least this many of its segments, is cached
+LARGE = 256  #: the deviation of a block is cached if it is compared at this many of its segments or more
 FINEST = 1e-11  #: smaller tolerances, relative to the range of the table in the run, are raised to this: less is rounding error
 _NODES = (1 - np.cos((2 * np.arange(DEGREE + 1) + 1) * np.pi / (2 * DEGREE + 2))) / 2
 _FROM_NODES = np.linalg.inv(np.vander(2 * _NODES - 1, increasing=True))

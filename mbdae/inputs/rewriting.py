@@ -14,7 +14,7 @@ from mbdae.values import BadValueError, shown
 
 #: functions that inputs may contain and that are rewritten with Piecewise or floor
 REWRITTEN = ("Abs", "sign", "Heaviside", "Max", "Min", "Mod", "ceiling", "frac")
-HUGE = 100.0  #: a number times an exponential is put into the exponent if its logarithm is larger in magnitude, see `_exponents`
+HUGE = 100.0  #: a number times an exponential is put into the exponent if the magnitude of ln|number| is larger, see `_exponents`
 
 
 def rewritten(value: Any) -> Expr:

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 KINDS, OUTSIDE = ("linear", "cubic", "step"), ("hold", "periodic", "error")
 MOST_POINTS = 5_000_000
-CLOSEST = 1e-11  #: a table is refused if two points are as close, relative to its largest |t|: no step is shorter
+CLOSEST = 1e-11  #: a table is refused if two successive points are not farther apart, over its largest |t|: no step is shorter
 #: distance of a time from a point of the table, relative to the magnitude of the time or the largest of the table, whichever is
 #: larger, up to which the time counts as that point: then the argument `side` decides which of the two segments is used
 SIDED = 1e3 * float(np.finfo(float).eps)

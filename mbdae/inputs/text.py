@@ -27,7 +27,7 @@ FUNCTIONS = (
     "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp", "log", "Piecewise",
     "floor",
 )  # fmt: skip
-#: most characters of a text that is read or written; most brackets, signs and operators that bind closer, inside each other
+#: most characters of a text that is read or written; most levels of brackets, signs and right-hand operands inside each other
 LONGEST, DEEPEST = 100_000, 120
 #: most bits of an integer that arises while a text is read, and largest exponent: far more than in doubles written as fractions,
 #: which have up to 1100 bits

@@ -50,7 +50,7 @@ class Body(NamesArguments):
     velocity: InitVar[Array]
     angular_velocity: InitVar[Array]
     given_velocity: bool = False  #: whether a velocity or angular velocity other than 0 is stated
-    outline: Array = field(default_factory=lambda: np.zeros((0, 3)))  #: points for drawing, inertial as drawn
+    outline: Array = field(default_factory=lambda: np.zeros((0, 3)))  #: points of the body's line as drawn, m, inertial axes
     is_point: bool = False
     is_ground: bool = False
     principal_plane: bool = False  #: whether the inertia is given as one number, about z

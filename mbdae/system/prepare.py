@@ -35,8 +35,8 @@ from mbdae.system.start.start import Start, Starter
 from mbdae.system.start.typical_sizes import characteristic_time
 from mbdae.threads import single_threaded
 
-#: at later times, constraint rows scaled to unit length determine a position if their smallest singular value is above this; a
-#: contradiction of prescribed motions is reported there only
+#: prescribed motions that contradict each other after the start are reported only for positions in which the smallest singular
+#: value of the rows in force, scaled to unit length, is above this
 SOUND = 1e-3
 #: the check for contradicting prescribed motions moves the scene in at most FOLLOWED steps over at most half of the run; before
 #: the loops are closed again, a step may violate joints by at most NEAR (rad, or over the scene's length)

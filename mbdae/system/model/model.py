@@ -43,7 +43,7 @@ class Instance:
     numbers: dict[str, float]
     timed: dict[str, Any]  #: parameter -> expression of time
     item: str
-    states: tuple[str, ...] = ()  #: names of the states of other laws that it reads
+    states: tuple[str, ...] = ()  #: names of other items whose internal state the law reads
 
 
 @dataclass

@@ -74,7 +74,7 @@ def shared_displacements(model: Model, excluded: set[Node], replaced: frozenset[
             if others[0] in pinned:
                 pinned[first] = pinned.pop(others[0])
         elif others or len(ends) == 1:
-            continue  # all ends are already fixed to the ground or share displacements: the rows stay
+            continue  # all ends are already fixed to the ground, so that these rows constrain the beams
         rows |= {(g, i, names.index(name)) for name in ROWS if name in names}
         if instance.law.welds:
             welded.append((g, i, ends))

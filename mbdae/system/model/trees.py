@@ -39,7 +39,7 @@ class Tree:
     joints: tuple[Place, ...]
     names: tuple[str, ...]  #: names of the joints
     members: tuple[Place, ...]
-    numbers: tuple[dict[str, float], ...]  #: numbers of the laws of the joints, with the quaternions of their axes
+    numbers: tuple[dict[str, float], ...]  #: numbers of the laws of the joints, in space with the quaternions of their axes
 
     @property
     def moved_nodes(self) -> tuple[Node, ...]:

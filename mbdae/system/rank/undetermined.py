@@ -23,7 +23,7 @@ from mbdae.system.rank.redundancy import RankReport, null_space
 #: velocities of all bodies over the rates of a motion without inertia (norms), and over the largest derivative of a velocity by a
 #: rate or 1, whichever is larger, up to which the motion is said to move no body
 STILL = 1e-10
-UNLIKE = 1e6  #: largest factor of a coupling over the smallest, or over 1 if that is smaller, above which the latter is lost
+UNLIKE = 1e6  #: largest factor of a coupling, over the smallest or 1, whichever is smaller, above which rounding is blamed
 #: inertia of a motion, over that of the displacements it consists of, up to which the motion counts as having none; in large
 #: scenes up to about 100 times this
 NOTHING = 1e-13
