@@ -145,7 +145,7 @@ def test_loop_that_cannot_close_says_where_and_by_how_much() -> None:
     s.revolute("A", s.ground, "a", at=(0, 0), angle0=3.0)
     s.revolute("B", "a", "b", at=(1, 0))
     s.revolute("C", "b", s.ground, at=(3, 0))
-    with pytest.raises(mb.StartError, match=r"joint 'C' cannot close: row C\.\w stays off by \d.* m; angle of 'A' starts at 3 rad"):
+    with pytest.raises(mb.StartError, match=r"'C' cannot close: row C\.\w stays off by \d.* m; angle of 'A' starts at 3 rad"):
         s.check()
 
 
@@ -186,7 +186,7 @@ def test_rows_that_contradict_although_redundant() -> None:
     s.link("a", (0, 0), (1, 0), mass=1)
     s.revolute("A", s.ground, "a", at=(0, 0), angle=mb.t)
     s.prismatic("P", s.ground, "a", at=(0, 0), axis=(1, 0, 0))
-    with pytest.raises(mb.StartError, match=r"do not allow the motion prescribed for 'A' .*: row P\.\w+ depends on the other rows"):
+    with pytest.raises(mb.StartError, match=r"not allow the motion prescribed for 'A' .*: row P\.\w+ depends on the other"):
         s.check()
 
 
@@ -259,7 +259,8 @@ def test_a_stated_value_that_the_loop_cannot_reach_is_named() -> None:
     s = mb.Scene("four-bar")
     for name, x, stated in (("", 0.0, {"angle0": 2.0}), ("far ", 9.0, {"angle0": 0.1})):
         A, B, C, D = (x, 0), (x, 0.5), (x + 0.4, 0.6), (x + 0.6, 0)
-        crank, coupler, rocker = (s.link(name + n, p, q, mass=1.0) for n, p, q in (("crank", A, B), ("coupler", B, C), ("rocker", C, D)))
+        ends = (("crank", A, B), ("coupler", B, C), ("rocker", C, D))
+        crank, coupler, rocker = (s.link(name + n, p, q, mass=1.0) for n, p, q in ends)
         s.revolute(name + "A", s.ground, crank, at=A, **stated)
         s.revolute(name + "B", crank, coupler, at=B)
         s.revolute(name + "C", coupler, rocker, at=C)
