@@ -204,9 +204,8 @@ def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Co
     found = read(text, own, stated)
     if not found.equations and not found.claims:
         raise AuditError(f"there are no equations, such as '1: a = b + c', and no claims in {shown(source)}: add some")
-    unknown = sorted(set(given) - {c.words for c in found.claims})
-    if unknown:
-        raise OptionError(f"counts = {shown(counts)}: the text has no claim with the words {shown(unknown[0])}; its claims: "
+    for words in sorted(set(given) - {c.words for c in found.claims}):
+        raise OptionError(f"counts = {shown(counts)}: the text has no claim with the words {shown(words)}; its claims: "
                           f"{', '.join(shown(c.words) for c in found.claims) or 'none, leave counts out'}")  # fmt: skip
     return Audit(found.title, tuple(audit_text(found)), tuple(count(c, given) for c in found.claims))
 

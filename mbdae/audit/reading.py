@@ -265,8 +265,8 @@ def stated_by_caller(text: str, units: tuple[Unit, ...], e: Any, letter: str = "
     compute = sympy.lambdify(by_name, e, modules="numpy")
 
     def rule(env: Env) -> Value:
-        if missing := [n for n in names if n != "t" and n not in env.scope.symbols]:
-            raise AuditError(f"quantities: the expression for '{text}' contains {missing[0]}: declare it in the text, or "
+        for name in (n for n in names if n != "t" and n not in env.scope.symbols):
+            raise AuditError(f"quantities: the expression for '{text}' contains {name}: declare it in the text, or "
                              f"leave it out")  # fmt: skip
         values = [env.motion.clock if n == "t" and n not in env.scope.symbols else env.value(n) for n in names]
         try:

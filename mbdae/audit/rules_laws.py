@@ -210,8 +210,9 @@ def _numbers(env: Env, of: str, stated: Callable[[LineDerived, Any], dict[str, A
     line, stated_law = _line(cls)
     values = env.motion.once(("line", cls), lambda: _point(env, stated_law))
     known = stated(line, stated_law)
-    if missing := [n for n in names(wanted) if n not in known]:
-        raise AuditError(f"{of} has no strain '{missing[0]}'; it has {', '.join(known)}")
+    for name in names(wanted):
+        if name not in known:
+            raise AuditError(f"{of} has no strain or force '{name}' at its section; it has {', '.join(known)}")
     return _stack([expression_value(se.sympify(known[n]), values) for n in names(wanted)])
 
 

@@ -104,8 +104,8 @@ class Export:
         space: dict[str, Any] = {}
         try:
             exec(compile(self.text, f"<{self.program.title}>", "exec"), space)
-        except ModuleNotFoundError as error:
-            raise OptionError(f"format = 'casadi': {error}; pip install 'mbdae[casadi]'") from None
+        except ModuleNotFoundError as missing_package:
+            raise OptionError(f"format = 'casadi': {missing_package}; pip install 'mbdae[casadi]'") from None
         return space
 
 

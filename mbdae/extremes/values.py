@@ -22,19 +22,19 @@ def asked_values(vary: Any) -> dict[str, tuple[float, ...]]:
 
 
 def _values(name: str, asked: Any) -> tuple[float, ...]:
-    what, remedy = f"vary: '{name}'", "give (low, high) for a ladder of decades, or a list of values"
+    parameter, remedy = f"vary: '{name}'", "give (low, high) for a ladder of decades, or a list of values"
     each, bounds = remedy, dict[str, float]()
     if name == "accuracy":
         each, bounds = f"{remedy}, each from 1e-12 to 0.1", {"least": 1e-12, "most": 1e-1}
     elif name in OPTIONS:
         each, bounds = f"{remedy}, each positive, in s", {"above": 0}
-    given: tuple[float, ...] = tuple(option(what, asked, sequence, each, each=number, **bounds))
+    given: tuple[float, ...] = tuple(option(parameter, asked, sequence, each, each=number, **bounds))
     if not given:
-        raise OptionError(f"{what} = {shown(asked)} is empty: give (low, high) for a ladder of decades, or a list of values")
+        raise OptionError(f"{parameter} = {shown(asked)} is empty: give (low, high) for a ladder of decades, or a list of values")
     if not isinstance(asked, tuple) or len(given) != 2:
         return given
     if given[0] * given[1] <= 0:
-        raise OptionError(f"{what} = {shown(asked)}: a tuple means (low, high) with values by decades between, so that both "
+        raise OptionError(f"{parameter} = {shown(asked)}: a tuple means (low, high) with values by decades between, so that both "
                           f"need the same sign and neither may be 0; give a list for single values: [..., ...]")  # fmt: skip
     return ladder(*given)
 

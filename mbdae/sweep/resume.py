@@ -84,18 +84,18 @@ def damage_refused(path: Path) -> Iterator[None]:
 
 def record(cls: type[T], data: Any, **further: Any) -> T:
     """A dataclass from its plain data, every entry of the type its class declares; further: entries that are no plain data."""
-    what = f"the record '{cls.__name__}'"
+    record_name = f"the record '{cls.__name__}'"
     if not isinstance(data, dict):
-        raise BadValueError(f"{shown(data)} stands where the entries of {what} should stand")
+        raise BadValueError(f"{shown(data)} stands where the entries of {record_name} should stand")
     declared = {f.name: str(f.type) for f in fields(cls)}  # type: ignore[arg-type]
     needed = {f.name for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING}  # type: ignore[arg-type]
     for name in sorted(set(data) - set(declared)):
-        raise BadValueError(f"{what} has the unknown entry {shown(name)}")
+        raise BadValueError(f"{record_name} has the unknown entry {shown(name)}")
     for name in sorted(needed - set(data) - set(further)):
-        raise BadValueError(f"{what} lacks the entry {shown(name)}")
+        raise BadValueError(f"{record_name} lacks the entry {shown(name)}")
     for name, value in data.items():
         if name not in further and not _fits(value, declared[name]):
-            raise BadValueError(f"the entry {name} = {shown(value)} of {what} is not of type {declared[name]}")
+            raise BadValueError(f"the entry {name} = {shown(value)} of {record_name} is not of type {declared[name]}")
     return cls(**(data | further))
 
 

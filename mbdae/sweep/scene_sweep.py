@@ -216,8 +216,8 @@ def _part(path: Path) -> Any:
     """The part of a sweep in a file; OptionError where the file is damaged."""
     try:
         return read_tree(path)
-    except DamagedError as error:
-        raise OptionError(f"resume = '{path.parent}': {error}") from error
+    except DamagedError as damaged_file:
+        raise OptionError(f"resume = '{path.parent}': {damaged_file}") from damaged_file
 
 
 def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers: int | None, resume: Any, again: bool, tell: Any,

@@ -42,8 +42,8 @@ def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tu
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
     try:
         return replay(data, type(scene), Known(scene.own)), factor
-    except MbdaeError as error:
-        raise OptionError(f"vary: {name} = {value:g}: {error}") from error
+    except MbdaeError as scene_problem:
+        raise OptionError(f"vary: {name} = {value:g}: {scene_problem}") from scene_problem
 
 
 def call_of(scene: SceneData, statements: Statements, item: str) -> tuple[int, dict[str, Any]]:

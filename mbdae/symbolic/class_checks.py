@@ -30,7 +30,7 @@ DERIVED_NAME = re.compile(r"named\d+|(q|u|up)_c?\d+_\d+|clock_\d+_\d+|[kl]_P0") 
 _NO_EXPRESSIONS = (bool, np.bool_, str, bytes, complex, Mapping, Sequence, set, frozenset, np.ndarray, type)
 
 
-class _WrongError(Exception):
+class _ReturnError(Exception):
     """A result of another kind than the contract says; the text describes it."""
 
 
@@ -39,32 +39,32 @@ class _WrongError(Exception):
 
 def _expression(e: Any) -> Any:
     if e is None or callable(getattr(e, "cross", None)) or isinstance(e, _NO_EXPRESSIONS):
-        raise _WrongError(f"{shown(e)}, which is no expression or number")
+        raise _ReturnError(f"{shown(e)}, which is no expression or number")
     try:
         if isinstance(e, int | float | np.number) or type(e).__module__.partition(".")[0] == "sympy" or hasattr(e, "_symengine_"):
             e = se.sympify(number(e) if not getattr(e, "free_symbols", None) else e)
     except BadValueError as error:
-        raise _WrongError(f"{shown(e)}, which is no real, finite number of usual magnitude") from error
+        raise _ReturnError(f"{shown(e)}, which is no real, finite number of usual magnitude") from error
     except Exception as error:
-        raise _WrongError(f"{shown(e)}, which is no expression that symengine knows") from error
+        raise _ReturnError(f"{shown(e)}, which is no expression that symengine knows") from error
     if is_condition(e):
-        raise _WrongError(f"{shown(e)}, which is a condition, no expression or number")
+        raise _ReturnError(f"{shown(e)}, which is no expression or number")
     return e
 
 
 def _vector(v: Any) -> Any:
     if not callable(getattr(v, "cross", None)):
-        raise _WrongError(f"{shown(v)}, which is no vector: combine those of the frames, as in l.r - k.r, or use Vec(x, y, z)")
+        raise _ReturnError(f"{shown(v)}, which is no vector: combine those of the frames, as in l.r - k.r, or use Vec(x, y, z)")
     return v
 
 
 def _by_name(entry: Check) -> Check:
     def read(found: Any) -> Any:
         if not isinstance(found, Mapping):
-            raise _WrongError(f"{shown(found)}, which is no dictionary; return {{'name': expression, ...}}")
+            raise _ReturnError(f"{shown(found)}, which is no dictionary; return {{'name': expression, ...}}")
         for name in found:
             if not isinstance(name, str) or not name:
-                raise _WrongError(f"the name {shown(name)}; names are text")
+                raise _ReturnError(f"the name {shown(name)}; names are text")
         return {name: _part(entry, e, f"'{name}'") for name, e in found.items()}
 
     return read
@@ -73,16 +73,16 @@ def _by_name(entry: Check) -> Check:
 def _part(entry: Check, e: Any, name: str) -> Any:
     try:
         return entry(e)
-    except _WrongError as value_and_fault:
-        raise _WrongError(f"{name} = {value_and_fault}") from value_and_fault.__cause__
+    except _ReturnError as value_and_fault:
+        raise _ReturnError(f"{name} = {value_and_fault}") from value_and_fault.__cause__
 
 
 def _several(entry: Check, count: int | None = None) -> Check:
     def read(found: Any) -> Any:
         if isinstance(found, str | bytes | Mapping) or not isinstance(found, Sequence):
-            raise _WrongError(f"{shown(found)}, which is no list")
+            raise _ReturnError(f"{shown(found)}, which is no list")
         if count is not None and len(found) != count:
-            raise _WrongError(f"{counted(len(found), 'part')}, where {count} are needed: {shown(found)}")
+            raise _ReturnError(f"{counted(len(found), 'part')}, where {count} are needed: {shown(found)}")
         return [_part(entry, e, f"part {i + 1}") for i, e in enumerate(found)]
 
     return read
@@ -99,7 +99,7 @@ def _or_none(read: Check) -> Check:
 
 def _word(found: Any) -> Any:
     if found not in UNDEFINED:
-        raise _WrongError(f"{shown(found)}, which is none of {', '.join(map(repr, UNDEFINED))}")
+        raise _ReturnError(f"{shown(found)}, which is none of {', '.join(map(repr, UNDEFINED))}")
     return found
 
 
@@ -113,7 +113,7 @@ def _tie(found: Any) -> Any:
 
 def _motion(found: Any) -> Any:
     if not callable(getattr(found, "along", None)):
-        raise _WrongError(f"{shown(found)}, which is no motion of l relative to k")
+        raise _ReturnError(f"{shown(found)}, which is no motion of l relative to k")
     return found
 
 
@@ -125,7 +125,7 @@ def _size(found: Any) -> Any:
             small = isinstance(found, float) and abs(found) < SMALLEST
             return found if small or (isinstance(found, float) and math.isinf(found)) else number(found)
     except BadValueError as wrong:
-        raise _WrongError(str(wrong)) from None
+        raise _ReturnError(str(wrong)) from None
     return found
 
 
@@ -173,22 +173,23 @@ def _check_names(cls: Any, instance: Sequence[str]) -> None:
     if not isinstance(cls.options, tuple | list) or not all(isinstance(o, str) for o in cls.options):
         raise LawError(f"{cls.__name__}: options = {shown(cls.options)}: give a tuple of names, such as ('friction',)")
     tables = {"params": cls.params, "states": cls.states, "coordinates": getattr(cls, "coordinates", {})}
-    for what, table in tables.items():
+    for attribute, table in tables.items():
         if not isinstance(table, Mapping) or not all(hasattr(entry, "unit") for entry in table.values()):
-            raise LawError(f"{cls.__name__}: {what} = {shown(table)}: write {what} = mb.params(name=('unit', 'meaning'))")
+            raise LawError(f"{cls.__name__}: {attribute} = {shown(table)}: write {attribute} = mb.params(name=('unit', "
+                           "'meaning'))")  # fmt: skip
     known = dict.fromkeys(instance, "an attribute that every object of this kind has")
     for base in cls.__mro__[:-1]:
         known |= {name: f"{base.__name__}.{name} of the class" for name in vars(base)
                   if not name.startswith("__") and (cls.states or name not in OF_STATES)}  # fmt: skip
-    for what, names in (*tables.items(), ("options", cls.options)):
+    for attribute, names in (*tables.items(), ("options", cls.options)):
         for name in names:
             if name in known:
-                raise LawError(f"{cls.__name__}: '{name}' in {what} is taken by {known[name]}; choose another name")
-            if name == "t" and what == "coordinates":
-                raise LawError(f"{cls.__name__}: 't' in {what} is the time; choose another name")
+                raise LawError(f"{cls.__name__}: '{name}' in {attribute} is taken by {known[name]}; choose another name")
+            if name == "t" and attribute == "coordinates":
+                raise LawError(f"{cls.__name__}: 't' in {attribute} is the time; choose another name")
             if DERIVED_NAME.fullmatch(name):
-                raise LawError(f"{cls.__name__}: '{name}' in {what} is a name that derivations use; choose another one")
-            known[name] = f"its {what}"
+                raise LawError(f"{cls.__name__}: '{name}' in {attribute} is a name that derivations use; choose another one")
+            known[name] = f"its {attribute}"
 
 
 def _checked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
@@ -210,7 +211,7 @@ def _checked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
                            f"{_line(error)}") from error  # fmt: skip
         try:
             return read(found)
-        except _WrongError as what_and_fault:
+        except _ReturnError as what_and_fault:
             raise LawError(f"{class_and_method} returns {what_and_fault}; it must return {allowed}") from what_and_fault.__cause__
 
     return checked

@@ -269,12 +269,12 @@ class _Derivation(Statement):
         used = set().union(*(e.free_symbols for e in used_in))
         names = tuple(n for n in self.law.states if self.law.keeps_states or se.Symbol(f"state_{n}") in used)
         rates, starts = (self.law.rates(*self.sides), self.law.initial(*self.sides)) if names else ({}, {})
-        for what, table in (("the rate", rates), ("the start", starts)):
+        for rate_or_start, table in (("the rate", rates), ("the start", starts)):
             for n in names:
                 if n not in table:
-                    raise LawError(f"{type(self.law).__name__} states no value for {what} of its state '{n}'; "
+                    raise LawError(f"{type(self.law).__name__} states no value for {rate_or_start} of its state '{n}'; "
                                    f"return {{'{n}': expression}} from {'rates' if table is rates else 'initial'}(self, k, l)")
-                self.refuse(f"{what} of state '{n}'", table[n])
+                self.refuse(f"{rate_or_start} of state '{n}'", table[n])
         ready = [tuple(self.variation.resolve(self.variation.name(table[n])) for n in names) for table in (rates, starts)]
         return names, ready[0], ready[1]
 

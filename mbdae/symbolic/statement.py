@@ -124,32 +124,32 @@ class Statement:
         frames = sorted(self.frames, key=lambda f: not f.kind.oriented)
         return [(f, f.undefined[s]) for f in frames for s in sorted(symbols & f.undefined.keys(), key=str)]
 
-    def refuse_speeds(self, what: str, e: Any) -> None:
+    def refuse_speeds(self, term: str, e: Any) -> None:
         """Raise LawError where an expression contains a velocity. For expressions in which only positions are allowed."""
         speeds = _symbols(v for f in self.frames for v in (f.v, f.w, f.center_velocity, f.spin))
         places = _symbols(v for f in self.frames for v in (f.r, f.x, f.y, f.z, f.center, f.arm))
         found = se.sympify(e).free_symbols & (speeds - places)
         if found:
-            raise LawError(f"{what} of {type(self.law).__name__} contains a velocity ({min(map(str, found))}): it may contain "
+            raise LawError(f"{term} of {type(self.law).__name__} contains a velocity ({min(map(str, found))}): it may contain "
                            f"the points r and the axes x, y, z of its frames, not v and w")  # fmt: skip
 
-    def refuse(self, what: str, e: Any) -> None:
+    def refuse(self, term: str, e: Any) -> None:
         """Raise LawError where an expression contains the time, an undeclared symbol, or a quantity its nodes do not have."""
         symbols = set().union(*(se.sympify(c).free_symbols for c in (e if isinstance(e, Vec) else (e,))))
         if _TIME in symbols and str(_TIME) not in self.law.params:
-            raise LawError(f"{what} of {type(self.law).__name__} contains mb.t: state a parameter (params = mb.params(...)) and "
+            raise LawError(f"{term} of {type(self.law).__name__} contains mb.t: state a parameter (params = mb.params(...)) and "
                            f"give that an expression of mb.t")  # fmt: skip
         unknown = symbols - self._known
         for symbol in sorted(map(str, unknown - _letters(e) if unknown else ())):
-            raise LawError(f"{what} of {type(self.law).__name__} contains the symbol {symbol}, which it does not declare; write "
+            raise LawError(f"{term} of {type(self.law).__name__} contains the symbol {symbol}, which it does not declare; write "
                            f"params = mb.params({symbol}=('unit', 'meaning')) and self.{symbol}")  # fmt: skip
         for frame, quantity in self.undefined(e):
             law = type(self.law).__name__
             if frame.kind.oriented:
-                raise LawError(f"{what} of {law} needs the {quantity} of {frame.side}, which exists in the plane only; state it "
+                raise LawError(f"{term} of {law} needs the {quantity} of {frame.side}, which exists in the plane only; state it "
                                f"with self.relative_angle(k, l), the angle about the axis, or the axes x, y, z, or use "
                                f"space='planar'")  # fmt: skip
-            raise LawError(f"{law} needs axes on both sides; a point mass has none: {what} reads the {quantity} of {frame.side}; "
+            raise LawError(f"{law} needs axes on both sides; a point mass has none: {term} reads the {quantity} of {frame.side}; "
                            f"use s.rigid_body for that body")  # fmt: skip
 
     def answers(self) -> dict[str, Any]:

@@ -225,7 +225,7 @@ def test_comparing_costs_little_beside_the_solvers():
     (lambda: mb.Run("idas"), "solver = 'idas' is not one of 'ida'"),
     (lambda: mb.Run(mb.IDA(), "gg"), "form = 'gg' is not one of 'ggl'"),
     (lambda: mb.Run(mb.IDA(), model="clearance"), "model = 'clearance'"),
-    (lambda: mb.compare(pendulum(), 1.0, []), "give a list of mb.Run"),
+    (lambda: mb.compare(pendulum(), 1.0, []), "is empty: give one or more, such as"),
     (lambda: mb.compare(pendulum(), 1.0, accuracies=[]), r"accuracies = \[\] is empty"),
     (lambda: mb.compare(pendulum(), -1.0), "t_end = -1.0"),
     (lambda: mb.compare(pendulum(), 1.0, reference=3), "reference = 3"),

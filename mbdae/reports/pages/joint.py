@@ -63,9 +63,8 @@ class JointReport(LawPage):
     # -- required values of the equations
 
     def _want_rows(self) -> None:
-        missing = [row for row in self.s.rows if row not in self.d.rows]
-        if missing:
-            raise LawError(f"{self.s.cls.__name__}: the row '{missing[0]}' is 0 between bodies in space, wherever they are: "
+        for row in (row for row in self.s.rows if row not in self.d.rows):
+            raise LawError(f"{self.s.cls.__name__}: the row '{row}' is 0 between bodies in space, wherever they are: "
                            f"correct it, or leave it out of `constraints`")  # fmt: skip
         work: Any = 0.0
         for i, row in enumerate(self.d.rows):
