@@ -11,6 +11,7 @@ from typing import Any
 
 import symengine as se
 
+from mbdae.errors import internal
 from mbdae.reports.vectors import Atom, Base, NamedVector, Record, Vector
 from mbdae.symbolic.rebuild import nodes, rebuilt
 from mbdae.symbolic.vectors import Expr
@@ -229,8 +230,7 @@ class Dual:
         elif atom.kind in (*FIXED, "w"):
             pair[1] = pair[1] - distributed(dual, atom)
         elif atom.kind == "v":
-            raise NotImplementedError("the report cannot differentiate an energy that contains a velocity: this is an error in "
-                                      "mbdae, please report it with the law")  # fmt: skip
+            raise internal("the report cannot differentiate an energy that contains a velocity", NotImplementedError)
 
 
 def virtual(record: Record) -> Callable[[Base], Vector | None]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.documents.formulas import tokens
-from mbdae.errors import MbdaeError
+from mbdae.errors import MbdaeError, internal
 from mbdae.symbolic.functions import complex_atan2
 
 Key = tuple[str, ...]
@@ -114,9 +114,9 @@ class Reader:
         self.i += 1
         return token
 
-    def _fault_of_mbdae(self, problem: str) -> UnreadError:
-        return UnreadError(f"'{' '.join(self.line)}', as the report prints it, has no value from symbol {self.i + 1} on: "
-                           f"{problem} (this is an error in mbdae, please report it with the law or scene)")
+    def _fault_of_mbdae(self, problem: str) -> Exception:
+        return internal(f"'{' '.join(self.line)}', as the report prints it, has no value from symbol {self.i + 1} on: {problem}",
+                        UnreadError)  # fmt: skip
 
     def sum(self) -> Any:
         """Value of a sum of signed terms."""

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import symengine as se
 
-from mbdae.errors import LawError
+from mbdae.errors import LawError, internal
 from mbdae.reports.vectors import Atom, Base, NamedVector, Record, Vector
 from mbdae.symbolic.vectors import Expr
 
@@ -93,8 +93,7 @@ class Writer:
         if name not in self.letters:
             self.renew()
         if name not in self.letters:
-            raise LawError(f"the report has no letter to print for the symbol '{name}': this is an error in mbdae, please report "
-                           f"it with the law")  # fmt: skip
+            raise internal(f"the report has no letter to print for the symbol '{name}'", LawError)
         return self.letters[name], _ATOM
 
     def _number(self, e: Expr) -> tuple[str, int]:
