@@ -28,8 +28,11 @@ VERDICTS = {
     FAILED: "the run stopped, or was refused, with its reason",
     UNKNOWN: "no trustworthy reference: the error of this run is not known",
 }
-SILENCE = 3.0  #: ratio of error to accuracy above which a run without warning counts as missed silently
-#: ratio of a run's error to the reference's uncertainty above which it is judged although the reference is uncertain
+#: ratio of error to accuracy above which a run without warning counts as missed silently; from the error MARGIN times the
+#: uncertainty of an uncertain reference is subtracted first
+SILENCE = 3.0
+#: a run is judged by an uncertain reference only where its error is so large that this many times the uncertainty may be
+#: subtracted from it, see SILENCE; or so small that both together are within the accuracy
 MARGIN = 10.0
 
 

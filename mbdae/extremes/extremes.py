@@ -27,7 +27,7 @@ from mbdae.sweep.writing import written
 from mbdae.values import number, optional
 
 ACCURACY = 1e-5
-MAX_WALL = 20.0  #: largest wall time of a run, and of a run of a reference, s
+MAX_WALL = 20.0  #: default of the largest wall time of a run, s; a run of a reference may take `reference.PATIENCE` times as long
 STEPS = 20  #: largest number of steps of a run with a constant step: it ends after them, so that small steps take little time
 
 

@@ -165,7 +165,8 @@ class Page:
     known: letters by symbol; writer: writes the formulas; wanted: required values of left-hand sides by their LaTeX."""
 
     stated = False  #: whether its left-hand sides are listed in `letters.RESULTS`
-    own: Sequence[str] = ()  #: letters given to intermediate quantities on this page
+    #: letters that this page gives to intermediate quantities; the document checks that no other symbol has one of them
+    own: Sequence[str] = ()
     known: dict[str, Letter]
     writer: Writer
     wanted: dict[str, Wanted]

@@ -24,8 +24,10 @@ from mbdae.system.model.beams import Line, nodal_inputs
 from mbdae.system.model.rotations import rotation_matrices
 
 STRESSES = ("N1", "N2", "N3", "M1", "M2", "M3")
-NEAR = 1e-9  #: distances from the axis that differ by less, relative to the longest element, count as equal
-CHUNK = 20_000  #: number of elements evaluated at once
+#: distances from the axis that differ by less than this times the length of the longest element count as equal, and a place xi
+#: from 0 to 1 that is nearer to an end of its element is rounded
+NEAR = 1e-9
+CHUNK = 20_000  #: largest number of elements times states evaluated at once, but at least one state
 Foot = tuple[int, float]  #: number of an element, and the place xi in it from 0 to 1
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from mbdae.integrators.solution import Solution
 from mbdae.system.base import Array, System
 
-MOST = 4  #: largest number of excitations considered: those that change velocities and accelerations most
+MOST = 4  #: largest number of excitations considered besides the start: those that change velocities and accelerations most
 LONG = 50.0  #: a change of an input that lasts longer than this many mean steps does not count as an excitation
 
 

@@ -23,13 +23,17 @@ from mbdae.run.drift import ROUNDED, round_off
 from mbdae.run.hidden_contacts import stepped_over
 from mbdae.system.start.contacts import ExpectedContact
 
-COARSE = 0.1  #: ratio of position tolerance to penetration above which a result is doubtful
-ALARM = 0.1  #: ratio of energy error to dissipated energy above which a result is not reliable
-MOVING = 1e-3  #: in this ratio the dissipated energy is taken as this fraction of the largest kinetic energy at least
-STORED = 0.1  #: and as this fraction of the largest energy stored in a contact at least
-FEW_STEPS = 3  #: number of steps in the shortest contact below which it is not resolved
-#: a motion is reported as a backward whirl from these values on: ratio of whirl rate to spin rate, fraction of the time in
-#: contact, number of turns of the pin around the race
+#: smallest ratio of position tolerance to median penetration above which a result is doubtful; larger, three times
+#: `penetration_share`, for a solver with which that is more
+COARSE = 0.1
+#: ratio of energy error to dissipated energy (with constant steps: to the energy exchanged) above which a result is not reliable
+ALARM = 0.1
+#: before it is compared with ALARM, the dissipated energy is taken as at least this fraction of the largest kinetic energy
+MOVING = 1e-3
+STORED = 0.1  #: and as at least this fraction of the largest energy stored in a contact
+FEW_STEPS = 3  #: impacts count as not resolved where the shortest contact took fewer steps than this
+#: a motion against the spin is reported as a backward whirl where all of these are reached: ratio of whirl rate to spin rate,
+#: fraction of the time in contact, number of turns of the pin around the race
 WHIRL_RATE, WHIRL_CONTACT, WHIRL_TURNS = 5.0, 0.9, 2.0
 #: a step resolves an unstable oscillation, so that it grows in the run as in the equations, where step times angular frequency
 #: is at most this; longer steps damp it away

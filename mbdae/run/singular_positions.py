@@ -15,15 +15,20 @@ from mbdae.scene.topology import spanning_tree
 from mbdae.system.base import Array
 from mbdae.system.rank.rows import nearly_vanishing, smallest, unit_rows_at
 
-SAMPLES = 200  #: number of positions evaluated along the run
+SAMPLES = 200  #: largest number of positions evaluated along the run
 CHOSEN, REFINED = 5, 40  #: largest number of minima between samples that are refined, and number of evaluations for each
-NEAR = 0.3  #: ratio of the smallest singular value to its median over the run below which its minimum is refined
+#: ratio of the smallest singular value to its median over the run, below which its minimum is refined, and below which a run that
+#: stopped may have been on its way to a singular position
+NEAR = 0.3
 #: the singular values of the LAST steps before a run stopped are compared with those at BEFORE times of the whole run
 LAST, BEFORE = 5, 20
-SINGULAR = 1e-3  #: ratio of the smallest singular value before a stop to its median, below which the position counts as singular
-#: a prescribed value counts as the cause where, without its row, the smallest singular value is this many times as large
+#: ratio of the smallest singular value in the LAST steps before a stop to the median over the run, up to which the position
+#: counts as singular
+SINGULAR = 1e-3
+#: a prescribed value counts as a cause where the smallest singular value without its row is more than this many times as large as
+#: with it
 RELEASED = 3.0
-UNCONTROLLED = 1e-6  #: violation that a run without a tolerance is assumed to resolve
+UNCONTROLLED = 1e-6  #: violation of constraint rows that a run without a tolerance is assumed to resolve
 GOLDEN = (5**0.5 - 1) / 2
 
 

@@ -17,14 +17,16 @@ from mbdae.native.sparse import Searches
 #: kinds of unknowns that are eliminated first, because their own block is easily inverted: that of stresses is their compliance,
 #: that of positions follows from q' = H u
 FIRST = ("z", "q")
-#: FEW: in a matrix with stresses and more unknowns the order with the largest pivots is not tried, since its factors fill in;
-#: CHEAP: number of multiplications of a factorisation below which no further order is sought
+#: FEW: with more unknowns, the order with the largest pivots is tried last only if there are stresses, since its factors fill in,
+#: pivots on the diagonal only if there are stresses, and with many loops nested dissection is tried too; CHEAP: number of
+#: multiplications of a factorisation with the largest pivots up to which no other order is compared with it
 FEW, CHEAP = 600, 15_000
-#: above FEW unknowns positions are eliminated first only where the inverse of their block has at most COUPLED times the entries
-#: of the matrix. (In space it is full: joints couple the positions of all the bodies that they connect.)
+#: with more than FEW unknowns, positions are eliminated first only where the inverse of their block has at most COUPLED times as
+#: many entries as the whole matrix. (In space that inverse is full: joints couple the positions of all the bodies that they
+#: connect.)
 COUPLED = 2
-#: ratio of the entries of the factors to those of the matrix, above which nested dissection is tried too: measured 1 to 3 for
-#: chains, trees and beams, more than 4 for nets of bars
+#: ratio of the entries of the factors to those of the matrix, above which, with more than FEW unknowns, nested dissection is
+#: tried too: measured 1 to 3 for chains, trees and beams, more than 4 for nets of bars
 LOOPS = 4
 #: smallest pivot, relative to the largest entry of its column, that is accepted on the diagonal or in a choice by counts. Fill-in
 #: is then a third to a half of that with the largest pivots; in large nets and chains of bodies, where the diagonal of

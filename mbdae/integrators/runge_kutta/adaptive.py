@@ -26,7 +26,8 @@ from mbdae.system.base import Array, System
 #: stage: SOON with up to FEW_UNKNOWNS unknowns, else RESIST. That costs as much as 40 steps (measured with the clearance rotor at
 #: rtol 1e-3: 1.4 s with RESIST = 3, 2.1 s with 2)
 RESIST, SOON, FEW_UNKNOWNS = 3, 2, 100
-#: largest number of steps in one call of the native method, and in the first call where contacts or switches are watched
+#: largest number of steps in one call of the native method, and in the first call where contacts or switches are watched; where
+#: every step has to be looked at by itself it is 1
 ROWS, FEW = 256, 8
 REMEDY = "see whether a force jumps or grows without bound there, or the position is singular; else loosen rtol"
 

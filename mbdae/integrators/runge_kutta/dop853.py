@@ -25,7 +25,8 @@ from mbdae.ties import largest
 METHOD = Method(STAGES, tuple((0, *entry) for entry in FIFTH) + tuple((1, *entry) for entry in THIRD), DENSE)
 #: stages of Radau IIA at whose nodes the interpolant is stored: with the start they determine its polynomial of degree 7
 NODES = 7
-#: largest number of steps in one call of the native method, and in the first call where contacts or switches are watched
+#: largest number of steps in one call of the native method, and in the first call where switches are watched; where contacts are
+#: watched, or every step has to be looked at by itself, it is 1
 ROWS, FEW = 256, 8
 
 

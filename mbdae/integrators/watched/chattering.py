@@ -15,8 +15,8 @@ import numpy as np
 from mbdae.integrators.watched.arguments import NODES, StepArguments
 from mbdae.system.base import Array, System
 
-#: an argument chatters where it changes its sign MOST times within the fraction PART of the run; at a lower rate a run has fewer
-#: than 1e4 such changes, which it can afford
+#: an argument chatters where it changes its sign MOST times within the fraction PART of the run and the equations jump there
+#: (JUMPS); at a lower rate a run has fewer than 1e4 such changes, which it can afford
 MOST, PART = 100, 1e-2
 #: an argument stays at zero while its magnitude in a step is below STAYS times its change by the tolerance of the unknowns
 #: (measured while chattering: 3 times, in one of some hundred steps 12 times); where it is larger, the count of changes of sign

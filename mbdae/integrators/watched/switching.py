@@ -16,8 +16,8 @@ from mbdae.integrators.solution import Stats
 from mbdae.integrators.watched.arguments import MARGIN, Course, Inside, StepArguments
 from mbdae.system.base import Array, System
 
-#: largest variation of a scaled argument PHI: LIMIT over an accepted step, REACH over the next step (predicted by the rate of
-#: PHI), AGAIN over a step that is repeated
+#: largest variation of a scaled argument PHI: LIMIT over an accepted step; REACH over the next step (predicted by the rate of
+#: PHI); AGAIN over the shorter step with which a step that exceeds LIMIT is repeated
 LIMIT, REACH, AGAIN = 2.5, 1.0, 1.25
 #: number of times a step is repeated with a shorter length at one place before it is accepted
 RETRIES = 10

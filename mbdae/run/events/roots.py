@@ -16,7 +16,8 @@ from mbdae.run.events.pieces import Pieces, Steep, resolved
 from mbdae.system.base import Array
 
 SAME = 1e-10  #: zeros closer together than this fraction of the run count as one zero that round-off has split
-#: last coefficients of a polynomial, and of its derivative, below this fraction of the largest one are left out
+#: last coefficients below this fraction of the largest one are left out, of a polynomial (first number) and of its derivative
+#: (second)
 NEGLIGIBLE = 1e-17, 1e-15
 
 
