@@ -37,7 +37,9 @@ SMALLEST_STEP = 1e-6
 #: largest displacement that the tangent predicts for a load step in a scene without beams, in the scene's length and rad; longer
 #: steps, which may skip a limit point, are shortened
 REACH = 0.1
-BENT = 0.7  #: the same for scenes with beams, whose load steps are checked by the tangents at both ends
+#: largest displacement that the tangent predicts for a load step in a scene with beams, in the scene's length and rad; it may be
+#: larger than REACH, because such steps are checked by the tangents at both ends
+BENT = 0.7
 #: largest distance of a load step from the step that a tangent predicts, relative to the latter; beyond it the step is halved
 NEAR = 0.3
 TRUST = 0.5  #: first and largest step of the search for a stable state, in the scene's length and rad

@@ -38,7 +38,8 @@ FREE = 1e-4
 LONGEST = 1.0
 FRICTION_ITERATIONS = 100  #: largest number of iterations for multipliers and the friction that depends on them
 #: size of the correction, relative to the scene's length and 1 rad, at which Newton's method ends: convergence is quadratic, so
-#: that after this correction only rounding errors remain. It also ends where corrections below 1e-8 no longer fall
+#: that after this correction only rounding errors remain. Newton's method also ends where a correction is below 1e-8 and
+#: corrections no longer fall
 CONVERGED = 1e-10
 
 

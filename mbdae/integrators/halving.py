@@ -30,8 +30,8 @@ MOST_STEPS = 300_000
 RUNS, FAILURES = 7, 7
 #: the search ends where a shorter step leaves more than this fraction of the distance from the second method
 FALLS = 0.9
-#: estimated error (relative) from which on a run has diverged: the next step cannot be predicted from it and is a quarter of its
-#: step
+#: estimated relative error from which on a run counts as diverged: no step is predicted from such a run, and the next one has a
+#: quarter of its step
 DIVERGED = 100.0
 #: smallest ratio of the next step to the present one that an estimate may ask for; a kink or peak may ask for a smaller one
 SHORTEST = 0.01
@@ -40,8 +40,8 @@ SHORTEST = 0.01
 LONGEST, FIRST = 1 / 20, 0.1
 #: longest step of the first run, as a fraction of the time scale on which an input varies; reduced in proportion to the step
 SHARE = 0.5
-#: smallest ratio of the finer to the coarser step of two runs whose difference is taken as the final estimate; below it the finer
-#: run is compared with a further run that has steps twice as long
+#: smallest ratio of the finer to the coarser step of two runs whose difference is taken as the final estimate; where the ratio is
+#: smaller, the finer run is compared with a further run that has steps twice as long as its own
 NEARBY = 0.24
 COARSER = "the run attached (attribute `solution`, step = {:g} s) is complete, its error is not known"
 ALGEBRAIC = ("lambda", "mu", "z")  #: kinds of unknowns whose rates do not bound the first step

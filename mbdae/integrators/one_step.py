@@ -57,7 +57,8 @@ class OneStep(Stepped):
     order: ClassVar[int] = 0
     highest_index: ClassVar[int] = 0
     restarts: ClassVar[bool] = False
-    #: raise it with the reason where a step cannot be solved; the run then ends with a SolverError that names the time
+    #: error to be raised in `advance`, with the reason, where a step cannot be solved; the run then ends with a SolverError that
+    #: names the time
     Failed: ClassVar[type[StepFailedError]] = StepFailedError
 
     def __post_init__(self) -> None:

@@ -187,7 +187,7 @@ class BeamPlace(_OnBeam):
         line = self._line
         self.arm: Array  #: (3,) from the axis to the place in section axes, m
         self.drawn_position: Array  #: position of the place as drawn (3,), m
-        self.drawn_rotation: Array  #: as drawn (3, 3), section axes to inertial frame
+        self.drawn_rotation: Array  #: rotation of the section at the place as drawn (3, 3), section axes to inertial frame
         self._element, self._xi = foot(line.mesh, point)
         self._fields = Fields(line, table(line.mesh.order, np.array([self._xi])), self._element)
         q = np.zeros((1, sum(n.kind.sizes[0] for n in result.prepared.model.nodes)))

@@ -12,7 +12,8 @@ from mbdae.system.base import Array
 
 #: number of equal parts of every step; the quantity is evaluated at the begin of each and just before the end of the step
 INSIDE = 6
-BEST = 5  #: largest number of these times around which the largest value is sought more closely
+#: largest number of times, of those at which the quantity was evaluated, around which its largest value is sought more closely
+BEST = 5
 FINER, ROUNDS = 9, 12  #: number of times per round of a closer search, and of its rounds
 #: distance from the end of a step, over its length, of the last time read inside it: accelerations may jump at its end
 JUST = 1e-9

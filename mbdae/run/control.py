@@ -45,15 +45,15 @@ ATTEMPTS = 5
 #: Where only inputs bound the steps of two runs, these must differ, else the difference of the runs is no measure of the error.
 #: It is below 1/2 because the time scales are known up to a factor of 2
 CLOSER = 0.4
-#: the same factor for the longest step during an impact. The first run after the companions has the bound of a run without error
-#: estimate times `Solver.impacts`; the companions take longer steps
+#: from one run to the next the longest step during an impact is reduced by this factor. The first run after the companions has
+#: `Solver.impacts` times the bound of a run without error estimate; the companions take longer steps
 CLOSER_IMPACTS = 0.5
 UNKNOWN = "the run attached (attribute `solution`, rtol = {:g}) is complete, its error is not known"
 UNTESTED = "the run attached (attribute `solution`) is complete; whether its steps leave out fast vibrations was not tested"
-#: a run is stopped, as too expensive, after this many times the residual evaluations of its companion, plus 10000 and those by
-#: CUT
+#: a run is stopped, as too expensive, after this many times the residual evaluations of its companion, plus 10000, plus those
+#: that CUT allows
 CRAWL = 10
-#: number of residual evaluations that a run may make in addition for every stretch and edge of inputs of time, where steps end
+#: number of residual evaluations that CRAWL allows in addition for every stretch and edge of inputs of time, where steps end
 CUT = 100
 #: with contact: a run is not repeated any more where its estimate, after two or more repeats, is still above the largest earlier
 #: one divided by this

@@ -71,7 +71,7 @@ class Job:
     accuracy: float
     asked: Asked  #: end time, wall time and progress
     times: Array  #: output times of the result, s
-    continued: bool  #: whether it starts where another run ended
+    continued: bool  #: whether the run starts where another run ended
     choice: str = ""
     begin: float = field(default_factory=time.perf_counter)
     _systems: dict[tuple[Form, int], SceneSystem] = field(default_factory=dict)

@@ -28,9 +28,12 @@ from mbdae.system.start.contacts import ExpectedContact
 COARSE = 0.1
 #: ratio of energy error to dissipated energy (with constant steps: to the energy exchanged) above which a result is not reliable
 ALARM = 0.1
-#: before it is compared with ALARM, the dissipated energy is taken as at least this fraction of the largest kinetic energy
+#: before the energy error is compared with ALARM times the dissipated energy, the latter is taken as at least this fraction of
+#: the largest kinetic energy
 MOVING = 1e-3
-STORED = 0.1  #: and as at least this fraction of the largest energy stored in a contact
+#: before the energy error is compared with ALARM times the dissipated energy, the latter is taken as at least this fraction of
+#: the largest energy stored in a contact
+STORED = 0.1
 FEW_STEPS = 3  #: impacts count as not resolved where the shortest contact took fewer steps than this
 #: a motion against the spin is reported as a backward whirl where all of these are reached: ratio of whirl rate to spin rate,
 #: fraction of the time in contact, number of turns of the pin around the race
@@ -46,8 +49,9 @@ class Assessment(NamedTuple):
 
     notes: tuple[str, ...] = ()
     reliable: bool = True
-    singular: bool = False  #: whether it passes a singular position, where two branches of the motion meet
-    off: float = 0.0  #: largest violation of a constraint row (over the scene's length, or in rad), where it caused a warning
+    singular: bool = False  #: whether the run passes a singular position, where two branches of the motion meet
+    #: largest violation of a constraint row (over the scene's length, or in rad), where it caused a warning; else 0
+    off: float = 0.0
 
     def within(self, known: Accuracy) -> Accuracy:
         """The accuracy with the violation of constraint rows included in its estimate."""

@@ -211,7 +211,7 @@ class TwoBodyLaw(Law):
         return self.at_l if side == "l" and self.at_l is not None else self.at
 
 
-SLOW = 1e-2  #: least distance, relative to the scene's size, that bodies are expected to move in the characteristic time
+SLOW = 1e-2  #: bodies are expected to move in the characteristic time by at least this fraction of the scene's size
 
 
 class Impact(NamedTuple):

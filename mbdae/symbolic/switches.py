@@ -25,7 +25,8 @@ from mbdae.symbolic.vectors import Expr, Vec
 EQUAL = 1e-12  #: relative difference up to which two branches of a Piecewise count as the same function
 NEARBY = (-1e-2, 0.0, 1e-2)  #: where branches are compared, relative to the place where the condition changes
 ONE = se.Integer(1)
-LOCAL_POWER = 8  #: from this exponent on a power is noticeable only near the largest base, as cos(x)^2000 is
+#: a power with at least this exponent is taken to be noticeable only near the largest values of its base, as cos(x)^2000 is
+LOCAL_POWER = 8
 TINIEST = se.RealDouble(1e-300)  #: added to arguments of logarithms, which keeps them finite
 
 

@@ -37,7 +37,7 @@ ORDER = ("q", "v", "s", "z", "lambda", "mu")
 #: Newton's method stops where the error expected to remain is at most TARGET units; a unit is ROUND times the scale of the
 #: unknown, for velocities and internal states of its scale plus its magnitude
 ROUND, TARGET = 1e-10, 3e-2
-NOISY = 1.0  #: largest correction, in these units, that is accepted as round-off where corrections hardly shrink any more
+NOISY = 1.0  #: largest correction, in the units of TARGET, that is accepted as round-off where corrections hardly shrink any more
 #: contraction factor of Newton's method above which the next step gets a new Jacobian, unless the last correction is below NOISY
 #: / 1000 units
 SLOW = 0.02

@@ -19,12 +19,14 @@ from mbdae.integrators.watched.zero import zero_between
 from mbdae.native.contacts import Contacts
 from mbdae.system.base import Array, System
 
-#: fraction of an open gap, by its present rate, that the next step may close; a step allowed by IMPACT is always allowed
+#: fraction of an open gap that closes, which the next step may pass through at the present rate; a longer step is still allowed
+#: where IMPACT allows it
 APPROACH = 0.5
-#: longest step during an impact, as a fraction of its duration; with 0.1 Radau IIA needs up to twice the steps for the same error
+#: longest step during an impact, as a fraction of the duration of the impact; with 0.1 Radau IIA needs up to twice the steps for
+#: the same error
 IMPACT = 0.2
-#: relative change of a penetration in the next step, by its present rate, up to which that step may be longer than IMPACT allows:
-#: a body at rest on a contact needs no short steps
+#: fraction by which a penetration may change, at its present rate, in a next step longer than IMPACT allows: a body at rest on a
+#: contact needs no short steps
 REST = 0.1
 #: after this number of durations of an impact a contact counts as lasting: the motion is smooth then, and the error test alone
 #: bounds the step. With a further bound BDF of higher order lets a body at rest oscillate, at 2 to 3 times the evaluations
