@@ -48,8 +48,8 @@ ASIDE = 0.02  #: displacement from an unstable state, in the scene's length and 
 #: sum of all steps of the search for a stable state, in the scene's length and rad, beyond which the search is given up
 FAR = 30.0
 SEARCHES = 200  #: largest number of corrections of the search for a stable state, which is given up after them
-#: a state at rest is refused where a redundant row is violated (m or rad) by more than this, or more than this times the scene's
-#: length (m) where that is above 1
+#: a state at rest is refused where a redundant row is violated (m or rad) by more than this times the scene's length (m), or
+#: times 1 where that length is below 1
 OFF = 1e-6
 SOLVED = "not estimated: the equations are solved until `residual` of the state at rest remains"
 CLAIMED = {"motion": SOLVED, "reactions": SOLVED,

@@ -18,7 +18,8 @@ from mbdae.analysis.pencil import Pencil, free_basis
 from mbdae.errors import EquilibriumError
 from mbdae.system.base import Array
 
-#: stiffness, relative to the largest, that counts as none in scenes with dense matrices; a larger negative one counts as unstable
+#: a stiffness of at most this part of the largest counts as none in scenes with dense matrices; a negative one beyond it counts
+#: as a direction in which the state is unstable
 SOFT = 1e-11
 #: rounding error of a stiffness, relative to the largest entry of the tangent; a stiffness up to it counts as none
 ROUND_OFF = 1e-14

@@ -44,7 +44,7 @@ def pieces(latex: str) -> list[list[str]]:
         if depth == 0 and token in RELATIONS | BINARY and before not in RELATIONS | BINARY | {"", ",", "^", "_", "/", r"\,"}:
             lines[-1].append("")
         lines[-1][-1] += token
-        fence = before in (r"\left", r"\right")  # \left and \right are counted themselves
+        fence = before in (r"\left", r"\right")  # \left and \right are counted, so that brackets after them are not
         depth += 0 if fence else (token in _OPEN) - (token in _CLOSE)
         if depth == 0 and token in SPACES:
             lines[-1].append("")

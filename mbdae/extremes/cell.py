@@ -28,11 +28,11 @@ VERDICTS = {
     FAILED: "the run stopped, or was refused, with its reason",
     UNKNOWN: "no trustworthy reference: the error of this run is not known",
 }
-#: ratio of error to accuracy above which a run without warning counts as missed silently; from the error MARGIN times the
-#: uncertainty of an uncertain reference is subtracted first
+#: ratio of error to accuracy above which a run without warning counts as missed silently; where the reference is uncertain,
+#: MARGIN times its uncertainty is subtracted from the error first
 SILENCE = 3.0
-#: a run is judged by an uncertain reference only where its error is so large that this many times the uncertainty may be
-#: subtracted from it, see SILENCE; or so small that both together are within the accuracy
+#: factor on the uncertainty of an uncertain reference, which is subtracted from the error before the comparison with SILENCE; a
+#: run that this leaves open is not judged, unless error and uncertainty together are within the accuracy
 MARGIN = 10.0
 
 

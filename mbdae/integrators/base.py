@@ -47,8 +47,8 @@ class Solver(ABC):
     #: ratio of the tolerance of the companion run, whose distance from a run estimates its error, to that of the run; with
     #: contacts there are two companions, at this ratio to the power 1.5 and 0.5
     companion: ClassVar[float] = 10.0
-    #: factor on the longest step during an impact (IMPACT of `watched.contact_steps`) in runs whose error is estimated; in every
-    #: further run of them it is smaller, in their companions larger (CLOSER_IMPACTS of `run.control`)
+    #: factor on the longest step during an impact (IMPACT of `watched.contact_steps`) in runs whose error is estimated; it is
+    #: further reduced in each of them and enlarged in their companions (CLOSER_IMPACTS of `run.control`)
     impacts: ClassVar[float] = 1.0
     #: largest ratio of position tolerance to the penetration of a contact with which the penetration is accurate to some %
     penetration_share: ClassVar[float] = 0.01

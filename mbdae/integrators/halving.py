@@ -44,7 +44,8 @@ SHARE = 0.5
 #: smaller, the finer run is compared with a further run that has steps twice as long as its own
 NEARBY = 0.24
 COARSER = "the run attached (attribute `solution`, step = {:g} s) is complete, its error is not known"
-ALGEBRAIC = ("lambda", "mu", "z")  #: kinds of unknowns whose rates do not bound the first step
+#: kinds of unknowns whose rates do not bound the first step, and whose errors do not count in a direct call of `solve`
+ALGEBRAIC = ("lambda", "mu", "z")
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,7 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
         own, stalled = estimate, False
         if estimate <= accuracy and second is not None:
             estimate = second.distance(fine, estimate)
-            stalled, confirmed = estimate > FALLS * confirmed, estimate  # stalled: they converge to different solutions
+            stalled, confirmed = estimate > FALLS * confirmed, estimate  # stalled: both methods converge, to different solutions
         best = Halved(fine, now, estimate, runs, spent, coarser, own, (*best.told, (h, own)) if best is not None else ())
         if estimate <= accuracy or stalled:
             return best

@@ -56,7 +56,7 @@ class Wanted:
     unit: str = ""  #: unit, where `letters.RESULTS` does not state it
 
 
-BOTH = Wanted(None, "both sides")  #: for an equation whose two sides are both formulas
+BOTH = Wanted(None, "both sides")  #: for an equation whose two sides are both formulas, which are compared with each other
 
 
 class Printed:

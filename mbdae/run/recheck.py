@@ -24,11 +24,11 @@ from mbdae.system.scene_system import SceneSystem
 from mbdae.system.start.start import Start
 
 FINER = 10.0  #: ratio of the accuracy of the run to that of the fine run, unless round-off forbids the latter
-#: largest number of residual evaluations of the fine run between two points at which it stops; where it needs more, the effect
-#: estimated by the defect is taken instead
+#: largest number of residual evaluations of the fine run from one point at which it stops to the next; where it needs more, the
+#: effect estimated from the defect is taken instead
 BUDGET = 3000
-#: number of equally spaced times between two such points at which the run and the fine run are compared, besides the steps of the
-#: fine run
+#: number of equally spaced times, from one point at which the fine run stops to the next, at which the run and the fine run are
+#: compared, besides the steps of the fine run
 BETWEEN = 8
 MOST = 5  #: largest number of suspect steps of a run that are integrated again
 SHORTER = 0.8  #: ratio of the step proposed in the warning to the longest one that would resolve the short event

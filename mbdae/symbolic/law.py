@@ -238,7 +238,7 @@ class Impact(NamedTuple):
 class Force(TwoBodyLaw):
     """A law between bodies stated by `energy`, `dissipation`, `wrench` or `thrust`."""
 
-    external: ClassVar[bool] = False  #: acts on l from outside: k is always the ground
+    external: ClassVar[bool] = False  #: whether the force acts on l from outside: k is then the ground
 
     def energy(self, *frames: Any, **_: Any) -> Expr:
         """Potential energy, J."""

@@ -47,7 +47,7 @@ def switches_of(d: Derived) -> list[Switch]:
     arguments = insert(d, [resolve(name(s.argument)) for s in found])
     of_motion = {symbol for target, symbol in input_symbols(d) if target[0] in ("q", "u", "s", "foreign")}
     of_motion |= set(d.variation.clock)
-    reactions = {*d.multipliers, *d.stabilisers}  # which have no value in forms that eliminate them
+    reactions = {*d.multipliers, *d.stabilisers}  # without values in forms that eliminate multipliers
     out: dict[tuple[str, Expr], Switch] = {}
     for switch, e in zip(found, arguments, strict=True):
         free = e.free_symbols

@@ -22,7 +22,8 @@ from mbdae.system.base import Array, System
 from mbdae.values import number, set_option
 
 SECOND = (2, 2, 2)  #: order of positions, of velocities and of multipliers
-#: from this spectral radius at high frequencies on a warning says how long steps gain energy or multipliers do not converge
+#: from this spectral radius at high frequencies on a warning says that long steps gain energy or, for Newmark's method with
+#: mb.Index3(), that constraint forces do not converge
 GAINS = 0.9
 
 

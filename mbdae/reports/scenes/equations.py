@@ -52,8 +52,8 @@ class Velocity(NamedTuple):
     below: str
     letter: str
     mass: str
-    unit: str  #: unit of the position
-    of: str  #: the position, in words
+    unit: str  #: unit of the position whose rate this velocity is
+    of: str  #: the position whose rate this velocity is, in words
 
     @property
     def effort(self) -> Unit:
