@@ -67,7 +67,8 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
     or "accuracy", "step" (constant step, s, at most `STEPS` of them), "t_end" (s). A faster drive or start is run for as many
     turns, so its t_end is shorter. Default: parameters that the scene states, times fixed factors.
     runs: list of mb.Run; default every joint model x form x solver that applies, and last the choice of mbdae itself.
-    measure: a sensor such as "C.angle"; default the motion of the bodies. max_wall: largest wall time of a run, s.
+    measure: a sensor such as "C.angle"; default the motion of the bodies. max_wall: largest wall time of a run, s; a run of
+    a reference may take three times as long.
     progress(done, total, label): called before every run. resume: a JSON file that stores every finished value, so that
     an equal call continues after Ctrl-C or an error.
     """
