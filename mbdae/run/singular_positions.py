@@ -30,12 +30,12 @@ SINGULAR = 1e-3
 #: where a run stops in a singular position, loops are named for the smallest singular value, and for further ones that are less
 #: than TOGETHER times the smallest, or less than ALSO times the median of the smallest over the run
 TOGETHER, ALSO = 3.0, 0.05
-#: prescribed values count as not possible where they ask for a speed above GROWN times the median of the largest speed in the run;
-#: of them those are named that contribute more than PART of the largest contribution
+#: prescribed values count as not possible where they ask for a speed above GROWN times the median of the largest speed in the
+#: run; of them those are named that contribute more than PART of the largest contribution
 GROWN, PART = 2.5, 0.1
 UNCONTROLLED = 1e-6  #: violation of constraint rows that a run without a tolerance is assumed to resolve
-#: with form Index1: violation of rows, over the scene's length or in rad, above which it explains a stop in a singular position; a
-#: smaller one is mentioned where it can change the smallest singular value by more than NEARBY times the median over the run
+#: with form Index1: violation of rows, over the scene's length or in rad, above which it explains a stop in a singular position;
+#: a smaller one is mentioned where it can change the smallest singular value by more than NEARBY times the median over the run
 DRIFTED, NEARBY = 1e-3, 1e-2
 GOLDEN = (5**0.5 - 1) / 2
 
