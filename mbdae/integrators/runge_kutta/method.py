@@ -24,7 +24,7 @@ from mbdae.integrators.solution import Interpolant
 from mbdae.system.base import Array, System
 
 #: with a constant step, and no tolerance of its own for Newton's method, that method ends where the error expected to remain is
-#: below TARGET times ROUND times the unknown's magnitude plus scale
+#: below TARGET times ROUND times the unknown's magnitude plus scale, or where corrections no longer fall and are round-off
 ROUND, TARGET = 1e-10, 1e-5
 
 
