@@ -105,7 +105,7 @@ class LineDerived:
 
     kind: NodeKind
     fields: tuple[Field, ...]  #: fields the law reads
-    damped: bool  #: whether the law reads the time derivatives of these fields too
+    damped: bool  #: whether the law reads the time derivatives of `fields` too
     stresses: tuple[str, ...]  #: stress unknowns; none in the displacement form
     vanished: tuple[str, ...]  #: strains that are zero for this kind of node
     duals: tuple[tuple[Field, Expr], ...]  #: generalised force dual to each field, left-hand side
