@@ -19,13 +19,18 @@ from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import DEPENDENT
 from mbdae.ties import largest
 
-ROW_SAMPLES = 2000  #: number of steps at which constraint rows are evaluated
-APART = 2.0  #: ratio of the error to the estimate from runs of this solver alone, above which something else limits the error
-#: largest ratio of a row's violation to its novelty (how independent it is of the other rows, `system/rank`) that a misalignment
-#: at the start explains: 0.2 to 2 were measured in loops away from singular positions
+ROW_SAMPLES = 2000  #: largest number of steps at which constraint rows are evaluated
+#: ratio of the error to the estimate from runs of this solver alone, above which the message says that something else limits the
+#: error
+APART = 2.0
+#: a violation of a row up to this many times the novelty of a nearly redundant row that was left out (how independent that is of
+#: the other rows, `system/rank`) is explained by a misalignment at the start: 0.2 to 2 times were measured in loops away from
+#: singular positions
 WITHIN = 10.0
-TORN = 1e-3  #: violation of a row (divided by the scene's length, or in rad) above which no run is reliable
-ENERGY_SAMPLES = 1000  #: number of outputs (or steps, where an input depends on time) at which energies are evaluated
+#: violation of a row (divided by the scene's length, or in rad) above which a run is not reliable, where it is also above ten
+#: times the accuracy and above what WITHIN explains
+TORN = 1e-3
+ENERGY_SAMPLES = 1000  #: largest number of outputs (of steps, where an input depends on time) at which energies are evaluated
 
 
 def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:

@@ -18,11 +18,15 @@ from mbdae.system.motion.mechanics import Mechanics, in_units
 from mbdae.system.prepare import Prepared
 from mbdae.ties import largest
 
-ALLOWED = 10.0  #: a warning is given where the energy error, relative to the energy exchanged, is above this times the accuracy
-SHARE = 1e-3  #: fraction of the energy exchanged below which there is no warning
-POINTS = 1000  #: number of steps of a run at which energies are compared
-ROUNDED = 100 * float(np.finfo(float).eps)  #: round-off of energies, relative to the largest energy of the run
-SAMPLES = 200  #: number of steps of a run at which constraint rows are evaluated
+#: a warning is given where the energy error, relative to the energy exchanged, is above this times the accuracy, above SHARE and
+#: above round-off
+ALLOWED = 10.0
+SHARE = 1e-3  #: energy error, relative to the energy exchanged, up to which there is no warning at any accuracy
+POINTS = 1000  #: largest number of steps of a run at which energies are compared
+#: round-off, relative: of energies to the largest or a typical energy of the run (`round_off`), of penetrations to the size of
+#: the contact
+ROUNDED = 100 * float(np.finfo(float).eps)
+SAMPLES = 200  #: largest number of steps of a run at which constraint rows are evaluated
 
 
 def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[str]:
