@@ -64,8 +64,8 @@ def given_reference(problem: Problem, given: Any) -> tuple[Reference, Any]:
     values: Array = option("reference(times)", given(problem.times), array, f"return {problem.measure} at the times given")
     shape = problem.values(problem.solve(_radau(problem, 1e-3), None, repeat=False).solution).shape
     if values.shape != shape:
-        raise OptionError(f"reference returns an array of shape {values.shape}; {problem.measure} at the times given has shape "
-                          f"{shape}")  # fmt: skip
+        raise OptionError(f"reference returns an array of shape {values.shape}; return {problem.measure} at the times given, "
+                          f"with shape {shape}")  # fmt: skip
     return Reference("given function", None, None, None), values
 
 

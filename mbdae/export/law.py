@@ -74,7 +74,8 @@ def law_program(what: Any, frames: Any, options: Mapping[str, Any]) -> Program:
 def _law(what: Any, options: Mapping[str, Any]) -> tuple[type[Law], Structure, Mapping[str, Any]]:
     if isinstance(what, Law):
         if options:
-            raise OptionError(f"{next(iter(options))}: a law with values takes no options; only classes of laws do")
+            name = next(iter(options))
+            raise OptionError(f"{name}: a law with values takes no options, which only classes of laws do; leave it out")
         timed = frozenset(p for p in what.params if hasattr(getattr(what, p), "free_symbols"))
         return type(what), what.structure(timed), {p: getattr(what, p) for p in what.params}
     if isinstance(what, Part) or (isinstance(what, type) and issubclass(what, Part)):

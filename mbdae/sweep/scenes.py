@@ -99,7 +99,7 @@ def planned(job: SceneJob, values: Array) -> SceneJob:
         lines = {name: _lines(base, name, values[:, i], job.t_end) for i, name in enumerate(job.names)}
         named = [number for found in lines.values() for number in found]
         if len(set(named)) < len(named):
-            raise _no_batch("a batch varies each number of a law once; two names of the grid set the same one")
+            raise _run_one_by_one("a batch varies each number of a law once; two names of the grid set the same one")
         _check_together(job, values)
         made = replace(job, middle=middle, lines=lines)
         _compare(made, values[[0, -1]])
@@ -116,9 +116,9 @@ def _lines(base: SceneData, name: str, values: Array, t_end: float) -> dict[str,
     at = np.append(at, at[-1] * BESIDE**2) if len(at) == 1 else at
     shapes, places, rows = zip(*(_law_numbers(changed(base, name, float(v), t_end)[0]) for v in at), strict=True)
     if any(shape != shapes[0] for shape in shapes) or any(row.keys() != rows[0].keys() for row in rows):
-        raise _no_batch(f"a batch varies only numbers of laws; '{name}' changes which laws act")
+        raise _run_one_by_one(f"a batch varies only numbers of laws; '{name}' changes which laws act")
     if not np.allclose(places, places[0], rtol=STRAIGHT, atol=STRAIGHT):
-        raise _no_batch(f"a batch varies only numbers of laws; '{name}' changes the places at which they act")
+        raise _run_one_by_one(f"a batch varies only numbers of laws; '{name}' changes the places at which they act")
     table = np.array([list(row.values()) for row in rows])
     lines = {}
     for number, column in zip(rows[0], table.T, strict=True):
@@ -126,10 +126,10 @@ def _lines(base: SceneData, name: str, values: Array, t_end: float) -> dict[str,
             slope = (column[-1] - column[0]) / (at[-1] - at[0])
             begin = column[0] - slope * at[0]
             if np.max(np.abs(begin + slope * at - column)) > STRAIGHT * np.max(np.abs(column)):
-                raise _no_batch(f"a batch varies numbers of laws linearly; {number} is not linear in '{name}'")
+                raise _run_one_by_one(f"a batch varies numbers of laws linearly; {number} is not linear in '{name}'")
             lines[number] = float(begin), float(slope)
     if not lines:
-        raise _no_batch(f"a batch varies only numbers of laws; '{name}' changes none of them")
+        raise _run_one_by_one(f"a batch varies only numbers of laws; '{name}' changes none of them")
     return lines
 
 
@@ -146,7 +146,7 @@ def _law_numbers(scene: SceneData) -> tuple[list[Any], list[float], dict[str, fl
         places += [v for n, v in instance.numbers.items() if n not in law.params]
         for n, v in instance.numbers.items():
             if n in law.params and found.setdefault(f"{instance.item}.{n}", v) != v:
-                raise _no_batch(f"a batch varies one {n} of an item; the laws of '{instance.item}' have different ones")
+                raise _run_one_by_one(f"a batch varies one {n} of an item; the laws of '{instance.item}' have different ones")
     return shape, places, found
 
 
@@ -158,7 +158,7 @@ def _check_together(job: SceneJob, values: Array) -> None:
     for item in dict.fromkeys(items):
         of_item = [i for i, other in enumerate(items) if other == item]
         if len(of_item) > TOGETHER:
-            raise _no_batch(f"a batch varies at most {TOGETHER} numbers of an item, not {len(of_item)} of '{item}'")
+            raise _run_one_by_one(f"a batch varies at most {TOGETHER} numbers of an item, not {len(of_item)} of '{item}'")
         some = replace(job, names=tuple(job.names[i] for i in of_item))
         for corner in product(*({np.min(values[:, i]), np.max(values[:, i])} for i in of_item)) if len(of_item) > 1 else ():
             if problems := some.at(corner).problems:
@@ -173,15 +173,15 @@ def _compare(job: SceneJob, values: Array) -> None:
         own = Batches(job.at(point), job.t_end, job.accuracy, job.outputs).system
         same = own.names == batch.system.names and own.label == batch.system.label
         if not same or not np.allclose(own.y0, batch.system.y0, rtol=SAME, atol=SAME * float(np.max(own.scale))):
-            raise _no_batch(f"a batch needs the same unknowns and the same start at all points; at {_in_words(job, point)} they "
-                              f"differ")  # fmt: skip
+            raise _run_one_by_one(f"a batch needs the same unknowns and the same start at all points; at {_in_words(job, point)} "
+                                  f"they differ")  # fmt: skip
         apart = batch.rates_apart(own, {n: float(v[0]) for n, v in job.numbers(point[None]).items()})
         if not apart <= SAME:
-            raise _no_batch(f"at {_in_words(job, point)} the rates y' of a batch differ by {apart:.1e} (relative) from those of "
-                            f"the scene, so that a name changes more than numbers that the equations read")  # fmt: skip
+            raise _run_one_by_one(f"at {_in_words(job, point)} the rates y' of a batch differ by {apart:.1e} (relative) from "
+                                  f"those of the scene, so that a name changes more than numbers that the equations read")
 
 
-def _no_batch(why: str) -> OptionError:
+def _run_one_by_one(why: str) -> OptionError:
     """Why points run one by one: no mistake of the user."""
     return OptionError(f"no mistake: {why}")
 

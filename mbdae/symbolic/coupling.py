@@ -41,7 +41,8 @@ class Coupling(TwoBodyLaw):
 
     def constraints(self) -> dict[str, Expr]:
         """Expressions of the coordinates that vanish, by name of the row."""
-        raise LawError(f"coupling {type(self).__name__} does not state `constraints(self)`")
+        raise LawError(f"coupling {type(self).__name__} does not state `constraints(self)`: return its rows, "
+                       f"{{'name': expression that vanishes}}")  # fmt: skip
 
     def rows(self) -> dict[str, Expr]:  # type: ignore[override]
         return self.constraints()

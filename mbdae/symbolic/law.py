@@ -341,4 +341,4 @@ class Element(Law):
 
     def kinetic_energy(self, b: Frame) -> Expr:
         """Kinetic energy in `b.center_velocity` and `b.spin` (body components), J."""
-        raise LawError(f"element law {type(self).__name__} does not state `kinetic_energy(self, b)`")
+        raise LawError(f"element law {type(self).__name__} does not state `kinetic_energy(self, b)`: return its energy, J")

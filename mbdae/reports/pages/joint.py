@@ -52,7 +52,7 @@ class JointReport(LawPage):
     def __init__(self, law: type[Law], structure: Structure) -> None:
         statement = Statement(law, structure)
         if not statement.rows and not statement.law.own_coordinates:
-            raise LawError(f"{law.__name__} states no rows: nothing to report: return one or more from `constraints`")
+            raise LawError(f"{law.__name__} states no rows, so that there is nothing to report: return some from `constraints`")
         _ = statement.branches
         super().__init__(statement)
         _ = statement.gradients
