@@ -16,7 +16,7 @@ from mbdae.symbolic.part import Part, PartStructure
 from mbdae.values import shown
 
 Choice = dict[str, Any]  #: value of every option of a law
-NO_VALUE = "{law} has the option '{option}': say mb.selftest({law}, {option}=...) with a value for it"
+OPTION_WITHOUT_VALUE = "{law} has the option '{option}': say mb.selftest({law}, {option}=...) with a value for it"
 _DRY = PartStructure(Coulomb, frozenset(), ())
 _BRISTLES = PartStructure(LuGre, frozenset(), (("gamma", 2.0), ("damping_decay", True)))
 #: values tried for the options of the package's laws; the options of other laws are given to `selftest`
@@ -42,7 +42,7 @@ def choices(law: type[Law], given: Choice) -> tuple[list[Choice], list[Choice]]:
     rest = [o for o in law.options if o not in main[0]]
     missing = [o for o in rest if o not in given and o not in _VALUES]
     if missing:
-        raise LawError(NO_VALUE.format(law=law.__name__, option=missing[0]))
+        raise LawError(OPTION_WITHOUT_VALUE.format(law=law.__name__, option=missing[0]))
     values = [(given[o],) if o in given else _VALUES[o] for o in rest]
     others = [dict(zip(rest, chosen, strict=True)) for chosen in product(*values)]
     whole = [first | other | given for first, other in product(main, others)]
@@ -73,13 +73,13 @@ def _of_joint(law: type[Joint]) -> tuple[list[Choice], list[Choice]]:
 
 def _check_joint(law: type[Joint], choice: Choice) -> None:
     choice["kept"] = bool(choice["kept"]) or law.must_keep()
-    for option, names, what in (("kept", law.coordinates, "coordinates"), *((o, law.scalars(), "angles and displacements")
+    for option, names, coordinates in (("kept", law.coordinates, "coordinates"), *((o, law.scalars(), "angles and displacements")
                                                                             for o in ("friction", "rubs"))):  # fmt: skip
         if choice[option] and not names:
-            raise OptionError(f"{option} = {shown(choice[option])}: {law.__name__} has no {what}; leave it out")
+            raise OptionError(f"{option} = {shown(choice[option])}: {law.__name__} has no {coordinates}; leave it out")
     if choice["rubs"] is not None and choice["rubs"] not in law.scalars():
         raise OptionError(f"rubs = {shown(choice['rubs'])}: friction acts on one of the coordinates of {law.__name__}, "
-                          f"{' or '.join(law.scalars())}")  # fmt: skip
+                          f"{' or '.join(law.scalars())}: give its name")  # fmt: skip
 
 
 def _on_coordinate(law: type[Law]) -> tuple[list[Choice], list[Choice]]:

@@ -23,7 +23,7 @@ from typing import Any
 
 from mbdae.contracts.case import Case
 from mbdae.contracts.checks import BOUNDS, CONTRACTS, MEANS
-from mbdae.contracts.choices import NO_VALUE
+from mbdae.contracts.choices import OPTION_WITHOUT_VALUE
 from mbdae.contracts.variants import variants
 from mbdae.errors import LawError, OptionError, naming_arguments, unknown_name
 from mbdae.laws.contact import JournalContact, Normal
@@ -102,20 +102,22 @@ def _of_law(law: type[Law], options: dict[str, Any], called: str = "") -> SelfTe
 def declaration(law: type[Law] | type[Part]) -> Iterator[str]:
     """Messages on parameters, coordinates and states without unit or meaning. The unit of a pure number is "1"."""
     tables = {"parameter": law.params, "coordinate": getattr(law, "coordinates", {}), "state": law.states}
-    for what, table in tables.items():
+    for quantity, table in tables.items():
         for name, entry in table.items():
             if not entry.unit:
-                yield f"{what} '{name}' has no unit; give one, '1' for a pure number"
+                yield f"{quantity} '{name}' has no unit; give one, '1' for a pure number"
             if not entry.meaning and law.__module__.startswith("mbdae."):
-                yield f"{what} '{name}' has no meaning; describe it in a few words"
+                yield f"{quantity} '{name}' has no meaning; describe it in a few words"
 
 
 def _of_part(part: type[Part], options: dict[str, Any]) -> SelfTest:
     """Check the contact law with a friction or normal law of that class."""
     missing = [o for o in part.options if o not in options]
-    if missing or not issubclass(part, Friction | Normal):
-        raise LawError(NO_VALUE.format(law=part.__name__, option=missing[0]) if missing else
-                       f"{part.__name__} is neither a friction law (mb.Friction) nor a normal law (mb.Normal)")  # fmt: skip
+    if missing:
+        raise LawError(OPTION_WITHOUT_VALUE.format(law=part.__name__, option=missing[0]))
+    if not issubclass(part, Friction | Normal):
+        raise LawError(f"{part.__name__} is neither a friction law (mb.Friction) nor a normal law (mb.Normal); derive it "
+                       f"from one of them")  # fmt: skip
     undeclared = list(declaration(part))
     if undeclared:
         raise LawError(f"{part.__name__} breaks the contract of laws:\n  - " + "\n  - ".join(undeclared))

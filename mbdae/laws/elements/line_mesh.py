@@ -137,6 +137,8 @@ def arc(start: Any, through: Any, end: Any) -> Curve:
     a, b, c = _points([start, through, end])
     u, v = b - a, c - a
     w = np.cross(u, v)
+    if np.linalg.norm(v) <= 1e-12 * np.linalg.norm(u):
+        raise OptionError("the arc ends where it starts: give two arcs for a full circle")
     if np.linalg.norm(w) < 1e-12 * np.linalg.norm(u) * np.linalg.norm(v):
         raise OptionError("the three points of an arc lie on a straight line: give a point off it, or a straight beam")
     center = a + np.cross((u @ u) * v - (v @ v) * u, w) / (2 * (w @ w))
