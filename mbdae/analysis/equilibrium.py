@@ -135,9 +135,9 @@ def confirmed(statics: Statics, point: Point) -> Equilibrium:
     statics.check_steady(point)
     axes = statics.rest.axes(statics.q(point))
     beams = (statics.system, point.y[statics.kinds == "z"]) if statics.elastic else None
-    reason = reason_not_steady(result.prepared, axes, statics.t, result.q[0], result.u[0], statics.s(point), 1e-6, beams)
-    if reason:
-        raise EquilibriumError(f"no state stays at rest in the frame of '{axes.name}': {reason}; loads or joints change with "
+    motion = reason_not_steady(result.prepared, axes, statics.t, result.q[0], result.u[0], statics.s(point), 1e-6, beams)
+    if motion:
+        raise EquilibriumError(f"no state stays at rest in the frame of '{axes.name}': {motion}; loads or joints change with "
                                f"time as seen in that frame; give another frame=", result)  # fmt: skip
     return result
 
@@ -259,9 +259,9 @@ class _Path:
         sizes, motions, _ = s.stiffness(T).softest()
         before = s.stiffness(s.tangent(s.begin)).softest()[0]
         motion = motion_in_words(s.mechanics.model, motions[:, 0], s.units)
-        reason = (f"at this limit point the stiffness against {motion} nearly vanishes" if sizes[0] < 0.1 * before[0] else
-                  f"no state at rest was found for slightly larger loads; the motion of least stiffness is {motion}")  # fmt: skip
-        return EquilibriumError(f"the loads cannot be raised beyond {point.load_factor:.6g} of their values: {reason}; lower "
+        met = (f"at this limit point the stiffness against {motion} nearly vanishes" if sizes[0] < 0.1 * before[0] else
+               f"no state at rest was found for slightly larger loads; the motion of least stiffness is {motion}")  # fmt: skip
+        return EquilibriumError(f"the loads cannot be raised beyond {point.load_factor:.6g} of their values: {met}; lower "
                                 f"the loads, stiffen the scene, or simulate what follows from the state reached, which this "
                                 f"error holds as `.equilibrium`",
                                 where, point.load_factor)  # fmt: skip

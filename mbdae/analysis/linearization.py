@@ -180,9 +180,9 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     found = Linearization(prepared, axes, start.t, p, count)
     found._finer = finer(partial(linearize, frame=axes.name, count=count), prepared.model.scene, at)
     beams = (system, z) if m.model.lines else None
-    reason = reason_not_steady(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
-    if reason:
-        raise SteadyError(f"the linearised equations change with time in the frame of '{axes.name}': {reason}; where they are "
+    change = reason_not_steady(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
+    if change:
+        raise SteadyError(f"the linearised equations change with time in the frame of '{axes.name}': {change}; where they are "
                           f"periodic, use s.floquet(period); otherwise give the body that turns steadily as frame=, or start "
                           f"from a steady motion, at=s.equilibrium(frame=...)", found)  # fmt: skip
     return found

@@ -165,11 +165,11 @@ class ConnectionSensor(ListsAttributes):
             found = self._result.coordinate(item, rates.get(name, name))
             if found is None:
                 point = next((b.name for b in (item.k, item.l) if b.is_point), None)
-                coordinate = f"{item.kind} '{item.name}': the coordinate '{rates.get(name, name)}' is not known"
+                coordinate = f"{item.kind} '{item.name}': the coordinate '{rates.get(name, name)}'"
                 if point is not None:
-                    raise OptionError(f"{coordinate}: the point mass '{point}' has no orientation; use s.rigid_body")
-                raise OptionError(f"{coordinate}: the positions of its bodies do not determine it; use model=mb.Classical(), "
-                                  f"where it is an unknown")  # fmt: skip
+                    raise OptionError(f"{coordinate} is not known: the point mass '{point}' has no orientation; use s.rigid_body")
+                raise OptionError(f"{coordinate} is not known: the positions of its bodies do not determine it; use "
+                                  f"model=mb.Classical(), where it is an unknown")  # fmt: skip
             return found[name in rates]
         if name in drives_of(item):
             return self._drive(name, drives_of(item)[name])
