@@ -189,8 +189,8 @@ def _with_nodes(edges: Array, order: int, wanted: Array) -> Array:
         at = int(np.searchsorted(cut, place))
         smallest = min(sizes[at - 1], sizes[at])
         if smallest < SHORTEST * max(sizes[max(at - 2, 0) : at + 2]):
-            raise OptionError(f"a joint at {place:.9g} of the length of its segment would leave an element of {smallest:.3g} of "
-                              f"it: attach it at the node at {nearest:.9g} of the length, or farther from that node")  # fmt: skip
+            raise OptionError(f"an attachment at {place:.9g} of its segment would leave an element of {smallest:.3g} of it: "
+                              f"attach at the node at {nearest:.9g} of the segment, or farther from that node")  # fmt: skip
         edges = cut
     return edges
 
