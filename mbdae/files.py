@@ -51,8 +51,8 @@ def replacing(path: Any) -> Iterator[Path]:
             part.unlink(missing_ok=True)
             raise
     except OSError as error:
-        raise OptionError(f"'{named}' cannot be written: {error.strerror or error}; name a file in a folder that exists and may "
-                          f"be written to") from error  # fmt: skip
+        raise OptionError(f"'{named}' cannot be written: {error.strerror or error}; name a file in a folder that exists, may be "
+                          f"written to and has space left") from error  # fmt: skip
 
 
 def write_file(path: Any, content: str | bytes) -> Path:

@@ -16,7 +16,6 @@ from mbdae.symbolic.part import Part, PartStructure
 from mbdae.values import shown
 
 Choice = dict[str, Any]  #: value of every option of a law
-OPTION_WITHOUT_VALUE = "{law} has the option '{option}': say mb.selftest({law}, {option}=...) with a value for it"
 _DRY = PartStructure(Coulomb, frozenset(), ())
 _BRISTLES = PartStructure(LuGre, frozenset(), (("gamma", 2.0), ("damping_decay", True)))
 #: values tried for the options of the package's laws; the options of other laws are given to `selftest`
@@ -32,6 +31,13 @@ _COORDINATES: tuple[Choice, ...] = (
 )  # fmt: skip
 
 
+def refuse_missing(law: type, options: list[str]) -> None:
+    """LawError for the first of the options of a law that have no value."""
+    if options:
+        raise LawError(f"{law.__name__} has the option '{options[0]}': say mb.selftest({law.__name__}, {options[0]}=...) with a "
+                       f"value for it")  # fmt: skip
+
+
 def choices(law: type[Law], given: Choice) -> tuple[list[Choice], list[Choice]]:
     """Values of the options: those tried with all parameters in every combination that matters, and others tried once.
 
@@ -40,9 +46,7 @@ def choices(law: type[Law], given: Choice) -> tuple[list[Choice], list[Choice]]:
     given = {o: v.structure() if isinstance(v, Part) else v for o, v in given.items() if o in law.options}
     main, further = _of_joint(law) if issubclass(law, Joint) else _on_coordinate(law)
     rest = [o for o in law.options if o not in main[0]]
-    missing = [o for o in rest if o not in given and o not in _VALUES]
-    if missing:
-        raise LawError(OPTION_WITHOUT_VALUE.format(law=law.__name__, option=missing[0]))
+    refuse_missing(law, [o for o in rest if o not in given and o not in _VALUES])
     values = [(given[o],) if o in given else _VALUES[o] for o in rest]
     others = [dict(zip(rest, chosen, strict=True)) for chosen in product(*values)]
     whole = [first | other | given for first, other in product(main, others)]

@@ -23,7 +23,7 @@ from typing import Any
 
 from mbdae.contracts.case import Case
 from mbdae.contracts.checks import BOUNDS, CONTRACTS, MEANS
-from mbdae.contracts.choices import OPTION_WITHOUT_VALUE
+from mbdae.contracts.choices import refuse_missing
 from mbdae.contracts.variants import variants
 from mbdae.errors import LawError, OptionError, naming_arguments, unknown_name
 from mbdae.laws.contact import JournalContact, Normal
@@ -92,10 +92,11 @@ def _of_law(law: type[Law], options: dict[str, Any], called: str = "") -> SelfTe
         reasons = "; ".join(f"{name}: {reason}" for reason, name in reversed(first.items()))
         violations.append(f"no variant can be derived ({reasons})")
     if violations:
-        legend = [f"{contract}, {counted(len(entries), 'place')}: {MEANS[contract]}"
-                  for contract, entries in run.failed.items() if entries]  # fmt: skip
-        head = f"{called or law.__name__} breaks the contract of laws:"
-        raise LawError("\n".join(["\n  - ".join([head, *violations]), *([LINES] if legend else []), *legend]))
+        listed = "\n  - ".join(["", *violations])
+        legend = "".join(f"\n{contract}, {counted(len(entries), 'place')}: {MEANS[contract]}"
+                         for contract, entries in run.failed.items() if entries)  # fmt: skip
+        what_lines_say = f"\n{LINES}{legend}" if legend else ""
+        raise LawError(f"{called or law.__name__} breaks the contract of laws:{listed}{what_lines_say}")
     return SelfTest(law.__name__, tuple(run.checked), run.refused, run.worst)
 
 
@@ -112,9 +113,7 @@ def declaration(law: type[Law] | type[Part]) -> Iterator[str]:
 
 def _of_part(part: type[Part], options: dict[str, Any]) -> SelfTest:
     """Check the contact law with a friction or normal law of that class."""
-    missing = [o for o in part.options if o not in options]
-    if missing:
-        raise LawError(OPTION_WITHOUT_VALUE.format(law=part.__name__, option=missing[0]))
+    refuse_missing(part, [o for o in part.options if o not in options])
     if not issubclass(part, Friction | Normal):
         raise LawError(f"{part.__name__} is neither a friction law (mb.Friction) nor a normal law (mb.Normal); derive it "
                        f"from one of them")  # fmt: skip

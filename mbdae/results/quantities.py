@@ -75,7 +75,7 @@ def _spelled(result: Any, text: str) -> tuple[str, dict[str, str]]:
     try:
         return spelled(result.prepared.model.scene, text)
     except BadValueError as two_meanings:
-        raise OptionError(f"'{text}': {two_meanings}") from None
+        raise OptionError(f"'{text}' cannot be read: {two_meanings}") from None
 
 
 def _parsed(text: str) -> Any:
@@ -114,7 +114,7 @@ def _evaluated(result: Any, node: Any, names: Mapping[str, str]) -> Any:
         return _applied(result, node, _SIGNS[type(node.op)], (node.left, node.right), names)
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in FUNCTIONS and not node.keywords:
         return _applied(result, node, FUNCTIONS[node.func.id], node.args, names)
-    raise OptionError(f"{ast.unparse(node)!r} is no part of an expression of sensors: signs + - * / **, numbers, t, pi, "
+    raise OptionError(f"'{_said(node, names)}' is no part of an expression of sensors: signs + - * / **, numbers, t, pi, "
                       f"the functions {', '.join(FUNCTIONS)}, and sensors may appear")  # fmt: skip
 
 
