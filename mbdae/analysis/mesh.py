@@ -39,8 +39,9 @@ class OnMesh:
         if not self.prepared.model.lines:
             return None
         if self._finer is None:
-            raise OptionError("mesh_error: the state of a run has no counterpart on a finer mesh: linearise about s.equilibrium() or "
-                              "the start, or repeat run and analysis with beams of one order more")  # fmt: skip
+            raise OptionError("mesh_error: the state of a run has no counterpart on a finer mesh: linearise about "
+                              "s.equilibrium() or the start, or repeat run and analysis with beams of one order "
+                              "more")  # fmt: skip
         here, there = self.roots, self._finer().roots
         # pairs of roots with the least sum of squared distances: with squares, real roots are paired in rising order
         mine, others = linear_sum_assignment(np.abs(here[:, None] - there) ** 2)
