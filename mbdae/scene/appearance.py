@@ -49,8 +49,8 @@ def _edges(arg: Argument, value: Any) -> Array:
         found = array(value)
         if found.shape not in ((2,), (3,)) or (found < 0).any() or not found.any():
             raise BadValueError(shown(value))
-    except BadValueError as refused:
-        arg.wrong(refused, "give three lengths in m, 0 or more and not all 0, or two for a plate in the plane z = 0")
+    except BadValueError as value_and_reason:
+        arg.wrong(value_and_reason, "give three lengths in m, 0 or more and not all 0, or two for a plate in the plane z = 0")
         return np.ones(3)
     return np.append(found, np.zeros(3 - len(found)))
 

@@ -86,10 +86,10 @@ def known_paths(scene: Any) -> list[str]:
     return [*(one.name for one in scene.signals), *joints, *bodies]
 
 
-def refuse_sampled(scene: Any, what: str) -> None:
-    """Raise OptionError where a scene has a sampled controller: the analysis named `what` would leave it out."""
+def refuse_sampled(scene: Any, analysis: str) -> None:
+    """Raise OptionError where a scene has a sampled controller: the analysis of this name would leave it out."""
     for one in scene.controllers:
-        raise OptionError(f"{what}: controller '{one.name}' is a function called every {one.every:g} s, which is possible in "
+        raise OptionError(f"{analysis}: controller '{one.name}' is a function called every {one.every:g} s, which is possible in "
                           f"s.simulate alone; state its law by expressions of s.sensor and s.state")  # fmt: skip
 
 
