@@ -15,14 +15,14 @@ from mbdae.scene.shapes import Point, Shape
 from mbdae.values import BadValueError, array, shown
 
 ROUNDING = 1e-15  #: deviation of the length of a direction from 1 that counts as rounding
-SHAPES = "give mb.Plane, mb.Cylinder, mb.Sphere, mb.Point or mb.Box"
+GIVE_A_SHAPE = "give mb.Plane, mb.Cylinder, mb.Sphere, mb.Point or mb.Box"
 READERS: dict[str, Callable[[Any], str]] = {}  #: "color" -> function that reads a colour, entered by the package that draws
 
 
 def shape(arg: Argument, value: Any) -> Shape:
     """Reader of a shape: returns it with plain values, a point, directions of length 1, and lengths above 0."""
     if not isinstance(value, Shape) or type(value) is Shape:
-        arg.wrong(f"{shown(value)} is no shape", SHAPES)
+        arg.wrong(f"{shown(value)} is no shape", GIVE_A_SHAPE)
         return Point()
     found: dict[str, Any] = {}
     for key, given in vars(value).items():

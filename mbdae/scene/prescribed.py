@@ -83,10 +83,10 @@ def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
     if short:
         return [f"{one.what}: {short}"]
     parts = list(timed.derivatives(one.expression)) if one.moves else [timed.sided(one.expression)]
-    for part, name in zip(parts, ("value", "rate", "second derivative"), strict=False):
+    for part, value_or_rate in zip(parts, ("value", "rate", "second derivative"), strict=False):
         start = float(timed.values(part, np.array([t0]))[0])
         if not np.isfinite(start):
-            return [f"{one.what}: its {name} is {start} at the start t = {t0:g} s; give an input that is finite there"]
+            return [f"{one.what}: its {value_or_rate} is {start} at the start t = {t0:g} s; give an input that is finite there"]
     try:
         edges, found = resolved(timed.used(one.expression, one.moves), t0, t_end)
     except TooManyError as too_many_steps_with_remedy:
@@ -126,7 +126,7 @@ def _jumps(one: Input, parts: list[Expr], values: list[Any], edges: Any, before:
     at = (edges if before else edges[1:])[:-1]
     if not len(at):
         return []
-    remedy = CUBIC_TABLE if timed.split(tuple(parts[:1])).readings else SMOOTH_RAMP
+    smooth_ramp_or_cubic_table = CUBIC_TABLE if timed.split(tuple(parts[:1])).readings else SMOOTH_RAMP
     for order in (0, 1):
         size, steep = (float(np.max(np.abs(v[np.isfinite(v)]), initial=0.0)) for v in values[order : order + 2])
         by = jumps(parts[order], at, middle[:-1], middle[1:])
@@ -135,6 +135,7 @@ def _jumps(one: Input, parts: list[Expr], values: list[Any], edges: Any, before:
             i = int(found[0])
             if order:
                 return [f"{one.what}: its rate jumps by {by[i]:.4g} {one.unit}/s at t = {at[i]:.6g} s; that takes "
-                        f"an infinite force; {remedy}"]  # fmt: skip
-            return [f"{one.what} jumps by {by[i]:.4g} {one.unit} at t = {at[i]:.6g} s; the bodies cannot follow; {remedy}"]
+                        f"an infinite force; {smooth_ramp_or_cubic_table}"]  # fmt: skip
+            return [f"{one.what} jumps by {by[i]:.4g} {one.unit} at t = {at[i]:.6g} s; the bodies cannot follow; "
+                    f"{smooth_ramp_or_cubic_table}"]  # fmt: skip
     return []

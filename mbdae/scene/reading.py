@@ -181,14 +181,14 @@ def _orthogonal(value: Any) -> Array:
 
 def inertia(arg: Argument, value: Any) -> Any:
     """Reader of an inertia: one number, 3 values (3,) or a matrix (3, 3), kg m^2."""
-    remedy = "give one number (about z), 3 principal values or a 3x3 matrix, kg m^2"
+    give_inertia = "give one number (about z), 3 principal values or a 3x3 matrix, kg m^2"
     try:
         found = array(value)
         if found.shape in ((), (3,), (3, 3)):
             return found if found.ndim else float(found)
-        arg.wrong(_misshapen(value, found), remedy)
+        arg.wrong(_misshapen(value, found), give_inertia)
     except BadValueError as value_and_reason:
-        arg.wrong("None: it is missing" if value is None else value_and_reason, remedy)
+        arg.wrong("None: it is missing" if value is None else value_and_reason, give_inertia)
     return np.zeros((3, 3))
 
 
@@ -262,13 +262,13 @@ def integer(least: int, most: int) -> Reader:
     return lambda arg, value: _read(arg, value, lambda v: whole(v, least=least, most=most), remedy, least)
 
 
-def instance(what: type, noun: str, remedy: str, instead: Any = None) -> Reader:
-    """Reader of an object of the class `what`; `instead` where the value is none. noun, remedy: words of the message."""
+def instance(what: type, wanted: str, remedy: str, instead: Any = None) -> Reader:
+    """Reader of an object of the class `what`; `instead` where the value is none. wanted, remedy: words of the message."""
 
     def read(arg: Argument, value: Any) -> Any:
         if isinstance(value, what):
             return value
-        arg.wrong(f"{shown(value)} is no {noun}", remedy)
+        arg.wrong(f"{shown(value)} is no {wanted}", remedy)
         return instead
 
     return read

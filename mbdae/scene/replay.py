@@ -285,8 +285,8 @@ def replay(data: Mapping[str, Any], scene_class: Callable[..., Any], known: Know
             _repeat(scene, entry, known)
         except SceneError as error:
             raise SceneError([f"statement {i + 1}, {_described(entry)}: {problem}" for problem in error.problems]) from error
-        except MbdaeError as error:
-            raise SceneError([f"statement {i + 1}, {_described(entry)}: {error}"]) from error
+        except MbdaeError as mistake:
+            raise SceneError([f"statement {i + 1}, {_described(entry)}: {mistake}"]) from mistake
         except Exception as error:  # a stored value that no check foresaw may make a statement raise anything
             raise SceneError([f"statement {i + 1}, {_described(entry)}, cannot be repeated with its stored values, which raise "
                               f"{shown(error)}: correct them"]) from error  # fmt: skip

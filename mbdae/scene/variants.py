@@ -45,8 +45,8 @@ def replaced(scene: SceneItems, names: tuple[str, ...], model: JointModel) -> An
                           for n in wrong])  # fmt: skip
     refused = {n: why for n in names if (why := refusal(type(_ideal(scene[n])), model)) is not None}
     if refused:
-        raise SceneError([f"replace: {scene[n].kind} '{n}': model = {model_and_reason}; {remedy}"
-                          for n, (model_and_reason, remedy) in refused.items()])  # fmt: skip
+        raise SceneError([f"replace: {scene[n].kind} '{n}': model = {model_and_reason}; {what_to_do}"
+                          for n, (model_and_reason, what_to_do) in refused.items()])  # fmt: skip
     few = [n for n in known if len(scene[n].coordinates) <= FEW]
     chosen = set(names or (n for n in few if refusal(type(_ideal(scene[n])), model) is None))
     if not chosen:
