@@ -36,14 +36,19 @@ from mbdae.system.start.typical_sizes import characteristic_time
 from mbdae.threads import single_threaded
 
 SINGULAR = "; the scene starts in a singular position, where rows depend on each other that do not elsewhere: start away from it"
-SOUND = 1e-3  #: constraint rows scaled to unit length determine a position if their smallest singular value is above this
+#: prescribed motions that contradict each other after the start are reported only for positions in which the smallest singular
+#: value of the rows in force, scaled to unit length, is above this
+SOUND = 1e-3
 #: the check for contradicting prescribed motions moves the scene in at most FOLLOWED steps over at most half of the run; before
 #: the loops are closed again, a step may violate joints by at most NEAR (rad, or over the scene's length)
 FOLLOWED, NEAR = 24, 0.2
-PLACED = 1e-11  #: error of positions computed along a tree that counts as rounding: rad, or over the scene's length
-FORESIGHT = 10.0  #: time (s) over which prescribed values and inputs are checked where the end of the run is not known
-#: violation of the joints, over the scene's length or speed, up to which a run can be continued from the state where another run
-#: ended; as large as the error of a run may be
+#: largest violation of the joints' rows (m or rad), over the scene's length or 1, whichever is larger, up to which positions
+#: computed along trees count as closed
+PLACED = 1e-11
+FORESIGHT = 10.0  #: time (s) over which prescribed values and inputs are checked where no later end of the run is known
+#: violation of the joints' rows (m or rad), over the scene's length or 1, whichever is larger, up to which a run can be continued
+#: from the state where another run ended; as large as the error of a run may be. Where a rate of the rows is larger than this
+#: times the largest speed over the same length, the joints stop that motion by impulses
 FITS = 1e-4
 
 
