@@ -10,11 +10,12 @@ from mbdae.results.accuracy import Accuracy
 from mbdae.results.result import Result
 from mbdae.run.checks import doubts
 from mbdae.run.control import SLOW, Controlled
-from mbdae.run.drift import energy_drift, joint_drift, row_sizes
+from mbdae.run.drift import energy_drift, joint_drift
 from mbdae.run.quaternion_lengths import unequal_lengths
 from mbdae.run.reliability import Assessment, doubts_of_steps, reliability
 from mbdae.run.singular_positions import singular_passages
 from mbdae.system.model.inputs import expressions_of
+from mbdae.system.motion.mechanics import row_sizes
 from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import DEPENDENT
 from mbdae.ties import largest
@@ -102,7 +103,8 @@ def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tu
     if not m.m:
         return 0.0, []
     t = t[:: len(t) // ROW_SAMPLES + 1]
-    off = np.max(np.abs(m.position_residual(t, prepared.states(t, run.solution(t))[0])), axis=0) / row_sizes(m, prepared)
+    off = np.max(np.abs(m.position_residual(t, prepared.states(t, run.solution(t))[0])), axis=0)
+    off /= row_sizes(m, prepared.start.t, prepared.start.q)
     worst = largest(off)
     if off[worst] <= max(10 * (asked if asked is not None else 1e-6), _misaligned(prepared)):
         return 0.0, []
