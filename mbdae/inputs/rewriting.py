@@ -12,9 +12,9 @@ from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_si
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import BadValueError, shown
 
-#: functions that are rewritten with Piecewise and floor
+#: functions that inputs may contain and that are rewritten with Piecewise or floor
 REWRITTEN = ("Abs", "sign", "Heaviside", "Max", "Min", "Mod", "ceiling", "frac")
-HUGE = 100.0  #: magnitude of the logarithm of an exponential's factor above which it is put into the exponent, see `_exponents`
+HUGE = 100.0  #: a number times an exponential is put into the exponent if the magnitude of ln|number| is larger, see `_exponents`
 
 
 def rewritten(value: Any) -> Expr:
@@ -25,7 +25,7 @@ def rewritten(value: Any) -> Expr:
 
     value = sympy.sympify(value)
     if value.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
-        raise BadValueError(f"{shown(value)} contains an infinite number or a division by zero")
+        raise BadValueError(f"{shown(value)} contains an infinite number or a division by zero: give finite numbers")
     used = {type(f).__name__ for f in value.atoms(sympy.core.function.Application)}
     unknown = sorted(name for name in used - {*FUNCTIONS, *REWRITTEN, *LOGIC, "ITE"} if tables.named(name) is None)
     if unknown:

@@ -65,7 +65,7 @@ def spanning_tree(scene: SceneItems, joints: Collection[Connection] | None = Non
     edges: list[tuple[Body, Connection, Body]] = []
     roots: list[Body] = []
     seen: set[Body] = set()
-    joined: dict[Body, list[tuple[Connection, Body]]] = {}  #: joints of a body with the body on the other side
+    joined: dict[Body, list[tuple[Connection, Body]]] = {}  #: body -> its joints, each with the body on its other side
     for joint in chosen:
         for a, b in ((joint.k, joint.l), (joint.l, joint.k)):
             joined.setdefault(a, []).append((joint, b))

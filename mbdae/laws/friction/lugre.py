@@ -99,5 +99,6 @@ class LuGre(Friction):
                          f"friction may create energy: take sigma1 of at most {bound / self.v_s:.3g} s/m")  # fmt: skip
         if self.mu_s / self.sigma0 > 1e-3:
             found.append(f"LuGre: sigma0 = {self.sigma0:g} 1/m lets the bristles deflect by {self.mu_s / self.sigma0:.2g} m "
-                         f"before they slip (mu_s / sigma0): take a larger sigma0, unless this is meant")  # fmt: skip
+                         f"before they slip (mu_s / sigma0): take a larger sigma0, a stiffness over the normal force, "
+                         f"unless this is meant")  # fmt: skip
         return found

@@ -19,7 +19,7 @@ from mbdae.system.motion.mechanics import Mechanics, in_units
 from mbdae.system.rank.rows import smallest_triplets, unit_rows
 
 ASIDE = 1e-4  #: displacement along v, in unit displacements, of the second difference that gives the curvature
-SMALLEST = 1e-300  #: stands for a singular value of 0 in quotients
+SMALLEST = 1e-300  #: least value of a divisor: a singular value or twice a curvature, which may be 0
 
 
 class Dependency(NamedTuple):

@@ -19,14 +19,15 @@ from mbdae.system.model.numbering import Row
 from mbdae.system.motion.constrained import row_lengths
 from mbdae.system.motion.mechanics import Mechanics, in_units
 
-#: a row of unit length counts as dependent if its distance from the span of the rows before it (its independent part) is below
-#: this
+#: a row of unit length counts as dependent if its distance from the span of the independent rows before it (its independent part)
+#: is at most this; a singular value of such rows counts as 0 if it is at most this
 DEPENDENT = 2e-6
 SHIFT = 1e-12  #: added to the diagonal of a singular B B^T so that it can be factorised; less than the square of `DEPENDENT`
-CLEAR = 0.1  #: rows with an independent part above this are chosen in the order of the scene, others the best ones first
-MOST_TRIPLETS = 6  #: largest number of small singular values that are looked at together
+CLEAR = 0.1  #: rows with an independent part above this are chosen first, in their order; then always the best of the others
+MOST_TRIPLETS = 6  #: largest number of singular values, the smallest first, that `smallest_triplets` returns
 Rows = tuple[Row, ...]
-#: other rows are chosen where the smallest singular value of the rows in force falls below this part of that of the best choice
+#: other rows are chosen where the smallest singular value of the rows in force falls below this part of that of the best choice,
+#: except in a singular position, where no choice is good
 WORN = 0.2
 
 

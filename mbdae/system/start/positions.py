@@ -30,7 +30,9 @@ from mbdae.system.start.sparse_change import sparse_least_change
 
 Held = tuple[Connection, str, float]  #: a joint, one of its coordinates, and the value at which it is held
 CLOSED = 1e-12  #: largest violation (over the scene's length, or rad) at which the iteration that closes loops stops
-REACHED = 1e-9  #: largest violation up to which loops count as closed where the iteration gets no further
+#: largest violation (as CLOSED) up to which loops count as closed where the iteration gets no further; also largest motion of a
+#: joint from the drawing (rad, or over the scene's size) up to which it counts as drawn
+REACHED = 1e-9
 
 
 def coordinate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
@@ -190,7 +192,8 @@ class ConsistentPositions:
         return " and ".join(told)
 
     def _held(self, values: Callable[[Connection], dict[str, float]]) -> list[Held]:
-        """Held coordinates with their values, without prescribed ones, which have a constraint row; none without `holding`."""
+        """Coordinates that the user holds, each with what values(joint) gives for it; none without `holding`. Prescribed ones are
+        left out: their constraint rows hold them already."""
         return [(joint, c, value) for joint in self.scene.joints if self.holding
                 for c, value in values(joint).items() if c not in joint.prescribed]  # fmt: skip
 
