@@ -58,10 +58,10 @@ def singular_stop(result: Result) -> str:
         return ""
     loop, driven = _dependent(result, when)
     listed = " and ".join(f"'{joint}'" for joint in driven)
-    why = (f"it cannot follow what is prescribed for {listed} with finite velocities: prescribe less motion, or change the "
+    outlook = (f"it cannot follow what is prescribed for {listed} with finite velocities: prescribe less motion, or change the "
            "lengths" if driven else "two branches of the motion meet: let the start or the loads keep the scene away from it")
     return (f"near t = {when:.9g} s the loop closed by '{loop}' comes to a singular position (smallest singular value of its "
-            f"rows {value:.1e}, usually {usual:.1e}), where {why}")  # fmt: skip
+            f"rows {value:.1e}, usually {usual:.1e}), where {outlook}")  # fmt: skip
 
 
 def _loops(result: Result) -> list[str]:

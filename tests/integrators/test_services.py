@@ -248,13 +248,13 @@ def test_accuracy_becomes_rtol():
 
 
 def test_ida_refuses_index_three_and_says_why():
-    with pytest.raises(OptionError, match=r"unknown .* has index 3.*silently with a wrong answer; use form=mb\.GGL\("):
+    with pytest.raises(OptionError, match=r"unknown .* has index 3.*silently with a wrong answer; .*form=mb\.GGL\("):
         IDA().solve(pendulum("index3"), 1.0)
 
 
 def test_solution_refuses_times_outside():
     solution = RadauIIA().solve(decay(), 1.0)
-    with pytest.raises(OptionError, match=r"t = .* has the time 1\.5, which is outside the solution \[0\.0, 1\.0\]"):
+    with pytest.raises(OptionError, match=r"t = .*: the time 1\.5 s is outside the solution from 0\.0 to 1\.0 s"):
         solution([0.5, 1.5])
 
 

@@ -67,7 +67,7 @@ def _no_inertia(rate: str, joints: dict[str, list[str]], still: bool) -> str:
         named = [c for c in joints[name] if unknown == f"{c}_rate"]
         return _undetermined(name, (named or joints[name])[0])
     if name in joints:
-        return (f"joint '{name}' cannot be recursive: what it moves has no inertia about or along its axis; give the bodies "
+        return (f"joint '{name}': what it moves has no inertia about or along its axis; give the bodies "
                 f"behind it mass or inertia, or prescribe its coordinate")  # fmt: skip
     return f"body '{name}' can move without any inertia: give it mass or inertia, or a joint that stops this motion"
 

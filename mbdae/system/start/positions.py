@@ -176,7 +176,7 @@ class ConsistentPositions:
         row = A[[worst]].toarray()[0] if self.mechanics.large else A[worst]
         unit = "m" if np.any(row[~self.mechanics.rotational]) else "rad"
         return (f"the loop through joint '{joint_name}' cannot close: row {name} stays off by {abs(g[worst]):.3g} "
-                f"{unit}; check the points of the bodies it connects")  # fmt: skip
+                f"{unit}; check the points of the joints in it, and values prescribed for them")  # fmt: skip
 
     def _held(self, values: Callable[[Connection], dict[str, float]]) -> list[Held]:
         """Held coordinates with their values, without prescribed ones, which have a constraint row; none without `holding`."""
