@@ -57,8 +57,6 @@ class Solver(ABC):
     #: whether a run stored on disk restarts the method at its checkpoints; False where `integrate` calls `loop.goes_on`
     #: before its first step and `loop.keep` between steps
     restarts: ClassVar[bool] = True
-    #: advice in the message where an accuracy needs an rtol below `tightest`
-    alternative: ClassVar[str] = ""
     #: relative tolerance; None: it is chosen from the accuracy asked for (1e-6 where `solve` is called directly)
     rtol: float | None
 
@@ -134,7 +132,7 @@ class Solver(ABC):
         if rtol < tightest * (1 - 1e-9):
             raise OptionError(
                 f"accuracy = {accuracy:g} needs rtol = {rtol:.1e} in {self.label} with form {form_label}, where the least that "
-                f"round-off allows is {tightest:g}: ask for an accuracy of {tightest / factor:.1e} or more{self.alternative}"
+                f"round-off allows is {tightest:g}: ask for an accuracy of {tightest / factor:.1e} or more"
             )
         return replace(self, rtol=min(rtol, 0.1))  # type: ignore[type-var]
 

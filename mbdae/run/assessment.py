@@ -105,8 +105,9 @@ def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tu
     driven = any(c.prescribed for c in prepared.model.scene.joints)
     likely_cause = ("prescribed motions may contradict each other there, then release one of them" if driven
                     else "the loops do not stay closed")  # fmt: skip
+    left_out = ""
     if m.rows[worst] in prepared.rank.dropped:
-        likely_cause += " (it was left out as redundant at the start, and is not redundant all the way)"
-    return float(off[worst]), [f"constraint {m.rows[worst].name} is violated by {off[worst]:.1e} of the scene's length, or rad: "
-                               f"{likely_cause}; r.drift shows the violation over time; if it is a numerical error, take a "
+        left_out = " (left out as redundant at the start, and not redundant all the way)"
+    return float(off[worst]), [f"constraint {m.rows[worst].name}{left_out} is violated by {off[worst]:.1e} of the scene's length, "
+                               f"or rad: {likely_cause}; r.drift shows the violation over time; if it is a numerical error, take a "
                                "smaller accuracy or rtol"]  # fmt: skip

@@ -53,7 +53,8 @@ class _Alpha(Stepped):
         if "v" not in system.kinds or -1 in kinds or kinds != sorted(kinds):
             raise OptionError(
                 f"{self.label} needs equations of motion M u' + G^T lambda = f, g = 0, but this system ({system.label}) has no "
-                "partition into them: use mb.RadauIIA(3) or mb.IDA(), or give mb.DAE(..., partition=(M, f, g, G))"
+                "partition into them: use mb.RadauIIA(3) or mb.IDA() or, for equations of motion stated by mb.DAE, give it "
+                "partition=(M, f, g, G)"
             )
         forces = np.array([kind == "lambda" for kind in system.kinds])
         columns = forces if not system.sparse else forces[np.repeat(np.arange(system.n), np.diff(system.sparsity.indptr))]

@@ -48,7 +48,6 @@ class DOP853(Solver):
     tightest: ClassVar[dict[str, float]] = {"": 1e-14}
     highest_index: ClassVar[int] = 0
     restarts: ClassVar[bool] = False
-    alternative: ClassVar[str] = ", or use mb.RadauIIA(3)"
 
     def __post_init__(self) -> None:
         set_tolerances(self)

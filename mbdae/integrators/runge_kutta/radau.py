@@ -47,7 +47,6 @@ class RadauIIA(CollocationMethod):
     word: ClassVar[str] = "radau"
     penetration_share: ClassVar[float] = 0.1
     tightest: ClassVar[dict[str, float]] = {"": 1e-11, "Index3": 1e-10, "DAE": 1e-11}
-    alternative: ClassVar[str] = "; of the forms, GGL, Index1 and ODE reach smaller ones than Index3"
 
     def __post_init__(self) -> None:
         stages_offered = "Radau IIA is offered with 2 (order 3), 3 (order 5) or 5 (order 9) stages"

@@ -48,7 +48,6 @@ class IDA(Solver):
     error_fall: ClassVar[float] = 0.4  # small, since errors of variable-order runs at similar rtol differ by a factor of 5
     companion: ClassVar[float] = 30.0
     tightest: ClassVar[dict[str, float]] = {"": 1e-13}
-    alternative: ClassVar[str] = ", or use mb.RadauIIA(3)"
 
     def __post_init__(self) -> None:
         set_tolerances(self)
@@ -92,16 +91,16 @@ class _Run(SundialsRun):
         return native.Ida(equations_of(system), self.settings(order), start, sparse=sparse,
                           pattern=system.sparsity if sparse else system.pattern)  # fmt: skip
 
-    def diagnosis(self, message: str) -> SolverError:
+    def diagnosis(self, reason: str) -> SolverError:
         last, correction = self.last, self._newton_correction()
         weights = 1 / self.tolerance(last.y)
         if correction is None:
             worst = largest(np.abs(last.values))
-            return self.loop.failure(f"{message}; {SINGULAR}", self.system.equations[worst])
+            return self.loop.failure(f"{reason}; {SINGULAR}", self.system.equations[worst])
         if np.max(np.abs(correction) * weights) < 1.0:  # Newton's method converges, so the error test failed
             y, yp = self.loop.state
             correction = last.y - y - (last.t - self.loop.t) * yp
-        text = f"{message}; see whether a force jumps or grows without bound there, or use mb.RadauIIA(3)"
+        text = f"{reason}; see whether a force jumps or grows without bound there, or use mb.RadauIIA(3)"
         return self.loop.failure(text, self.system.names[largest(np.abs(correction) * weights)])
 
     def _newton_correction(self) -> Array | None:

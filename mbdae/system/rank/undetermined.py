@@ -199,6 +199,7 @@ def undecided(mechanics: Mechanics, rank: RankReport, t: Array, q: Array) -> lis
                     if values[0, i, o] > 1e-9 and (g, i, target[1]) in shared]  # fmt: skip
             if rows:
                 found.append(f"joint '{instance.item}': its friction follows from its reaction, but redundant constraints share "
-                             f"that ({', '.join(rows)}); state a scene that is planar in the plane z = 0, replace joints of the "
-                             f"loop by spherical ones, or for a prismatic joint give normal_force")  # fmt: skip
+                             f"that reaction ({', '.join(rows)}), which leaves it undetermined; state a scene that is "
+                             "planar in the plane z = 0, replace joints of the loop by spherical ones, or for a prismatic "
+                             "joint give normal_force")  # fmt: skip
     return found
