@@ -108,6 +108,6 @@ def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tu
     left_out = ""
     if m.rows[worst] in prepared.rank.dropped:
         left_out = " (left out as redundant at the start, and not redundant all the way)"
-    return float(off[worst]), [f"constraint {m.rows[worst].name}{left_out} is violated by {off[worst]:.1e} of the scene's length, "
-                               f"or rad: {likely_cause}; r.drift shows the violation over time; if it is a numerical error, take a "
-                               "smaller accuracy or rtol"]  # fmt: skip
+    note = (f"constraint {m.rows[worst].name}{left_out} is violated by {off[worst]:.1e} of the scene's length, or rad: "
+            f"{likely_cause}; r.drift shows the violation over time; if it is a numerical error, take a smaller accuracy or rtol")
+    return float(off[worst]), [note]
