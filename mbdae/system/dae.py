@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mbdae.deferred import csc_matrix, issparse
 from mbdae.errors import OptionError
+from mbdae.notation import counted
 from mbdae.system.base import Array, Switches, System
 from mbdae.system.partition import checked_partition
 from mbdae.ties import largest
@@ -160,8 +161,10 @@ class DAE(System):
     def _checked_scale(self, scale: ArrayLike) -> Array:
         remedy = f"give positive typical magnitudes, one number or {self.n}, one per unknown"
         values: Array = option("scale", scale, array, remedy)
-        if values.shape not in ((), (self.n,)) or not (values > 0).all():
-            raise OptionError(f"scale = {shown(scale)}: {remedy}")
+        if values.shape not in ((), (self.n,)):
+            raise OptionError(f"scale = {shown(scale)} has shape {values.shape}: {remedy}")
+        if not (values > 0).all():
+            raise OptionError(f"scale = {shown(scale)} has {values[~(values > 0)].flat[0]}, which is not positive: {remedy}")
         return np.full(self.n, values) if values.ndim == 0 else values
 
     def _checked_names(self, names: Sequence[str] | None) -> tuple[str, ...]:
@@ -275,8 +278,10 @@ def _different(name: str, values: Any, n: int, what: str) -> tuple[str, ...]:
     """The values of the option `name` as n different texts; what: that which each text names, such as "unknown", for messages."""
     remedy = f"give {n} different names, one per {what}"
     found = option(name, values, sequence, remedy, each=text)
-    if len(found) != n or len(set(found)) != n:
-        raise OptionError(f"{name} = {shown(values)}: {remedy}")
+    if len(found) != n:
+        raise OptionError(f"{name} = {shown(values)} has {counted(len(found), 'entry')}: {remedy}")
+    if len(set(found)) != n:
+        raise OptionError(f"{name} = {shown(values)} has an entry twice: {remedy}")
     return tuple(found)
 
 

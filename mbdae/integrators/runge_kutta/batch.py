@@ -117,8 +117,8 @@ class _Points:
         counts = {len(part) for part in (y, *rows)} - {1} or {1}
         if len(counts) > 1 or 0 in counts or any(row.ndim != 1 for row in rows):
             shapes = ", ".join([f"starts {y.shape}", *(f"{name} {row.shape}" for name, row in zip(numbers, rows, strict=True))])
-            raise OptionError("a batch needs for all points together one start, or one value of a number, or a list with one for "
-                              f"every point, all lists of the same length; the shapes given are: {shapes}")  # fmt: skip
+            raise OptionError("a batch needs of starts and of every number either one for all points, or one per point and "
+                              f"equally many of each; the shapes given are: {shapes}")  # fmt: skip
         k = counts.pop()
         at = system.numbers(list(numbers)) if rows else None
         values = np.array([np.broadcast_to(row, k) for row in rows]).reshape(len(rows), k)

@@ -87,8 +87,8 @@ def _read(scene: Any, option_and_value: str, given: Any) -> Condition:
 def _condition_of(scene: Any, given: Any) -> Expr:
     """A condition as an expression of symengine."""
     if isinstance(given, bool | np.bool_):
-        raise BadValueError(f"a comparison with == of symbols is Python's own, which is {given} at once; write it as text, "
-                            f"'J.angle == 0', or as sympy.Eq(...)")  # fmt: skip
+        raise BadValueError(f"{given} is no condition (== of symbols is Python's own, which is {given} at once); write an "
+                            f"equation as text, 'J.angle == 0', or as sympy.Eq(...)")  # fmt: skip
     if isinstance(given, str):
         e = text.whole(_with_symbols(scene, given))
     else:
