@@ -104,7 +104,7 @@ def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tu
         return 0.0, []
     driven = any(c.prescribed for c in prepared.model.scene.joints)
     likely_cause = ("prescribed motions may contradict each other there, then release one of them" if driven
-                    else "the loops do not stay closed")  # fmt: skip
+                    else "the joints do not stay together")  # fmt: skip
     left_out = ""
     if m.rows[worst] in prepared.rank.dropped:
         left_out = " (left out as redundant at the start, and not redundant all the way)"
