@@ -21,9 +21,9 @@ from mbdae.symbolic.vectors import ZERO, Expr
 from mbdae.system.base import Array
 from mbdae.system.model.rotations import turned
 
-POINTS = 4  #: number of random states of every variant
+POINTS = 4  #: number of random states in which a variant of a law is evaluated
 STEP = 1e-30  #: imaginary increment of the complex-step derivative
-Measured = tuple[str, float]  #: name of an entry and its relative error
+Measured = tuple[str, float]  #: what is checked, in words, and its error, see `BOUNDS` in checks.py
 
 
 def statement(d: Derived) -> list[tuple[Target, Expr]]:
@@ -70,7 +70,7 @@ def of_elements(d: Derived) -> list[tuple[Target, Expr]]:
     return kinematics(d) if isinstance(d.law, Element) else []
 
 
-#: groups of outputs the contracts evaluate
+#: groups of outputs that `Case.all_outputs` puts into one kernel
 EVALUATED: tuple[Outputs, ...] = (
     ggl_outputs, dynamics, position, velocity, acceleration, statement, scalars, starts, of_elements,
 )  # fmt: skip
@@ -82,7 +82,7 @@ class Case:
     def __init__(self, law: type[Law], structure: Structure, sides: tuple[Side, ...], given: dict[str, float],
                  family: dict[Any, Case] | None = None, compiles: bool = True) -> None:  # fmt: skip
         self.law, self.structure, self.given = law, structure, given
-        self.compiles = compiles  #: whether compiled code is evaluated too; else NumPy alone, which is faster to prepare
+        self.compiles = compiles  #: whether compiled code is evaluated too; False: NumPy alone, which is faster to prepare
         self.family = family if family is not None else {}
         self.d: Derived = derive(law, structure, sides)
         self.family[structure, sides] = self
@@ -181,7 +181,7 @@ class Case:
             if not g.size or np.max(np.abs(g), initial=0.0) < 1e-14:
                 break
             G[:, :, still] = 0.0
-            finite = np.isfinite(g).all(axis=1) & np.isfinite(G).all(axis=(1, 2))  # others stay: their rows are not defined
+            finite = np.isfinite(g).all(axis=1) & np.isfinite(G).all(axis=(1, 2))  # states with other values stay as they are
             G[~finite], g[~finite] = 0.0, 0.0
             steps = np.array([np.linalg.lstsq(A, -b, rcond=1e-12)[0] for A, b in zip(G, g, strict=True)])
             values = self._displaced(values, steps)

@@ -21,7 +21,8 @@ from mbdae.symbolic.law import Element, Force
 from mbdae.symbolic.outputs import acceleration, dynamics, input_symbols, position, velocity
 from mbdae.system.base import Array
 
-#: largest relative error of every contract
+#: largest error that each contract allows. Most errors are relative to the largest value wanted, or absolute where that is below
+#: 1; those of rows and coordinates in "motion" are absolute
 BOUNDS = {
     "Jacobian": 1e-10, "compiled kernel": 1e-12, "rates": 1e-11, "virtual work": 1e-11, "action = reaction": 1e-10,
     "invariance": 1e-10, "power": 1e-11, "inertia": 1e-11, "singular states": 0.0, "planar = spatial": 1e-11, "motion": 1e-9,
@@ -206,7 +207,7 @@ def _moved_multipliers(case: Case, values: Values) -> Values:
     d, m = case.d, len(case.d.rows)
     many = {name: np.tile(value, m) for name, value in values.items()}
     many |= {str(s): case.rng.normal(size=many[str(s)].shape) for f in d.frames for s in f.u}
-    speeds = []  # rates of the rows for as many random velocities as rows, (points, velocities, rows), before and after
+    speeds = []  # rates of the rows due to as many random velocities, (points, velocities, rows), before and after
     for state in (many, rigidly_moved(d, many, np.random.default_rng(30))):
         still = state | {str(s): np.zeros_like(state[str(s)]) for f in d.frames for s in f.u}
         moving = case.evaluate(velocity, state).real - case.evaluate(velocity, still).real
@@ -253,7 +254,7 @@ def inertia(case: Case) -> Iterator[Measured]:
     up = np.stack([values[f"{b.side}_up{i + 1}"] for i in range(u.shape[1])], axis=-1)
     F = covector(case, values)
     stepped = values | {str(s): u[:, i] + 1j * STEP * up[:, i] for i, s in enumerate(b.u)}
-    dT = case.evaluate(scalars, stepped).imag.sum(axis=1) / STEP  # the kinetic energy; a massless element has none
+    dT = case.evaluate(scalars, stepped).imag.sum(axis=1) / STEP  # over one column, the kinetic energy, or none (no mass)
     yield from compared(["dT/dt"], power_on(case, F, {b.side: u})[:, None], dT[:, None])
     if b.kind is NodeKind.SPATIAL:
         L, L_dot = (_angular_momentum(case, values, b, w) for w in (u, up))

@@ -19,7 +19,8 @@ Choice = dict[str, Any]  #: value of every option of a law
 NO_VALUE = "{law} has the option '{option}': say mb.selftest({law}, {option}=...) with a value for it"
 _DRY = PartStructure(Coulomb, frozenset(), ())
 _BRISTLES = PartStructure(LuGre, frozenset(), (("gamma", 2.0), ("damping_decay", True)))
-#: values tried for the options of the package's laws; the options of other laws are given to `selftest`
+#: values tried for options of these names where `selftest` is given none. Values of options with other names have to be given,
+#: except of those that all joints, or all laws for one coordinate, have
 _VALUES: dict[str, tuple[Any, ...]] = {
     "following": (False, True), "tilting": (False, True), "count": (3,), "normal": (Hertz(1, damping=1).structure(),),
     "friction": (_DRY, _BRISTLES),

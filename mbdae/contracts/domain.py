@@ -13,9 +13,9 @@ from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.motion import real_value, symbolic_motion
 from mbdae.symbolic.vectors import Expr
 
-DRAWS = 200  #: largest number of random values of the coordinates that are tried
-#: bound of the rotations and displacements of a motion and of their derivatives: beyond it rounding errors are larger than the
-#: errors that the contracts allow
+DRAWS = 200  #: number of random values of the coordinates that are tried before a motion is refused as nowhere defined
+#: a motion counts as defined where its rotations (rad) and displacements (m) and their first and second derivatives by the
+#: coordinates are below this: beyond it rounding errors are larger than the errors that the contracts allow
 LARGEST = 1e6
 
 

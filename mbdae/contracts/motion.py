@@ -30,12 +30,16 @@ from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.system.base import Array
 from mbdae.system.model.rotations import quaternion, rotation_matrices, turned
 
-SOLVED = 1e-11  #: values of rows (m or rad) below it count as 0
-APART = 1e-6  #: distance (m or rad) of two poses of l above which they count as different solutions of the rows
-CLEAR = 1e-3  #: value of a branch above which it counts as positive in more than its rounding error
-FAR = 1e3  #: residual used for coordinates for which the motion is not defined
-STARTS = 12  #: number of random places of l from which solutions of the rows are searched
-TRIES = 6  #: number of starts of the search for coordinates that cannot be computed from the frames of k and l
+SOLVED = 1e-11  #: a pose of l whose rows all have smaller magnitudes than this (m or 1) counts as a solution of the rows
+#: a solution of the rows counts as one to which the motion does not lead if its distance from all poses to which it leads is
+#: larger: the root of the sum of squares of the differences of the position (m) and of the entries of the rotation matrix
+APART = 1e-6
+#: a branch counts as positive above this value; a row counts as dependent on a coordinate if its largest slope over that
+#: coordinate in the random states is at least this
+CLEAR = 1e-3
+FAR = 1e3  #: replaces the entries of a residual that are not finite, where the motion is not defined
+STARTS = 12  #: number of random poses of l, besides three half turns, from which solutions of the rows are searched
+TRIES = 6  #: largest number of random starts of the search for coordinates that cannot be computed from the frames of k and l
 
 
 @dataclass
@@ -315,7 +319,7 @@ class _Moving:
         def off(c: Array) -> Array:
             led = followed(self.motion, numbers | self._stated_by(unknown, c), {})
             apart = np.concatenate([led.d - at.d, (led.A - at.A).ravel()])
-            return np.where(np.isfinite(apart), apart, FAR)  # values for which the motion is not defined
+            return np.where(np.isfinite(apart), apart, FAR)  # coordinates for which the motion is not defined
 
         least = float(np.linalg.norm(off(np.zeros(sum(unknown.values())))))
         for _ in range(TRIES if unknown else 0):

@@ -35,7 +35,7 @@ from mbdae.symbolic.law import Law, Structure
 from mbdae.symbolic.part import Part, PartStructure
 from mbdae.values import number, option, shown
 
-#: how the lines of a LawError read, and how many there are at most of every contract
+#: LINES: how to read the lines of the LawError of `selftest`; MOST_LINES: largest number of lines of one contract
 LINES = ("Each line: the check, the bodies k - l (spatial: a rigid body in space) and the options of the first variant that "
          "fails, and what is wrong.")  # fmt: skip
 MOST_LINES = 20
@@ -133,11 +133,11 @@ class _Run:
     law: type[Law]
     options: dict[str, Any]
     family: dict[Any, Case] = field(default_factory=dict)
-    compiled: set[bool] = field(default_factory=set)  #: contains True once compiled code was checked in the plane, False in space
+    compiled: set[bool] = field(default_factory=set)  #: True in it: compiled code was checked in the plane; False: in space
     checked: list[str] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
     worst: dict[str, tuple[float, str]] = field(default_factory=dict)
-    failed: dict[str, set[str]] = field(default_factory=dict)  #: what fails of every contract, told for the first variant alone
+    failed: dict[str, set[str]] = field(default_factory=dict)  #: contract -> what fails, told only where it fails first
 
     def check(self, name: str, structure: Structure, sides: tuple[Side, ...]) -> list[str]:
         self.checked.append(name)

@@ -65,7 +65,7 @@ def structures_of(law: type[Law], options: dict[str, Any]) -> dict[Structure, bo
         optional = frozenset(p for p in needed if _derivable(law, Structure(idle | {p}, options=fixed)))
         tried = [Structure(idle | a, options=fixed) for a in _absences(law, optional)]
         thorough = choice in whole and not (i and choice.get("kept"))
-        if not thorough:  # with coordinates as unknowns only all parameters; for options tried once only no optional parameter
+        if not thorough:  # coordinates as unknowns: all parameters only; options tried once: no optional parameter
             tried = tried[:1] if choice in whole else tried[-1:]
         found |= {s: s == tried[-1] or (i == 0 and s == tried[0]) for s in tried if s.absent == idle or _derivable(law, s)}
         if needed and thorough and not law.timeless and not issubclass(law, Element):

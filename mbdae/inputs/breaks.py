@@ -26,13 +26,15 @@ from mbdae.values import BadValueError
 
 Array = NDArray[np.float64]
 
-MOST = 200_000  #: most breaks in a run, and most intervals that are searched at a time
-TOLERANCE = 1e-7  #: default tolerance with which steps follow a table, relative to the range of its values
-#: bounds of the difference of two instants, relative to their time: below SAME they count as one, because no step is that short;
-#: above TWINS the difference of two instants of one input is more than round-off. For instants near 0 the difference is taken
-#: relative to EARLY times the largest time of the run
+#: most instants at which conditions, floors and tables change between start and end of a run, and most intervals searched at a
+#: time; with more the input is refused (TooManyError)
+MOST = 200_000
+TOLERANCE = 1e-7  #: default tolerance with which steps follow a table, relative to the range of its values in the run
+#: bounds of the difference of two instants, relative to their magnitude: up to SAME they count as one, because no step is that
+#: short; up to TWINS the difference of two instants of one input is round-off, and an interval is not halved further. An instant
+#: of smaller magnitude than EARLY times the largest of start and end counts as having this magnitude
 SAME, TWINS, EARLY = 1e3 * float(np.finfo(float).eps), 64 * float(np.finfo(float).eps), 1e-6
-LEVELS = 60  #: most halvings of an interval
+LEVELS = 60  #: most halvings of an interval, in the search for intervals with one change each and again in the bisection of these
 
 
 class TooManyError(MbdaeError):

@@ -21,7 +21,9 @@ from mbdae.inputs.numpy_functions import teach
 from mbdae.inputs.text import TIME
 from mbdae.symbolic.vectors import Expr
 
-MOST = 60  #: most operations in one object; longer expressions become SymPy's, in which a sum is one node instead of a chain
+#: most operations in one object, the time t counted as one wherever it occurs; longer expressions become SymPy's, in which a sum
+#: is one node instead of a chain
+MOST = 60
 FUNCTIONS = ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log")
 _OPERATORS: dict[str, Callable[..., Any]] = {
     name: getattr(operator, name) for name in ("add", "sub", "mul", "truediv", "pow", "neg", "pos")}  # fmt: skip

@@ -20,7 +20,7 @@ from mbdae.inputs.timed import SIDE, TIME, sided
 from mbdae.symbolic.rebuild import nodes
 from mbdae.symbolic.vectors import Expr
 
-Bounds = tuple[Any, Any]  #: lower and upper ends, (k,) each
+Bounds = tuple[Any, Any]  #: lower and upper bounds of an expression in k intervals of time, (k,) each
 
 _RISING: dict[str, tuple[Callable[..., Any], float, float]] = {
     "atan": (np.arctan, -np.inf, np.inf), "sinh": (np.sinh, -np.inf, np.inf), "tanh": (np.tanh, -np.inf, np.inf),
@@ -152,7 +152,7 @@ def _positive_power(low: Any, high: Any, n: float) -> Bounds:
 def _inverse(u: Bounds) -> Bounds:
     low, high = u
     across = (low <= 0) & (high >= 0)
-    one_sided_low = np.where(low == 0, np.where(high == 0, -np.inf, 1 / high), -np.inf)  # (0, high]: not below 1/high
+    one_sided_low = np.where(low == 0, np.where(high == 0, -np.inf, 1 / high), -np.inf)  # u in (0, high]: 1/u is not below 1/high
     one_sided_high = np.where(high == 0, np.where(low == 0, np.inf, 1 / low), np.inf)
     return np.where(across, one_sided_low, 1 / high), np.where(across, one_sided_high, 1 / low)
 

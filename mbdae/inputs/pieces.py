@@ -23,11 +23,15 @@ from mbdae.inputs.tables import Array, Table
 Index = NDArray[np.intp]
 
 DEGREE = 7
-PARTS = 4  #: a joined piece is divided into PARTS for the limit of steps, so that several steps follow its polynomial
-SAMPLES = np.array([0.0, 1 / 3, 2 / 3, 1.0])  #: where in a segment, which is a cubic, deviations are measured
-SOME = 16  #: number of segments of a block at which the polynomial is compared first, before all segments are
-LARGE = 256  #: a block of at least as many segments has its deviation cached
-FINEST = 1e-11  #: smallest tolerance, relative to the range of the table: smaller deviations are rounding errors
+#: a piece of joined segments is divided into this many equal parts, but not into more than it has segments; the parts limit the
+#: steps, so that several steps follow the polynomial of the piece
+PARTS = 4
+SAMPLES = np.array([0.0, 1 / 3, 2 / 3, 1.0])  #: parts of a segment's length at which deviations are measured; segments are cubics
+#: largest number of segments of a block at which the polynomial is compared first, before it is at all of them; and of segments
+#: on each side of a point between two pieces, at which one polynomial across this point is compared
+SOME = 16
+LARGE = 256  #: the deviation of a block is cached if it is compared at this many of its segments or more
+FINEST = 1e-11  #: smaller tolerances, relative to the range of the table in the run, are raised to this: less is rounding error
 _NODES = (1 - np.cos((2 * np.arange(DEGREE + 1) + 1) * np.pi / (2 * DEGREE + 2))) / 2
 _FROM_NODES = np.linalg.inv(np.vander(2 * _NODES - 1, increasing=True))
 
@@ -52,7 +56,7 @@ class _Samples:
         side = np.broadcast_to((a + b) / 2, self.x.shape)
         self.values = table.lookup(self.x.ravel(), side.ravel(), order).reshape(self.x.shape)
         self.range = float(np.max(self.values) - np.min(self.values))
-        self.whole: dict[tuple[int, int], float] = {}  #: cached deviations of large blocks by level and first segment
+        self.whole: dict[tuple[int, int], float] = {}  #: cached deviations of blocks of 2^level segments, by level and begin
 
     def deviation(self, low: Array, high: Array, segments: Index) -> Array:
         """(k,) largest distance, over the samples of segments (k, m) inside [low, high] (k,), from a polynomial of DEGREE."""

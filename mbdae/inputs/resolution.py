@@ -28,14 +28,15 @@ from mbdae.symbolic.vectors import Expr
 Array = NDArray[np.float64]
 
 NONE = np.zeros(0)
-WIDTHS = 2.0  #: largest change of a function's argument over a stretch, in widths of the function
-FLAT = 1e-13  #: changes below this share of the largest value in the run count as none
-SATURATED = 18.0  #: argument beyond which tanh is flat
-MOST = 4_000_000  #: stretches of one run
-LEVELS = 52  #: number of halvings of an interval after which an input counts as not finite in it
+WIDTHS = 2.0  #: largest change of a function's argument over a stretch, in widths of the function; else the stretch is halved
+FLAT = 1e-13  #: changes of an expression up to this share of its largest magnitude in the run count as none
+SATURATED = 18.0  #: magnitude of the argument beyond which tanh counts as constant
+MOST = 4_000_000  #: largest number of intervals examined at a time; an input that needs more is refused (TooManyError)
+LEVELS = 52  #: number of halvings after which an input counts as not finite in an interval that would have to be halved again
 POWERS = 2.0  #: number of widths by which a power u^n counts as changed when ln|u^n| changes by 1
-ROOT = 1e-6  #: ratio to its largest value below which a root u^n, 0 < n < 1, counts as zero
-FAST_POWER = 4.0  #: powers up to this are smooth over the whole run; higher ones rise like an exponential near its end
+ROOT = 1e-6  #: ratio to its largest value in the run up to which a root u^n, 0 < n < 1, counts as constant
+#: powers u^n with a whole n from 1 to this count as smooth over the whole run; higher ones rise like an exponential near its end
+FAST_POWER = 4.0
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_si
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import BadValueError, shown
 
-#: functions that are rewritten with Piecewise and floor
+#: functions that inputs may contain and that are rewritten with Piecewise or floor
 REWRITTEN = ("Abs", "sign", "Heaviside", "Max", "Min", "Mod", "ceiling", "frac")
-HUGE = 100.0  #: magnitude of the logarithm of an exponential's factor above which it is put into the exponent, see `_exponents`
+HUGE = 100.0  #: a number times an exponential is put into the exponent if the magnitude of ln|number| is larger, see `_exponents`
 
 
 def rewritten(value: Any) -> Expr:

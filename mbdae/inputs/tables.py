@@ -25,9 +25,9 @@ Array = NDArray[np.float64]
 
 KINDS, OUTSIDE = ("linear", "cubic", "step"), ("hold", "periodic", "error")
 MOST_POINTS = 5_000_000
-CLOSEST = 1e-11  #: smallest distance of two points, relative to the largest time: no step is shorter
-#: distance of a time from a point of the table, relative to the largest time of the table, below which it counts as that point:
-#: then the argument `side` decides which of the two segments is used
+CLOSEST = 1e-11  #: a table is refused if two successive points are not farther apart, over its largest |t|: no step is shorter
+#: distance of a time from a point of the table, relative to the magnitude of the time or the largest of the table, whichever is
+#: larger, up to which the time counts as that point: then the argument `side` decides which of the two segments is used
 SIDED = 1e3 * float(np.finfo(float).eps)
 _NAME = re.compile(r"(table_[0-9a-f]{20})(?:_d(\d+))?", re.ASCII)
 

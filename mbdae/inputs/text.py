@@ -22,15 +22,17 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.values import shown
 
 TIME = se.Symbol("t")
-#: functions with derivatives the kernels can compile
+#: functions that kernels can compile, their derivatives too
 FUNCTIONS = (
     "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp", "log", "Piecewise",
     "floor",
 )  # fmt: skip
-LONGEST, DEEPEST = 100_000, 120  #: most characters of a text, most brackets inside each other
-#: most bits of an integer that arises while a text is read: far more than in doubles written as fractions, which have up to 1100
+#: most characters of a text that is read or written; most levels of brackets, signs and right-hand operands inside each other
+LONGEST, DEEPEST = 100_000, 120
+#: most bits of an integer that arises while a text is read, and largest exponent: far more than in doubles written as fractions,
+#: which have up to 1100 bits
 MOST_BITS = 100_000
-MOST_DIGITS = int(MOST_BITS * math.log10(2))  #: the same in decimal digits
+MOST_DIGITS = int(MOST_BITS * math.log10(2))  #: MOST_BITS in decimal digits, for messages
 
 _TOKEN = re.compile(r"\s*(?:(?P<float>(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)|(?P<integer>\d+)"
                     r"|(?P<sensor>sensor\(\"(?:[^\"\\]|\\.)*\"\))|(?P<name>[A-Za-z]\w*)"
@@ -44,7 +46,8 @@ _PARTS = {*FUNCTIONS, *ONE_SIDED, *_NUMBERS, "Pi", "Exp1", "GoldenRatio", "Euler
 _RELATIONS: dict[str, Any] = {"<": se.Lt, "<=": se.Le, ">": se.Gt, ">=": se.Ge, "==": se.Eq, "!=": se.Ne}
 _SIGNS = {"StrictLessThan": "<", "LessThan": "<=", "Equality": "==", "Unequality": "!="}
 _JOINED = {"and": se.And, "&": se.And, "or": se.Or, "|": se.Or}
-#: precedence of operators between two numbers or conditions, higher ones binding closer; then of a sign before a number and "not"
+#: precedence of operators between two numbers or conditions: those with a higher number bind closer. Then the precedence of a
+#: sign before a number, and of "not"
 _STRENGTH = {"or": 1, "|": 1, "and": 2, "&": 2, **dict.fromkeys(_RELATIONS, 4), "+": 5, "-": 5, "*": 6, "/": 6, "**": 8}
 _BEFORE_NUMBER, _NOT = 7, 3
 #: functions with their numbers of arguments (None: two or more)

@@ -19,8 +19,8 @@ from mbdae.native.program import Operations, block
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.vectors import Expr
 
-#: number of operations below which LLVM optimises a kernel: this takes milliseconds for small kernels, but seconds for large
-#: ones, which then run only a few per cent faster
+#: number of operations below which LLVM optimises a kernel for which no level is stated, if it has fewer than 60 outputs: this
+#: takes milliseconds for small kernels, but seconds for large ones, which then run only a few per cent faster
 _OPTIMISE_BELOW = 400
 
 

@@ -14,8 +14,8 @@ from mbdae.symbolic.outputs import Target
 
 Array = NDArray[Any]
 
-#: golden ratio: the fractional parts of its multiples are spread irregularly over 0 to 1. They serve as a state at which no
-#: derivative is 0 by chance
+#: golden ratio less 1: the fractional parts of its multiples are spread irregularly over 0 to 1. From them the inputs are made at
+#: which the entries of the Jacobian that are not 0 are found, so that none of them is 0 by chance
 GOLDEN = (5**0.5 - 1) / 2
 
 

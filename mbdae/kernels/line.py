@@ -28,7 +28,7 @@ from mbdae.symbolic.line import Field, LineDerived
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 
-#: number of products (entry of a `Spread` times derivative) that are formed at once, which bounds the memory
+#: about the number of products (entry of a `Spread` times derivative) that are formed at once, which bounds the memory
 TOGETHER = 1_000_000
 
 
@@ -176,7 +176,7 @@ class LineKernel(ElementKernel):
         o, i = np.array(_point_jacobian(d, self.parameters)[1], dtype=int).reshape(-1, 2).T
         left = outputs[:, [g * len(d.outputs) + k for g in points for k in o]]
         right = columns[:, [g * len(d.variables) + k for g in points for k in i]]
-        products = left[:, None, :] * right[None, :, :]  # the last axis is empty where all inputs are prescribed in time
+        products = left[:, None, :] * right[None, :, :]  # the last axis is empty where no output depends on a variable
         flat = products.reshape(len(left) * len(right), left.shape[1])
         at = np.nonzero(flat)
         return Spread((len(left), len(right)), at[0], at[1], flat[at])

@@ -36,8 +36,8 @@ class Nodes:
         """`turns`: (m, count, 4) rotations from node to section, or (m, count) angles in the plane; None: none."""
         self.flat, self.count = kind is NodeKind.PLANAR, count
         self.nq, self.nu = kind.sizes
-        self.offset: Array | None = None  #: (m, count) in the plane: angle of the section less that of the node, rad
-        self.T: Array | None = None  #: (m, count, 4, 4) in space: quaternion of the section = T times that of the node
+        self.offset: Array | None = None  #: (m, count) in the plane: angle of the section less that of the node, rad; None: all 0
+        self.T: Array | None = None  #: (m, count, 4, 4) in space: quaternion of the section = T times the node's; None: equal
         if turns is not None and self.flat and np.any(turns):
             self.offset = turns
         elif turns is not None and not self.flat and np.any(turns != np.eye(4)[0]):

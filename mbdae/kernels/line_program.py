@@ -20,7 +20,7 @@ from mbdae.native.program import Operations, block
 
 Index = NDArray[np.intp]
 Array = NDArray[Any]
-Entries = Sequence[tuple[Any, ...]]  #: terms of sums: slot of the sum, then slots or numbers of the factors of the term
+Entries = Sequence[tuple[Any, ...]]  #: terms of sums: index of the sum, then indices or values of the factors of the term
 
 
 class LineProgram:
@@ -34,7 +34,7 @@ class LineProgram:
         n = kernel.nodes
         self.a, self.nu = n.count * n.nq, n.count * n.nu
         self.elements, self.inputs = gather.shape
-        #: (a, c, b, H_acb) of all nonzero entries of the kinematic tensor; empty in the plane
+        #: (a, c, b, H_acb) of all nonzero entries of the kinematic tensor: P'_a = sum of H_acb w_c P_b; empty in the plane
         H = kinematic_tensor()
         self.spin: Entries = [] if n.flat else [(*at, float(H[at])) for at in zip(*np.nonzero(H), strict=True)]
         self.e = part.slots(gather.size)

@@ -26,7 +26,7 @@ from mbdae.symbolic.tree_motion import Link, Member, TreeStructure
 from mbdae.symbolic.vectors import Expr, Vec
 
 Place = tuple[Any, ...]
-#: number of operations up to which LLVM optimises a kernel; more than elsewhere, because one such kernel is run for many bodies
+#: number of operations below which LLVM optimises a kernel; more than elsewhere, because one such kernel is run for many bodies
 OPTIMISED = 1500
 
 

@@ -39,8 +39,8 @@ def _special(name: str) -> Callable[[Any], Any]:
     return lambda a: getattr(import_module("scipy.special"), name)(a)
 
 
-#: NumPy function of every function of symengine, by the name of its class. Comparisons use real parts, so that the imaginary
-#: parts of the complex step do not disturb them
+#: function of NumPy or SciPy for every function of symengine, by the name of its class. Comparisons use real parts, so that the
+#: imaginary parts of the complex step do not disturb them
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{name: getattr(np, name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "log")},
     **{name: getattr(np, "arc" + name[1:]) for name in ("asin", "acos", "atan", "asinh", "acosh", "atanh")},

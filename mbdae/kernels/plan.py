@@ -47,7 +47,7 @@ class Plan:
         return self._targets(), _kept(self.inputs(self.inserted))
 
     def _read(self, targets: list[Target], inputs: Any) -> None:
-        self.targets, self.all_inputs = targets, _inputs(*inputs)  #: inputs on which any output depends
+        self.targets, self.all_inputs = targets, _inputs(*inputs)  #: all_inputs: those on which at least one output depends
 
     def _targets(self) -> list[Target]:
         return [target for target, _ in self._entries]

@@ -22,9 +22,15 @@ from mbdae.symbolic.tree import OPERATIONS, tree_program
 from mbdae.symbolic.tree_motion import Link, TreeStructure
 from mbdae.symbolic.vectors import Expr
 
-CHUNK = 3000  #: largest number of operations of one kernel: LLVM compiles 3000 in 0.1 to 0.2 s, but 10000 in seconds
-OPTIMISED = 1000  #: number of operations up to which LLVM optimises a kernel; that takes at most some hundredths of a second
-#: a kernel that solves for the accelerations of a tree is made up to this number of accelerations, and of operations
+#: a kernel of derivatives with more operations is divided by columns of the Jacobian, each of which stays whole: LLVM compiles
+#: 3000 operations in 0.1 to 0.2 s, but 10000 in seconds
+CHUNK = 3000
+#: number of operations below which LLVM optimises a kernel, in at most some hundredths of a second; that which solves for the
+#: accelerations of a tree is always optimised
+OPTIMISED = 1000
+#: largest number of accelerations of a tree, and of operations of the kernel that solves for them, with which that kernel is
+#: used. Without beams and constraint rows, trees are evaluated joint by joint where one of them has more than MOST_SOLVED
+#: velocities
 MOST_SOLVED, LONGEST_SOLVED = 16, 2000
 
 

@@ -29,15 +29,16 @@ SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 #: the shared library. It is no extension module and does not depend on the version of Python; the dot in its name keeps Python
 #: from importing it as one
 LIBRARY = HERE / f"mbdae.core{SUFFIX}"
-#: the compiler that an installation requires from the package index where no compiler of the system works
+#: the compiler that an installation requires from the package index where no compiler of the system works and CC names none
 ZIGLANG = "ziglang==0.17.1"
 #: target that zig compiles for, by `platform_name`. glibc 2.17 (manylinux2014) is old enough that the library can be loaded on
-#: every Linux for which NumPy and SciPy have wheels
+#: every Linux with glibc for which NumPy and SciPy have wheels; `flags` replaces it by musl where this Python uses that
 ZIG_TARGETS = {"linux-x86_64": "x86_64-linux-gnu.2.17", "linux-aarch64": "aarch64-linux-gnu.2.17",
                "win-amd64": "x86_64-windows-gnu", "win-arm64": "aarch64-windows-gnu",
                "macosx-x86_64": "x86_64-macos.11.0", "macosx-arm64": "aarch64-macos.11.0"}  # fmt: skip
-#: flags with which results are the same to the last bit whatever the compiler: no fused multiply-add (-ffp-contract=off), no
-#: -ffast-math, and no instructions beyond those of the oldest supported processors
+#: flags with which sums, products, quotients and roots are the same to the last bit whatever the compiler: no fused multiply-add
+#: (-ffp-contract=off), no -ffast-math. Instructions beyond those of the oldest supported processors are used only in second
+#: versions of some functions (WIDE in core.h), which run where the processor has these instructions
 FLAGS = ["-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-Wall", "-Wextra", "-shared"]
 TRIAL = "#include <math.h>\n#include <string.h>\ndouble trial(double x) { return sin(x); }\n"
 REMEDY = ("Install a C compiler (Debian, Ubuntu: apt install gcc libc6-dev; Fedora: dnf install gcc;\n"

@@ -15,7 +15,7 @@ from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.program import address_of
 
 #: impact speeds (m/s, rad/s) at which the durations of impacts are tabulated for C, from 1e-14 to 1e6, eight in a decade; in
-#: between log(duration) is interpolated linearly over log(speed)
+#: between log(duration) is interpolated linearly over log(speed), beyond them the duration is that at the nearest end
 SPEEDS = 10.0 ** (np.arange(161) / 8 - 14)
 NUMBERS = ("impact", "approach", "rest", "margin", "slope", "change", "near", "round")
 

@@ -85,7 +85,7 @@ class Order:
         i, j = row_of[entries.row_of], column_of[entries.column_of]
         ptr, col, diag = filled(n, i, j)
         self.size = len(col)
-        low, up = diag - ptr[:-1], ptr[1:] - diag  # number of entries in every row of L, and of U
+        low, up = diag - ptr[:-1], ptr[1:] - diag  # number of entries in every row of L, and of U with its diagonal
         self.low = np.concatenate([[0], np.cumsum(low)])
         self.up = self.size - np.concatenate([[0], np.cumsum(up)])
         row = np.repeat(np.arange(n), low + up)

@@ -22,8 +22,11 @@ JACOBIAN = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Poi
 RATES = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer)
 RATE_JACOBIAN = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Pointer)
 SINGULAR, RAISED = 2, -1
-SLICE = 0.05  #: wall time (s) after which a call into C returns, so that Python handles signals, progress and limits of the run
-#: largest number of addresses for which a callback keeps a NumPy array (`_Call.at`); an integrator uses only a few addresses
+#: wall time (s) after which a call of a step loop in C returns at the end of a step, so that Python handles signals, progress and
+#: limits of the run
+SLICE = 0.05
+#: largest number of addresses for which a callback keeps a NumPy array (`_Call.at`); before one more is kept, all are discarded.
+#: An integrator uses only a few addresses
 MOST_SEEN = 64
 #: function (system, t, y, y') that returns df/dy (n, n) of y' = f(t, y)
 RateJacobian = Callable[[Any, float, Any, Any], Any]

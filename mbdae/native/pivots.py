@@ -16,8 +16,9 @@ from mbdae.native.library import declared
 functions = declared(("lu_choose", Whole, (Whole, Whole, Number, *[Pointer] * 8)))
 
 
-#: largest number of unknowns, and largest product of it with the number of entries, for which `by_counts` chooses the pivots:
-#: it takes 8 ms and 9 MB for 780 unknowns with 9000 entries, but its memory grows with the square of the unknowns
+#: `largest_pivots` calls `by_counts` for up to MANY unknowns if the product of the numbers of unknowns and entries is up to MOST,
+#: else SuperLU. `by_counts` takes 8 ms and 9 MB for 780 unknowns with 9000 entries; its memory grows with the square of the
+#: number of unknowns
 MANY, MOST = 1000, 20_000_000
 
 

@@ -14,8 +14,8 @@ from mbdae.native.equations import Equations, Number, Pointer, Whole
 from mbdae.native.library import declared
 from mbdae.native.sparse import Matrix
 
-#: Newton's iteration also ends where its corrections shrink no more (by round-off), if they are below this share of the
-#: tolerance; equal to STAGNATION of radau.c
+#: Newton's iteration in Python also counts as converged where a correction is more than half of the one before and at most this
+#: share of the tolerance: round-off keeps it from shrinking. STAGNATION in radau.c has the same value
 STAGNATION = 0.03
 NAMES = ("c", "A_inv", "T", "T_inv", "V_inv", "end", "e")
 

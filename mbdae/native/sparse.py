@@ -19,15 +19,19 @@ from mbdae.native.elimination import Array, Entries, Index, Order, address
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.library import declared
 
-#: LAPACK's dense LU is used where the sparse factorisation would take more than FEW multiplications and more than DENSE times
-#: those of the dense one. Measured with full matrices, the sparse code is as fast as LAPACK with 25 unknowns, a third slower
+#: LAPACK's dense LU is used where the sparse factorisation would take at least FEW multiplications and at least DENSE times those
+#: of the dense one. Measured with full matrices, the sparse code is as fast as LAPACK with 25 unknowns, a third slower
 #: with 50, and half as fast with 80
 FEW, DENSE = 5000, 0.5
 #: an order of elimination is kept while the relative error of a solution with its LU factors is below ACCURATE: Newton's method
-#: still converges with it. TOLERABLE is the limit with more than SMALL unknowns if no order reaches ACCURATE, because orders
-#: with larger pivots are expensive (a chain of 2000 rods has an error of 1.2e-4; another order takes 90 times as long)
+#: still converges with it. With more than SMALL unknowns, an order that a search finds and that misses ACCURATE is kept below
+#: TOLERABLE, because orders with larger pivots are expensive (a chain of 2000 rods has an error of 1.2e-4; another order takes 90
+#: times as long). Not checked are the order that the last search finds, with the largest pivots, when it is found, and factors
+#: without large entries (TAME in lu.h)
 ACCURATE, TOLERABLE = 1e-4, 1e-2
-SMALL = 500  #: largest number of unknowns for which dense LU of LAPACK is tried where every sparse order has too small pivots
+#: largest number of unknowns for which dense LU of LAPACK is tried where every sparse order has too small pivots, and for which
+#: TOLERABLE is not used
+SMALL = 500
 
 
 class SingularMatrixError(Exception):

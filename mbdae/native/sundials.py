@@ -137,7 +137,7 @@ class Method:
             self._before, self._block = block, Block(self.n, self.inner)  # C still reads the last step in the old block
             block = self._block
             run.inner, run.pieces = block.inner.ctypes.data, 0
-        if self.inner and (run.from_y is None or start[0] != run.from_t):  # else C still has this start itself
+        if self.inner and (run.from_y is None or start[0] != run.from_t):  # where not, C still has this start itself
             y, yp = self._start = [np.ascontiguousarray(a, dtype=float) for a in start[1:]]
             run.from_y, run.from_yp = y.ctypes.data, yp.ctypes.data
         run.from_t, run.last_step, run.toward, first_piece = start[0], last_step, toward, run.pieces

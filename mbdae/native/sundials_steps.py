@@ -13,7 +13,7 @@ from mbdae.native.equations import Number, Pointer, Whole
 
 Array = NDArray[np.float64]
 
-#: largest number of steps in a `Block`, and its largest size in bytes
+#: largest number of steps in a `Block`, and largest size in bytes of their y, y' and dense output, of which one step always fits
 MOST_ROWS, BLOCK_BYTES = 4096, 2**22
 
 

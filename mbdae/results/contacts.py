@@ -45,13 +45,34 @@ class Contacts:
 
 
 def contacts_at(prepared: Prepared, solution: Solution, expected: Sequence[ExpectedContact]) -> Contacts:
-    """The contacts of one or several one-sided laws, found on the steps of a run."""
-    gaps = gaps_of(prepared.mechanics, solution.t, *prepared.states(solution.t, solution.y)[:2])
-    found = [contacts_of(solution.t, gap, rate) for one in expected
-             for gap, rate in zip(*(part.T for part in gaps[one.place]), strict=True)]  # fmt: skip
+    """The contacts of one or several one-sided laws, found on the steps of a run and where a gap may turn inside a step."""
+    t, y = solution.t, solution.y
+    turning = [time for pair in _places(prepared, t, y, expected) for time in _turning(t, *pair)]
+    if turning:
+        inside = np.unique(turning)
+        t, y = np.concatenate([t, inside]), np.concatenate([y, solution(inside)])
+        order = np.argsort(t, kind="stable")
+        t, y = t[order], y[order]
+    found = [contacts_of(t, *pair) for pair in _places(prepared, t, y, expected)]
     begin, end, peak = (np.concatenate(parts) for parts in zip(*found, strict=True))
     order = np.argsort(begin, kind="stable")
     return Contacts(begin[order], end[order], peak[order])
+
+
+def _places(prepared: Prepared, t: Array, y: Array, expected: Sequence[ExpectedContact]) -> list[tuple[Array, Array]]:
+    """Gaps and their rates (steps,) at every place of the laws."""
+    gaps = gaps_of(prepared.mechanics, t, *prepared.states(t, y)[:2])
+    return [(gap, rate) for one in expected for gap, rate in zip(*(part.T for part in gaps[one.place]), strict=True)]
+
+
+def _turning(t: Array, gap: Array, rate: Array) -> list[float]:
+    """Times (s) inside steps at which the cubic through a gap that is open at both ends is closed and smallest."""
+    found = []
+    for i in np.flatnonzero((gap[:-1] >= 0) & (gap[1:] >= 0) & (rate[:-1] < 0) & (rate[1:] > 0)):
+        part, least = _minimum(_hermite(t[i : i + 2], gap[i : i + 2], rate[i : i + 2]))
+        if least < 0:
+            found.append(float(t[i] + part * (t[i + 1] - t[i])))
+    return found
 
 
 def contacts_of(t: Array, gap: Array, rate: Array) -> tuple[Array, Array, Array]:
@@ -88,8 +109,12 @@ def _deepest(t: Array, gap: Array, rate: Array) -> Array:
     """(steps,) largest penetration inside every step."""
     depth = np.maximum(-gap[:-1], -gap[1:])
     for i in np.flatnonzero((rate[:-1] < 0) & (rate[1:] > 0) & (np.minimum(gap[:-1], gap[1:]) < 0)):
-        c = _hermite(t[i : i + 2], gap[i : i + 2], rate[i : i + 2])
-        turning = np.roots(np.polyder(c))
-        inside = turning[(np.abs(turning.imag) < 1e-9) & (turning.real > 0) & (turning.real < 1)].real
-        depth[i] = max(depth[i], -float(np.min(np.polyval(c, inside), initial=0.0)))
+        depth[i] = max(depth[i], -_minimum(_hermite(t[i : i + 2], gap[i : i + 2], rate[i : i + 2]))[1])
     return np.maximum(depth, 0.0)
+
+
+def _minimum(c: Array) -> tuple[float, float]:
+    """Place inside 0 to 1 and value of the least turning point of a cubic (4,); infinite where there is none."""
+    turning = np.roots(np.polyder(c))
+    inside = turning[(np.abs(turning.imag) < 1e-9) & (turning.real > 0) & (turning.real < 1)].real
+    return min(((float(x), float(np.polyval(c, x))) for x in inside), key=lambda found: found[1], default=(0.5, np.inf))

@@ -1,8 +1,8 @@
 """Positions in which the constraint rows of a closed loop lose rank: two branches of the motion meet there, and a run may change
-from one to the other.
+from one to the other; or a prescribed value goes beyond what the loop can follow, and the run stops (`system.rank.dependencies`).
 
-Where the smallest singular value of the rows is s, the states between the branches violate the rows by only about s^2: an error
-of that size suffices to change branch, and a companion run may change too, so that their difference does not show it.
+An error as large as the violation of the rows by the states between two branches suffices to change branch, and a companion run
+may change too, so that their difference does not show it.
 """
 
 from __future__ import annotations
@@ -13,17 +13,25 @@ from mbdae.deferred import median
 from mbdae.results.result import Result
 from mbdae.scene.topology import spanning_tree
 from mbdae.system.base import Array
-from mbdae.system.rank.rows import nearly_vanishing, smallest, unit_rows_at
+from mbdae.system.rank.dependencies import Dependency, dependencies
 
 SAMPLES = 200  #: number of positions evaluated along the run
 CHOSEN, REFINED = 5, 40  #: largest number of minima between samples that are refined, and number of evaluations for each
 NEAR = 0.3  #: ratio of the smallest singular value to its median over the run below which its minimum is refined
+#: singular value below which a position counts as singular whatever the curvature of the rows, which is then hardly known
+ROUNDED = 1e-6
 #: the singular values of the LAST steps before a run stopped are compared with those at BEFORE times of the whole run
 LAST, BEFORE = 5, 20
 SINGULAR = 1e-3  #: ratio of the smallest singular value before a stop to its median, below which the position counts as singular
-#: a prescribed value counts as the cause where, without its row, the smallest singular value is this many times as large
-RELEASED = 3.0
+#: further singular values of that position count where they are less than TOGETHER times the smallest or ALSO times its median
+TOGETHER, ALSO = 3.0, 0.05
+#: a prescribed value cannot be followed where it asks for a speed this many times the median of the largest speed in the run;
+#: rows count that contribute at least PART of the largest contribution
+GROWN, PART = 2.5, 0.1
 UNCONTROLLED = 1e-6  #: violation that a run without a tolerance is assumed to resolve
+#: violation of rows, over the scene's length or in rad, that explains a singular position; a smaller one is mentioned where it
+#: can change the smallest singular value by NEARBY times its median
+DRIFTED, NEARBY = 1e-3, 1e-2
 GOLDEN = (5**0.5 - 1) / 2
 
 
@@ -33,14 +41,15 @@ def singular_passages(result: Result, asked: float | None) -> list[str]:
         return []
     t = result.solution.t
     times = np.interp(np.linspace(0, len(t) - 1, min(SAMPLES, 4 * len(t))), np.arange(len(t)), t)
-    value, when = _smallest(result, times)
     resolved = max(asked or 0.0, result.info.solver.rtol or 0.0) or UNCONTROLLED
-    if value**2 > resolved:
-        return []
-    loop, _ = _dependent(result, when)
-    return [f"the run passes a singular position of the loop closed by '{loop}' at t = {when:.6g} s (smallest singular value of "
-            f"its rows {value:.1e}): two branches of the motion meet there, closer than {resolved:.0e} resolves, and the run may "
-            "have changed branch; compare with runs at smaller accuracies, or avoid that position"]  # fmt: skip
+    for value, when in sorted(_minima(result, times), key=lambda found: found[1]):
+        near = _dependencies(result, when)
+        if value > ROUNDED and near[0].between > resolved:
+            continue
+        return [f"the run passes a singular position of {_named(result, near[:1])} at t = {when:.6g} s (smallest singular value "
+                f"of its rows {value:.1e}): two branches of the motion meet there, closer than {resolved:.0e} resolves, and the "
+                "run may have changed branch; compare with runs at smaller accuracies, or avoid that position"]  # fmt: skip
+    return []
 
 
 def singular_stop(result: Result) -> str:
@@ -52,16 +61,44 @@ def singular_stop(result: Result) -> str:
     last = result.solution.t[-LAST:]
     seen = result(last).smallest_singular_value
     value, when = float(np.min(seen)), float(last[np.argmin(seen)])
-    usual = median(result(np.linspace(result.solution.t[0], last[-1], BEFORE)).smallest_singular_value)
+    before = result(np.linspace(result.solution.t[0], last[-1], BEFORE))
+    usual = median(before.smallest_singular_value)
     coming = seen[-1] < NEAR * usual and 3 * seen[-1] ** 2 < 2 * seen[-2] ** 2
     if value > SINGULAR * usual and not coming:
         return ""
-    loop, driven = _dependent(result, when)
-    listed = " and ".join(f"'{joint}'" for joint in driven)
-    outlook = (f"it cannot follow what is prescribed for {listed} with finite velocities: prescribe less motion, or change the "
-           "lengths" if driven else "two branches of the motion meet: let the start or the loads keep the scene away from it")
-    return (f"near t = {when:.9g} s the loop closed by '{loop}' comes to a singular position (smallest singular value of its "
-            f"rows {value:.1e}, usually {usual:.1e}), where {outlook}")  # fmt: skip
+    near = _dependencies(result, when, max(TOGETHER * value, ALSO * usual))
+    loops = _named(result, near)
+    come = "comes" if loops.startswith("the loop ") else "come"
+    return (f"near t = {when:.9g} s {loops} {come} to a singular position (smallest singular value of the rows {value:.1e}, "
+            f"usually {usual:.1e}), {_why(before, near, usual)}")  # fmt: skip
+
+
+def _why(before: Result, near: list[Dependency], usual: float) -> str:
+    """Why the run `before` a stop comes to a singular position, and what to do; usual: the median of the smallest singular value.
+    With the curvature c of the rows, a violation of them by e changes the square of that value by 2 c e."""
+    mechanics = before.prepared.with_all_rows
+    off = float(np.max(np.abs(mechanics.position_residual(before.t, before.q)))) / mechanics.model.length
+    drifted = f"the rows have drifted by {off:.1e} of the scene's length, or rad"
+    drifts = before.info.form == "Index1"  # the other forms hold the rows
+    if drifts and off > DRIFTED:
+        return f"after {drifted}: take a smaller accuracy, or mb.GGL(), which holds them"
+    may = drifts and 2 * near[0].curvature * off > (NEARBY * usual) ** 2
+    doubt = f"; or {drifted} into that position: compare with mb.GGL()" if may else ""
+    speeds = np.max(np.abs(before.u / mechanics.velocity_units), axis=1, initial=0.0)
+    names = dict[str, None]()
+    for one in near:
+        if one.speed > GROWN * median(speeds):
+            parts = np.abs(one.speeds)
+            named = [mechanics.rows[i].name.rsplit(".", 1)[0] for i in np.flatnonzero(parts > PART * np.max(parts)).tolist()]
+            names.update(dict.fromkeys(named))
+    if names:
+        return (f"where it cannot follow what is prescribed for {_listed(list(names))} with finite velocities: prescribe less "
+                f"motion, or change the lengths{doubt}")  # fmt: skip
+    return f"where two branches of the motion meet: let the start or the loads keep the scene away from it{doubt}"
+
+
+def _listed(names: list[str]) -> str:
+    return " and ".join(f"'{name}'" for name in names)
 
 
 def _loops(result: Result) -> list[str]:
@@ -70,33 +107,34 @@ def _loops(result: Result) -> list[str]:
     return [joint.name for joint in spanning_tree(prepared.model.scene).closing if not joint.loose] if prepared.rows else []
 
 
-def _dependent(result: Result, t: float) -> tuple[str, list[str]]:
-    """Where rows are nearly dependent at the time t (s): (the joint that closes their loop, joints whose prescribed coordinate is
-    the cause, since the other rows are independent without its row)."""
-    at, mechanics, rank = result([t]), result.prepared.with_all_rows, len(result.prepared.rank.kept)
-    (B,) = unit_rows_at(mechanics, at.t, at.q)
-    factors, value = np.abs(nearly_vanishing(B, rank)), smallest(B, rank)
-    shares, driven = dict.fromkeys(_loops(result), 0.0), dict[str, None]()
-    for i, row in enumerate(mechanics.rows):
-        joint = row.name.rsplit(".", 1)[0]
-        if joint in shares:
-            shares[joint] += float(factors[i]) ** 2
-        if row.prescribes and factors[i] > value:
-            others = np.delete(np.arange(len(factors)), i)
-            if smallest(B[others], rank - 1) > RELEASED * value:
-                driven[joint] = None
-    return max(shares, key=lambda joint: shares[joint]), list(driven)
+def _dependencies(result: Result, t: float, below: float = 0.0) -> list[Dependency]:
+    """The dependencies of all rows at the time t (s) of a run."""
+    at = result([t])
+    return dependencies(result.prepared.with_all_rows, len(result.prepared.rank.kept), t, at.q[0], below)
 
 
-def _smallest(result: Result, times: Array) -> tuple[float, float]:
-    """The smallest singular value of the rows between the first and the last time, and the time at which it occurs (s)."""
+def _named(result: Result, near: list[Dependency]) -> str:
+    """The loops, by the joints that close them, whose rows take part most in the dependencies."""
+    rows, names = result.prepared.with_all_rows.rows, dict[str, None]()
+    for one in near:
+        shares = dict.fromkeys(_loops(result), 0.0)
+        for row, coefficient in zip(rows, one.rows.tolist(), strict=True):
+            joint = row.name.rsplit(".", 1)[0]
+            if joint in shares:
+                shares[joint] += coefficient**2
+        names[max(shares, key=lambda joint: shares[joint])] = None
+    return f"the {'loop' if len(names) == 1 else 'loops'} closed by {_listed(list(names))}"
+
+
+def _minima(result: Result, times: Array) -> list[tuple[float, float]]:
+    """Minima of the smallest singular value of the rows between the first and the last time, with their times (s)."""
     seen = result(times).smallest_singular_value
     best = int(np.argmin(seen))
     found = [(float(seen[best]), float(times[best]))]
     inner = np.flatnonzero((seen[1:-1] <= seen[:-2]) & (seen[1:-1] <= seen[2:]) & (seen[1:-1] < NEAR * median(seen))) + 1
     for i in sorted(inner, key=lambda i: float(seen[i]))[:CHOSEN]:
         found.append(_minimum(result, float(times[i - 1]), float(times[i + 1])))
-    return min(found)
+    return found
 
 
 def _minimum(result: Result, a: float, b: float) -> tuple[float, float]:

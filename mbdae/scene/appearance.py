@@ -14,7 +14,7 @@ from mbdae.scene.reading import Argument
 from mbdae.scene.shapes import Point, Shape
 from mbdae.values import BadValueError, array, shown
 
-ROUNDING = 1e-15  #: deviation of the length of a direction from 1 that counts as rounding
+ROUNDING = 1e-15  #: a direction whose length deviates from 1 by at most this is not scaled to length 1 again
 SHAPES = "give mb.Plane, mb.Cylinder, mb.Sphere, mb.Point or mb.Box"
 READERS: dict[str, Callable[[Any], str]] = {}  #: "color" -> function that reads a colour, entered by the package that draws
 

@@ -20,12 +20,14 @@ from mbdae.scene.section import Section
 from mbdae.ties import nearest
 from mbdae.values import shown
 
-#: points, m, used after a mistake, so that the other arguments are checked too
+#: points, m, and section used in place of wrong ones, so that the other arguments are checked too
 HARMLESS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
 HARMLESS_SECTION = Section(1, 1, 1, 1, 1, 1, 1, 1)
-FOLDED = 1e-6  #: rad, a corner of a beam that differs by less from half a turn folds the line back on itself
-TURNED = 0.9 * np.pi  #: rad, largest rotation between neighbouring nodes
-SAMPLES = 64  #: pieces of a curve for drawing and for finding the place nearest to a point
+FOLDED = 1e-6  #: rad, a beam with a corner that differs by less from half a turn is refused: the line folds back on itself
+TURNED = 0.9 * np.pi  #: rad, largest rotation between neighbouring nodes of a curve; a beam with a larger one is refused
+#: number of pieces of a curve, by which it is drawn, its rotation between nodes is estimated, and the place nearest to a point is
+#: first sought; also number of elements used in place of a wrong one
+SAMPLES = 64
 
 
 def _curve(arg: Argument, value: Any) -> Any:

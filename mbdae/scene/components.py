@@ -22,8 +22,8 @@ from mbdae.symbolic.law import TwoBodyLaw
 from mbdae.values import BadValueError, array, number, shown
 
 Array = NDArray[np.float64]
-FINE = 2048  #: number of chords by which the length along a curve is measured
-MOVING = ("position", "rotation", "velocity", "angular_velocity")  #: sensors of a run that a body of a scene refuses to show
+FINE = 2048  #: number of chords by which the length along a curve is measured to find a place at a share of it
+MOVING = ("position", "rotation", "velocity", "angular_velocity")  #: quantities of a run that are no attributes of a body
 
 
 @dataclass(eq=False)
@@ -49,12 +49,12 @@ class Body(NamesArguments):
     rotation: InitVar[Array]
     velocity: InitVar[Array]
     angular_velocity: InitVar[Array]
-    given_velocity: bool = False  #: whether the user stated a velocity
-    outline: Array = field(default_factory=lambda: np.zeros((0, 3)))  #: points for drawing, inertial as drawn
+    given_velocity: bool = False  #: whether a velocity or angular velocity other than 0 is stated
+    outline: Array = field(default_factory=lambda: np.zeros((0, 3)))  #: points of the body's line as drawn, m, inertial axes
     is_point: bool = False
     is_ground: bool = False
-    principal_plane: bool = False  #: inertia given as one number: about z only
-    scene: Any = field(default=None, repr=False)  #: the scene it was stated in
+    principal_plane: bool = False  #: whether the inertia is given as one number, about z
+    scene: Any = field(default=None, repr=False)  #: the scene in which the body is stated
     shapes: tuple[Shape, ...] | None = None  #: shapes to draw; None: not stated, drawn from mass and attachments
     color: str | None = None  #: "#rrggbb", None: chosen by the drawing
     drawn: Drawn = field(init=False)
@@ -133,7 +133,7 @@ class Station(Body):
     """A node of a beam, as a body without mass to which joints and forces attach."""
 
     beam: Body | None = None
-    turned: float = 0.0  #: angle of its x axis as drawn, continuous along the beam, rad
+    turned: float = 0.0  #: angle of the node's x axis in the plane as drawn, continuous along the beam, rad
     quaternion: Array = field(default_factory=lambda: np.eye(4)[0])  #: of its axes as drawn; sign continuous along the beam
 
     @property
@@ -290,10 +290,10 @@ class Connection:
     hold_rate: dict[str, float] = field(default_factory=dict)
     prescribed: dict[str, Any] = field(default_factory=dict)  #: expressions of time by coordinate
     model: JointModel | None = None
-    left_open: bool = False  #: whether the user named no joint model
-    as_kinematic: list[TwoBodyLaw] = field(default_factory=list)  #: laws of the ideal kinematic joint, for models that need it
+    left_open: bool = False  #: True only where the user named no joint model
+    as_kinematic: list[TwoBodyLaw] = field(default_factory=list)  #: laws of the ideal kinematic joint in place of another model
     others: dict[str, Any] = field(default_factory=dict)  #: bodies of further frames than k and l, by frame
-    shapes: tuple[Shape, ...] = ()  #: the two shapes of a contact, of k and of l
+    shapes: tuple[Shape, ...] = ()  #: of a contact, the shapes of k and of l; empty for all others
     places: dict[str, Array] = field(default_factory=dict)  #: side "k" or "l" -> the point of that body the user named, as drawn
 
     @property

@@ -23,7 +23,7 @@ from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Shape, Sphere
 from mbdae.symbolic.law import TwoBodyLaw
 
 TWO = "a plane touches spheres, points, boxes and cylinders; a sphere touches spheres, points and cylinders"
-STANDING = 1e-9  #: component of a unit vector up to which it counts as rounding
+STANDING = 1e-9  #: difference of a component of a unit vector from 0, or from 1 or -1, that counts as rounding
 
 
 class ContactStatements(SceneItems):

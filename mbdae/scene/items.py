@@ -16,7 +16,8 @@ from mbdae.scene.sensed import keep_read_coordinates, keep_wanted, read_by
 
 
 class SceneItems:
-    """Bodies, joints, forces and loads of a scene by name."""
+    """The items of a scene by name (bodies, joints, forces, loads, signals, controllers), the statements made, the mistakes
+    found."""
 
     def __init__(self, name: str = "scene", gravity: Any = (0.0, 0.0, 0.0), space: str = "auto") -> None:
         """`gravity` (3,) in m/s^2; `space` "auto" (planar where that can be proved), "planar" or "spatial"."""

@@ -39,7 +39,7 @@ BODIES = {"name": reading.name, "k": reading.body, "l": reading.body, "at": read
 PLACED = {**BODIES, "axis": reading.direction}
 #: law -> remedy in the message about a missing parameter, where another statement takes the parameter from the drawing
 MEASURED: dict[type[Joint], str] = {Distance: "use s.distance(...), which measures it"}
-EACH = dict.fromkeys(OPTIONS, reading.as_given)  #: readers of options by coordinate: checked when the coordinates are known
+EACH = dict.fromkeys(OPTIONS, reading.as_given)  #: values by coordinate are checked when the coordinates are known
 FURTHER = {"model": joint_model, **EACH, "further": reading.as_given}
 
 

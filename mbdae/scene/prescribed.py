@@ -23,8 +23,10 @@ _RAMP = "; join the pieces by a smooth ramp such as h*(3*x**2 - 2*x**3), x = (mb
 _CUBIC = "; give kind=\"cubic\", and a table that ends without slope where it is held beyond its ends"
 #: what the user calls a value, where the statement has a word of its own for it
 _ARGUMENTS = {("revolute", "load"): "torque", ("prismatic", "load"): "force", ("prismatic", "displacement"): "position"}
-JUMP = 1e-7  #: smallest jump reported, relative to the largest value: smaller ones are rounding errors of the expression
-MOST = 20_000  #: largest number of time intervals in which values are checked
+#: jumps of a prescribed motion, or of its rate, up to this part of its largest magnitude in the run count as rounding errors; so
+#: does what the round-off of the time changes
+JUMP = 1e-7
+MOST = 20_000  #: largest number of time intervals at whose ends and middles the values of an input are checked to be finite
 
 
 class Input(NamedTuple):

@@ -22,8 +22,8 @@ from mbdae.values import BadValueError, array, entries, number, shown, text, who
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
-NAMELESS = "without a name"  #: used where the name of an item is no text
-ORTHOGONAL = 1e-9  #: largest entry of R R^T - 1 that counts as rounding
+NAMELESS = "without a name"  #: name given to an item whose own is no text, so that reading goes on; also used in messages
+ORTHOGONAL = 1e-9  #: a matrix R is refused as a rotation where the magnitude of an entry of R R^T - 1 is as large
 MOST_ELEMENTS = 100_000
 FEEDS = "it would feed energy"  #: effect of negative damping, for messages
 

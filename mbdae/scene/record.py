@@ -22,7 +22,7 @@ from mbdae.symbolic.rebuild import nodes
 from mbdae.values import number, shown
 
 F = TypeVar("F", bound=Callable[..., Any])
-Statement = list[Any]  #: [method, positional arguments, keyword arguments], JSON-able
+Statement = list[Any]  #: [method, positional arguments, keyword arguments], of values that JSON can store
 Own = dict[str, Any]  #: classes and functions by the names that statements give them
 PACKAGE = __name__.partition(".")[0]
 

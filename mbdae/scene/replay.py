@@ -95,7 +95,7 @@ class Known:
         return one
 
 
-#: kinds in messages, where they are not called as their classes
+#: words for kinds in messages; other kinds are called by the name of their class
 _KINDS_IN_WORDS: dict[type, str] = {
     str: "text", list: "a list", dict: "a dictionary", type: "a class", FunctionType: "a function", AsGiven: "a kept object",
     Part: "a friction law or another part of a law", JointModel: "a joint model", Section: "a cross-section",

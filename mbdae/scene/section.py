@@ -36,8 +36,8 @@ class Section:
     mass_per_length: float
     rotary_inertia: Any
     damping: float = 0.0
-    E: float | None = None  #: Pa, where the section was made from a shape, for stresses at its fibres
-    shape: tuple[Any, ...] = ()  #: ("tube", outer, inner) or ("rectangle", width along axis 3, height along axis 2), m
+    E: float | None = None  #: Pa, for stresses at fibres; None: the section is not made from a shape
+    shape: tuple[Any, ...] = ()  #: ("tube", radii outer, inner) or ("rectangle", width along axis 3, height along axis 2), m
 
     def __post_init__(self) -> None:
         given = self.rotary_inertia

@@ -14,7 +14,7 @@ from mbdae.symbolic.joint import Joint
 from mbdae.values import BadValueError
 
 MOTION = {"position": (3,), "velocity": (3,), "angular_velocity": (3,), "rotation": (3, 3)}  #: of bodies: quantity -> shape
-#: quantities that follow from accelerations, and so from the loads: no load can depend on them
+#: quantities of results that no load can read: all but gaps follow from accelerations or reactions, and so from the loads
 LOOPS = ("force", "torque", "power", "acceleration", "angular_acceleration", "drive", "gap", "normal_force")
 
 

@@ -22,7 +22,7 @@ _PLACE = re.compile(r"(?P<item>.+)\.at\((?P<where>[^()]*)\)")
 _ENTRY = re.compile(r"(?P<path>.+?)(?P<entry>(\[\s*\d+\s*(,\s*\d+\s*)?\])*)", re.DOTALL)
 
 
-_PLAIN = re.compile(r"[A-Za-z_]\w*", re.ASCII)  #: names of items that an expression in Python's syntax can contain unchanged
+_PLAIN = re.compile(r"[A-Za-z_]\w*", re.ASCII)  #: names, if no keywords, that Python's syntax allows unchanged
 _QUOTED = r'sensor\("(?:[^"\\]|\\.)*"\)'
 
 

@@ -20,6 +20,21 @@ class Tree:
     roots: list[Body]
     closing: list[Connection]
 
+    def loop(self, joint: Connection) -> list[Connection]:
+        """The joints of the loop that a joint closes, this one first."""
+        carrier = {child: (parent, tree_joint) for parent, tree_joint, child in self.edges}
+
+        def ways(body: Body) -> list[Connection]:
+            """The joints from a body to its root."""
+            found = []
+            while body in carrier:
+                body, tree_joint = carrier[body]
+                found.append(tree_joint)
+            return found
+
+        one, other = ways(joint.k), ways(joint.l)
+        return [joint, *(j for j in one if j not in other), *(j for j in other if j not in one)]
+
 
 def leader(item: T, leads: dict[T, T]) -> T:
     """The representative of the group of `item`; leads: item -> an item of its group nearer to the representative; the way to it
@@ -50,7 +65,7 @@ def spanning_tree(scene: SceneItems, joints: Collection[Connection] | None = Non
     edges: list[tuple[Body, Connection, Body]] = []
     roots: list[Body] = []
     seen: set[Body] = set()
-    joined: dict[Body, list[tuple[Connection, Body]]] = {}  #: joints of a body with the body on the other side
+    joined: dict[Body, list[tuple[Connection, Body]]] = {}  #: body -> its joints, each with the body on its other side
     for joint in chosen:
         for a, b in ((joint.k, joint.l), (joint.l, joint.k)):
             joined.setdefault(a, []).append((joint, b))

@@ -16,7 +16,7 @@ from mbdae.scene.sensed import keep_read_coordinates
 from mbdae.scene.topology import spanning_tree
 from mbdae.values import shown
 
-FEW = 2  #: largest number of coordinates of the joints that `replace` changes without naming them
+FEW = 2  #: `replace` without names changes only joints with up to this number of coordinates
 
 
 @cache

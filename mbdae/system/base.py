@@ -122,7 +122,7 @@ class System:
     yp0: Array
     sparsity: Any
     label: str = ""
-    #: characteristic time of the motion, s: solvers multiply errors of unknowns of index above 1 by powers of step / time
+    #: characteristic time of the motion, s: collocation methods multiply errors of unknowns by (step / time)^(index - 1)
     time: float = 1.0
     #: CSC pattern (n, n) of the entries that `jacobian_values` returns, None: not known; `sparsity` may be None all the same,
     #: where dense linear algebra is faster
@@ -156,8 +156,8 @@ class System:
     native: Any = None
     #: function (q, virtual displacements) -> displaced q, for rotations that are not added; None: displacements are added to q
     displaced: Callable[[Array, Array], Array] | None = None
-    #: contacts: function (t, y) -> (gap, gap rate, duration), each (nc,): gap in m (> 0 apart, < 0 penetrating), its time
-    #: derivative in m/s, and the duration in s of an impact at the present approach speed (> 0; inf: no impact). Adaptive
+    #: contacts: function (t, y) -> (gap, gap rate, duration), each (nc,): gap in m or rad (> 0 apart, < 0 penetrating), its time
+    #: derivative, and the duration in s of an impact at the present approach speed (> 0; inf: no impact). Adaptive
     #: solvers shorten their steps where a contact is near, so that none is stepped over
     guards: Callable[[float, Array], tuple[Array, Array, Array]] | None = None
     #: name of each contact, used in messages; contacts beyond the length of this tuple are called "contact[i]"
@@ -168,7 +168,7 @@ class System:
     #: arguments of functions in the equations that switch or vary within a narrow range; None: there are none
     switches: Switches | None = None
     #: function that returns the name of the beam that vibrates fastest, and its angular frequency times the characteristic time
-    #: of the motion (rad)
+    #: of the motion (rad); None: there are no beams
     vibration: Callable[[], tuple[str, float]] | None = None
 
     #: function of begin and end of a run (s) and its accuracy that returns where inputs of time jump or have kinks, and how long

@@ -16,7 +16,8 @@ from mbdae.system.partition import checked_partition
 from mbdae.ties import largest
 from mbdae.values import array, function, number, of_class, option, optional, sequence, shown, text
 
-#: largest residual of an equation at the start that is accepted, relative to the magnitude of its terms
+#: largest residual of an equation at the start that is accepted, over the magnitude of its terms as estimated from its
+#: derivatives and the scales of the unknowns
 START_TOLERANCE = 1e-6
 ROOT_EPS = float(np.sqrt(np.finfo(float).eps))
 

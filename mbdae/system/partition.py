@@ -12,7 +12,9 @@ from mbdae.errors import OptionError
 from mbdae.system.base import System
 from mbdae.values import BadValueError, option, sequence, shown
 
-TOLERANCE = 1e-6  #: largest residual of the equations of these parts at the start that is accepted, over the largest term
+#: largest residual at the start that is accepted: of M u' + G^T lambda = f over the sum of the largest magnitudes of M u' and f,
+#: of g = 0 over 1 plus the largest magnitude of q
+TOLERANCE = 1e-6
 
 Parts = tuple[Callable[..., Any], ...]
 

@@ -35,14 +35,20 @@ from mbdae.system.start.start import Start, Starter
 from mbdae.system.start.typical_sizes import characteristic_time
 from mbdae.threads import single_threaded
 
-SOUND = 1e-3  #: constraint rows scaled to unit length determine a position if their smallest singular value is above this
+SINGULAR = "; the scene starts in a singular position, where rows depend on each other that do not elsewhere: start away from it"
+#: prescribed motions that contradict each other after the start are reported only for positions in which the smallest singular
+#: value of the rows in force, scaled to unit length, is above this
+SOUND = 1e-3
 #: the check for contradicting prescribed motions moves the scene in at most FOLLOWED steps over at most half of the run; before
 #: the loops are closed again, a step may violate joints by at most NEAR (rad, or over the scene's length)
 FOLLOWED, NEAR = 24, 0.2
-PLACED = 1e-11  #: error of positions computed along a tree that counts as rounding: rad, or over the scene's length
-FORESIGHT = 10.0  #: time (s) over which prescribed values and inputs are checked where the end of the run is not known
-#: violation of the joints, over the scene's length or speed, up to which a run can be continued from the state where another run
-#: ended; as large as the error of a run may be
+#: largest violation of the joints' rows (m or rad), over the scene's length or 1, whichever is larger, up to which positions
+#: computed along trees count as closed
+PLACED = 1e-11
+FORESIGHT = 10.0  #: time (s) over which prescribed values and inputs are checked where no later end of the run is known
+#: violation of the joints' rows (m or rad), over the scene's length or 1, whichever is larger, up to which a run can be continued
+#: from the state where another run ended; as large as the error of a run may be. Where a rate of the rows is larger than this
+#: times the largest speed over the same length, the joints stop that motion by impulses
 FITS = 1e-4
 
 
@@ -229,12 +235,24 @@ def _contradictions(all_rows: Mechanics, rank: RankReport, start: Start) -> list
     bias = all_rows.constraint_matrix(t, start.q) @ start.acceleration + all_rows.acceleration_bias(t, q, u)[0]
     size = 1.0 + float(np.max(np.abs(start.u), initial=0.0)) ** 2 + float(np.max(np.abs(start.acceleration), initial=0.0))
     dropped = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}
-    found = []
+    found, singular = [], SINGULAR if rank.singular_here else ""
     for row, v, a in zip(all_rows.rows, rate, bias, strict=True):
         if row.name in dropped and max(abs(v), abs(a)) > 1e-7 * size:
-            found.append(f"prescribed motions contradict: row {row.name} depends on the other rows, but they leave it a rate of "
-                         f"{v:.4g} and an acceleration of {a:.4g} (m or rad, s) at the start; release one of them")  # fmt: skip
+            v, a = (value if abs(value) > 1e-7 * size else 0.0 for value in (v, a))
+            found.append(f"{_prescribed(all_rows, start.t, start.q)}: row {row.name} depends on the other rows, but they leave "
+                         f"it a rate of {v:.4g} and an acceleration of {a:.4g} (m or rad, s) at the start{singular}")  # fmt: skip
     return found
+
+
+def _prescribed(all_rows: Mechanics, time: float, q: Array) -> str:
+    """That what is prescribed is not possible, by the names of the items that prescribe it, and what to do."""
+    rates = all_rows.velocity_residual(np.array([time]), q[None], np.zeros((1, all_rows.nu)))[0]
+    names = dict.fromkeys(row.name.rsplit(".", 1)[0] for row, rate in zip(all_rows.rows, rates, strict=True)
+                          if row.prescribes or rate)  # fmt: skip
+    listed = ", ".join(f"'{name}'" for name in list(names)[:4]) + ", ..." * (len(names) > 4)
+    if len(names) == 1:
+        return f"the joints do not allow the motion prescribed for {listed} (prescribe another one, or release a joint)"
+    return f"the prescribed motions of {listed} contradict each other or the joints (release one of them)"
 
 
 def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankReport, start: Start, end: float) -> list[str]:
@@ -265,8 +283,8 @@ def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankR
         off = all_rows.position_residual(np.array([t]), q[None])[0]
         for row, g in zip(all_rows.rows, off, strict=True):
             if row.name in dropped and abs(g) > 1e-7 * max(1.0, all_rows.model.length) and smallest(B, B.shape[0]) > SOUND:
-                return [f"prescribed motions contradict: row {row.name} depends on the other rows, but at t = "
-                        f"{t:.4g} s they leave it off by {g:.4g} (m or rad); release one of them"]  # fmt: skip
+                return [f"{_prescribed(all_rows, t, q)}: row {row.name} depends on the other rows, but at t = {t:.4g} s they "
+                        f"leave it off by {g:.4g} (m or rad)"]  # fmt: skip
     return []
 
 

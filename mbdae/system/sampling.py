@@ -26,7 +26,9 @@ from mbdae.system.model.numbering import Numbering
 from mbdae.system.prepare import Prepared
 from mbdae.values import shown
 
-SAME = 1e-9  #: difference of two instants, over the sampling period, up to which they count as one
+#: difference of two instants, over the sampling period, up to which they count as one, if round-off of the time is not larger;
+#: also difference (absolute plus relative) up to which outputs count as those stored
+SAME = 1e-9
 #: the first FIRST calls of a controller and then every THEN-th are made twice, to check that it is a pure function: its outputs
 #: depend on its arguments alone
 FIRST, THEN = 4, 64

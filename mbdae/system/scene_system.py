@@ -57,7 +57,7 @@ class SceneSystem(System):
         lines, stressed = prepared.model.lines, self.numbering.stresses
         z = np.concatenate([np.zeros(0), *(line.stress(start.q, start.u) for line in lines if stressed)])
         self.t0, (self.y0, self.yp0), self.scale = start.t, _values(prepared, made, start, z), _scales(prepared, made)
-        if not lines:  # with beams `time` stays 1 s, with which their accuracy and cost were measured
+        if not lines:  # with beams `time` stays 1 s, with which the accuracy and cost of beams were measured
             self.time = prepared.time
         else:
             self.vibration = partial(_vibration, prepared)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import warnings
 
 import pytest
+import sympy as sp
 
 import mbdae as mb
 from mbdae.run.singular_positions import singular_stop
@@ -80,3 +82,81 @@ def test_a_value_beyond_reach_in_a_large_scene(count):
     linkage(s, "T ", 1.5, 1.2, 2.0, -5.0, angle=mb.t)
     with pytest.raises(mb.SolverError, match=r"the loop closed by 'T D' .* cannot follow what is prescribed for 'T A'"):
         s.simulate(2.0, 1e-4, solver=mb.RadauIIA(3))
+
+
+def driven_slider(cranks, stop, **couple):
+    """A piston driven beyond the reach of one or more cranks, each at its height (m); stop: time (s) when they are stretched."""
+    s = mb.Scene("cranks", gravity=(0, -9.81, 0))
+    a = math.radians(60)
+    B = (0.3 * math.cos(a), 0.3 * math.sin(a))
+    x = B[0] + math.sqrt(0.25 - B[1] ** 2)
+    speed = (0.8 - x) / stop
+    piston = s.rigid_body("piston", 1.0, 1e-3, at=(x, 0))
+    s.prismatic("D", s.ground, piston, at=(x, 0), axis=(1, 0, 0), position=None if couple else speed * mb.t)
+    for n, y in cranks.items():
+        crank = s.link("crank" + n, (0, y), (B[0], B[1] + y), mass=1.0)
+        rod = s.link("rod" + n, (B[0], B[1] + y), (x, y), mass=1.0)
+        s.revolute("A" + n, s.ground, crank, at=(0, y))
+        s.revolute("B" + n, crank, rod, at=(B[0], B[1] + y))
+        s.revolute("C" + n, rod, piston, at=(x, y))
+    if couple:
+        s.couple("cam", {"D.displacement": 1.0}, value=speed * mb.t)
+    return s
+
+
+@pytest.mark.parametrize("given", [{}, {"solver": mb.RadauIIA(3, step=0.01)}], ids=str)
+def test_loops_that_come_to_their_limit_together(given):
+    with pytest.raises(mb.SolverError, match=r"loops closed by '\S+' and '\S+' come .* what is prescribed for 'D'"):
+        driven_slider({"1": 0.0, "2": -1.0}, 1.0).simulate(2.0, **given)
+
+
+def test_motion_prescribed_by_a_coupling():
+    with pytest.raises(mb.SolverError, match="cannot follow what is prescribed for 'cam'"):
+        driven_slider({"": 0.0}, 1.0, couple=True).simulate(2.0)
+
+
+class Jack(mb.Joint):
+    """A rod whose length is a parameter."""
+
+    params = mb.params(length=("m", "length"))
+
+    def constraints(self, k, l):
+        d = l.r - k.r
+        return {"rod": (d @ d - self.length**2) / 2}
+
+
+def test_motion_prescribed_by_a_parameter_of_an_own_joint():
+    """An arm of 1 m from (0, 0) and a rod from (0, -1) that grows beyond 2 m."""
+    s = mb.Scene("jack", gravity=(0, -9.81, 0))
+    arm = s.link("arm", (0, 0), (1, 0), mass=1.0)
+    s.revolute("A", s.ground, arm, at=(0, 0))
+    s.add(Jack("jack", s.ground, arm, at=(0, -1), at_l=(1, 0), length=math.sqrt(2) + 0.3 * mb.t))
+    with pytest.raises(mb.SolverError, match="cannot follow what is prescribed for 'jack'") as stopped:
+        s.simulate(3.0)
+    assert stopped.value.time == pytest.approx((2 - math.sqrt(2)) / 0.3, abs=1e-5)
+
+
+def test_branches_far_apart_are_no_singular_position():
+    """A parallelogram that stays 33 degrees from flat: its branches are 0.3 m apart, far more than an accuracy of 1e-2."""
+    s = mb.Scene("parallelogram", gravity=(0, -9.81, 0))
+    linkage(s, "", 0.3, 0.3, 1.0, 0.0, angle=1.0 * sp.sin(3 * mb.t))
+    assert not s.simulate(1.0, accuracy=1e-2).warnings
+
+
+def test_drift_is_not_blamed_on_what_is_prescribed():
+    """A crank that can turn all the way stops where a loose run without position constraints has drifted to."""
+    s = mb.Scene("drift", gravity=(0, -9.81, 0))
+    links = [s.link(n, p, q, mass=1.0) for n, p, q in (("crank", (0, 0), (0, 0.297)), ("coupler", (0, 0.297), (1, 0.3)),
+                                                        ("rocker", (1, 0.3), (1, 0)))]  # fmt: skip
+    s.revolute("A", s.ground, links[0], at=(0, 0), angle=5 * mb.t)
+    s.revolute("B", *links[:2], at=(0, 0.297))
+    s.revolute("C", *links[1:], at=(1, 0.3))
+    s.revolute("D", s.ground, links[2], at=(1, 0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mb.AccuracyWarning)
+        try:
+            run = s.simulate(2.0, solver=mb.CVODE(rtol=1e-2), form="index1")
+        except mb.SolverError as stopped:
+            assert "drifted by" in str(stopped)  # noqa: PT017
+        else:
+            assert not run.reliable

@@ -15,9 +15,12 @@ from mbdae.symbolic.part import Parameter
 from mbdae.symbolic.variation import let
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
-DEEP = 10.0  #: a start is refused where bodies penetrate by more than 1/DEEP of the radius; a run that gets there has a warning
+#: a start is refused where bodies penetrate by more than 1/DEEP of the smallest radius (of the pin in a race; without a radius:
+#: of the scene's length), except contacts at rest and, unless a pin is concerned, continued runs. A run with a deeper
+#: penetration has a warning, if there is a radius; with a pin already beyond the clearance, where that is smaller and not 0
+DEEP = 10.0
 RESTING = 1e-24  #: added to squares of sliding speeds, m^2/s^2, and of distances, m^2: their roots have derivatives at 0 then
-CENTRED = 1e-40  #: added to the square of a distance, m^2, which keeps it differentiable where it is 0
+CENTRED = 1e-40  #: added to the square of the distance of the centres of pin and race, m^2: its root has derivatives at 0 then
 
 
 @dataclass(frozen=True)
@@ -27,11 +30,11 @@ class Station:
     penetration: Expr  #: m, positive in contact
     rate: Expr  #: time derivative of the penetration
     overlap: Expr  #: penetration where positive, else 0
-    inward: Vec  #: unit vector along which penetration grows with the motion of l: the normal force on l is against it
-    tangent: Vec  #: direction in which friction with internal states acts
+    inward: Vec  #: unit vector (in contact): penetration grows as l moves along it; the normal force on l is against it
+    tangent: Vec  #: unit vector (in contact) along which friction acts if it has internal states or `one_direction` holds
     sliding: Vec  #: velocity of l relative to k at the contact, without its normal part
     slip: Expr  #: component of `sliding` along the tangent
-    arm: Vec  #: from l.r to the point of contact
+    arm: Vec  #: from l.r to the point where the force on l acts
 
 
 def station(penetration: Expr, inward: Vec, tangent: Vec, velocity: Vec, arm: Vec) -> Station:

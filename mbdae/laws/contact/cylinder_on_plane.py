@@ -11,7 +11,7 @@ from mbdae.symbolic.part import params
 from mbdae.symbolic.variation import let
 from mbdae.symbolic.vectors import ZERO, Vec
 
-STANDING = 1e-3  #: rad, tilt over which the contact point moves from the middle of a parallel end to its rim
+STANDING = 1e-3  #: rad, about the tilt over which the contact point moves from the middle of an end to its rim
 
 
 class CylinderOnPlane(SurfaceContact):

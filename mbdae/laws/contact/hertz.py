@@ -16,7 +16,7 @@ from mbdae.symbolic.part import checked_value, params
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import number
 
-#: duration of an elastic impact over largest penetration / speed: 2 int_0^1 dx / sqrt(1 - x^2.5)
+#: duration of an elastic impact, times its speed, over the largest penetration: 2 int_0^1 dx / sqrt(1 - x^2.5)
 DURATION = 2.9432751796
 
 
@@ -70,7 +70,7 @@ class Hertz(Normal):
         return float((force / self.stiffness) ** (2 / 3))
 
     def impact(self, mass: float, speed: Any) -> tuple[Any, Any]:
-        v = np.maximum(np.abs(speed), 1e-300)  # without a speed depth and duration are next to 0
+        v = np.maximum(np.abs(speed), 1e-300)  # without a speed depth and duration are 0
         depth = (1.25 * mass * v**2 / self.stiffness) ** 0.4
         return depth, DURATION * depth / v
 

@@ -15,8 +15,9 @@ from mbdae.symbolic.part import params
 from mbdae.symbolic.variation import let
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
-CORE = 1e-12  #: m, without clearance the direction of contact is smoothed within this distance
-#: smallest penetration that is expected before the run, relative to the play (outer - inner) and to the radius of the pin
+CORE = 1e-12  #: m, the direction of contact is smoothed within half the clearance plus this distance of the race's centre
+#: without play, or without speed at the start, the penetration that is expected before the run is at least PLAY times the play
+#: (outer - inner) and PIN times the radius of the pin
 PLAY, PIN = 1e-2, 1e-6
 DIFFERENCE = 1e-4  #: relative change of the penetration in the central difference for the stiffness of a contact
 

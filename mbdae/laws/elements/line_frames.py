@@ -9,8 +9,11 @@ import numpy as np
 from mbdae.errors import OptionError
 from mbdae.laws.elements.line_shape import Array
 
-PARALLEL = 1e-8  #: sine of the angle below which two directions count as parallel
-ROUND_OFF = 1e-13  #: difference of the components of two quaternions that counts as rounding
+#: sine of the angle up to which two directions count as parallel; also bound up to which a component of a unit vector, and 1 plus
+#: the cosine between two tangents, count as 0, and the second singular value of a line's tangents and points over the first,
+#: which then is straight
+PARALLEL = 1e-8
+ROUND_OFF = 1e-13  #: unit quaternions whose components all differ by less count as equal
 
 
 def section_axes(tangents: Array, positions: Array, axis2: Any = None) -> Array:
@@ -68,7 +71,7 @@ def quaternions(axes: Array) -> Array:
         K[i + 1, i + 1] = 1 + R[i, i] - R[j, j] - R[k, k]
         K[0, i + 1] = K[i + 1, 0] = R[k, j] - R[j, k]
         K[j + 1, k + 1] = K[k + 1, j + 1] = R[k, j] + R[j, k]
-    largest = np.argmax(np.einsum("iik->ki", K), axis=1)  # the row with the largest entry is the most accurate
+    largest = np.argmax(np.einsum("iik->ki", K), axis=1)  # the row with the largest diagonal entry is the most accurate
     P = np.moveaxis(K, -1, 0)[np.arange(len(axes)), largest]
     P = P / np.linalg.norm(P, axis=1, keepdims=True)
     first = 1.0 if P[0, 0] >= 0 else -1.0

@@ -21,8 +21,10 @@ from mbdae.laws.elements.line_shape import Array, Table, mass_points, node_posit
 from mbdae.notation import counted
 from mbdae.ties import largest
 
-NEAR = 1e-9  #: distance, relative to a segment, up to which two places count as one
-SHORTEST = 1e-3  #: an attachment may cut an element unless a part gets shorter than this times its longest neighbour
+NEAR = 1e-9  #: distance up to which two places count as one: over the segment's length, or in the parameter of a curve
+#: an attachment that would cut an element is refused if a part got shorter than this times the longest of the two parts and the
+#: elements beside them in the same segment
+SHORTEST = 1e-3
 Curve = Callable[[float], Any]  #: position (3,) by a parameter from 0 to 1
 
 
@@ -37,7 +39,7 @@ class LineMesh:
     elements: NDArray[np.intp]  #: (m, p + 1) nodes of every element
     turns: Array  #: (m, p + 1, 4) rotation from the node's axes to the section's; (1, 0, 0, 0) where they are equal
     offsets: Array  #: (m, p + 1) angle from the node's axes to the section's in the plane z = 0, rad
-    places: Array  #: (n,) where the nodes are on the line: length along the polyline, m, or parameter of the curve
+    places: Array  #: (n,) where the nodes are on the line: length along the polyline, m, or parameter of the curve, 0 to 1
 
     @property
     def curve(self) -> Array:

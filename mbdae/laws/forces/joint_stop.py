@@ -13,7 +13,8 @@ from mbdae.symbolic.law import Impact, params
 from mbdae.symbolic.variation import let, rate
 from mbdae.symbolic.vectors import Expr
 
-ALLOWED = 1e-6  #: excess over a limit at the start that counts as rounding, rad or relative to the scene's length
+#: excess over a limit (rad, or over the scene's length) up to which a start is accepted; a continued run may begin with more
+ALLOWED = 1e-6
 
 
 class _Limit(NamedTuple):

@@ -8,7 +8,7 @@ from mbdae.laws.friction.base import Friction
 from mbdae.symbolic.part import params
 from mbdae.symbolic.vectors import Expr
 
-SATURATED = 20.0  #: argument beyond which tanh is 1 in double precision
+SATURATED = 20.0  #: magnitude of the argument beyond which tanh is 1 or -1 in double precision
 
 
 class Coulomb(Friction):

@@ -29,10 +29,11 @@ from mbdae.system.motion.workspace import Workspace, narrow_order
 
 #: names of two parameters of a form, Baumgarte's factors in the constraint rows: of G u + g_t (1/s), and of g (1/s^2)
 VELOCITY, POSITION = "baumgarte_velocity", "baumgarte_position"
-#: the squared part of a row of G M^-1/2 that is independent of the rows before it, over the squared length of the row: below this
-#: value Cholesky factors of S have lost too many digits, and LU of the whole is used
+#: the squared part of a row of G M^-1/2 that is independent of the rows before it, over the squared length of the row: if one is
+#: at most this value at the start, Cholesky factors of S lose too many digits, and LU of the whole or `Assembly` is used instead
 SPREAD = 1e-5
-#: number of velocities and multipliers together up to which the equations of u' and lambda are factorised as one full matrix
+#: number of velocities and multipliers together below which, where Cholesky does not suit, the equations of u' and lambda are
+#: factorised as one full matrix; with more, those of `Assembly` are solved
 WHOLE_BELOW = 150
 
 Index = NDArray[np.intp]

@@ -33,12 +33,13 @@ from mbdae.system.model.trees import Tree
 from mbdae.system.motion.mechanics import LARGE
 from mbdae.system.motion.workspace import Columns, Loaded
 
-#: index of the kinds of unknowns where the stresses of beams are unknowns ("z"): with nearly rigid strains velocities and
-#: stresses behave like unknowns of index 2 and 3, and the error test weighs them so. RESOLVED: where elastic vibrations are
-#: resolved
+#: index of some kinds of unknowns, in place of that of the form, where the stresses of beams are unknowns ("z"). ELASTIC: steps
+#: may pass over elastic vibrations; with nearly rigid strains velocities and stresses then behave like unknowns of index 2 and 3,
+#: and the error test weighs them so. RESOLVED: elastic vibrations are resolved (option `waves`)
 ELASTIC = {"v": 2, "z": 3, "lambda": 3, "mu": 2}
 RESOLVED = {"z": 3}
-#: number of unknowns from which the Jacobian is sparse; with fewer, dense linear algebra is faster (measured 150-200)
+#: number of unknowns above which the Jacobian is sparse unless stated otherwise; with fewer, dense linear algebra is faster
+#: (measured: up to 150 to 200)
 SPARSE_FROM = 150
 
 
@@ -64,9 +65,11 @@ class Assembly:
         index = dict(spec.index) | ((RESOLVED if spec.waves else ELASTIC) if nb.stresses else {})
         self.index = np.array([index[k] for k in self.kinds], dtype=int)
         self.equations = self._equations()
-        self._offset = np.zeros(1 + nb.first_input - self.n)  # constants of the rows of F, a spare row, the rows of loaded nodes
+        self._offset = np.zeros(1 + nb.first_input - self.n)  # constants in the rows of F, a spare row and rows of loaded nodes
         self._residual, self._jacobian, self._mass = Scatter(), Scatter(), Scatter()
-        self._inert = False  #: whether kernels of laws outside of trees depend on accelerations
+        #: whether laws outside of trees have inertia that varies (kernels that read u'). Where none of them has any inertia, y'
+        #: comes from the trees' kernels alone
+        self._inert = False
         #: kernels of trees with loaded nodes (bodies on which other laws act): their motion, the trees' rows, derivatives of both
         self._loaded: tuple[list[Any], Scatter, list[Any]] = ([], Scatter(), [])
         entries = Entries(self.n)

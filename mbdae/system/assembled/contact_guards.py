@@ -19,10 +19,11 @@ from mbdae.system.motion.states import gap_outputs
 from mbdae.system.motion.workspace import Values
 from mbdae.system.start.contacts import ExpectedContact
 
-#: the effective mass of an impact is calculated at the present position where it is to begin within this many of its durations;
-#: before that the one at the start of the run is used
+#: an effective mass that contains bodies tied by joints is calculated at the present position where the impact is under way or is
+#: to begin within this many of its durations; else the effective mass at the start of the run is used
 NEAR = 10.0
-#: change of the positions (rad, or part of the scene's length) up to which effective masses are not calculated again
+#: largest change of a number among the positions (m, rad or component of a quaternion), over the scene's length in m or 1,
+#: whichever is smaller, up to which effective masses are not calculated again
 SAME = 0.01
 
 States = Callable[[Array, Array], tuple[Array, Array, Array]]  #: times (nt,) and unknowns (nt, n) -> q, u, s of all nodes

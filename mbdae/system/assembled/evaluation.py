@@ -87,7 +87,7 @@ class EquationsOfScene(Workspace):
         self.jacobian_part = self._jacobian(terms_of_jacobian, pattern, place, c)
         self.rates = operations.slots(self.n)
         self.rates_part: Operations | None = None
-        self._steady: tuple[Operations, slice] | None = None  # factorises a constant mass matrix; slots of this
+        self._steady: tuple[Operations, slice] | None = None  # operations that factorise a constant mass matrix, its slots
         self._massless = -1  # number of a velocity for which the constant mass matrix is singular, or -1
 
     def _residual(self) -> Operations:

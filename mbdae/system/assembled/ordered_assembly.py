@@ -162,7 +162,7 @@ class OrderedResidual(OrderedEquations):
         force, rates = part.zeros(nb.nu), part.slots(nb.nu)
         part.add(force + np.arange(nb.nu), self.F + nb.nq + np.arange(nb.nu), -1.0)
         alone = set(own.tolist())
-        for (a, b), m in self._inertia.items():  # on the trees' own velocities only; the passes contain that of their bodies
+        for (a, b), m in self._inertia.items():  # of the trees' own velocities; the passes contain that of their bodies
             if a in alone:
                 part.add([force + a], [dotted + b], m)
         self._correct(part)

@@ -22,7 +22,7 @@ from mbdae.system.motion.all_bodies import AllBodies
 from mbdae.system.motion.mechanics import Mechanics
 
 ITERATIONS = 30
-SETTLED = 1e-10  #: change of rates and multipliers, relative to the largest of them, at which Newton's method stops
+SETTLED = 1e-10  #: largest change of a rate or multiplier, over the largest of all of them, at which Newton's method stops
 
 
 class Partition(NamedTuple):

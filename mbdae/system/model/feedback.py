@@ -31,7 +31,7 @@ from mbdae.system.model.nodes import Node
 from mbdae.system.model.sides import sides_of
 from mbdae.values import BadValueError
 
-AT = 1e-9  #: largest distance between a sensor on a beam and the node that it reads, relative to the length of the beam
+AT = 1e-9  #: a sensor on a beam is refused where the nearest node is farther than this part of the beam's length
 HALF = se.Rational(1, 2)
 
 

@@ -29,8 +29,8 @@ from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import rotation_matrices
 from mbdae.system.model.sides import sides_of
 
-ALL = 6  #: degrees of freedom of a body
-FLAT = 1e-12  #: distance from the plane, relative to the scene's length, that counts as lying in it
+ALL = 6  #: degrees of freedom of a rigid body in space
+FLAT = 1e-12  #: distance of a point from the plane z = 0, over the scene's length, up to which it counts as lying in the plane
 
 
 @dataclass
@@ -43,7 +43,7 @@ class Instance:
     numbers: dict[str, float]
     timed: dict[str, Any]  #: parameter -> expression of time
     item: str
-    states: tuple[str, ...] = ()  #: names of the states of other laws that it reads
+    states: tuple[str, ...] = ()  #: names of other items whose internal state the law reads
 
 
 @dataclass
@@ -91,9 +91,9 @@ class Model:
     why: str  #: reason why the scene is planar, or why it is not
     nodes: list[Node]
     groups: list[Group]
-    length: float  #: size of the scene, m
+    length: float  #: size of the scene, m: its largest extent along an axis
     vanished: list[str]  #: "joint.row" of constraint rows that are identically zero (in the plane), or undefined
-    stay_kinematic: dict[str, str] = field(default_factory=dict)  #: joints stated as recursive but treated as kinematic -> why
+    stay_kinematic: dict[str, str] = field(default_factory=dict)  #: recursive or rigid joints treated as kinematic -> why
     lines: list[Line] = field(default_factory=list)  #: flexible beams
     attached: dict[tuple[str, str], Body] = field(default_factory=dict)  #: (item, side) on a beam -> the node it is attached to
     #: names of the vanished rows that are undefined because a point mass has no axes

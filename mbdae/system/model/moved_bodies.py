@@ -22,8 +22,8 @@ from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.model.shared_nodes import Sharing, shared_displacements
 from mbdae.system.model.trees import Place, Tree
 
-#: number of unknowns up to which a scene with constraint rows evaluates large trees joint by joint, with a full Jacobian; above
-#: it, kinematic joints with a sparse Jacobian cost less
+#: number of unknowns up to which a scene with constraint rows evaluates trees that are too large for one kernel joint by joint,
+#: with a full Jacobian; with more, kinematic joints with a sparse Jacobian cost less
 MOST_FULL = 600
 SURELY = 64  #: number of velocities above which a tree counts as too large for one kernel without deriving it as a trial
 
@@ -96,7 +96,7 @@ class MovedBodies:
         if head == "clock":
             j, drive = next((j, drive) for j, c, drive in tree.driven if c == owner)
             g, i = tree.joints[j - 1]
-            # where the coordinate is prescribed as a constant, its rates are the slot of the constant 0
+            # where the coordinate is prescribed as a constant, its rates are read from the slot of the constant 0
             if drive in numbering.model.groups[g].instances[i].numbers:
                 return numbering.slot(g, i, drive) if name == 0 else numbering.width - 1
             return numbering.slot(g, i, drive + ("", "_dot", "_ddot")[name])

@@ -285,7 +285,7 @@ class Numbering:
 
     def _gathered(self, g: int, inputs: Inputs, chosen: tuple[int, ...]) -> NDArray[np.intp]:
         at = np.array(chosen, dtype=np.intp)
-        columns = [self.places(target, g, chosen) % self.width for target in inputs.unknowns]  # -1 is the last slot, the zero
+        columns = [self.places(target, g, chosen) % self.width for target in inputs.unknowns]  # -1: the last slot, which is 0
         for name in inputs.parameters:
             if name in self.form_numbers:
                 columns.append(np.full(len(at), self._slots[-2, 0, name]))

@@ -20,8 +20,8 @@ from mbdae.system.model.beams import drawn_quaternion
 from mbdae.system.model.model import Instance, Model
 from mbdae.system.model.nodes import Node
 
-ON = 1e-13  #: distance of a joint from a node, over the scene's length, up to which the joint counts as lying on the node
-EQUAL = 1e-13  #: difference of the axes of two nodes (rad) up to which they count as equal
+ON = 1e-13  #: a joint counts as lying on a node where no coordinate differs by more, over the scene's length
+EQUAL = 1e-13  #: difference of the angles (rad), or of a component of the quaternions, up to which axes of nodes count as equal
 ROWS = ("x", "y", "z")
 
 
@@ -74,7 +74,7 @@ def shared_displacements(model: Model, excluded: set[Node], replaced: frozenset[
             if others[0] in pinned:
                 pinned[first] = pinned.pop(others[0])
         elif others or len(ends) == 1:
-            continue  # both ends are already fixed to the ground, so that these rows constrain the beams
+            continue  # all ends are already fixed to the ground, so that these rows constrain the beams
         rows |= {(g, i, names.index(name)) for name in ROWS if name in names}
         if instance.law.welds:
             welded.append((g, i, ends))

@@ -21,8 +21,8 @@ from mbdae.system.model.model import Instance, Model
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import quaternion, quaternion_product
 
-#: difference from 0, 1 or -1 up to which a component of a unit vector, or an offset over the scene's length, counts as this
-#: number
+#: difference from 0, 1 or -1 up to which a number of a joint counts as this number; an offset is compared with 0 over the scene's
+#: length
 ROUND_OFF = 1e-15
 Place = tuple[int, int]  #: numbers of a group and of an instance
 
@@ -39,7 +39,7 @@ class Tree:
     joints: tuple[Place, ...]
     names: tuple[str, ...]  #: names of the joints
     members: tuple[Place, ...]
-    numbers: tuple[dict[str, float], ...]  #: numbers of the laws of the joints, with the quaternions of their axes
+    numbers: tuple[dict[str, float], ...]  #: numbers of the laws of the joints, in space with the quaternions of their axes
 
     @property
     def moved_nodes(self) -> tuple[Node, ...]:

@@ -14,11 +14,13 @@ from mbdae.native.pivots import largest_pivots
 from mbdae.native.sparse import Factors, Orders, SingularMatrixError
 from mbdae.system.base import Array
 
-#: where rows are redundant, constraints get this small compliance, which makes K regular; relative to 1 / mass in unit
-#: displacements
+#: where rows are redundant or K is singular, constraints get this small compliance, which makes K regular; relative to 1 / mass
+#: in unit displacements
 GIVE = 1e-10
-CORRECTIONS = 4  #: number of corrections of the error that this compliance causes; each reduces it by about the factor GIVE
-CLOSE = 1e-8  #: norm of the residual over that of the right-hand side, up to which a solution is accepted
+#: number of solutions with this compliance: every one after the first corrects the error that the compliance causes and reduces
+#: it by about the factor GIVE
+CORRECTIONS = 4
+CLOSE = 1e-8  #: K counts as singular where the norm of the residual over that of the right-hand side is larger
 
 
 class FixedPattern:

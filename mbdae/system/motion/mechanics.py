@@ -20,8 +20,8 @@ from mbdae.system.motion.reaction_friction import Solve, solve_with_friction
 from mbdae.system.motion.states import States
 from mbdae.threads import one_thread
 
-AT_ONCE = 100  #: number of rows whose `mobility` is computed together, which bounds the memory
-LARGE = 400  #: number of velocities above which matrices of rigid bodies are sparse
+AT_ONCE = 100  #: number of rows whose `mobility` is computed together in large scenes with beams, which bounds the memory
+LARGE = 400  #: number of velocities above which mass matrix and constraint Jacobian are stored as sparse matrices
 TOGETHER = 200  #: number of states whose entries of sparse matrices are stored together, which bounds the memory
 
 

@@ -25,15 +25,19 @@ from mbdae.system.base import Array
 from mbdae.system.rank.rows import DEPENDENT
 
 Whole = NDArray[np.intp]
-#: number of repeated projections, and change of a unit vector by the last one up to which they count as converged
+#: number of repeated projections, and change of a unit vector by the last one up to which they count as converged (else
+#: NotResolvedError)
 PASSES, ROUND_OFF = 3, 1e-9
 AT_ONCE = 64  #: number of vectors that are projected together
 #: the independent part of a row of unit length is its distance from the span of the rows before it. Elimination leaves rows aside
-#: whose independent part is below the first of these limits; if too many of those turn out to be independent, the next is tried
+#: whose independent part is at most the first of these limits; if more than FEW of those turn out to be independent, the next
+#: limit is tried, and after the last one NotResolvedError is raised
 LIMITS = (1e-3, 1e-4, 1e-5)
-FEW = 500  #: number of independent rows among those left aside above which the next of `LIMITS` is tried
-DENSE = 3000  #: number of rows up to which dense matrices decide where sparse ones cannot
-TAKES_PART = 1e-6  #: coefficient in a vanishing linear combination of unit rows above which a row counts as part of it
+FEW = 500
+DENSE = 3000  #: number of rows up to which dense matrices decide where sparse ones cannot; with more the scene is refused
+#: magnitude of the coefficient of a row in a vanishing linear combination of unit rows, with coefficients of unit length, above
+#: which the row counts as part of it
+TAKES_PART = 1e-6
 
 
 def order_of(pattern: Any, first: Sequence[int], label: Any) -> Whole:

@@ -27,12 +27,14 @@ from mbdae.system.rank.sparse_redundancy import (
 )
 from mbdae.system.start.start import Starter
 
-#: a row of unit length whose independent part (distance from the span of the other rows) is between these two is nearly
-#: redundant: it is reported, whether it is kept or left out
+#: rows of unit length that are reported as nearly redundant: kept rows whose independent part (distance from the span of the rows
+#: before them) is between DEPENDENT and DOUBTFUL at the start, and rows left out whose distance from the span of the kept rows is
+#: above CERTAIN at the start or in another position in which the smallest singular value of the kept rows is above DOUBTFUL
 CERTAIN, DOUBTFUL = 1e-8, 1e-3
 STEPS = (0.3, 0.1, 0.03)  #: displacements (rad, or over the scene's length) tried in turn to reach another consistent position
-#: positions that are found without the rows that are dependent at the start count only if the largest violation of any row is
-#: below this part of the scene's length; else they belong to another branch of the motion
+#: positions that are found without the rows that are dependent at the start are used, in the search for nearly redundant rows,
+#: only if the largest violation of any row (m or rad) is below this times the scene's length; else they belong to another branch
+#: of the motion
 NEARBY = 1e-3
 
 
@@ -51,7 +53,8 @@ class RankReport:
     #: rows whose reactions are not unique, because redundant rows can carry a share of them
     not_unique: list[Row] = field(default_factory=list)
     degrees_of_freedom: int = 0
-    smallest: float = 1.0  #: smallest singular value of all rows scaled to unit length, without those that are 0 by redundancy
+    #: smallest singular value, at the start, of all rows scaled to unit length, without those that are 0 by redundancy
+    smallest: float = 1.0
 
     @property
     def locking(self) -> list[str]:
@@ -95,7 +98,7 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[
     rank = max(at_start + lost, *ranks)
     chosen = chosen_rows(here, at_start, first) if at_start < len(rows) else list(range(len(rows)))
     singular = set[int]()
-    if at_start < rank:  # in a singular start position rows that are independent near it are chosen too
+    if at_start < rank:  # singular start position: rows that are independent near it or elsewhere are chosen too
         best_place = beside[order] if at_start + lost == rank else places[int(np.argmax(ranks))]
         chosen = rows_in_order(best_place, rank, chosen)
         singular = set(chosen[at_start:])
@@ -222,8 +225,8 @@ def _moved(closer: Starter, q: Array, direction: Array) -> list[Array]:
 
 
 def free_motions(mechanics: Mechanics, t: Array, q: Array, starter: Starter) -> Array:
-    """Orthonormal basis (coordinates, degrees of freedom) of the motions that the constraints allow, with rigid beams, in
-    coordinates divided by unit displacements."""
+    """Orthonormal basis (coordinates, degrees of freedom) of the motions that the constraints allow, with beams taken as rigid:
+    in the coordinates of `RigidMotions` (without beams the velocities), divided by unit displacements."""
     G = mechanics.constraint_jacobian(t, q[None])[0]
     return null_space((G @ starter.rigid.basis(q) if mechanics.model.lines else G) * starter.units(q))
 

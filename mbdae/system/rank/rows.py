@@ -19,13 +19,15 @@ from mbdae.system.model.numbering import Row
 from mbdae.system.motion.constrained import row_lengths
 from mbdae.system.motion.mechanics import Mechanics, in_units
 
-#: a row of unit length counts as dependent if its distance from the span of the rows before it (its independent part) is below
-#: this
+#: a row of unit length counts as dependent if its distance from the span of the independent rows before it (its independent part)
+#: is at most this; a singular value of such rows counts as 0 if it is at most this
 DEPENDENT = 2e-6
 SHIFT = 1e-12  #: added to the diagonal of a singular B B^T so that it can be factorised; less than the square of `DEPENDENT`
-CLEAR = 0.1  #: rows with an independent part above this are chosen in the order of the scene, others the best ones first
+CLEAR = 0.1  #: rows with an independent part above this are chosen first, in their order; then always the best of the others
+MOST_TRIPLETS = 6  #: largest number of singular values, the smallest first, that `smallest_triplets` returns
 Rows = tuple[Row, ...]
-#: other rows are chosen where the smallest singular value of the rows in force falls below this part of that of the best choice
+#: other rows are chosen where the smallest singular value of the rows in force falls below this part of that of the best choice,
+#: except in a singular position, where no choice is good
 WORN = 0.2
 
 
@@ -46,27 +48,39 @@ def smallest(B: Any, rank: int) -> float:
     where there are no rows."""
     if not rank:
         return 1.0
-    return _smallest_sparse(B, rank)[0] if issparse(B) else float(np.linalg.svd(B, compute_uv=False)[rank - 1])
+    return _smallest_sparse(B, rank, 1)[0][0] if issparse(B) else float(np.linalg.svd(B, compute_uv=False)[rank - 1])
 
 
-def nearly_vanishing(B: Any, rank: int) -> Array:
-    """Coefficients (m,), of unit length, of the linear combination of rows whose length is the singular value `smallest`. Where
-    this is small, the rows with large coefficients nearly depend on each other."""
-    return _smallest_sparse(B, rank)[1] if issparse(B) else np.asarray(np.linalg.svd(B)[0][:, rank - 1])
+def smallest_triplets(B: Any, rank: int, below: float) -> list[tuple[float, Array, Array]]:
+    """Singular values of unit rows B (m, n) with their left and right singular vectors, w (m,) and v (n,): the smallest that is
+    not 0 because of the rank, and those less than `below`, MOST_TRIPLETS at most, in rising order."""
+    if issparse(B):
+        found = _smallest_sparse(B, rank, MOST_TRIPLETS)
+    else:
+        left, sizes, right = np.linalg.svd(B, full_matrices=False)
+        found = [(float(sizes[i]), left[:, i], right[i]) for i in range(rank - 1, max(rank - 1 - MOST_TRIPLETS, -1), -1)]
+    return [one for i, one in enumerate(found) if i == 0 or one[0] < below]
 
 
-def _smallest_sparse(B: Any, rank: int) -> tuple[float, Array]:
-    """The results of `smallest` and `nearly_vanishing`, for sparse rows B (m, n) of unit length."""
+def _smallest_sparse(B: Any, rank: int, count: int) -> list[tuple[float, Array, Array]]:
+    """The `count` smallest singular values of sparse unit rows that are not 0 because of the rank, with their vectors."""
     m, n = B.shape
     gram, random = sp.csc_matrix(B @ B.T), np.random.default_rng(3)
-    try:
-        solve = _solve(gram, SHIFT if rank < m else 0.0)
-    except RuntimeError:  # a pivot is 0: two steps of inverse iteration with a small shift
+    if rank < m:  # in the space of motions, where combinations of rows that vanish everywhere do not appear
         solve = _solve(gram, SHIFT)
-        return 0.0, _unit(solve(_unit(solve(random.normal(size=m)))))
-    operator = LinearOperator((n, n), matvec=lambda x: B.T @ solve(solve(B @ x)), dtype=float)
-    (largest,), vectors = eigsh(operator, k=1, which="LA", v0=random.normal(size=n), tol=1e-4)
-    return float(1 / np.sqrt(largest)), _unit(solve(B @ vectors[:, 0]))
+        operator = LinearOperator((n, n), matvec=lambda x: B.T @ solve(solve(B @ x)), dtype=float)
+        squares, motions = eigsh(operator, k=min(count, rank, n - 1), which="LA", v0=random.normal(size=n), tol=1e-4)
+        combined = [_unit(solve(B @ v)) for v in motions.T]
+        return sorted(((float(1 / np.sqrt(square)), w, v) for square, w, v in zip(squares, combined, motions.T, strict=True)),
+                      key=lambda found: found[0])  # fmt: skip
+    try:
+        solve = _solve(gram, 0.0)
+    except RuntimeError:  # a pivot is 0
+        solve = _solve(gram, SHIFT)
+    operator = LinearOperator((m, m), matvec=solve, dtype=float)
+    _, combinations = eigsh(operator, k=min(count, m - 1), which="LA", v0=random.normal(size=m), tol=1e-4)
+    lengths = [(float(np.linalg.norm(B.T @ w)), w) for w in combinations.T]
+    return [(size, w, B.T @ w / max(size, 1e-300)) for size, w in sorted(lengths, key=lambda found: found[0])]
 
 
 def _solve(gram: Any, shift: float) -> Callable[[Array], Array]:

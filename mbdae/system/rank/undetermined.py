@@ -20,9 +20,13 @@ from mbdae.system.motion.constrained import row_lengths
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.rank.redundancy import RankReport, null_space
 
-STILL = 1e-10  #: velocity of all bodies over the rate of a joint coordinate, up to which the coordinate is said to move no body
-UNLIKE = 1e6  #: ratio of the coefficients in a coupling above which the smaller one is lost by rounding
-NOTHING = 1e-13  #: inertia of a motion, over that of the displacements it consists of, up to which it counts as having none
+#: velocities of all bodies over the rates of a motion without inertia (norms), and over the largest derivative of a velocity by a
+#: rate or 1, whichever is larger, up to which the motion is said to move no body
+STILL = 1e-10
+UNLIKE = 1e6  #: largest factor of a coupling, over the smallest or 1, whichever is smaller, above which rounding is blamed
+#: inertia of a motion, over that of the displacements it consists of, up to which the motion counts as having none; in large
+#: scenes up to about 100 times this
+NOTHING = 1e-13
 
 
 def massless_coordinates(all_bodies: AllBodies, mass: Array, t: Array, q: Array) -> list[str]:

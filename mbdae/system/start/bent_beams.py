@@ -21,7 +21,8 @@ from mbdae.system.start.sparse_change import cheapest
 #: assumed ratio of the motion's frequency to the lowest bending frequency. Its square weighs the inertia against the stiffness
 SLOW = 0.01
 STEPS = 50
-CONVERGED = 1e-9  #: size of a step of Newton's method (rad, or over the scene's length) up to which it has converged
+#: size of a step of Newton's method (rad, or over the scene's length) up to which it has converged, if the loops are closed too
+CONVERGED = 1e-9
 
 
 def can_bend(mechanics: Mechanics) -> bool:

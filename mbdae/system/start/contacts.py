@@ -16,7 +16,8 @@ from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.motion.states import gaps_of
 from mbdae.system.start.start import Start
 
-#: force of a contact at the start, over the weight it carries, up to which its penetration is accepted as that of bodies at rest
+#: elastic force of a contact at the start, over the weight of its effective mass, up to which its penetration is accepted as that
+#: of bodies at rest
 RESTS = 10.0
 ROUND_OFF = 1e-9  #: relative speed of the bodies in contact, over their own speeds, up to which it counts as round-off
 

@@ -10,7 +10,7 @@ import numpy as np
 from mbdae.system.base import Array
 from mbdae.system.motion.constrained import largest_entries, row_lengths
 
-DEPENDENT = 1e-9  #: singular value of rows of unit length up to which they count as dependent on each other
+DEPENDENT = 1e-9  #: singular value of rows of unit length (in least squares: over the largest) up to which it counts as 0
 
 
 def least_change(A: Array, right: Array, root: Array, massless: Any, stated: Array, off: Array) -> Array:

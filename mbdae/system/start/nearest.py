@@ -34,16 +34,18 @@ from mbdae.system.start.positions import REACHED, ConsistentPositions, Held
 from mbdae.system.start.sparse_change import cheapest
 from mbdae.ties import ALIKE
 
-STEP = 0.1  #: largest change of a held coordinate in one step of the continuation: rad, or over `JointMotions.extent`
+STEP = 0.1  #: largest change of a held or prescribed coordinate in one step of the continuation: rad, or over the scene's extent
 REACH = 0.3  #: largest displacement in one iteration of Newton's method: rad, or over the scene's length
-#: tolerance (size of the last displacement) and largest number of Newton iterations: in steps of the continuation, in the last
-#: one
+#: tolerance (size of the last displacement) and largest number of Newton iterations, in all steps of the continuation but the
+#: last, and in the last one
 ON_THE_WAY, AT_THE_END = (1e-2, 6), (1e-12, 40)
 STUCK = 5  #: number of successive iterations that could not reduce the merit function after which Newton's method gives up
-EXACT = 1e-7  #: displacement of an iteration below which the merit function changes by round-off only
+#: displacement of an iteration up to which the merit function changes by round-off only and is not compared; second derivatives
+#: are used where the tolerance is smaller
+EXACT = 1e-7
 DIFFERENCE = 1e-6  #: displacement, in unit displacements, for finite differences that give second derivatives
-FEW = 20  #: degrees of freedom of the loops up to which second derivatives are computed
-WEAK = 0.03  #: smallest singular value of conditions of unit length below which another branch of the loops may begin nearby
+FEW = 20  #: number of independent motions that the conditions allow, up to which second derivatives are computed
+WEAK = 0.03  #: smallest singular value of conditions of unit length up to which another branch is looked for nearby
 ASIDE = 0.1  #: displacement by which other branches are entered: rad, or over the scene's length
 
 

@@ -30,7 +30,9 @@ from mbdae.system.start.sparse_change import sparse_least_change
 
 Held = tuple[Connection, str, float]  #: a joint, one of its coordinates, and the value at which it is held
 CLOSED = 1e-12  #: largest violation (over the scene's length, or rad) at which the iteration that closes loops stops
-REACHED = 1e-9  #: largest violation up to which loops count as closed where the iteration gets no further
+#: largest violation (as CLOSED) up to which loops count as closed where the iteration gets no further; also largest motion of a
+#: joint from the drawing (rad, or over the scene's size) up to which it counts as drawn
+REACHED = 1e-9
 
 
 def coordinate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
@@ -175,11 +177,23 @@ class ConsistentPositions:
         joint_name = name.rsplit(".", 1)[0]
         row = A[[worst]].toarray()[0] if self.mechanics.large else A[worst]
         unit = "m" if np.any(row[~self.mechanics.rotational]) else "rad"
+        stated = self._stated_in_loop(joint_name)
+        cause = f"{stated}: the loop may not reach that; otherwise check" if stated else "check"
         return (f"the loop through joint '{joint_name}' cannot close: row {name} stays off by {abs(g[worst]):.3g} "
-                f"{unit}; check the points of the joints in it, and values prescribed for them")  # fmt: skip
+                f"{unit}; {cause} the points of the bodies it connects")  # fmt: skip
+
+    def _stated_in_loop(self, name: str) -> str:
+        """The values at which coordinates in the loops through a joint are held or prescribed at the start, where they are not as
+        drawn; empty where there are none."""
+        loops = [loop for loop in map(self.tree.loop, self.tree.closing) if any(joint.name == name for joint in loop)]
+        joints = dict.fromkeys(joint for loop in loops for joint in loop)
+        told = [f"{c} of '{joint.name}' starts at {value:.6g} {joint.unit(c)}"
+                for joint in joints for c, value in self.held_values(joint).items() if value]  # fmt: skip
+        return " and ".join(told)
 
     def _held(self, values: Callable[[Connection], dict[str, float]]) -> list[Held]:
-        """Held coordinates with their values, without prescribed ones, which have a constraint row; none without `holding`."""
+        """Coordinates that the user holds, each with what values(joint) gives for it; none without `holding`. Prescribed ones are
+        left out: their constraint rows hold them already."""
         return [(joint, c, value) for joint in self.scene.joints if self.holding
                 for c, value in values(joint).items() if c not in joint.prescribed]  # fmt: skip
 

@@ -15,7 +15,7 @@ CORRECTIONS = 5
 #: conditions get this compliance, relative to that of the stiffest unknown (1 over the largest diagonal entry of W), which keeps
 #: the matrix regular if they are redundant; iterations remove the error
 GIVEN = 1e-10
-STATED = 1e-5  #: compliance of velocities that the user states: larger, so that conditions prevail where both are contradictory
+STATED = 1e-5  #: the same for stated velocities: larger, so that conditions prevail where stated velocities contradict them
 
 
 def cheapest(W: Any, units: Array, A: Any, right: Array, pull: Array, give: Array | None = None) -> Array:

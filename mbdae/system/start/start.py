@@ -159,8 +159,8 @@ class Starter(ConsistentPositions):
         slight = 1e-9 * fastest, 1e-9 * fastest / self.model.length
         wrong = [item for item in given if any(np.linalg.norm(rows @ change) > size
                                                for rows, size in zip(_stated(item), slight, strict=True))]  # fmt: skip
-        # stated velocities that contradict the joints: dropped without loops, else still met as well as possible, because the
-        # least relative motion of all joints would not depend on them at all
+        # stated velocities that contradict the joints are dropped in scenes without loops. In scenes with loops they are still
+        # met as well as possible, because the least relative motion of all joints would not depend on them at all
         if wrong and self.joints is None:
             projected, change = self._projected(q, u, [item for item in given if item not in wrong])
         for body, moves, turns in wrong:
@@ -193,7 +193,7 @@ class Starter(ConsistentPositions):
         projected, change = u, np.zeros(self.rigid.size)
         for _ in range(3):  # the first pass projects, the others remove its round-off
             step = self._change(A, -off(projected), q, stated, -stated @ change, projected, change)
-            if not step.any():  # then the next steps would be 0 too
+            if not step.any():  # then further steps would be 0 too
                 break
             change = change + step
             projected = u + (self.rigid.basis(q) @ change if self.model.lines else change)

@@ -11,7 +11,8 @@ from mbdae.system.start.rigid_beams import RigidMotions
 from mbdae.system.start.start import Start
 
 #: factor by which the scale of mu is larger than that of the positions. mu accumulates local errors of the positions and is not
-#: smooth: with their scale BDF rejects every second step (Andrews' squeezer, rtol 1e-9: 19692 steps instead of 1871)
+#: smooth: with the scale of the positions BDF rejects every second step (Andrews' squeezer, rtol 1e-9: 19692 steps instead of
+#: 1871)
 SLACK = 1e5
 
 
