@@ -330,8 +330,7 @@ class NearestPositions(ConsistentPositions):
         if free:
             name = max(free, key=lambda name: float(np.sum(free[name] ** 2)))
             turn, way = np.linalg.norm(free[name], axis=1)
-            angle = f"{2 * asin(min(1.0, float(turn) / 2)):.3g} rad"
-            distance = angle if turn >= way else f"{way * self.joints.extent:.3g} m"
+            distance = f"{2 * asin(min(1.0, float(turn) / 2)):.3g} rad" if turn >= way else f"{way * self.joints.extent:.3g} m"
             by_joint = f"joint '{name}' leaves its drawn place by {distance}, "
         most, moved = self._most_moved(drawn, q)
         self.changes.append(f"to close the loops {by_joint}body '{most}' by {moved:.3g} m")
