@@ -110,8 +110,7 @@ class ChatteringError(SolverError):
     """The motion switches back and forth without end: a force jumps at a state to which it drives the motion from both sides."""
 
 
-#: failures of a run that no other solver or tolerance mends
-FINAL = (WallClockError, ChatteringError)
+FINAL = (WallClockError, ChatteringError)  #: errors of a run after which no other solver or tolerance is tried
 
 
 class StoppedError(MbdaeError):

@@ -9,7 +9,7 @@ import numpy as np
 #: relative difference up to which magnitudes count as equal: solved or differentiated values have errors up to about 1e-8, and
 #: which of two rows is named the worst does not matter where they differ by less
 ALIKE = 1e-6
-NEAR = 1e-9  #: distance over a length up to which two places count as one
+NEAR = 1e-9  #: distances whose difference, over a length, is at most this count as equal
 
 
 def largest(sizes: Any) -> int:

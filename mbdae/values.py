@@ -25,9 +25,10 @@ from mbdae.errors import OptionError
 Array = NDArray[np.float64]
 T = TypeVar("T")
 
-#: magnitudes between which products of a few quantities neither overflow nor vanish in double precision
+#: magnitudes between which numbers are accepted, besides 0: products of a few of them neither overflow nor vanish in double
+#: precision
 LARGEST, SMALLEST = 1e100, 1e-100
-MOST_COUNTED = 2**53  #: largest magnitude up to which a double represents every whole number
+MOST_COUNTED = 2**53  #: largest magnitude up to which a double represents every whole number; larger ones are refused
 SHOWN = 60  #: largest number of characters of a value in a message
 
 

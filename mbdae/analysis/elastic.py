@@ -16,7 +16,8 @@ from mbdae.system.base import Array
 from mbdae.system.motion.mechanics import Mechanics
 
 #: strain that rounding errors of positions may cause (1e-14), divided by the relative tolerance with which forces are compared
-#: (`steady.STEADY`, 1e-4): forces are compared relative to at least the force of this strain
+#: (`steady.STEADY`, 1e-4). In a scene with beams differences of forces are taken relative to the largest force, or to the force
+#: that this strain causes in the stiffest beam, where that is larger
 UNRESOLVED = 1e-10
 
 

@@ -31,16 +31,26 @@ from mbdae.system.start.start import Start
 from mbdae.threads import single_threaded
 from mbdae.values import array, function, option, optional, shown
 
-SMALLEST_STEP = 1e-6  #: smallest step of the load factor, relative to the load factor reached
-REACH = 0.1  #: largest displacement per load step, in the scene's length and rad: a longer step may skip a limit point
-BENT = 0.7  #: largest displacement per load step of scenes with beams, whose steps are checked by the tangents at both ends
-NEAR = 0.3  #: largest distance of a step from the prediction of its tangent, relative to the step
-TRUST = 0.5  #: largest step of the search for a stable state, in the scene's length and rad
+#: smallest step of the load factor, relative to the load factor reached (or to 1e-4 where that is larger); where a shorter one
+#: would be needed, raising the loads ends with an EquilibriumError
+SMALLEST_STEP = 1e-6
+#: largest displacement that the tangent predicts for a load step in a scene without beams, in the scene's length and rad; longer
+#: steps, which may skip a limit point, are shortened
+REACH = 0.1
+#: largest displacement that the tangent predicts for a load step in a scene with beams, in the scene's length and rad; it may be
+#: larger than REACH, because such steps are checked by the tangents at both ends
+BENT = 0.7
+#: largest distance of a load step from the step that a tangent predicts, relative to the latter; beyond it the step is halved
+NEAR = 0.3
+TRUST = 0.5  #: first and largest step of the search for a stable state, in the scene's length and rad
 REMEDY = "stop that motion with a joint, or give it a spring"
-ASIDE = 0.02  #: distance from an unstable state at which a stable one is looked for, in the scene's length and rad
-FAR = 30.0  #: total displacement, in the scene's length and rad, beyond which a search has diverged
-SEARCHES = 200  #: largest number of corrections of the search for a stable state
-OFF = 1e-6  #: a redundant row with a larger error, in the scene's length or rad, is not satisfied
+ASIDE = 0.02  #: displacement from an unstable state, in the scene's length and rad, at which the search for a stable one begins
+#: sum of all steps of the search for a stable state, in the scene's length and rad, beyond which the search is given up
+FAR = 30.0
+SEARCHES = 200  #: largest number of corrections of the search for a stable state, which is given up after them
+#: a state at rest is refused where a redundant row is violated (m or rad) by more than this times the scene's length (m), or
+#: times 1 where that length is below 1
+OFF = 1e-6
 SOLVED = "not estimated: the equations are solved until `residual` of the state at rest remains"
 CLAIMED = {"motion": SOLVED, "reactions": SOLVED,
            "mesh": "not measured: compare with beams of one order more"}  #: texts of `accuracy` of the result  # fmt: skip
@@ -189,7 +199,7 @@ class _Path:
                 stable = confirmed(s, self._search(self._beside(found.point) if s.elastic else replace(begin, load_factor=1.0)))
                 return found if stable.unstable else stable
             except (EquilibriumError, OptionError):
-                return found  # such as a rotor above its critical speed, which only its spin keeps in place
+                return found  # none is stable, as for a rotor above its critical speed, which only its spin keeps in place
         return found
 
     def _beside(self, point: Point) -> Point:

@@ -32,7 +32,8 @@ from mbdae.threads import single_threaded
 from mbdae.ties import largest
 from mbdae.values import optional, shown, whole
 
-LARGEST = 1600  #: largest number of states for which all eigenvalues are found
+#: largest number of states for which all eigenvalues are computed; with more, `count` has to be given, and only the lowest are
+LARGEST = 1600
 AT = "give a Result, (Result, t), an equilibrium, or None for the start of the scene"
 RESOLVED = 1e-7  #: eigenvalues below this part of the largest count as 0: rounding errors split a double eigenvalue 0 that far
 

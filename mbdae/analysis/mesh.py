@@ -25,7 +25,9 @@ class OnMesh:
     """Base of analyses of scenes with beams: the mesh of the beams, and the error that it causes."""
 
     prepared: Prepared
-    _finer: Callable[[], Any] | None = None  #: makes the same analysis on a finer mesh; None where its state is one of a run
+    #: makes the same analysis on a finer mesh; None where the state analysed is one of a run, which exists on the mesh of the run
+    #: only
+    _finer: Callable[[], Any] | None = None
 
     @property
     def mesh(self) -> dict[str, tuple[tuple[int, ...], int]]:

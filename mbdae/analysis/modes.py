@@ -20,13 +20,13 @@ from mbdae.system.model.model import Model
 
 Complex = NDArray[np.complex128]
 
-SYMMETRIC = 1e-9  #: asymmetry that counts as rounding, relative to the largest entry
-ZERO = 3e-4  #: eigenvalues below this part of the lowest frequency of the softest beam count as 0
+SYMMETRIC = 1e-9  #: asymmetry that counts as rounding, relative to the largest entry of the block
+ZERO = 3e-4  #: eigenvalues (rad/s) up to this part of the lowest frequency of the softest beam count as 0
 ROUND_OFF = 1e-9  #: imaginary part of an eigenvalue, relative to its size, that counts as 0
 GROWTH = 1e-8  #: real part of an eigenvalue, relative to its size, that counts as 0
-FEW = 60  #: largest number of freedoms for which all eigenvalues are found
+FEW = 60  #: largest number of freedoms for which all eigenvalues are computed; with more, only as many as are asked for
 FINITE = 1e-12  #: inverse eigenvalues smaller than this, relative to the largest, belong to unknowns without inertia
-DEFAULT = 20  #: modes found where the user asks for no number
+DEFAULT = 20  #: number of modes found for a scene with beams where the user gives no `count`
 
 
 @dataclass(frozen=True)

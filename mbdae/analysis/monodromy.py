@@ -24,7 +24,8 @@ from mbdae.system.scene_system import SceneSystem
 class Departures:
     """Departures of the unknowns that the constraints allow at the start: dy = map x, x = units * Q a.
 
-    map (n, nx): unknowns from (p, w, s); back (nx, n): the reverse after the period; units (nx,): size of each; Q (nx, k)
+    map (n, nx): unknowns from p (virtual displacements), w (velocities), s (internal states); back (nx, n): those from the
+    unknowns after the period, where quaternions may have changed sign; units (nx,): size of each; Q (nx, k)
     orthonormal; velocities: number of entries of p, and of w.
     """
 

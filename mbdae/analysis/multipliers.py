@@ -39,12 +39,15 @@ from mbdae.values import number, option, optional, whole
 Complex = NDArray[np.complex128]
 
 FEWEST, MOST = 16, 8192  #: smallest and largest number of equal steps over a period
-#: the error of the run with half the step is at most the difference of both runs over GAIN: Radau IIA has order 5, which gives
+#: the error of the run with half the step is taken as the difference of both runs over GAIN: Radau IIA has order 5, which gives
 #: 2^5 - 1 = 31; in stiff equations the order falls towards the order 3 of its stages, about 2^3
 GAIN = 8.0
-NEAR = 1e-3  #: relative distance of multipliers that may be one multiple root, whose mean is the most accurate
+#: multipliers with a smaller relative distance, and vectors with a cosine above 1 - NEAR, count as one multiple root, whose mean
+#: is the most accurate
+NEAR = 1e-3
 LOST = 1e-9  #: multipliers below this part of the largest count as 0
-ROUND = 1e-6  #: changes below this may be rounding errors, where more steps do not reduce them
+#: estimated relative errors below this that more steps do not halve count as rounding errors, and no further run is made
+ROUND = 1e-6
 ELASTIC = 10  #: number of multipliers that are found for a scene with beams where the user gives no `count`
 
 

@@ -25,12 +25,14 @@ from mbdae.ties import largest
 Numbers = NDArray[np.intp]
 
 SOLVER = RadauIIA(3)
-FIRST = 1e-8  #: tolerance of the run that shows whether the motion repeats
+FIRST = 1e-8  #: rtol of the run that shows whether the motion repeats
 #: where a period has at most WHOLE steps, a step may cover a whole stretch of an input (`inputs.resolution`); with more steps it
 #: may cover the part WHOLE / steps of one, so that all steps shrink alike, as the estimate of their error assumes
 WHOLE = 16
-RETURN = 1e-4  #: relative difference from the start up to which a motion repeats; exponents change by about as much
-SAMPLES = 24  #: times at which the equations are compared with those of a period later
+#: largest relative difference of the state after a period from the start, and of the equations from those a period before, with
+#: which a motion counts as periodic; exponents change by about as much
+RETURN = 1e-4
+SAMPLES = 24  #: largest number of times at which the equations are compared with those of a period later
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,9 @@ from mbdae.system.model.rotations import rotation_matrices
 from mbdae.system.model.shared_nodes import Sharing
 from mbdae.system.motion.mechanics import Mechanics
 
-DEPENDENT = 1e-9  #: relative size below which a direction of the constraints counts as none
+#: a constraint row counts as dependent on others where its part independent of them is at most this times that of the most
+#: independent row (rows of length 1)
+DEPENDENT = 1e-9
 
 
 class _Blocks:

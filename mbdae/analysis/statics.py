@@ -29,15 +29,17 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.base import Array
 
-DENSE = 400  #: unknowns up to which dense linear algebra is used
+DENSE = 400  #: largest number of unknowns for dense linear algebra in scenes without beams
 BANDED = 120  #: largest number of unknowns for dense linear algebra with beams, whose equations are nearly banded
-#: ratio to the stiffness of the softest beam of a stiffness that is added to all motions while stresses are found: it keeps
-#: motions without stiffness bounded
+#: while stresses are found, a stiffness is added to all motions, which keeps those without stiffness bounded: FREE times the mass
+#: matrix times the square of the lowest frequency of the softest beam
 FREE = 1e-4
-LONGEST = 1.0  #: largest correction of Newton's method, in the scene's length and rad; beyond it there is no convergence
-FRICTION_ITERATIONS = 100  #: largest number of iterations for reactions and the friction that depends on them
+#: largest correction of Newton's method, in the scene's length and rad; with a larger one it counts as not convergent
+LONGEST = 1.0
+FRICTION_ITERATIONS = 100  #: largest number of iterations for multipliers and the friction that depends on them
 #: size of the correction, relative to the scene's length and 1 rad, at which Newton's method ends: convergence is quadratic, so
-#: that after this correction only rounding errors remain
+#: that after this correction only rounding errors remain. Newton's method also ends where a correction is below 1e-8 and
+#: corrections no longer fall
 CONVERGED = 1e-10
 
 

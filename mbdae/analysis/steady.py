@@ -33,7 +33,9 @@ from mbdae.system.prepare import Prepared
 from mbdae.system.start.start import Starter
 from mbdae.ties import largest
 
-STEADY = 1e-4  #: relative change below which a motion counts as steady; eigenvalues change by about as much
+#: relative change below which a motion counts as steady; also the largest angular velocity, relative to a natural frequency of
+#: the scene, with which it counts as at rest. Eigenvalues change by about as much
+STEADY = 1e-4
 
 
 def reason_not_steady(prepared: Prepared, frame: RotatingFrame, t: float, q: Array, u: Array, s: Array,
@@ -61,7 +63,7 @@ def times_to_compare(m: Mechanics, frame: RotatingFrame, t: float, q: Array, u: 
     fastest = max([*spins, float(np.linalg.norm(frame.rate))])
     timed = any(instance.timed for group in m.model.groups for instance in group.instances)
     natural = np.sqrt(np.max(acceleration_scale(m, np.array([t]), q, np.zeros_like(u), s), initial=0.0))
-    if fastest <= STEADY * natural:  # at rest, up to rounding
+    if fastest <= STEADY * natural:  # slow enough to count as at rest
         moving = np.max(np.abs(u) / m.velocity_units, initial=0.0) > STEADY
         return (0.37, 1.3) if timed or moving else ()
     return (0.61 / fastest, 1.7 / fastest)

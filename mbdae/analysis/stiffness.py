@@ -18,13 +18,17 @@ from mbdae.analysis.pencil import Pencil, free_basis
 from mbdae.errors import EquilibriumError
 from mbdae.system.base import Array
 
-SOFT = 1e-11  #: stiffness that counts as none, relative to the largest
-ROUND_OFF = 1e-14  #: rounding error of a stiffness, relative to the largest entry of the tangent
-#: stiffness against violations of the constraint rows, relative to the largest stiffness of the scene: it makes all motions that
-#: the constraints forbid stiff, so that negative directions are counted among the allowed ones only
+#: a stiffness of at most this part of the largest counts as none in scenes with dense matrices; a negative one beyond it counts
+#: as a direction in which the state is unstable
+SOFT = 1e-11
+#: rounding error of a stiffness, relative to the largest entry of the tangent; a stiffness up to it counts as none
+ROUND_OFF = 1e-14
+#: stiffness against violations of the constraint rows, relative to the largest entry of the scene's stiffness matrix: it makes
+#: all motions that the constraints forbid stiff, so that negative directions are counted among the allowed ones only
 CLAMP = 3.0
-SYMMETRIC = 1e-6  #: asymmetry that counts as rounding, relative to the largest entry
-PROBES = 6  #: number of vectors of the inverse iteration that finds the motions without stiffness
+#: asymmetry that counts as rounding, relative to the largest entry; loads with a larger one count as not conservative
+SYMMETRIC = 1e-6
+PROBES = 6  #: largest number of vectors of the inverse iteration that finds the softest motions
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,8 @@ class States:
 
     equation: Printed
     inner: str = "l"  #: the body that carries the inner race
-    side: int = 1  #: side of the equations of motion on which forces are read, see `Env.side`
-    absent: str | None = None  #: wording of a vector that is zero in all of these states
+    side: int = 1  #: side of the equations of motion on which forces are read whose side the text leaves open, see `Env.side`
+    absent: str | None = None  #: wording of a vector that is zero in all states of the comparison
     neutral: tuple[tuple[str, float], ...] = ()  #: parameters of laws, each with the value at which it has no effect
     shared: dict[tuple[str, int, str], Motion] = field(default_factory=dict)  #: states made so far, for all equations of a text
     fill: int = 1  #: number of rows of a literal 0 whose size nothing else gives

@@ -27,8 +27,10 @@ class Edit:
     pieces: tuple[object, ...] = ()
     table: tuple[tuple[Node, Node], ...] = ()
     resizes: bool = False  #: whether the change may alter the size (rows, columns) of the formula
-    where: Node | None = None  #: the surrounding piece, named where the changed one appears several times
-    size: float = 2.0  #: rank of the change, the lower the likelier a misprint: of several repairs the lowest is taken
+    #: the piece of the formula around the changed one, which is named where the changed one appears several times in the formula
+    where: Node | None = None
+    #: rank of the change: the lower, the likelier a misprint; of several repairs that with the lowest rank is taken
+    size: float = 2.0
 
     @property
     def accent(self) -> bool:

@@ -184,7 +184,7 @@ class Env:
     fill: int = 1  #: number of rows of a literal 0 where no neighbouring block gives it
     scale: Mapping[str, float] | None = None  #: sizes of the basic units, for the check of units
     zero: str | None = None  #: a symbol that is set to zero
-    #: for derivatives: the meaning of a symbol in words, the index of one of its entries, and the increment added to that
+    #: for derivatives: the meaning of a symbol in words, the index of one of its entries, and the increment added to this entry
     shift: tuple[str, int, Value] | None = None
     complete: bool = False  #: whether a force on a body that the text does not list raises an error
     #: wordings declared outside of this scope, which the formula of an earlier `let` may need

@@ -52,11 +52,12 @@ class Printed:
     scope: Scope
     section: str = ""
     states: str = "free"
-    only: bool = False  #: whether the text speaks of no other states
+    #: whether the text says that the equation holds in `states` only, so that it is not compared in states of free bodies
+    only: bool = False
     quantity: Meaning | None = None  #: what the sides of the first statement are, where no symbol stands for it
     inner: str | None = None  #: the body, k or l, that carries the inner race
     trouble: str = ""  #: why the equation cannot be read
-    raw: str = ""  #: text of the file, where it cannot be read
+    raw: str = ""  #: the equation as the file has it, where it cannot be read
     before: Mapping[str, str] = field(default_factory=dict)  #: symbol -> its earlier meaning, where its unit was another
 
     @property

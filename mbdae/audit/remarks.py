@@ -18,7 +18,8 @@ from mbdae.audit.reading import Printed
 from mbdae.audit.rules_contact import energy_fed
 from mbdae.audit.rules_laws import names
 
-HALF, SOME = np.pi, 0.4  #: rad; a constraint has a second solution if it holds after a turn by HALF but not by SOME
+#: rad; a constraint has a second solution if it still holds after l is turned about one of its axes by HALF, but not by SOME
+HALF, SOME = np.pi, 0.4
 FAST = -100.0  #: rate of penetration of bodies that separate fast, m/s
 
 

@@ -183,7 +183,7 @@ def _row_work(env: Env, rows: str, of: str) -> Value:
 
 
 register({
-    "opposite of row {rows} of {name}": lambda env, rows, of: -_row(env, rows, of),  # whose multiplier is opposite too
+    "opposite of row {rows} of {name}": lambda env, rows, of: -_row(env, rows, of),  # its multiplier changes sign too
     "dissipated power of {name}": lambda env, of: law(env, of).number(law(env, of).d.dissipated_power),
     "applied force of {name} on {parts}": lambda env, of, parts: -_law_force(env, of, parts),
 })  # fmt: skip

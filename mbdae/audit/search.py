@@ -21,7 +21,9 @@ from mbdae.audit.reading import Printed
 COLUMNS = 12  #: largest number of vectors and matrices of which products are tried as missing terms
 LEVELS = (0, 1, 2)  #: stages of the search: single small changes; missing factors and terms; two changes
 PLAIN = 1.6  #: a single change of at most this rank (`Edit.size`) is the repair; above it missing factors are tried too
-NEAR = 1.85  #: where units do not fit: a side that is a single symbol stays if another side is repaired by at most this rank
+#: where units do not fit: a side that is a single symbol is not changed if another side is repaired by a change of at most this
+#: rank
+NEAR = 1.85
 LARGEST = 20_000  #: the search for two changes of a formula gives up after this many formulas
 
 

@@ -7,7 +7,8 @@ import threading
 from types import FrameType
 from typing import Any, Self
 
-#: sent by `kill`, `timeout` and batch systems; by a terminal that is closed; by Ctrl-Break
+#: signals that end a process: the first is sent by `kill`, `timeout` and batch systems, the second by a terminal that is closed,
+#: the third by Ctrl-Break
 NAMES = ("SIGTERM", "SIGHUP", "SIGBREAK")
 
 

@@ -30,7 +30,7 @@ from mbdae.sweep.writing import written
 from mbdae.values import number, option, sequence, several, shown
 
 ACCURACIES = (1e-3, 1e-4, 1e-5, 1e-6)
-MAX_WALL = 60.0  #: largest wall time of a run, s
+MAX_WALL = 60.0  #: default of the largest wall time of a run, s
 
 
 class Comparison(ComparisonData):

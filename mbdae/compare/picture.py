@@ -14,7 +14,7 @@ from mbdae.documents.formulas import escaped
 from mbdae.show.plots import COLOURS, style, written
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*", "d", "8")
-#: colours added to those of other pictures, so that no two methods have the same one
+#: colours added to those of other pictures, so that up to 14 methods have different ones
 FURTHER = ("#882255", "#999933", "#44AA99", "#661100", "#6699CC", "#AA4499", "#777777")
 PANELS = (("cpu_s", "CPU time [s]"), ("residuals", "residual evaluations"))
 FRONT = "filled: no other run is both cheaper in CPU time and more accurate, and the error is above the reference's uncertainty"

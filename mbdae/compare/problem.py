@@ -30,7 +30,8 @@ from mbdae.system.prepare import Prepared, prepare
 from mbdae.values import number, optional, shown, text
 
 GRID = 1001  #: number of times at which trajectories are compared
-SHORT = 0.5  #: runs shorter than this (s of CPU time) are timed twice
+#: a compared run is timed a second time where the first took less CPU time (s) than this; runs for a reference are made once
+SHORT = 0.5
 FEW = 10  #: largest number of joints for which the classical model is among the default runs
 WHOLE_SCENE = "motion of the bodies: positions over the scene's length, angles in rad, velocities over the largest typical speed"
 WHOLE_SYSTEM = "every unknown but multipliers, over its scale"

@@ -16,8 +16,10 @@ from mbdae.results.result import Result
 from mbdae.system.base import Array
 from mbdae.values import array, function, option
 
-TIGHTER = 100.0  #: ratio of the smallest accuracy asked of the runs to that asked of the reference
-CONFIRM = 10.0  #: ratio of the smallest accuracy asked of the runs to that asked of the second method
+TIGHTER = 100.0  #: ratio of the smallest accuracy asked of the runs to that asked of the reference, which is FLOOR at least
+#: ratio of the smallest accuracy asked of the runs to that asked of the second method (FLOOR at least); IDA, where it does not
+#: confirm the reference, is run again with an accuracy 30 times smaller
+CONFIRM = 10.0
 FLOOR = 1e-11
 
 

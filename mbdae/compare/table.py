@@ -8,7 +8,9 @@ from collections.abc import Sequence
 from mbdae.compare.data import ComparisonData
 from mbdae.compare.rows import Row
 
-WIDTH = 128  #: largest number of characters in a line of sentences; the table of runs may be wider
+#: largest number of characters in a line of sentences; lines with two neighbouring blanks, as of the table of runs, are not
+#: wrapped
+WIDTH = 128
 MARKS = ("*", "failed")
 PARTS = {"derive": "to derive the laws, in a new process", "compile": "to compile their kernels there",
          "start": "of start, rank and equations of the scene there", "compan.": "of the runs that would estimate its error",

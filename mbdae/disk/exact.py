@@ -27,7 +27,7 @@ class NoDigestError(Exception):
     """A value that a digest could not identify completely."""
 
 
-MOST = 50_000  #: largest number of digests that are remembered
+MOST = 50_000  #: all remembered digests are forgotten where there are more than this when a new computation of digests begins
 _known: dict[Any, str] = {}  #: digests of expressions met in this process: laws share the expressions of their frames
 
 

@@ -8,10 +8,11 @@ import stat
 import sys
 from pathlib import Path
 
-VARIABLE = "MBDAE_CACHE"  #: environment variable: a folder, or "off"
-OTHERS = 0o077  #: permission bits of the group and of all others, which must not be set
-#: flags with which every file is opened, as far as the system has them: follow no symbolic link, do not wait for the other end of
-#: a pipe, do not pass the file on to child processes, do not change line ends
+#: environment variable: the folder of the cache, or "off" for no cache; unset: the system's usual folder
+VARIABLE = "MBDAE_CACHE"
+OTHERS = 0o077  #: permission bits of the group and of all others: a file or folder of the cache with one of them set is not used
+#: flags with which every file of the cache is opened, as far as the system has them: follow no symbolic link, do not wait for the
+#: other end of a pipe, do not pass the file on to child processes, do not change line ends
 FLAGS = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
 
 

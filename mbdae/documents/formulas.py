@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 _TOKEN = re.compile(r"\\[A-Za-z]+\*?|\\.|[^\\]", re.DOTALL)
 _OPEN, _CLOSE = {"{", r"\left", r"\begin", "(", "[", r"\{", r"\lbrack"}, {"}", r"\right", r"\end", ")", "]", r"\}", r"\rbrack"}
-#: relations; in front of these and of BINARY a line may be broken, outside all brackets
+#: relations; a line may be broken before them and before the signs of BINARY, outside of all brackets
 RELATIONS = {"=", "<", ">", r"\le", r"\ge", r"\ne", r"\approx", r"\equiv", r"\Leftrightarrow", r"\Rightarrow", r"\in"}
 BINARY = {"+", "-", r"\pm"}
 #: commands that are as wide as their argument
@@ -44,7 +44,7 @@ def pieces(latex: str) -> list[list[str]]:
         if depth == 0 and token in RELATIONS | BINARY and before not in RELATIONS | BINARY | {"", ",", "^", "_", "/", r"\,"}:
             lines[-1].append("")
         lines[-1][-1] += token
-        fence = before in (r"\left", r"\right")  # \left and \right are counted themselves
+        fence = before in (r"\left", r"\right")  # \left and \right are counted, so that brackets after them are not
         depth += 0 if fence else (token in _OPEN) - (token in _CLOSE)
         if depth == 0 and token in SPACES:
             lines[-1].append("")

@@ -15,7 +15,8 @@ HEAD = r"\documentclass[a4paper,10pt]{article}" + "\n" + PACKAGES + r"""\usepack
 \setlength{\parindent}{0pt}\setlength{\parskip}{4pt}
 \setlength{\tabcolsep}{3pt}\raggedright\sloppy\allowdisplaybreaks
 """
-_NEXT = "\n\\end{gather*}\n\n\\begin{gather*}\n"  #: replaced by a line end: consecutive equations share one display
+#: text between two consecutive equations: a line end replaces it, so that they share one display
+_NEXT = "\n\\end{gather*}\n\n\\begin{gather*}\n"
 _SPACE = r"\s+(?=[^$]*(?:\$[^$]*\$[^$]*)*$)"  #: regular expression of the blanks between words, outside of `$...$`
 WIDEST = 44.0  #: largest width of a line in em; wider lines are scaled down
 LETTERS = 76.0  #: largest width of a line in letters; wider formulas are broken between terms

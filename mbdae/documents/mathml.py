@@ -45,7 +45,8 @@ _MATRICES = {"matrix": ("", ""), "bmatrix": ("[", "]"), "pmatrix": ("(", ")"), "
              "array": ("", ""), "gathered": ("", "")}  # fmt: skip
 
 LEAST = 0.8  #: smallest font size of a formula, em of the text of the page (12.8 px)
-NARROW, MARGIN = 14.0, 1.3  #: width of a formula that fits any window, em; factor by which fonts may be wider than estimated
+#: NARROW: a formula narrower than this (em) fits any window; MARGIN: factor by which fonts may be wider than estimated
+NARROW, MARGIN = 14.0, 1.3
 _DISPLAY = '<math displaystyle="true">'
 _FENCE, _FIXED = ' stretchy="true" fence="true"', ' stretchy="false"'
 

@@ -16,7 +16,8 @@ from mbdae.export.program import Entry, Function, Program, weights
 from mbdae.native.program import CALL, CHOLESKY, LOAD, LOOKUP, LU, POSITIVE, SET, Step
 from mbdae.symbolic.source import steps
 
-AT_ONCE = 6  #: an operation with at most this many entries is written line by line instead of as a loop
+#: an operation for a single instance with at most this many entries is written line by line, every other one as loops
+AT_ONCE = 6
 ON_STACK = 50_000  #: largest work array (numbers) on the stack; a larger one is static, and its function not thread-safe
 
 

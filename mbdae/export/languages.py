@@ -23,7 +23,7 @@ def _calls(names: str) -> dict[str, Callable[..., str]]:
     return {own: called(theirs or own) for own, _, theirs in pairs}
 
 
-#: functions and relations with equal syntax in all three languages, and those common to C and CasADi
+#: functions and relations with equal syntax in C, CasADi and SymPy (_EQUAL); with them those common to C and CasADi (_NUMERIC)
 _EQUAL = _calls("sin cos tan sinh cosh tanh asin acos atan asinh acosh atanh atan2 log floor sign erf") | {
     "StrictLessThan": _infix("<"), "LessThan": _infix("<=")}  # fmt: skip
 _NUMERIC = _EQUAL | {"Equality": _infix("=="), "Unequality": _infix("!="), "BooleanTrue": lambda: "1",

@@ -16,7 +16,9 @@ from mbdae.symbolic.source import reached
 from mbdae.symbolic.vectors import Expr
 
 ZERO = se.Integer(0)
-DIAGONAL = 0.1  #: a diagonal entry is the pivot if it has this part of its column's largest entry: fewer rows change places
+#: the diagonal entry is the pivot if it has at least this part of the largest entry from it downwards in its column: fewer rows
+#: change places
+DIAGONAL = 0.1
 
 
 class Derivation(NamedTuple):

@@ -28,8 +28,11 @@ VERDICTS = {
     FAILED: "the run stopped, or was refused, with its reason",
     UNKNOWN: "no trustworthy reference: the error of this run is not known",
 }
-SILENCE = 3.0  #: ratio of error to accuracy above which a run without warning counts as missed silently
-#: ratio of a run's error to the reference's uncertainty above which it is judged although the reference is uncertain
+#: ratio of error to accuracy above which a run without warning counts as missed silently; where the reference is uncertain,
+#: MARGIN times its uncertainty is subtracted from the error first
+SILENCE = 3.0
+#: factor on the uncertainty of an uncertain reference, which is subtracted from the error before the comparison with SILENCE; a
+#: run that this leaves open is not judged, unless error and uncertainty together are within the accuracy
 MARGIN = 10.0
 
 

@@ -27,7 +27,7 @@ from mbdae.sweep.writing import written
 from mbdae.values import number, optional
 
 ACCURACY = 1e-5
-MAX_WALL = 20.0  #: largest wall time of a run, and of a run of a reference, s
+MAX_WALL = 20.0  #: default of the largest wall time of a run, s; a run of a reference may take `reference.PATIENCE` times as long
 STEPS = 20  #: largest number of steps of a run with a constant step: it ends after them, so that small steps take little time
 
 
@@ -67,7 +67,8 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
     or "accuracy", "step" (constant step, s, at most `STEPS` of them), "t_end" (s). A faster drive or start is run for as many
     turns, so its t_end is shorter. Default: parameters that the scene states, times fixed factors.
     runs: list of mb.Run; default every joint model x form x solver that applies, and last the choice of mbdae itself.
-    measure: a sensor such as "C.angle"; default the motion of the bodies. max_wall: largest wall time of a run, s.
+    measure: a sensor such as "C.angle"; default the motion of the bodies. max_wall: largest wall time of a run, s; a run of
+    a reference may take three times as long.
     progress(done, total, label): called before every run. resume: a JSON file that stores every finished value, so that
     an equal call continues after Ctrl-C or an error.
     """

@@ -25,15 +25,17 @@ from mbdae.run.control import Controlled, run_controlled
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.scene_system import SceneSystem
 
-SURE = 1 / 3  #: largest ratio of the difference of two methods to the accuracy for which the reference is certain
+SURE = 1 / 3  #: a reference is certain where two methods differ by at most this fraction of the accuracy
 #: methods of a reference in the order in which they are tried, each with the ratio of the accuracy asked for to the one it is run
-#: at; IDA (BDF) is left out for scenes with beams, whose vibrations a reference resolves (`Problem.resolving`)
+#: at, which is FLOOR at least; IDA (BDF) is left out for scenes with beams, whose vibrations a reference resolves
+#: (`Problem.resolving`)
 METHODS: tuple[tuple[Solver, float], ...] = (
     (RadauIIA(3), 100.0), (IDA(), 10.0), (RadauIIA(2), 10.0), (RadauIIA(3), 1000.0), (IDA(), 100.0),
 )  # fmt: skip
 FLOOR = 1e-10
 PATIENCE = 3.0  #: ratio of the wall time allowed for a run of a reference to that of a judged run
-BESIDE = 16  #: distance of the ends of a piece from the edge of a pulse, in round-offs of the end time
+#: distance of the ends of a piece of the reference from a time at which an input may jump, in round-offs of the end time
+BESIDE = 16
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from mbdae.errors import OptionError
 from mbdae.values import number, option, sequence, shown
 
 OPTIONS = {"accuracy": "accuracy asked", "step": "constant step, s", "t_end": "end of the run, s"}
-RUNGS = 7  #: largest number of values between two bounds
+RUNGS = 7  #: largest number of values from one bound to the other, both included
 
 
 def asked_values(vary: Any) -> dict[str, tuple[float, ...]]:

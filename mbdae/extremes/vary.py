@@ -73,7 +73,8 @@ def _one(scene: Any, t_end: float, name: str, values: tuple[float, ...]) -> Vari
 
 
 def _of_item(base: SceneData, t_end: float, name: str, values: tuple[float, ...]) -> Varied:
-    """A parameter that is an argument of a statement, or a number in a pulse of its inputs."""
+    """A parameter named item.argument: an argument of the statement, or a number (begin, width, strength) of a pulse in that
+    statement's inputs."""
     for value in values:
         changed(base, name, value, t_end)  # refuses a parameter that cannot be varied before any run starts
 

@@ -29,8 +29,10 @@ from mbdae.values import array, function, number, of_class, option, optional, se
 
 DEFAULT_ACCURACY = 1e-6
 ACCURACY = "give a positive number up to 1, such as 1e-6"
-MOST_OUTPUTS = 10_000_000  #: largest number of output times
-SHARE = 0.04  #: longest constant step, as a fraction of the time scale on which an input of time varies (`inputs.resolution`)
+MOST_OUTPUTS = 10_000_000  #: largest number of output times that may be asked for by a number
+#: longest step of a run with constant steps that the user gave, as a fraction of the time scale on which an input of time varies
+#: (`inputs.resolution`)
+SHARE = 0.04
 
 
 class Solver(ABC):
@@ -42,9 +44,11 @@ class Solver(ABC):
     tightest: ClassVar[dict[str, float]] = {"": 1e-12}
     #: a tolerance r times as large (r < 1) makes the error at most r**error_fall times as large; measured, scatter included
     error_fall: ClassVar[float] = 0.6
-    #: ratio of the tolerance of the companion run, whose distance from a run estimates its error, to that of the run
+    #: ratio of the tolerance of the companion run, whose distance from a run estimates its error, to that of the run; with
+    #: contacts there are two companions, at this ratio to the power 1.5 and 0.5
     companion: ClassVar[float] = 10.0
-    #: factor on the longest step during an impact (IMPACT of `watched.contact_steps`), in runs whose error is estimated
+    #: factor on the longest step during an impact (IMPACT of `watched.contact_steps`) in runs whose error is estimated; it is
+    #: further reduced in each of them and enlarged in their companions (CLOSER_IMPACTS of `run.control`)
     impacts: ClassVar[float] = 1.0
     #: largest ratio of position tolerance to the penetration of a contact with which the penetration is accurate to some %
     penetration_share: ClassVar[float] = 0.01
@@ -57,8 +61,7 @@ class Solver(ABC):
     #: whether a run stored on disk restarts the method at its checkpoints; False where `integrate` calls `loop.goes_on`
     #: before its first step and `loop.keep` between steps
     restarts: ClassVar[bool] = True
-    #: relative tolerance; None: it is chosen from the accuracy asked for (1e-6 where `solve` is called directly)
-    rtol: float | None
+    rtol: float | None  #: relative tolerance; None: it is chosen from the accuracy asked for (in a direct call of `solve`, 1e-6)
 
     @classmethod
     def variants(cls) -> list[Self]:

@@ -14,9 +14,11 @@ from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.watched.watch import StepWatch
 from mbdae.system.base import Array
 
-#: tolerance of unknowns, relative to their size, that the watch for kinks assumes, since constant steps have none of their own
+#: tolerance of unknowns, relative to their magnitude plus their scale, that the watch for kinks assumes, since constant steps
+#: have no tolerance
 FOLLOWED = 1e-9
-#: fractions of a step: SAME: two lengths that differ by less count as equal; CLOSE: no division of a step is nearer to its end
+#: fractions of a step: lengths that differ by less than SAME count as equal; a step whose end is nearer than CLOSE to a kink of
+#: an input ends at the kink, except for the last step of a run
 SAME, CLOSE = 1e-6, 1e-3
 
 

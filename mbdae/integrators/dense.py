@@ -13,9 +13,11 @@ from mbdae.integrators.kept_rows import leave
 from mbdae.integrators.runge_kutta.tables import CollocationTable, radau_table
 from mbdae.system.base import Array
 
-FEW = 64  #: number of times that are evaluated together, so that their data stay in the processor's cache
-BLOCK = 1000  #: number of steps that are interpolated together
-EVEN = 0.5  #: smallest ratio of a neighbouring step to a step for which one polynomial through all of them is used, not the cubic
+FEW = 64  #: largest number of times that are evaluated together, so that their data stay in the processor's cache
+BLOCK = 1000  #: largest number of steps that are interpolated together
+#: one polynomial through several neighbouring steps is used where each of them is longer than this fraction of the step in which
+#: it is evaluated; else the cubic over that step alone
+EVEN = 0.5
 
 
 def interval(t: Array, times: Array) -> NDArray[np.intp]:

@@ -10,8 +10,9 @@ from mbdae.deferred import distinct
 from mbdae.integrators.solution import Solution
 from mbdae.system.base import Array, System
 
-BETWEEN = 3  #: number of points compared inside every step of the coarser run
-MOST = 2000  #: largest number of steps inside which runs are compared
+BETWEEN = 3  #: number of points at which runs are compared between two neighbouring ends of steps of the coarser run
+#: where the coarser run has more ends of steps than this, only every second, third, ... one of them is used for the comparison
+MOST = 2000
 
 Measure = Callable[[Array, Array, Array], Array]  #: times (nt,) and two trajectories (nt, n) -> their distance (nt,)
 

@@ -25,18 +25,27 @@ from mbdae.system.base import Array, System
 BELIEVED = 2
 SAFETY = 0.5  #: the step of the next run is chosen for this fraction of the accuracy
 MOST_STEPS = 300_000
-RUNS, FAILURES = 7, 7  #: largest number of complete runs, and of failed runs
+#: number of complete runs after which the search for a step ends, and of failed runs after which the error of the last one is
+#: raised
+RUNS, FAILURES = 7, 7
 #: the search ends where a shorter step leaves more than this fraction of the distance from the second method
 FALLS = 0.9
-DIVERGED = 100.0  #: estimated error above which a run has diverged, so that the next step cannot be predicted from it
-SHORTEST = 0.01  #: smallest ratio of the next step to the present one that an estimate may ask for
-#: largest first step: as a fraction of the run (LONGEST) and of the time in which an unknown changes by its scale (FIRST)
+#: estimated relative error from which on a run counts as diverged: no step is predicted from such a run, and the next one has a
+#: quarter of its step
+DIVERGED = 100.0
+#: smallest ratio of the next step to the present one that an estimate may ask for; a kink or peak may ask for a smaller one
+SHORTEST = 0.01
+#: largest first step: as a fraction of the run (LONGEST) and of the time in which an unknown would change, at its rate at the
+#: start, by its scale plus its magnitude (FIRST)
 LONGEST, FIRST = 1 / 20, 0.1
 #: longest step of the first run, as a fraction of the time scale on which an input varies; reduced in proportion to the step
 SHARE = 0.5
-NEARBY = 0.24  #: smallest ratio of the finer to the coarser step of two runs whose difference is taken as the final estimate
+#: smallest ratio of the finer to the coarser step of two runs whose difference is taken as the final estimate; where the ratio is
+#: smaller, the finer run is compared with a further run that has steps twice as long as its own
+NEARBY = 0.24
 COARSER = "the run attached (attribute `solution`, step = {:g} s) is complete, its error is not known"
-ALGEBRAIC = ("lambda", "mu", "z")  #: kinds of unknowns whose rates do not bound the first step
+#: kinds of unknowns whose rates do not bound the first step, and whose errors do not count in a direct call of `solve`
+ALGEBRAIC = ("lambda", "mu", "z")
 
 
 @dataclass(frozen=True)
@@ -114,7 +123,7 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
         own, stalled = estimate, False
         if estimate <= accuracy and second is not None:
             estimate = second.distance(fine, estimate)
-            stalled, confirmed = estimate > FALLS * confirmed, estimate  # stalled: they converge to different solutions
+            stalled, confirmed = estimate > FALLS * confirmed, estimate  # stalled: both methods converge, to different solutions
         best = Halved(fine, now, estimate, runs, spent, coarser, own, (*best.told, (h, own)) if best is not None else ())
         if estimate <= accuracy or stalled:
             return best

@@ -20,8 +20,8 @@ import numpy as np
 from mbdae.errors import OptionError, SolverError
 from mbdae.system.base import Array
 
-BLOCK = 1000  #: number of single rows that are collected before they become part of a block
-SPARE = 8  #: a block that is full grows by 1 / SPARE of its rows more than needed, so that it is not resized for every row
+BLOCK = 1000  #: largest number of single rows that are collected before they become part of a block
+SPARE = 8  #: a block that is full grows to 1 + 1 / SPARE times the rows needed, so that it is not resized for every row
 FEW = 8  #: up to this number of rows `extend` adds rows one by one to `tail`, not as a block
 IN_MEMORY = 2**24  #: bytes of memory that each array of a run (y, y', ...) may take before its rows are written to disk
 

@@ -21,7 +21,9 @@ from mbdae.system.base import Array, System
 from mbdae.ties import largest
 from mbdae.values import option, whole
 
-GROWN = 1e12  #: an unknown larger than this many times its scale is reported as the cause of a rate that is not finite
+#: an unknown larger than this many times its scale plus its magnitude at the start is reported as the cause of a rate that is not
+#: finite
+GROWN = 1e12
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,10 @@ class OneStep(Stepped):
 
     step      constant step in s, run as it is; the steps of a run are equal, so they are a little shorter where its length is no
               multiple of it
-    accuracy  without a step: steps are shortened until the error is below it; `Scene.simulate` sets it
+    accuracy  without a step: the whole run is repeated with shorter equal steps until its error is below it; `Scene.simulate`
+              sets it
+
+    Implicit methods find df/dy in f.jacobian(t, y).
 
     It takes scenes without constraints (`s.recursive()` makes such of trees) and, by eliminated multipliers, those with
     constraints (`mb.Index1()`). `order` is that of the error of a whole run. Inside a step y is interpolated by the cubic with y
@@ -52,7 +57,8 @@ class OneStep(Stepped):
     order: ClassVar[int] = 0
     highest_index: ClassVar[int] = 0
     restarts: ClassVar[bool] = False
-    #: raise it with the reason where a step cannot be solved; the run then ends with a SolverError that names the time
+    #: error to be raised in `advance`, with the reason, where a step cannot be solved; the run then ends with a SolverError that
+    #: names the time
     Failed: ClassVar[type[StepFailedError]] = StepFailedError
 
     def __post_init__(self) -> None:

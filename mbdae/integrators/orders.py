@@ -23,14 +23,15 @@ from mbdae.values import function, option, optional, sequence, shown, whole
 
 STEPS = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 PARTS = {"q": "positions", "v": "velocities", "s": "internal states", "y": "unknowns", "lambda": "multipliers"}
-BEGIN = 0.25  #: fraction of the run, from its start, in which errors are not counted: multipliers may have a lower order there
-#: an error (relative to the largest value) is used where it is at least ABOVE times that of the reference, and at most SMALL
+BEGIN = 0.25  #: errors in this fraction of the run, from its start, are not counted: multipliers may have a lower order there
+#: an error (relative to the largest value) is usable where it is more than ABOVE times that of the reference and that of a run
+#: that shows round-off (ROUGH), and less than SMALL
 ABOVE, SMALL = 30.0, 0.1
 ROUND_OFF = 1e-14  #: relative error that is assumed of the values of a closed solution (`exact`)
 #: errors below this that rise with a shorter step are round-off; they and those of all shorter steps are not used
 ROUGH = 1e-7
-#: the order is taken from the WINDOWS finest sets of three consecutive runs, where the orders between their neighbouring runs
-#: differ by at most AGREE, or by the fraction PART of the order
+#: the order is that of the finest three consecutive runs with usable errors; there is none where the orders in the WINDOWS finest
+#: such sets of three differ by more than AGREE and by more than the fraction PART of the order
 WINDOWS = 3
 AGREE, PART = 0.3, 0.1
 

@@ -16,12 +16,14 @@ from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.system.base import System
 
-TIGHTER = 10.0  #: ratio of the accuracy asked for to that of the first run of Radau IIA
+TIGHTER = 10.0  #: ratio of the accuracy asked for to that for which the first run of Radau IIA is made
 AGAIN = 30.0  #: ratio of the tolerance of a run of Radau IIA to that of the next run
 #: two runs of Radau IIA confirm each other where the accuracy asked for is at least this many times their distance
 AGREE = 3.0
 MOST = 4  #: largest number of runs of Radau IIA
-CLEARLY = 2.0  #: ratio of the distance to the estimate above which a warning says that the estimate is wrong
+#: a warning says that the estimate is wrong where the distance from Radau IIA is above this many times the estimate, and above
+#: the accuracy asked for
+CLEARLY = 2.0
 
 
 class SecondMethod:

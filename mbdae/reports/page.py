@@ -56,7 +56,7 @@ class Wanted:
     unit: str = ""  #: unit, where `letters.RESULTS` does not state it
 
 
-BOTH = Wanted(None, "both sides")  #: for an equation whose two sides are both formulas
+BOTH = Wanted(None, "both sides")  #: for an equation whose two sides are both formulas, which are compared with each other
 
 
 class Printed:
@@ -165,7 +165,8 @@ class Page:
     known: letters by symbol; writer: writes the formulas; wanted: required values of left-hand sides by their LaTeX."""
 
     stated = False  #: whether its left-hand sides are listed in `letters.RESULTS`
-    own: Sequence[str] = ()  #: letters given to intermediate quantities on this page
+    #: letters that this page gives to intermediate quantities; the document checks that no other symbol has one of them
+    own: Sequence[str] = ()
     known: dict[str, Letter]
     writer: Writer
     wanted: dict[str, Wanted]

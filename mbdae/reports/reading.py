@@ -85,7 +85,8 @@ class Symbols:
         return max(found, key=len) if found else None
 
 
-_KINDS = ("a number", "a number", "a vector", "a matrix")  #: of values by their dimensions, the first that of the states
+#: what a value is, by its number of dimensions (0 to 3), of which the first counts the states
+_KINDS = ("a number", "a number", "a vector", "a matrix")
 
 
 class Reader:

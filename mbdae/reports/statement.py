@@ -142,7 +142,8 @@ class Statement:
         self.record = Record((*law.frames, *self.turning.values()))
         self.record.resolve, self.record.flat = self.names, planar
         self.frames = tuple(self._frame(side, *kind) for side, kind in zip(law.frames, sides_of(law, planar), strict=True))
-        self.sides = law.frames  #: names of the bodies' frames
+        #: names of the frames on which the law is stated, without those of free rotations that are unknowns
+        self.sides = law.frames
         self.still = tuple(f.side for f in self.frames if not f.kind.moves)
         #: symbols of the angles and displacements that are unknowns
         self.coordinates: dict[str, Expr] = {name: c.q[0] for name, c in scalars.items()}

@@ -16,7 +16,7 @@ from mbdae.symbolic.functions import complex_atan2
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.system.model.rotations import quaternion, rotation_matrices, turned
 
-POINTS = 20  #: number of random states in every check
+POINTS = 20  #: number of random states in every check that states no other number
 STEP = 1e-30  #: size of the complex step
 _RELATIONS = {"LessThan": np.less_equal, "StrictLessThan": np.less, "Equality": np.equal, "Unequality": np.not_equal}
 Values = dict[str, NDArray[Any]]

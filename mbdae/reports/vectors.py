@@ -60,7 +60,7 @@ class Record:
     """Intermediate quantities of one law: inner products, named scalars, named vectors."""
 
     def __init__(self, sides: tuple[str, ...] = ("k", "l")) -> None:
-        self.sides = sides  #: names of the bodies' frames
+        self.sides = sides  #: names of the frames: those of the bodies, then those of free rotations that are unknowns
         self.dots: dict[Expr, tuple[Atom, Atom]] = {}  #: symbol of an inner product -> its two factors
         self.scalars: dict[Expr, Expr] = {}  #: symbol of a named scalar -> its expression
         self.vectors: dict[int, Vector] = {}  #: number of a named vector -> its value

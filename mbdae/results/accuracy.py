@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 WORDS = ("motion", "reactions", "mesh")  #: the three errors of a run
-#: reasons why an error is not known; `RUN_ONCE`: the solver had a tolerance or a step of its own
+#: why an error is not known where the solver had a tolerance or a step of its own
 RUN_ONCE = "not estimated: the solver ran once, as it was given; leave out its rtol or step, or give verify=True"
 NO_RUN_BESIDE = "not estimated: no second run for comparison was completed"
 NOT_REPEATED = "not measured: verify=True repeats the run on a finer mesh"

@@ -21,7 +21,7 @@ from mbdae.values import BadValueError, shown
 #: limits against small files that unpack to more than the memory: a file of `size` bytes may unpack to FREE bytes or, if that is
 #: more, to DENSEST * size
 FREE, DENSEST = 2**28, 100
-CHUNK = 2**22  #: number of bytes read at once
+CHUNK = 2**22  #: largest number of bytes read at once
 _HEAD = re.compile(rb"\{'descr': '([<>])(f8|U\d{1,9})', 'fortran_order': (True|False), 'shape': \(([\d, ]{0,60})\), \}\s*\Z")
 
 

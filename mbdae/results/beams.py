@@ -24,8 +24,10 @@ from mbdae.system.model.beams import Line, nodal_inputs
 from mbdae.system.model.rotations import rotation_matrices
 
 STRESSES = ("N1", "N2", "N3", "M1", "M2", "M3")
-NEAR = 1e-9  #: distances from the axis that differ by less, relative to the longest element, count as equal
-CHUNK = 20_000  #: number of elements evaluated at once
+#: distances from the axis that differ by less than this times the length of the longest element count as equal, and a place xi
+#: from 0 to 1 that is nearer to an end of its element is rounded
+NEAR = 1e-9
+CHUNK = 20_000  #: largest number of elements times states evaluated at once, but at least one state
 Foot = tuple[int, float]  #: number of an element, and the place xi in it from 0 to 1
 
 
@@ -185,7 +187,7 @@ class BeamPlace(_OnBeam):
         line = self._line
         self.arm: Array  #: (3,) from the axis to the place in section axes, m
         self.drawn_position: Array  #: position of the place as drawn (3,), m
-        self.drawn_rotation: Array  #: as drawn (3, 3), section axes to inertial frame
+        self.drawn_rotation: Array  #: rotation of the section at the place as drawn (3, 3), section axes to inertial frame
         self._element, self._xi = foot(line.mesh, point)
         self._fields = Fields(line, table(line.mesh.order, np.array([self._xi])), self._element)
         q = np.zeros((1, sum(n.kind.sizes[0] for n in result.prepared.model.nodes)))

@@ -16,7 +16,7 @@ from mbdae.system.base import Array
 from mbdae.values import file_to_write, option
 
 AXES = "xyz"
-#: sensors that are only written where they are named
+#: sensors that a table contains only where the user names them
 NOT_ASKED = ("rotation", "on_axis", "drawn_position", "drawn_rotation", "arm", "on_steps")
 
 

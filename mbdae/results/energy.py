@@ -19,8 +19,8 @@ from mbdae.system.motion.mechanics import Mechanics
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 TRANSFERS = ("dissipated", "work", "impact", "friction")  #: energies that are integrals over time
-_CHUNK = 3000  #: number of states evaluated at once, where there are no beams
-_ELEMENTS = 20_000  #: number of elements of beams evaluated at once
+_CHUNK = 3000  #: largest number of states evaluated at once
+_ELEMENTS = 20_000  #: largest number of beam elements times states evaluated at once, but at least one state
 
 
 def energy_outputs(d: Derived) -> list[tuple[Target, Expr]]:

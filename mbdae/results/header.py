@@ -15,8 +15,8 @@ from mbdae.integrators.solution import Stats
 from mbdae.values import BadValueError, shown
 
 FORMAT, VERSION = "mbdae result", 1
-DEEPEST = 60  #: largest depth of lists and tables inside each other
-MOST = 2**53  #: largest count that a header may state
+DEEPEST = 60  #: largest number of lists and tables that may be inside each other; a header with more is refused
+MOST = 2**53  #: largest magnitude of a whole number that a header may contain
 Kind = Callable[[Any, str], None]
 
 

@@ -10,10 +10,13 @@ from mbdae.deferred import distinct
 from mbdae.results.quantities import Quantity, named, unit_of, value
 from mbdae.system.base import Array
 
-INSIDE = 6  #: times inside every step at which the quantity is evaluated
-BEST = 5  #: number of intervals between these times that are searched more closely
-FINER, ROUNDS = 9, 12  #: times per closer search, and number of its repetitions
-JUST = 1e-9  #: distance from the end of a step, over its length, at which the end is read: accelerations may jump there
+#: number of equal parts of every step; the quantity is evaluated at the begin of each and just before the end of the step
+INSIDE = 6
+#: largest number of times, of those at which the quantity was evaluated, around which its largest value is sought more closely
+BEST = 5
+FINER, ROUNDS = 9, 12  #: number of times per round of a closer search, and of its rounds
+#: distance from the end of a step, over its length, of the last time read inside it: accelerations may jump at its end
+JUST = 1e-9
 MOST = 4096  #: largest number of times that are read at once
 
 

@@ -12,7 +12,9 @@ from mbdae.results.states import States, states_of
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
-NO_FORCE = 1e-9  #: rounding error of forces, relative to the force that moves the scene by its length in its characteristic time
+#: rounding error of forces, relative to the force that moves the heaviest body by the scene's length in the motion's
+#: characteristic time
+NO_FORCE = 1e-9
 
 
 def wrenches(prepared: Prepared, at: States) -> Array:

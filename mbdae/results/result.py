@@ -65,10 +65,12 @@ class RunInfo:
     accuracy: Accuracy
     stats: Stats
     runs: int = 1
-    cpu_s: float = 0.0  #: CPU time of all runs together, s
+    cpu_s: float = 0.0  #: CPU time of all runs made for this result, s: solvers tried, companions, verification, recheck
     warnings: tuple[str, ...] = ()
     choice: str = ""  #: why this solver, where mbdae chose it
-    reliable: bool = True  #: False where the energy balance or a damped contact speaks against it, see `Result.reliable`
+    #: False where the energy balance, a damped contact, a joint that is off or a contact that steps missed speaks against it;
+    #: `Result.reliable` also counts accuracy and completeness
+    reliable: bool = True
     events: tuple[Event, ...] = ()
 
 
@@ -110,7 +112,8 @@ class Result(RunStates, ListsAttributes):
         speaks against it; None where its error is not known, as after a run with a tolerance or a step of its own. False where
         the accuracy is missed or the run was stopped; where the energy balance is off by more than a tenth of what contact and
         friction dissipate (with constant steps: of the energy exchanged); where a joint is off by more than a thousandth of the
-        scene's length, or rad; or where the steps damped a contact that friction makes unstable."""
+        scene's length, or rad, and by more than the accuracy allows; or where steps passed over a contact, or damped one that
+        friction makes unstable."""
         return self.accuracy.met if self.info.reliable and self.complete else False
 
     @property

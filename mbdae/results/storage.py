@@ -50,7 +50,7 @@ SOLVERS = {
     "mbdae:GeneralizedAlpha": "alpha.generalized_alpha", "mbdae:HHT": "alpha.generalized_alpha",
     "mbdae:IDA": "sundials.ida", "mbdae:RadauIIA": "runge_kutta.radau",
 }  # fmt: skip
-LONGEST = 700  #: characters of an error that is repeated in the message of `load`
+LONGEST = 700  #: largest number of characters of an error that the message of `load` repeats
 _AGAIN = "give a file written by r.save(path)"
 
 

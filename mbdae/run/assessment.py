@@ -10,22 +10,28 @@ from mbdae.results.accuracy import Accuracy
 from mbdae.results.result import Result
 from mbdae.run.checks import doubts
 from mbdae.run.control import SLOW, Controlled
-from mbdae.run.drift import energy_drift, joint_drift, row_sizes
+from mbdae.run.drift import energy_drift, joint_drift
 from mbdae.run.quaternion_lengths import unequal_lengths
 from mbdae.run.reliability import Assessment, doubts_of_steps, reliability
 from mbdae.run.singular_positions import singular_passages
 from mbdae.system.model.inputs import expressions_of
+from mbdae.system.motion.mechanics import row_sizes
 from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import DEPENDENT
 from mbdae.ties import largest
 
-ROW_SAMPLES = 2000  #: number of steps at which constraint rows are evaluated
-APART = 2.0  #: ratio of the error to the estimate from runs of this solver alone, above which something else limits the error
-#: largest ratio of a row's violation to its novelty (how independent it is of the other rows, `system/rank`) that a misalignment
-#: at the start explains: 0.2 to 2 were measured in loops away from singular positions
+ROW_SAMPLES = 2000  #: largest number of steps at which constraint rows are evaluated
+#: ratio of the error to the estimate from runs of this solver alone, above which the message says that something else limits the
+#: error
+APART = 2.0
+#: a violation of a row up to this many times the novelty of a nearly redundant row that was left out (how independent that is of
+#: the other rows, `system/rank`) is explained by a misalignment at the start: 0.2 to 2 times were measured in loops away from
+#: singular positions
 WITHIN = 10.0
-TORN = 1e-3  #: violation of a row (divided by the scene's length, or in rad) above which no run is reliable
-ENERGY_SAMPLES = 1000  #: number of outputs (or steps, where an input depends on time) at which energies are evaluated
+#: violation of a row (divided by the scene's length, or in rad) above which a run is not reliable, where it is also above ten
+#: times the accuracy and above what WITHIN explains
+TORN = 1e-3
+ENERGY_SAMPLES = 1000  #: largest number of outputs (of steps, where an input depends on time) at which energies are evaluated
 
 
 def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
@@ -98,7 +104,8 @@ def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tu
     if not m.m:
         return 0.0, []
     t = t[:: len(t) // ROW_SAMPLES + 1]
-    off = np.max(np.abs(m.position_residual(t, prepared.states(t, run.solution(t))[0])), axis=0) / row_sizes(m, prepared)
+    off = np.max(np.abs(m.position_residual(t, prepared.states(t, run.solution(t))[0])), axis=0)
+    off /= row_sizes(m, prepared.start.t, prepared.start.q)
     worst = largest(off)
     if off[worst] <= max(10 * (asked if asked is not None else 1e-6), _misaligned(prepared)):
         return 0.0, []

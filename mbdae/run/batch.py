@@ -23,7 +23,7 @@ from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array, System
 
 LOOKED_AT = 5  #: number of states at which the rates of two systems of equations are compared
-COMPARED = 32  #: number of times, besides the outputs, at which a run is compared with its companion
+COMPARED = 32  #: number of equal parts of the run at whose ends, besides the outputs, a run is compared with its companion
 
 
 @dataclass(frozen=True, eq=False)

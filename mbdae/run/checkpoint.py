@@ -32,7 +32,9 @@ from mbdae.system.prepare import modelled
 from mbdae.values import option, optional, path, shown, whole
 
 T = TypeVar("T")
-EVERY = 1000  #: number of accepted steps between two checkpoints
+#: default of `every`: number of accepted steps after which a checkpoint is due, if PAUSE (`checkpoints.keeper`) has passed since
+#: the last one. Methods that restart at checkpoints restart after every so many steps, with and without a checkpoint there
+EVERY = 1000
 FEW = 1000  #: an option (such as output times) with more values than this is stored as a hash in the statement of the call
 FORMAT = "mbdae run in progress 2"
 STATEMENT = "statement.json"

@@ -27,16 +27,24 @@ from mbdae.system.base import Array, System
 from mbdae.system.model.moved_bodies import MOST_FULL
 from mbdae.system.prepare import Prepared, prepare
 
-TIGHT = 3e-6  #: accuracy below which multipliers may be eliminated (index 1); joints then drift, as far as the accuracy allows
-#: largest decay rate or angular frequency of small disturbances, times the motion's characteristic time: above STIFF an explicit
-#: method needs tiny steps; above SMOOTH multipliers are not eliminated, because evaluations without them cost more
+#: accuracy below which DOP853 with eliminated multipliers (index 1) may be chosen; joints then drift, as far as the accuracy
+#: allows. Where every motion is prescribed it may be chosen at any accuracy
+TIGHT = 3e-6
+#: bounds of rates of small disturbances times the motion's characteristic time. With a decay rate or an angular frequency above
+#: STIFF an explicit method needs tiny steps; with an angular frequency above SMOOTH multipliers are not eliminated, because
+#: evaluations without them cost more
 STIFF, SMOOTH = 100.0, 0.3
-SMALL = 30  #: number of unknowns, with multipliers, up to which Radau IIA is cheaper if all motions are prescribed
+SMALL = 30  #: number of unknowns, with multipliers, up to which Radau IIA is cheaper if every motion is prescribed
 FRICTION = "friction, which is stiff where bodies stick"
 UNSAID = "internal states of '{}' may let bodies stick, as friction, unless the class {} says sticks = False"
-LARGEST = 8  #: number of eigenvalues, those of largest magnitude, that are computed for a large system
-EIGENVALUES = 300  #: largest number of unknowns for which all eigenvalues are computed
-WELL_CONDITIONED = 1e8  #: largest condition number of a mass matrix that is inverted
+#: number of eigenvalues, those of largest magnitude, that are computed for a system of more than EIGENVALUES unknowns without
+#: multipliers
+LARGEST = 8
+#: largest number of unknowns for which all eigenvalues are computed; with more and with multipliers none are, and the scene
+#: counts as stiff
+EIGENVALUES = 300
+#: condition number of a mass matrix below which it is inverted; with a larger one a generalised eigenvalue problem is solved
+WELL_CONDITIONED = 1e8
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,15 @@ from mbdae.results.contacts import contacts_of
 from mbdae.system.motion.states import gaps_of
 from mbdae.system.prepare import Prepared
 
-#: sticking is resolved where the tolerance of velocities is at most this fraction of the velocity over which friction changes
+#: sticking is resolved where the tolerance of velocities (rtol times the typical speed) is at most this fraction of the velocity
+#: over which friction changes
 RESOLVED = 0.01
-SLOW = 10.0  #: friction need not be resolved in a joint whose sliding stays faster than this many times that velocity
-WRONG = 10.0  #: ratio of position tolerance to penetration above which the motion is wrong
+#: friction need not be resolved in a joint whose sliding stays faster than this many times the velocity over which its friction
+#: changes
+SLOW = 10.0
+#: an rtol is refused where the position tolerance it means is more than this many times the expected penetration: contact would
+#: be lost
+WRONG = 10.0
 
 
 def slowest_velocities(prepared: Prepared) -> Iterator[tuple[str, Any, float]]:

@@ -38,31 +38,45 @@ from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
 from mbdae.values import number, option
 
-LOOSEST = 1e-2  #: largest rtol of any run
-ATTEMPTS = 5  #: largest number of runs after the first companions
+LOOSEST = 1e-2  #: largest rtol of a companion; the other runs have at most half of it
+#: largest number of runs from the last of the first companions on, failed ones included; for batches largest number of estimates
+ATTEMPTS = 5
 #: from one run to the next the longest step, as a fraction of the time scale of an input of time, is reduced by this factor.
 #: Where only inputs bound the steps of two runs, these must differ, else the difference of the runs is no measure of the error.
 #: It is below 1/2 because the time scales are known up to a factor of 2
 CLOSER = 0.4
-#: the same factor for the longest step during an impact. The first run after the companions has the bound of a single run; the
-#: companions take longer steps
+#: from one run to the next the longest step during an impact is reduced by this factor. The first run after the companions has
+#: `Solver.impacts` times the bound of a run without error estimate; the companions take longer steps
 CLOSER_IMPACTS = 0.5
 UNKNOWN = "the run attached (attribute `solution`, rtol = {:g}) is complete, its error is not known"
 UNTESTED = "the run attached (attribute `solution`) is complete; whether its steps leave out fast vibrations was not tested"
-CRAWL = 10  #: a run is stopped, as too expensive, after this many times the residual evaluations of its companion
-CUT = 100  #: number of residual evaluations allowed in addition for every step that inputs of time make shorter
-CHAOTIC = 2.0  #: with contact: a run is not repeated after two repeats lowered its estimate by less than this factor
+#: a run is stopped, as too expensive, after this many times the residual evaluations of its companion, plus 10000, plus those
+#: that CUT allows
+CRAWL = 10
+#: number of residual evaluations that CRAWL allows in addition for every stretch and edge of inputs of time, where steps end
+CUT = 100
+#: with contact: a run is not repeated any more where its estimate, after two or more repeats, is still above the largest earlier
+#: one divided by this
+CHAOTIC = 2.0
 CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic and not predictable beyond "
          "some time; rely on energies, forces and statistics, or on a shorter run")  # fmt: skip
-FALL, SLOW = 0.9, 0.4  #: errors are assumed to fall with this power of the tolerance (FALL); smallest power assumed (SLOW)
-#: smallest and largest ratio of the tolerance of a repeated run to that of the run before
+#: FALL: errors are assumed to fall with this power of the tolerance, or with the power that the last two runs showed where that
+#: is smaller; SLOW: smallest power assumed
+FALL, SLOW = 0.9, 0.4
+#: smallest and largest ratio of the tolerance of a repeated run to that of the run before, without and with contacts; a tolerance
+#: that round-off or penetrations bound is not subject to them
 FINER, FINER_WITH_IMPACTS = (1e-3, 0.3), (0.1, 0.3)
-COARSE = 3.0  #: a run is repeated if its tolerance is above this many times the one that resolves its penetrations
-#: SHALLOW: a contact inside a step counts if its penetration, relative to the scene's length, is above this fraction of the
-#: accuracy; REPEATS: number of times that a run is repeated because of such contacts
+#: a run is repeated if its tolerance is above this many times the largest one that resolves the penetrations and the sticking
+#: found in it
+COARSE = 3.0
+#: SHALLOW: a contact inside a step counts if its penetration is above this fraction of the accuracy times the scene's length (m;
+#: for gaps that are angles, rad); REPEATS: largest number of times that a run is repeated because of such contacts
 SHALLOW, REPEATS = 0.1, 5
-SAMPLES = 200  #: number of times at which reactions of two runs are compared
-#: length, in constant steps, of the short runs that show vibrations shorter than a step, and number of times of the comparison
+#: largest number of times at which reactions of two runs are compared, and of steps whose speeds a comparison of motions relates
+#: to
+SAMPLES = 200
+#: length, in longest steps of the run, of the short runs that show vibrations shorter than a step, and number of times of the
+#: comparison
 FIRST_STEPS, PROBES = 5.0, 200
 
 

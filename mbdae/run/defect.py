@@ -31,23 +31,33 @@ from mbdae.system.scene_system import SceneSystem
 from mbdae.ties import largest
 
 SEED = 20240229
-POINTS = 12  #: number of points in every step of a scene with possible short events, so that one lasting a tenth of it is hit
-ALONG = 400  #: number of further points along the whole run of such a scene, most of them in long steps
+#: number of points in every step examined, so that an event lasting a tenth of it is almost always hit (an eighth: always)
+POINTS = 12
+#: most further points in all steps examined together, shared in proportion to the lengths of the steps; for scenes with possible
+#: short events, whose steps are all examined
+ALONG = 400
 JITTER = 0.5  #: fraction of its interval in which a point is placed at random; with 1, two points could be two intervals apart
-SHARE = 0.03  #: in all other scenes: ratio of the number of points to the residual evaluations of the run
-SINGLE = 2 / 3  #: fraction of these points that are spread singly over the run; the others examine steps whose defect stands out
-FEWEST, MOST = 4, 400  #: smallest and largest number of single points
-OUTSTANDING = 30.0  #: ratio of the defect at a single point to the median of all above which its step stands out
-DEGREE = 5  #: degree of the polynomial, fitted to the defect in a step, that is integrated exactly; the remainder by trapezoids
+#: in scenes without possible short events: largest ratio of the number of points to the residual evaluations of the run
+SHARE = 0.03
+#: fraction of the points by SHARE that are spread singly over the run; the others examine steps whose defect stands out
+SINGLE = 2 / 3
+#: smallest and largest number of single points; where SHARE allows fewer than the smallest, no step is examined
+FEWEST, MOST = 4, 400
+#: ratio of the defect at a single point, times the length of its step, to the median of all single points, above which its step
+#: stands out
+OUTSTANDING = 30.0
+#: largest degree of the polynomial, fitted to the defect in a step, that is integrated exactly; the remainder by trapezoids
+DEGREE = 5
 #: BLOCK: number of neighbouring steps for which one iteration matrix J is used; DOUBTFUL: ratio of the effect to its limit above
 #: which a step gets a J of its own
 BLOCK, DOUBTFUL = 8, 0.25
 LARGE = 0.1  #: a defect of at least this fraction of the largest in its step is large: `recheck` ends a short step at that point
 #: with constant steps a step is suspect if its effect is above ALIKE times the quantile QUARTER of the effects of all steps
 ALIKE, QUARTER = 30.0, 0.25
-#: bounds of memory: AT_ONCE points in one call, at most LARGEST unknowns at these points together; STORED numbers at a time
+#: bounds of memory: at most AT_ONCE points in one call, and, if these are more than 4, at most LARGEST unknowns at all of them
+#: together; about STORED values of unknowns at a time
 AT_ONCE, LARGEST, STORED = 64, 30000, 2_000_000
-SAMPLES = 20  #: number of steps of the run whose speeds determine the unit of velocities
+SAMPLES = 20  #: largest number of steps of the run whose speeds determine the unit of velocities
 
 
 @dataclass(frozen=True)

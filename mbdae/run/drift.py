@@ -12,17 +12,19 @@ import numpy as np
 from mbdae.results.energy import Energy, has_power
 from mbdae.results.result import Result
 from mbdae.run.control import Controlled
-from mbdae.system.base import Array
-from mbdae.system.motion.constrained import row_lengths
-from mbdae.system.motion.mechanics import Mechanics, in_units
+from mbdae.system.motion.mechanics import row_sizes
 from mbdae.system.prepare import Prepared
 from mbdae.ties import largest
 
-ALLOWED = 10.0  #: a warning is given where the energy error, relative to the energy exchanged, is above this times the accuracy
-SHARE = 1e-3  #: fraction of the energy exchanged below which there is no warning
-POINTS = 1000  #: number of steps of a run at which energies are compared
-ROUNDED = 100 * float(np.finfo(float).eps)  #: round-off of energies, relative to the largest energy of the run
-SAMPLES = 200  #: number of steps of a run at which constraint rows are evaluated
+#: a warning is given where the energy error, relative to the energy exchanged, is above this times the accuracy, above SHARE and
+#: above round-off
+ALLOWED = 10.0
+SHARE = 1e-3  #: energy error, relative to the energy exchanged, up to which there is no warning at any accuracy
+POINTS = 1000  #: largest number of steps of a run at which energies are compared
+#: round-off, relative: of energies to the largest or a typical energy of the run (`round_off`), of penetrations to the size of
+#: the contact
+ROUNDED = 100 * float(np.finfo(float).eps)
+SAMPLES = 200  #: largest number of steps of a run at which constraint rows are evaluated
 
 
 def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[str]:
@@ -74,14 +76,6 @@ def _order(run: Controlled) -> int:
     return 0
 
 
-def row_sizes(mechanics: Mechanics, prepared: Prepared) -> Array:
-    """Sizes (m,) of constraint rows, to which their violations are related: how much a displacement by the scene's length, or a
-    rotation by 1 rad, changes each row at the start; bounded by the scene's length (for rows in m) and 1 (for rows in rad)."""
-    least, most = sorted((prepared.length, 1.0))
-    G = mechanics.constraint_matrix(np.array([prepared.start.t]), prepared.start.q)
-    return np.asarray(np.clip(row_lengths(in_units(mechanics, G))[:, 0], least, most))
-
-
 def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:
     """A warning where the violation g of a constraint row, relative to its size, or its rate G u + g_t, relative to its size and
     the scene's speed, exceeds the accuracy asked; where none was asked, the accuracy expected of the tolerance."""
@@ -93,8 +87,8 @@ def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> lis
         asked = solver.rtol / max(factors) if solver.rtol and factors else 1e-6
     t = run.solution.t[:: len(run.solution.t) // SAMPLES + 1]
     q, u, _ = prepared.states(t, run.solution(t))
-    speed = max(prepared.length / prepared.time, float(np.max(np.abs(u) * m.velocity_units, initial=0.0)))
-    sizes = row_sizes(m, prepared)
+    speed = max(prepared.length / prepared.time, m.speed(u))
+    sizes = row_sizes(m, prepared.start.t, prepared.start.q)
     off = [np.abs(m.position_residual(t, q)) / sizes, np.abs(m.velocity_residual(t, q, u)) / (sizes * speed / prepared.length)]
     for values, what, size in zip(off, ("position", "velocity"), ("length, or rad", "speed"), strict=True):
         worst = largest(np.max(values, axis=0))

@@ -10,8 +10,10 @@ import numpy as np
 from mbdae.integrators.solution import Solution
 from mbdae.system.base import Array, System
 
-MOST = 4  #: largest number of excitations considered: those that change velocities and accelerations most
-LONG = 50.0  #: a change of an input that lasts longer than this many mean steps does not count as an excitation
+MOST = 4  #: largest number of excitations considered besides the start: those that change velocities and accelerations most
+#: short changes and breaks of inputs that follow each other within a mean step count as one excitation; one that lasts this many
+#: mean steps or longer does not count
+LONG = 50.0
 
 
 def windows(system: System, run: Solution, span: float) -> Iterator[tuple[float, float]]:

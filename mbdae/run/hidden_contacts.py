@@ -21,11 +21,11 @@ from mbdae.notation import counted
 from mbdae.system.base import Array, System
 
 SEED = 20240301
-POINTS = 5  #: number of first points inside every step
+POINTS = 5  #: number of points inside every step at which gaps are evaluated first
 LEVELS = 20  #: largest number of times that an interval is halved
-AT_ONCE = 1000  #: number of steps whose gaps are evaluated together
+AT_ONCE = 1000  #: largest number of steps whose gaps are evaluated together
 DOUBT = 0.25  #: in either half of an interval a gap may differ from its cubic by this fraction of the difference in the middle
-MOST = 20000  #: largest number of intervals that are halved together
+MOST = 20000  #: largest number of intervals that are halved together; where there are more, the others are not examined further
 
 Pairs = Callable[[Array], Array]  #: times (k,) -> gap and its rate at every place of contact (k, places, 2)
 

@@ -50,9 +50,12 @@ from mbdae.system.without_multipliers import WithoutMultipliers
 
 UNRESOLVED = ("part of the error are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with "
               "solver=mb.RadauIIA(3) follows them")  # fmt: skip
-#: a run that only locates an event is made to LOOSER times the accuracy of the run that then ends there, but at most to MOST
+#: the time of an event is found by a run LOOSER times less accurate than the run that will end there, but never less accurate
+#: than MOST
 LOOSER, MOST = 10.0, 1e-3
-NEARLY = 10.0  #: up to this ratio of estimate to accuracy a tighter run is tried before one that resolves all vibrations of beams
+#: without contacts, and where the ratio of estimate to accuracy is below this, a tighter run is tried before one that resolves
+#: all vibrations of beams
+NEARLY = 10.0
 
 
 def _same(value: Any) -> Any:
@@ -68,7 +71,7 @@ class Job:
     accuracy: float
     asked: Asked  #: end time, wall time and progress
     times: Array  #: output times of the result, s
-    continued: bool  #: whether it starts where another run ended
+    continued: bool  #: whether the run starts where another run ended
     choice: str = ""
     begin: float = field(default_factory=time.perf_counter)
     _systems: dict[tuple[Form, int], SceneSystem] = field(default_factory=dict)

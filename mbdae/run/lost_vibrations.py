@@ -15,7 +15,7 @@ from mbdae.system.distance import distance
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
 
-WINDOW = 5.0  #: length of a short run, in mean steps of the run; vibrations with longer periods are resolved by the run itself
+WINDOW = 5.0  #: length of a short run, in mean steps of the run, which itself resolves vibrations with longer periods
 POINTS = 400  #: number of times at which both runs are compared
 #: factor on the distance of the two runs: the largest amplitude may come after the end of the short run (observed: 1.9 times as
 #: large), and the short run is made with the tolerance of a companion (observed: 6 % of an amplitude missed, an eighth of the

@@ -27,7 +27,7 @@ from mbdae.system.model.beams import Line
 from mbdae.system.prepare import Prepared, prepare
 
 TIMES = 201  #: number of times at which both meshes are compared
-PLACES = np.linspace(0, 1, 5)  #: places of every element at which they are compared
+PLACES = np.linspace(0, 1, 5)  #: places of every element, from 0 to 1, at which both meshes are compared
 #: fraction of an element by which a place at its end is moved inside it, to find the element of the other mesh on the same side
 INWARDS = 1e-6
 

@@ -10,7 +10,7 @@ import numpy as np
 from mbdae.results.result import Result
 
 UNEQUAL = 1e-3  #: largest relative difference of the quaternion lengths in one element without a warning
-SAMPLES = 200  #: number of steps of the run at which lengths are compared
+SAMPLES = 200  #: largest number of steps of the run at which lengths are compared
 
 
 def unequal_lengths(result: Result) -> list[str]:

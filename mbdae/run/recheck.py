@@ -23,13 +23,17 @@ from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
 from mbdae.system.start.start import Start
 
-FINER = 10.0  #: ratio of the accuracy of the run to that of the fine run
-BUDGET = 3000  #: largest number of residual evaluations of the fine run between two points at which it stops
-BETWEEN = 8  #: number of times, between two such points, at which the run and the fine run are compared
-MOST = 5  #: largest number of suspicious steps of a run that are integrated again
+FINER = 10.0  #: ratio of the accuracy of the run to that of the fine run, unless round-off forbids the latter
+#: largest number of residual evaluations of the fine run from one point at which it stops to the next; where it needs more, the
+#: effect estimated from the defect is taken instead
+BUDGET = 3000
+#: number of equally spaced times, from one point at which the fine run stops to the next, at which the run and the fine run are
+#: compared, besides the steps of the fine run
+BETWEEN = 8
+MOST = 5  #: largest number of suspect steps of a run that are integrated again
 SHORTER = 0.8  #: ratio of the step proposed in the warning to the longest one that would resolve the short event
 WARNED = 3.0  #: a warning is given where the motions differ by more than this many times what is allowed in the step
-UNCONTROLLED = 1e-6  #: accuracy assumed for runs with constant steps
+UNCONTROLLED = 1e-6  #: accuracy assumed for runs without a tolerance (constant steps) for which no accuracy was asked
 
 
 class FineRun:

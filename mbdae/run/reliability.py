@@ -23,13 +23,20 @@ from mbdae.run.drift import ROUNDED, round_off
 from mbdae.run.hidden_contacts import stepped_over
 from mbdae.system.start.contacts import ExpectedContact
 
-COARSE = 0.1  #: ratio of position tolerance to penetration above which a result is doubtful
-ALARM = 0.1  #: ratio of energy error to dissipated energy above which a result is not reliable
-MOVING = 1e-3  #: in this ratio the dissipated energy is taken as this fraction of the largest kinetic energy at least
-STORED = 0.1  #: and as this fraction of the largest energy stored in a contact at least
-FEW_STEPS = 3  #: number of steps in the shortest contact below which it is not resolved
-#: a motion is reported as a backward whirl from these values on: ratio of whirl rate to spin rate, fraction of the time in
-#: contact, number of turns of the pin around the race
+#: smallest ratio of position tolerance to median penetration above which a result is doubtful; larger, three times
+#: `penetration_share`, for a solver with which that is more
+COARSE = 0.1
+#: ratio of energy error to dissipated energy (with constant steps: to the energy exchanged) above which a result is not reliable
+ALARM = 0.1
+#: before the energy error is compared with ALARM times the dissipated energy, the latter is taken as at least this fraction of
+#: the largest kinetic energy
+MOVING = 1e-3
+#: before the energy error is compared with ALARM times the dissipated energy, the latter is taken as at least this fraction of
+#: the largest energy stored in a contact
+STORED = 0.1
+FEW_STEPS = 3  #: impacts count as not resolved where the shortest contact took fewer steps than this
+#: a motion against the spin is reported as a backward whirl where all of these are reached: ratio of whirl rate to spin rate,
+#: fraction of the time in contact, number of turns of the pin around the race
 WHIRL_RATE, WHIRL_CONTACT, WHIRL_TURNS = 5.0, 0.9, 2.0
 #: a step resolves an unstable oscillation, so that it grows in the run as in the equations, where step times angular frequency
 #: is at most this; longer steps damp it away
@@ -42,8 +49,9 @@ class Assessment(NamedTuple):
 
     notes: tuple[str, ...] = ()
     reliable: bool = True
-    singular: bool = False  #: whether it passes a singular position, where two branches of the motion meet
-    off: float = 0.0  #: largest violation of a constraint row (over the scene's length, or in rad), where it caused a warning
+    singular: bool = False  #: whether the run passes a singular position, where two branches of the motion meet
+    #: largest violation of a constraint row (over the scene's length, or in rad), where it caused a warning; else 0
+    off: float = 0.0
 
     def within(self, known: Accuracy) -> Accuracy:
         """The accuracy with the violation of constraint rows included in its estimate."""

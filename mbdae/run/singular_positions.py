@@ -15,22 +15,27 @@ from mbdae.scene.topology import spanning_tree
 from mbdae.system.base import Array
 from mbdae.system.rank.dependencies import Dependency, dependencies
 
-SAMPLES = 200  #: number of positions evaluated along the run
+SAMPLES = 200  #: largest number of positions evaluated along the run
 CHOSEN, REFINED = 5, 40  #: largest number of minima between samples that are refined, and number of evaluations for each
-NEAR = 0.3  #: ratio of the smallest singular value to its median over the run below which its minimum is refined
-#: singular value below which a position counts as singular whatever the curvature of the rows, which is then hardly known
+#: ratio of the smallest singular value to its median over the run, below which its minimum is refined, and below which a run that
+#: stopped may have been on its way to a singular position
+NEAR = 0.3
+#: singular value up to which a position counts as singular whatever the curvature of the rows, which is then hardly known
 ROUNDED = 1e-6
 #: the singular values of the LAST steps before a run stopped are compared with those at BEFORE times of the whole run
 LAST, BEFORE = 5, 20
-SINGULAR = 1e-3  #: ratio of the smallest singular value before a stop to its median, below which the position counts as singular
-#: further singular values of that position count where they are less than TOGETHER times the smallest or ALSO times its median
+#: ratio of the smallest singular value in the LAST steps before a stop to the median over the run, up to which the position
+#: counts as singular
+SINGULAR = 1e-3
+#: where a run stops in a singular position, loops are named for the smallest singular value, and for further ones that are less
+#: than TOGETHER times the smallest, or less than ALSO times the median of the smallest over the run
 TOGETHER, ALSO = 3.0, 0.05
-#: a prescribed value cannot be followed where it asks for a speed this many times the median of the largest speed in the run;
-#: rows count that contribute at least PART of the largest contribution
+#: prescribed values count as not possible where they ask for a speed above GROWN times the median of the largest speed in the
+#: run; of them those are named that contribute more than PART of the largest contribution
 GROWN, PART = 2.5, 0.1
-UNCONTROLLED = 1e-6  #: violation that a run without a tolerance is assumed to resolve
-#: violation of rows, over the scene's length or in rad, that explains a singular position; a smaller one is mentioned where it
-#: can change the smallest singular value by NEARBY times its median
+UNCONTROLLED = 1e-6  #: violation of constraint rows that a run without a tolerance is assumed to resolve
+#: with form Index1: violation of rows, over the scene's length or in rad, above which it explains a stop in a singular position;
+#: a smaller one is mentioned where it can change the smallest singular value by more than NEARBY times the median over the run
 DRIFTED, NEARBY = 1e-3, 1e-2
 GOLDEN = (5**0.5 - 1) / 2
 

@@ -17,7 +17,9 @@ from mbdae.show.collected import Collected
 from mbdae.show.geometry import INK, Label, Shape
 
 GREY = "#8a8a8a"  #: colour of shapes fixed to the ground
-TINY = 0.02  #: ratio of an extent to the size of the scene below which it is not drawn
+#: smallest ratio that is drawn: of the distance of a connected point from its body's origin, and of an ellipsoid of inertia (a
+#: box where it is smaller), to the size of the scene; and of the axes of a ring of that ellipsoid to its longest axis
+TINY = 0.02
 
 
 class BodyShapes(Collected):

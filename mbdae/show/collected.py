@@ -18,7 +18,8 @@ from mbdae.show.geometry import INK, Label, Pose, Shape, moved
 from mbdae.system.model.beams import Line
 
 MARK = 0.03  #: ratio of the size of symbols to the size of the scene
-SMOOTH = 32  #: smallest number of straight pieces with which a beam is drawn
+#: smallest number of straight pieces with which a beam of elements of order 2 or more is drawn; of order 1 each element is one
+SMOOTH = 32
 
 
 class Collected:

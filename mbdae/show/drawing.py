@@ -19,7 +19,7 @@ from mbdae.system.prepare import Prepared
 
 PAD = 0.07  #: ratio of the margin to the size of the drawing
 LIGHT = np.array([0.4, -0.8, 0.9])  #: direction towards the light, with z upright
-LETTERS = 70  #: largest number of letters in the title of a picture
+LETTERS = 70  #: largest number of letters in a line of the title of a picture
 DARKER = 0.3  #: reduction of brightness of every other sector of a ball or cylinder
 
 

@@ -12,8 +12,9 @@ from mbdae.scene.components import Array
 from mbdae.show.geometry import INK, Geometry, Label
 
 WIDE = 26  #: largest number of letters in a line of a name
-FAR = 22.0  #: distance (points) of a name from its item above which a line connects them
-LAPPED, OUTSIDE = 1e4, 1e6  #: cost of a square pixel over another name, and of one outside the picture
+FAR = 22.0  #: distance (points) of the box of a name from its item above which a line connects them
+#: cost of a square pixel of a name over another name, and of a pixel of length by which it is outside the picture
+LAPPED, OUTSIDE = 1e4, 1e6
 
 Box = tuple[float, float, float, float]  #: left, bottom, right, top in pixels
 

@@ -19,7 +19,7 @@ from mbdae.show.player_page import PAGE
 from mbdae.show.player_view import VIEW
 from mbdae.show.plots import COLOURS
 
-GRAIN = 1e-4  #: ratio of the resolution of stored coordinates to the size of the scene
+GRAIN = 1e-4  #: resolution of stored coordinates over the scene's size, and of the entries of rotation matrices
 SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 
 

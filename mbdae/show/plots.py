@@ -19,7 +19,8 @@ from mbdae.values import file_to_write, of_class, option, sequence, shown, text
 #: colours of Okabe and Ito by falling contrast; the line style changes with the colour, for grey prints
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1)))
-#: components of beam strains and stress resultants; panels they are drawn in: first letter, name, unit
+#: SECTION: components of beam strains and stress resultants; PANELS: first letter of the components that one panel shows, name
+#: of their quantity, unit
 SECTION = {"strain": ["Γ1", "Γ2", "Γ3", "K1", "K2", "K3"], "stress_resultants": ["N1", "N2", "N3", "M1", "M2", "M3"]}
 PANELS = {"strain": (("Γ", "strain", "-"), ("K", "curvature", "1/m")),
           "stress_resultants": (("N", "section force", "N"), ("M", "section moment", "N m"))}  # fmt: skip

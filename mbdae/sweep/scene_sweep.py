@@ -34,7 +34,8 @@ from mbdae.system.prepare import modelled
 from mbdae.values import BadValueError, array, number, option, several, shown, text, whole
 
 FORMAT = "mbdae sweep of a scene 3"
-#: points per part: PART in native batches, ALONE where every point is a run of its own; a part that failed is divided into PIECES
+#: largest number of points per part: PART in native batches, ALONE where every point is a run of its own; a part that failed is
+#: divided into PIECES
 PART, ALONE, PIECES = 512, 8, 8
 STATEMENT = "statement.json"  #: file in the folder of a sweep with its identity: scene, grid, options
 FOLDER = "give a new folder, or that of an earlier call of the same sweep; None keeps nothing"

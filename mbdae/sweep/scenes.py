@@ -27,13 +27,21 @@ from mbdae.sweep.statements import changed
 from mbdae.system.base import Array
 from mbdae.system.prepare import modelled
 
-SAMPLED = 7  #: largest number of values of a name at which the scene is modelled to see how numbers of laws follow it
-TOGETHER = 6  #: largest number of names that may belong to one item, because all combinations of their extreme values are checked
-STRAIGHT = 1e-12  #: largest deviation of a number of a law from a straight line, relative to its size
-#: factor on the values of names for which the scene of a batch is prepared: a number of a law that happens to be 1 would
+#: largest number of values of a name at which the scene is modelled, to see whether numbers of laws follow that name on straight
+#: lines
+SAMPLED = 7
+#: largest number of names that belong to the same item in a batch: all combinations of their smallest and largest values are
+#: checked
+TOGETHER = 6
+#: largest deviation of a number of a law from a straight line, relative to its largest magnitude, and of the places at which laws
+#: act from each other (relative, or m), with which a name can be varied in a batch
+STRAIGHT = 1e-12
+#: factor on the median values of names, with which the scene of a batch is prepared: a number of a law that happens to be 1 would
 #: become a constant of the compiled equations, and could not be varied
 BESIDE = 1.0009
-SAME = 1e-9  #: largest relative difference of start and equations between a batch and a scene prepared for one point alone
+#: largest relative difference of the start values and of the rates y' between a batch and a scene prepared for one point alone;
+#: with a larger one the sweep makes no batch
+SAME = 1e-9
 Line = tuple[float, float]  #: how a number of a law depends on the value of a name: number at value 0, and slope
 
 

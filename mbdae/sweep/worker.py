@@ -23,7 +23,7 @@ from mbdae.threads import keep_one_thread
 READY = b""
 PR_SET_PDEATHSIG = 1  #: of prctl(2): the signal a process gets when the thread that started it ends
 SAFE_PATH = "PYTHONSAFEPATH"
-LOOK = 1.0  #: time (s) between two checks whether the parent still runs, in case its end does not signal its handle
+LOOK = 1.0  #: time (s) between two checks whether the parent process still runs, in case its end does not signal its handle
 
 
 class WorkerDiedError(Exception):

@@ -22,7 +22,7 @@ class Coupling(TwoBodyLaw):
     the coordinate there, "joint.coordinate"; a coordinate is 0 as drawn, whole turns of angles count."""
 
     frames: ClassVar[tuple[str, ...]] = ()
-    #: coordinates that it couples, with their unit (rad, m or either)
+    #: coordinates of joints that the law couples, with their unit (rad, m or either)
     coordinates: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})
 
     def __init__(self, name: str, of: Mapping[str, Any], **values: Any) -> None:

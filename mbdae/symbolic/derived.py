@@ -78,7 +78,7 @@ class Derived:
         if found is None:
             try:
                 keep(key, found := tuple(self._derivation[0]))
-            # the refusal is cached too: every process tries first whether a scene is planar
+            # that this law is not planar is cached on disk too: every process derives a scene's laws as planar first
             except NotPlanarError as refused:
                 keep(key, refused.what)
                 raise

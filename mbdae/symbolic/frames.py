@@ -108,14 +108,14 @@ class Frame:
     kind: NodeKind
     axes: Axes
     r: Vec  #: position of the point at which the law acts, m
-    v: Vec  #: velocity of that point, m/s
+    v: Vec  #: velocity of the point at which the law acts, m/s
     x: Vec
     y: Vec
     z: Vec
     w: Vec  #: angular velocity, inertial components, rad/s
     center: Vec  #: position of the node, m
     center_velocity: Vec
-    arm: Vec  #: from the node to the point, m
+    arm: Vec  #: from the node to the point at which the law acts, m
     body: tuple[Vec, Vec, Vec]  #: columns of R
     heading: Expr  #: of a planar node: rotation from the attitude as drawn, rad
     spin: Vec  #: angular velocity in body components

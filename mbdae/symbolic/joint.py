@@ -30,7 +30,9 @@ from mbdae.values import flag, shown, word
 OPTIONS = ("kept", "friction", "rubs")  #: options that every joint has, see `Joint`
 UNITS = ("rad", "m", "rotation")  #: units of coordinates; a rotation is a quaternion, its rates an angular velocity
 SENSORS = ("force", "torque", "power", "rate", "reaction_is_unique", "contacts")  #: further sensors of joints
-SLIGHT = 1e-9  #: N, a reaction below which the normal force is smoothed: sqrt(F.F + SLIGHT^2)
+#: N; the normal force of a joint with the reaction F is smoothed to sqrt(F.F + SLIGHT^2), so that it has a derivative where F is
+#: 0
+SLIGHT = 1e-9
 
 
 class Joint(TwoBodyLaw):
@@ -40,10 +42,11 @@ class Joint(TwoBodyLaw):
     `friction_radius`, and the options kept (its coordinates are unknowns of their own), friction (a friction law) and rubs (the
     name of the coordinate against which it acts, by default the first)."""
 
-    coordinates: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})  #: of the motion left free, with units; 0 as drawn
+    #: coordinates of the motion that the joint leaves free, with their units; all are 0 as drawn
+    coordinates: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})
     loose: ClassVar[type[Joint] | None] = None  #: class that replaces this one where pin and race have clearance
     optional: ClassVar[tuple[str, ...]] = ()  #: parameters that a statement may leave out
-    kept: Any  #: None or False: its coordinates are no unknowns
+    kept: Any  #: None or False: the coordinates of the joint are not unknowns of its law
     _derived: ClassVar[frozenset[str]] = frozenset()  #: parameters made from the coordinates: drives, friction radius
 
     def __init_subclass__(cls, **kwargs: Any) -> None:

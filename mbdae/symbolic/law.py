@@ -63,14 +63,18 @@ class Law:
     states: Mapping[str, Parameter] = MappingProxyType({})
     frames: ClassVar[tuple[str, ...]] = ()  #: names of the bodies' frames on which the law is stated
     axes_of: ClassVar[str] = "axis"  #: source of the frames' axes: z along the item's "axis", or the axes of body "k" or "l"
-    timeless: ClassVar[bool] = False  #: whether its parameters may not depend on time
-    at_nodes: ClassVar[bool] = False  #: whether it acts at its bodies' nodes along inertial axes, so that axis is not used
-    loads: ClassVar[bool] = False  #: whether it is a load, which an equilibrium applies step by step
-    dissipative: ClassVar[bool] = False  #: whether the power of `wrench` counts as dissipated rather than as work
-    #: whether bodies may stick by it, as by friction (the equations are then stiff); None: they may if it has internal states
+    #: whether the law's parameters have to be numbers, not expressions of time, sensors or controllers
+    timeless: ClassVar[bool] = False
+    at_nodes: ClassVar[bool] = False  #: whether the law acts at its bodies' nodes along inertial axes, so that `axis` is not used
+    #: whether the law is a load: an equilibrium applies it step by step, and a joint has a sensor of it
+    loads: ClassVar[bool] = False
+    dissipative: ClassVar[bool] = False  #: whether the power of the law's `wrench` counts as dissipated rather than as work
+    #: whether bodies may stick by the law, as by friction (the equations are then stiff); None: they may if it has internal
+    #: states of its own in use, other than `follows`. Its parts are asked in any case
     sticks: ClassVar[bool | None] = None
     follows: ClassVar[str] = ""  #: name of the internal state that follows the joint's angle to count whole turns, if any
-    keeps_states: ClassVar[bool] = False  #: whether its states are unknowns although nothing that it states depends on them
+    #: whether the law's states are unknowns although nothing that the law states depends on them
+    keeps_states: ClassVar[bool] = False
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -211,7 +215,7 @@ class TwoBodyLaw(Law):
         return self.at_l if side == "l" and self.at_l is not None else self.at
 
 
-SLOW = 1e-2  #: least distance, relative to the scene's size, that bodies are expected to move in the characteristic time
+SLOW = 1e-2  #: bodies are expected to move in the characteristic time by at least this fraction of the scene's size
 
 
 class Impact(NamedTuple):
@@ -238,7 +242,7 @@ class Impact(NamedTuple):
 class Force(TwoBodyLaw):
     """A law between bodies stated by `energy`, `dissipation`, `wrench` or `thrust`."""
 
-    external: ClassVar[bool] = False  #: acts on l from outside: k is always the ground
+    external: ClassVar[bool] = False  #: whether the force acts on l from outside: k is then the ground
 
     def energy(self, *frames: Any, **_: Any) -> Expr:
         """Potential energy, J."""

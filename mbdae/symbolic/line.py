@@ -105,12 +105,13 @@ class LineDerived:
 
     kind: NodeKind
     fields: tuple[Field, ...]  #: fields the law reads
-    damped: bool  #: whether it reads their time derivatives too
+    damped: bool  #: whether the law reads the time derivatives of `fields` too
     stresses: tuple[str, ...]  #: stress unknowns; none in the displacement form
     vanished: tuple[str, ...]  #: strains that are zero for this kind of node
     duals: tuple[tuple[Field, Expr], ...]  #: generalised force dual to each field, left-hand side
     rows: tuple[Expr, ...]  #: compatibility row of every stress
-    resultants: tuple[tuple[str, Expr], ...]  #: each as a function of its strain, for a compliance that is not 0
+    #: name and value of every stress resultant as a function of its strain, for a compliance that is not 0
+    resultants: tuple[tuple[str, Expr], ...]
     energy: Expr  #: elastic energy of the point, J
     dissipated: Expr  #: dissipated power of the point, W
     mass: dict[tuple[int, int], Expr]  #: inertia per length between velocity components

@@ -85,7 +85,8 @@ class Part:
     params: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})
     options: ClassVar[tuple[str, ...]] = ()  #: attributes that change the statement itself
     states: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})
-    #: whether bodies may stick by it, as by friction (the equations are then stiff); None: they may where the part has states
+    #: whether bodies may stick by the part, as by friction (the equations are then stiff); None: they may where the part has
+    #: states
     sticks: ClassVar[bool | None] = None
 
     def __init__(self, **values: Any) -> None:

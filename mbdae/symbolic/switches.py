@@ -25,7 +25,8 @@ from mbdae.symbolic.vectors import Expr, Vec
 EQUAL = 1e-12  #: relative difference up to which two branches of a Piecewise count as the same function
 NEARBY = (-1e-2, 0.0, 1e-2)  #: where branches are compared, relative to the place where the condition changes
 ONE = se.Integer(1)
-LOCAL_POWER = 8  #: from this exponent on a power is noticeable only near the largest base, as cos(x)^2000 is
+#: a power with at least this exponent is taken to be noticeable only near the largest values of its base, as cos(x)^2000 is
+LOCAL_POWER = 8
 TINIEST = se.RealDouble(1e-300)  #: added to arguments of logarithms, which keeps them finite
 
 
@@ -46,7 +47,7 @@ def switches_of(d: Derived) -> list[Switch]:
     arguments = insert(d, [resolve(name(s.argument)) for s in found])
     of_motion = {symbol for target, symbol in input_symbols(d) if target[0] in ("q", "u", "s", "foreign")}
     of_motion |= set(d.variation.clock)
-    reactions = {*d.multipliers, *d.stabilisers}  # which have no value in forms that eliminate them
+    reactions = {*d.multipliers, *d.stabilisers}  # without values in forms that eliminate multipliers
     out: dict[tuple[str, Expr], Switch] = {}
     for switch, e in zip(found, arguments, strict=True):
         free = e.free_symbols

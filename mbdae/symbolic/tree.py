@@ -32,7 +32,10 @@ from mbdae.symbolic.rebuild import substituted
 from mbdae.symbolic.tree_motion import Coordinate, Link, Member, Moved, Numbers, State, TreeStructure, Way, moved, way
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
-OPERATIONS = 8500  #: above this number of steps of its Jacobian a tree has no program: compiling it would cost more than it saves
+#: a tree of recursive joints whose Jacobian takes more steps gets no kernel for the whole tree, which would cost more to compile
+#: than it saves: it is evaluated joint by joint, or its joints become kinematic. For export the steps are counted before the tree
+#: is differentiated
+OPERATIONS = 8500
 
 
 Wrench = tuple[Vec, Vec]  #: force and torque about the node, inertial components, left-hand side

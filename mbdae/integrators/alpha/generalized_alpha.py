@@ -21,8 +21,10 @@ from mbdae.integrators.stepped import Stepped
 from mbdae.system.base import Array, System
 from mbdae.values import number, set_option
 
-SECOND = (2, 2, 2)  #: order of positions, velocities and multipliers
-GAINS = 0.9  #: smallest spectral radius at high frequencies with which a warning says that long steps may gain energy
+SECOND = (2, 2, 2)  #: order of positions, of velocities and of multipliers
+#: from this spectral radius at high frequencies on a warning says that long steps gain energy or, for Newmark's method with
+#: mb.Index3(), that constraint forces do not converge
+GAINS = 0.9
 
 
 class _Alpha(Stepped):

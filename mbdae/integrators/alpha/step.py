@@ -34,10 +34,13 @@ from mbdae.ties import largest
 
 CUBIC = 3  #: number of stages of Radau IIA whose polynomial is of degree 3
 ORDER = ("q", "v", "s", "z", "lambda", "mu")
-#: Newton's method stops where the remaining error is below TARGET units; a unit is ROUND times the scale of the unknown
+#: Newton's method stops where the error expected to remain is at most TARGET units; a unit is ROUND times the scale of the
+#: unknown, for velocities and internal states of its scale plus its magnitude
 ROUND, TARGET = 1e-10, 3e-2
-NOISY = 1.0  #: largest correction, in these units, that is accepted as round-off where corrections no longer shrink
-SLOW = 0.02  #: contraction factor of Newton's method above which the next step gets a new Jacobian
+NOISY = 1.0  #: largest correction, in the units of TARGET, that is accepted as round-off where corrections hardly shrink any more
+#: contraction factor of Newton's method above which the next step gets a new Jacobian, unless the last correction is below NOISY
+#: / 1000 units
+SLOW = 0.02
 LIMIT = 12
 
 

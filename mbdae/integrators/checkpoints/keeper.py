@@ -17,7 +17,7 @@ from typing import TypeVar
 from mbdae.integrators.checkpoints.trees import DamagedError, Tree, read_tree, write_tree
 
 T = TypeVar("T")
-PAUSE = 1.0  #: shortest wall time (s) between two checkpoints
+PAUSE = 1.0  #: shortest wall time (s) between two checkpoints, unless the process is asked to end
 
 
 class Stopping(BaseException):

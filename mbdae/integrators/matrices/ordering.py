@@ -17,21 +17,25 @@ from mbdae.native.sparse import Searches
 #: kinds of unknowns that are eliminated first, because their own block is easily inverted: that of stresses is their compliance,
 #: that of positions follows from q' = H u
 FIRST = ("z", "q")
-#: FEW: in a matrix with stresses and more unknowns the order with the largest pivots is not tried, since its factors fill in;
-#: CHEAP: number of multiplications of a factorisation below which no further order is sought
+#: FEW: with more unknowns, nested dissection is tried too (see LOOPS), in matrices with stresses the order with the largest
+#: pivots is tried last only, since its factors fill in, and in matrices without stresses pivots on the diagonal are not tried;
+#: CHEAP: number of multiplications of a factorisation with the largest pivots up to which no other order is compared with that
+#: one
 FEW, CHEAP = 600, 15_000
-#: above FEW unknowns positions are eliminated first only where the inverse of their block has at most COUPLED times the entries
-#: of the matrix. (In space it is full: joints couple the positions of all the bodies that they connect.)
+#: with more than FEW unknowns, positions are eliminated first only where the inverse of their block has at most COUPLED times as
+#: many entries as the whole matrix. (In space that inverse is full: joints couple the positions of all the bodies that they
+#: connect.)
 COUPLED = 2
-#: ratio of the entries of the factors to those of the matrix, above which nested dissection is tried too: measured 1 to 3 for
-#: chains, trees and beams, more than 4 for nets of bars
+#: ratio of the entries of the factors to those of the matrix, above which, with more than FEW unknowns, nested dissection is
+#: tried too: measured 1 to 3 for chains, trees and beams, more than 4 for nets of bars
 LOOPS = 4
-#: smallest pivot, relative to the largest entry of its column, that is accepted on the diagonal or in a choice by counts. Fill-in
-#: is then a third to a half of that with the largest pivots; in large nets and chains of bodies, where the diagonal of
-#: multipliers is zero, 20 to 1000 times as much
+#: smallest pivot, relative to the largest entry of its column, that is accepted on the diagonal or, in a small matrix, in a
+#: choice by counts of entries. Fill-in is then a third to a half of that with the largest pivots; in large nets and chains of
+#: bodies, where the diagonal of multipliers is zero, 20 to 1000 times as much
 LARGE = 0.1
-#: the same bound where stresses and positions are eliminated first. The pivots of stresses are compliances, which are small in a
-#: stiff beam: with a larger bound they are refused, and its factors fill in (0.24 s instead of 0.007 s for 1000 elements)
+#: smallest pivot, relative to the largest entry of its column, that is accepted where stresses and positions are eliminated
+#: first. The pivots of stresses are compliances, which are small in a stiff beam: with a larger bound these pivots are refused,
+#: and the factors of the matrix fill in (0.24 s instead of 0.007 s for 1000 elements)
 THRESHOLD = 1e-8
 
 

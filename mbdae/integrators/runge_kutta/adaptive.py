@@ -22,11 +22,12 @@ from mbdae.integrators.watched.watch import StepWatch
 from mbdae.native.collocation import AGAIN, DIVERGED, DONE, LOOK, NO_RATES, NO_WIDTH, ORDER, VANISHED, Made
 from mbdae.system.base import Array, System
 
-#: number of consecutive failed steps, each half as long as the one before, after which Newton's method uses a Jacobian for every
-#: stage: SOON with up to FEW_UNKNOWNS unknowns, else RESIST. That costs as much as 40 steps (measured with the clearance rotor at
-#: rtol 1e-3: 1.4 s with RESIST = 3, 2.1 s with 2)
+#: from this number of consecutive steps on in which Newton's method fails, each half as long as the one before, Newton's method
+#: uses a Jacobian for every stage: SOON with up to FEW_UNKNOWNS unknowns, else RESIST. Such a step costs as much as 40 others
+#: (measured with the clearance rotor at rtol 1e-3: 1.4 s with RESIST = 3, 2.1 s with 2)
 RESIST, SOON, FEW_UNKNOWNS = 3, 2, 100
-#: largest number of steps in one call of the native method, and in the first call where contacts or switches are watched
+#: largest number of steps in one call of the native method, and in the first call where contacts or switches are watched; where
+#: every step has to be looked at by itself it is 1
 ROWS, FEW = 256, 8
 REMEDY = "see whether a force jumps or grows without bound there, or the position is singular; else loosen rtol"
 

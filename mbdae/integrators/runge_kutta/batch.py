@@ -25,7 +25,7 @@ from mbdae.threads import one_thread
 from mbdae.values import array, function, of_class, option, optional, shown
 
 Progress = Callable[[int, int], None]  #: function of the number of points done and of all points
-PERIOD = 0.1  #: shortest time (s) between two calls of a progress function
+PERIOD = 0.1  #: shortest wall time (s) between two calls of a progress function, the last one excepted
 NOT_RUN = "not run"
 
 

@@ -25,7 +25,8 @@ from mbdae.ties import largest
 METHOD = Method(STAGES, tuple((0, *entry) for entry in FIFTH) + tuple((1, *entry) for entry in THIRD), DENSE)
 #: stages of Radau IIA at whose nodes the interpolant is stored: with the start they determine its polynomial of degree 7
 NODES = 7
-#: largest number of steps in one call of the native method, and in the first call where contacts or switches are watched
+#: largest number of steps in one call of the native method, and in the first call where switches are watched; where contacts are
+#: watched, or every step has to be looked at by itself, it is 1
 ROWS, FEW = 256, 8
 
 
@@ -42,8 +43,9 @@ class DOP853(Solver):
 
     factors: ClassVar[dict[str, dict[str, float]]] = {"DOP853": {"ODE": 3e-3, "Index1": 3e-3, "DAE": 3e-3}}
     error_fall: ClassVar[float] = 0.6
-    #: at the begin of an impact forces grow with the power 1.5 of time. No polynomial describes that well, and the error estimate
-    #: does not see it: with longer steps errors would hardly fall with the tolerance, and runs would agree that are equally wrong
+    #: factor on the longest step during an impact. At the begin of an impact forces grow with the power 1.5 of time. No
+    #: polynomial describes that well, and the error estimate does not see it: with longer steps errors would hardly fall with the
+    #: tolerance, and runs that are equally wrong would agree
     impacts: ClassVar[float] = 0.25
     tightest: ClassVar[dict[str, float]] = {"": 1e-14}
     highest_index: ClassVar[int] = 0

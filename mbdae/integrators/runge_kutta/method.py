@@ -23,7 +23,8 @@ from mbdae.integrators.runge_kutta.tables import CollocationTable
 from mbdae.integrators.solution import Interpolant
 from mbdae.system.base import Array, System
 
-#: with a constant step Newton's method ends where its correction of every unknown is below TARGET times ROUND times the unknown
+#: with a constant step, and no tolerance of its own for Newton's method, that method ends where the error expected to remain is
+#: below TARGET times ROUND times the unknown's magnitude plus scale, or where corrections no longer fall and are round-off
 ROUND, TARGET = 1e-10, 1e-5
 
 

@@ -18,7 +18,9 @@ from mbdae.errors import OptionError
 from mbdae.system.base import Array
 from mbdae.values import array, option, whole
 
-EXACT = 1e-11  #: a condition on the coefficients counts as fulfilled up to this error
+#: largest absolute error up to which the conditions on a table (quadrature, collocation, inverse, transformation, embedded
+#: formula) count as fulfilled; else the table is refused
+EXACT = 1e-11
 
 
 @dataclass(frozen=True)

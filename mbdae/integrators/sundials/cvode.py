@@ -28,8 +28,9 @@ HIGHEST = {"Adams": 12, "BDF": 5}
 #: interpolant: equal with 5 stages, larger by 30 % with 4 at rtol 1e-12, 30 times as large with cubics over one step at rtol
 #: 1e-11. Hermite polynomials through neighbouring steps have no correct digit where the step grows a thousandfold (at the start)
 NODES = 5
-#: a step at most this many times as long as the one before is interpolated by the polynomial of degree 5 with y and y' at both
-#: its ends and at the start of the step before: it is as accurate there as CVODE's interpolant, which then need not be called
+#: with Adams and where no contact or switch is watched, a step at most this many times as long as the one before is interpolated
+#: by the polynomial of degree 5 with y and y' at both its ends and at the start of the step before: it is as accurate there as
+#: CVODE's interpolant, which then need not be called
 TAME = 2.0
 
 

@@ -24,9 +24,10 @@ from mbdae.values import set_option, whole
 #: number of neighbouring ends of steps that a polynomial of the interpolant goes through. With 4 it has no correct digit where
 #: the length of the step jumps (at the start, in the last step); 2 have no advantage
 POINTS = 3
-#: with rtol of LOOSE or more, the fastest vibration of a beam may pass through at most the angle FAST (rad) in the motion's
-#: characteristic time: orders above 2 excite faster vibrations, which they do not resolve. Measured: errors of 0.1 to 0.5 without
-#: a warning at rtol 1e-3; an error of 2e-3, or a run that does not end, at 1e-4; a run that does not end at 1e-5
+#: IDA with an order above 2 and rtol of LOOSE or more is refused where the fastest vibration of a beam passes through more than
+#: FAST (rad) in the motion's characteristic time: orders above 2 excite faster vibrations, which they do not resolve. Measured
+#: without the refusal: errors of 0.1 to 0.5 without a warning at rtol 1e-3; an error of 2e-3, or a run that does not end, at
+#: 1e-4; a run that does not end at 1e-5
 FAST, LOOSE = 2000.0, 1e-5
 
 

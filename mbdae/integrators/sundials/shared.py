@@ -66,7 +66,7 @@ class SundialsRun(ABC):
                 self._steps()
         finally:
             self.__dict__.pop("last", None)
-            del self.watch  # it refers to this object: such a circle would keep the memory until the next garbage collection
+            del self.watch  # the watch refers to this object: such a circle would keep memory until the next garbage collection
 
     def _steps(self) -> None:
         """Step to the end: many steps per call where nothing is checked between steps, else one per call. Steps do not end at

@@ -24,15 +24,18 @@ LOGARITHMS = (-90.0, 40.0)
 BEYOND = 0.5
 #: an extremum is located where the scaled argument PHI may differ by more than this between it and the nearest point
 MATTERS = 0.25
-#: an extremum nearer to a kink (argument 0) than this fraction of the argument's change over the step may cross the kink
+#: an extremum nearer to a kink (argument 0) than this fraction of the argument's change over the step may cross the kink; it is
+#: then located until its neighbouring points differ from it by at most this fraction of its value
 MARGIN = 1e-2
 #: a search in an interval evaluates SECTIONS points per round and goes on in a quarter (for an extremum) or an eighth of it; most
 #: rounds for an extremum (ROUNDS), and for the place where an argument passes a value (PLACES)
 SECTIONS, ROUNDS, PLACES = 9, 20, 9
-#: a place in the step is located to this fraction of its distance from the start of the step
+#: a place in the step is located to this fraction of its distance from the start of the step, and so far that PHI changes by less
+#: than MATTERS, in at most PLACES rounds
 EXACT = 1e-3
 SMALL = 1e-3  #: the rate of a scaled argument PHI is its difference quotient over twice this fraction of the step
-ROUND_OFF = 1e-10  #: relative change of an argument up to which the change may be round-off
+#: change of an argument, relative to its largest magnitude in the step, up to which the change may be round-off
+ROUND_OFF = 1e-10
 TINIEST = 1e-300  #: added to a magnitude before its logarithm is taken, so that it is finite
 
 
@@ -43,7 +46,9 @@ STRETCHES: dict[str, Callable[[Any], Any]] = {
     "power": lambda u: _between_logarithms(np.log(np.abs(u) + TINIEST)),
 }  # fmt: skip
 
-TOGETHER = 2**17  #: most numbers of states that are evaluated together: they stay in the cache of the processor
+#: largest number of values of unknowns that are evaluated together (except for a single step with more): they stay in the cache
+#: of the processor
+TOGETHER = 2**17
 Inside = Callable[[Array], Array]  #: fractions (k,) of a step -> y (k, n) there, on the polynomial of the step
 
 

@@ -15,12 +15,13 @@ import numpy as np
 from mbdae.integrators.watched.arguments import NODES, StepArguments
 from mbdae.system.base import Array, System
 
-#: an argument chatters where it changes its sign MOST times within the fraction PART of the run; at a lower rate a run has fewer
-#: than 1e4 such changes, which it can afford
+#: an argument chatters where it changes its sign MOST times within the fraction PART of the run and the equations jump there
+#: (JUMPS); at a lower rate a run has fewer than 1e4 such changes, which it can afford
 MOST, PART = 100, 1e-2
-#: an argument stays at zero while its magnitude in a step is below STAYS times its change by the tolerance of the unknowns
-#: (measured while chattering: 3 times, in one of some hundred steps 12 times); where it is larger, the count of changes of sign
-#: is halved. A change of sign by less than LEAST times that change is round-off of a body at rest, and is not counted
+#: an argument stays at zero while its magnitude in a step is below STAYS times the change that the tolerance of the unknowns
+#: causes in it (measured while chattering: 3 times, in one of some hundred steps 12 times); in a step in which it is larger, the
+#: count of changes of sign is halved. A change of sign with a magnitude below LEAST times that change is round-off of a body at
+#: rest, and is not counted
 STAYS, LEAST = 30.0, 1e-4
 #: HALVINGS: number of bisections that locate a change of sign in the step; JUMPS: the equations jump there where their residuals
 #: change by more than this fraction of their change in the whole step

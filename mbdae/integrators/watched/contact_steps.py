@@ -19,26 +19,26 @@ from mbdae.integrators.watched.zero import zero_between
 from mbdae.native.contacts import Contacts
 from mbdae.system.base import Array, System
 
-#: fraction of an open gap that the next step may close
+#: fraction of an open gap that closes, which the next step may pass through at the present rate; a longer step is still allowed
+#: where IMPACT allows it
 APPROACH = 0.5
-#: longest step during an impact, as a fraction of its duration; with 0.1 Radau IIA needs up to twice the steps for the same error
+#: longest step during an impact, as a fraction of the duration of the impact; with 0.1 Radau IIA needs up to twice the steps for
+#: the same error
 IMPACT = 0.2
-#: relative change of a penetration in the next step up to which that step may be longer: a body at rest on a contact needs no
-#: short steps
+#: fraction by which a penetration may change, at its present rate, in a next step longer than IMPACT allows: a body at rest on a
+#: contact needs no short steps
 REST = 0.1
 #: after this number of durations of an impact a contact counts as lasting: the motion is smooth then, and the error test alone
 #: bounds the step. With a further bound BDF of higher order lets a body at rest oscillate, at 2 to 3 times the evaluations
 LASTING = 3.0
-#: relative change of a penetration above which the Jacobian is evaluated anew
-CHANGE = 0.2
+CHANGE = 0.2  #: change of a penetration, relative to the larger of both values, above which the Jacobian is evaluated anew
 #: a minimum of the gap inside a step may be a contact where it is below this fraction of the smaller gap at the ends
 MARGIN = 0.1
 #: largest weight of a slope in a cubic Hermite polynomial on [0, 1]: bounds how far a gap can fall below its values at the ends
 SLOPE = 4 / 27
 #: number of times a step is repeated with a shorter length at one place before it is accepted
 RETRIES = 4
-#: fraction of a step at either end within which a zero of the gap counts as being at that end
-MET = 1e-2
+MET = 1e-2  #: fraction of a step; a zero of the gap nearer than this to either end counts as being at that end
 #: shortest step, relative to the time t; shorter ones would be round-off of t
 ROUND = 1e3 * float(np.finfo(float).eps)
 

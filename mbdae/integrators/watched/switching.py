@@ -16,15 +16,16 @@ from mbdae.integrators.solution import Stats
 from mbdae.integrators.watched.arguments import MARGIN, Course, Inside, StepArguments
 from mbdae.system.base import Array, System
 
-#: largest variation of a scaled argument PHI: LIMIT over an accepted step, REACH over the next step (predicted by the rate of
-#: PHI), AGAIN over a step that is repeated
+#: largest variation of a scaled argument PHI: LIMIT over an accepted step; REACH over the next step (predicted by the rate of
+#: PHI); AGAIN over the shorter step with which a step that exceeds LIMIT is repeated
 LIMIT, REACH, AGAIN = 2.5, 1.0, 1.25
 #: number of times a step is repeated with a shorter length at one place before it is accepted
 RETRIES = 10
-#: fraction of a step: a single kink nearer to its end counts as being at the end; one that is as near to its start was at the end
-#: of the step before
+#: fraction of a step: a kink nearer to the end of the step counts as being at the end, if it is the only one in the step; one
+#: that is as near to the start was the end of the step before
 MET = 1e-2
-#: an argument below this many times its change by the tolerance of the unknowns counts as 0
+#: an argument whose largest magnitude in a step is below this many times its change by the tolerance of the unknowns counts as 0,
+#: so that its changes of sign are no kinks
 NOISE = 3.0
 #: TINY: smallest fraction of a step at which a kink is placed; ROUND: shortest step relative to the time t (shorter is round-off)
 TINY, ROUND = 1e-9, 1e3 * float(np.finfo(float).eps)

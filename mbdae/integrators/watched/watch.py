@@ -131,9 +131,10 @@ class StepWatch:
 class SundialsWatch(StepWatch):
     """The watch of a run with SUNDIALS, which is given a stop time before each step, and is restarted to repeat a step."""
 
-    #: smaller than IMPACT. Measured with a tolerance too coarse for an impact (rtol 1e-3): the body loses 45 % of its speed with
-    #: 0.2, 28 % with 0.1; a body coming to rest had 250 contacts with 0.2, 28 with 0.1, and has 37. With finer tolerances both
-    #: cost the same
+    #: longest step during an impact with SUNDIALS, as a fraction of its duration: smaller than IMPACT. Measured with a tolerance
+    #: too coarse for an impact (rtol 1e-3): the body loses 45 % of its speed with 0.2, 28 % with 0.1; a body coming to rest had
+    #: 250 contacts with 0.2 and 28 with 0.1 when this was chosen, and has 37 with 0.1 now. With finer tolerances 0.1 and 0.2 cost
+    #: the same
     impact = 0.1
 
     def __init__(self, loop: StepLoop, tolerance: Tolerance) -> None:

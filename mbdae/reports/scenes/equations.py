@@ -28,7 +28,7 @@ from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.system.prepare import Prepared
 
 LARGEST_BLOCK = 3  #: largest number of rows that are solved together by determinants
-LARGEST_SCENE = 60  #: largest number of multipliers for which a closed form is sought
+LARGEST_SCENE = 60  #: largest number of multipliers for which a closed form is sought; with more the page says that there is none
 SHORT = 2  #: largest number of symbols in an entry of G that is written out instead of getting a letter
 _ZERO = se.Integer(0)
 Row = dict[Any, Expr]  #: coefficients by multiplier; the constant term under None
@@ -52,8 +52,8 @@ class Velocity(NamedTuple):
     below: str
     letter: str
     mass: str
-    unit: str  #: unit of the position
-    of: str  #: the position, in words
+    unit: str  #: unit of the position whose rate this velocity is
+    of: str  #: the position whose rate this velocity is, in words
 
     @property
     def effort(self) -> Unit:

@@ -15,8 +15,12 @@ from numpy.typing import NDArray
 from mbdae.run.events.pieces import Pieces, Steep, resolved
 from mbdae.system.base import Array
 
-SAME = 1e-10  #: zeros closer together than this fraction of the run count as one zero that round-off has split
-#: last coefficients of a polynomial, and of its derivative, below this fraction of the largest one are left out
+#: times nearer to each other than this fraction of the run count as the same: of zeros of one function where there is no change
+#: of sign between them (round-off has split one zero), of zeros of the functions of a condition, of an event and the end of the
+#: run
+SAME = 1e-10
+#: last coefficients below this fraction of the largest one are left out, of a polynomial (first number) and of its derivative
+#: (second)
 NEGLIGIBLE = 1e-17, 1e-15
 
 

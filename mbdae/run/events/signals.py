@@ -27,7 +27,7 @@ from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.values import BadValueError
 
-MANY = 50_000  #: most times that are evaluated at once
+MANY = 50_000  #: largest number of times that are evaluated at once
 #: quantities of joints, forces and contacts that results have in addition to their coordinates
 SHOWN = ("force", "torque", "power", "gap", "gap_rate", "penetration", "normal_force", "friction_force", "slip", "length", "rate",
          "friction_power", "wear_rate", "orbit")  # fmt: skip

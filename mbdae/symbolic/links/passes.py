@@ -80,7 +80,7 @@ def inward(shape: Shape) -> Pass:
          for k in range(f) for l in range(k + 1)}  # fmt: skip
     left = [let(made.number("tau", k) - _dot([S[i][k] for i in range(n)], p)) for k in range(f)]
     K0, pivots = made.program.solved(D, left) if f else ([], [])
-    columns = [made.program.solved(D, U[i])[0] if f else [] for i in range(n)]  # K^T
+    columns = [made.program.solved(D, U[i])[0] if f else [] for i in range(n)]  # of K = D^-1 U^T, one for each row of U
     I = {(i, j): let(A[i][j] - _dot(U[i], columns[j])) for i in range(n) for j in range(i + 1)}
     rest = [let(p[i] + _dot(U[i], K0) + _dot([I[max(i, j), min(i, j)] for j in range(n)], c)) for i in range(n)]
     if shape.parent:
