@@ -58,14 +58,14 @@ def _missed(known: Accuracy, run: Controlled) -> list[str]:
         return []
     if known.motion is not None and not known.motion <= asked:
         found = f"about {known.motion:.1e}" if math.isfinite(known.motion) else "not known"
-        notes.append(f"accuracy {asked:g} was asked, the error is {found}: {_nearer(known.motion, asked, run)}")
+        notes.append(f"accuracy {asked:g} was asked, the error is {found}: {_advice(known.motion, asked, run)}")
     if known.mesh is not None and not known.mesh <= asked:
         notes.append(f"accuracy {asked:g} was asked, the error by the mesh of the beams is about {known.mesh:.1e}: give them "
                      "more elements or a higher order")  # fmt: skip
     return notes
 
 
-def _nearer(error: float, asked: float, run: Controlled) -> str:
+def _advice(error: float, asked: float, run: Controlled) -> str:
     """Advice in words, from the runs that were made: whether asking for a smaller accuracy makes the error smaller, else what
     limits the error."""
     told = [one for one in run.told if math.isfinite(one[1])]
@@ -75,17 +75,18 @@ def _nearer(error: float, asked: float, run: Controlled) -> str:
     last, estimate = told[-1]
     if error > APART * estimate:
         return (f"runs of {run.solver.label} alone differ by {estimate:.1e}, the larger error is what another method or shorter "
-                "steps show; no run has shown that a smaller accuracy comes nearer")  # fmt: skip
+                "steps show; no run has shown that a smaller accuracy comes nearer: take another solver or a shorter run")
     if last <= run.limit * (1 + 1e-9):
         return (f"{size.format(last)} is the smallest that round-off allows {run.solver.label}, so that a smaller accuracy ends "
                 f"with the same run; a run over a shorter time comes nearer")  # fmt: skip
     if len(told) < 2:
-        return f"the error was estimated once, with {size.format(last)}; no run has shown that a smaller accuracy comes nearer"
+        return (f"the error was estimated once, with {size.format(last)}, so that it is not known whether a smaller accuracy "
+                "comes nearer: try one, or take a shorter run")  # fmt: skip
     before, earlier = told[-2]
-    went = f"with {size.format(before)} the error was {earlier:.1e}, with {size.format(last)} {estimate:.1e}"
+    errors_so_far = f"with {size.format(before)} the error was {earlier:.1e}, with {size.format(last)} {estimate:.1e}"
     if estimate > earlier * (last / before) ** SLOW:
-        return f"{went}: a smaller accuracy comes no nearer where the motion is chaotic, only a shorter run does"
-    return f"{went}, so that accuracy={asked / 10:g} comes nearer"
+        return f"{errors_so_far}: a smaller accuracy comes no nearer where the motion is chaotic, only a shorter run does"
+    return f"{errors_so_far}, so that accuracy={asked / 10:g} comes nearer"
 
 
 def _misaligned(prepared: Prepared) -> float:
@@ -109,9 +110,11 @@ def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tu
     if off[worst] <= max(10 * (asked if asked is not None else 1e-6), _misaligned(prepared)):
         return 0.0, []
     driven = any(c.prescribed for c in prepared.model.scene.joints)
-    why = "prescribed motions may contradict each other later on" if driven else "the loops do not stay closed"
+    likely_cause = ("prescribed motions may contradict each other there, then release one of them" if driven
+                    else "the joints do not stay together")  # fmt: skip
+    left_out = ""
     if m.rows[worst] in prepared.rank.dropped:
-        why += " (it was left out as redundant at the start, and is not redundant all the way)"
-    return float(off[worst]), [f"constraint {m.rows[worst].name} is violated by {off[worst]:.1e} of the scene's length, or rad: "
-                               f"{why}; r.drift shows the violation over time; if it is a numerical error, a smaller accuracy or "
-                               "rtol reduces it"]  # fmt: skip
+        left_out = " (left out as redundant at the start, and not redundant all the way)"
+    note = (f"constraint {m.rows[worst].name}{left_out} is violated by {off[worst]:.1e} of the scene's length, or rad: "
+            f"{likely_cause}; r.drift shows the violation over time; if it is a numerical error, take a smaller accuracy or rtol")
+    return float(off[worst]), [note]

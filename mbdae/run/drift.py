@@ -47,9 +47,9 @@ def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[s
     tolerance = asked if asked is not None else run.solver.rtol or 0.0
     if not abs(off) > max(max(SHARE, ALLOWED * tolerance) * exchanged, _at_rest(prepared, tolerance), round_off(prepared, e)):
         return []
-    cause = "BDF of order above 2 adds energy to undamped motion: use mb.RadauIIA(3), or" if order > 2 else "use"
+    remedy = "BDF of order above 2 adds energy to undamped motion: use mb.RadauIIA(3), or" if order > 2 else "use"
     return [f"the energy balance drifts: {abs(off):.2g} J {'gained' if off > 0 else 'lost'} without a cause, while "
-            f"{exchanged:.2g} J are exchanged; {cause} a smaller rtol or step"]  # fmt: skip
+            f"{exchanged:.2g} J are exchanged; {remedy} a smaller rtol or step"]  # fmt: skip
 
 
 def round_off(prepared: Prepared, e: Energy) -> float:

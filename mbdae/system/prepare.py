@@ -136,8 +136,8 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     model.conditions.end = t_end if t_end is not None else inf
     all_bodies = bodies_of(model, moved)
     if not all_bodies.numbering.free:
-        raise SceneError([f"scene '{scene.name}': every joint is recursive and prescribed, so there is nothing to solve for; use "
-                          f"model=mb.Kinematic() for one of them"])  # fmt: skip
+        raise SceneError([f"scene '{scene.name}': recursive joints hold or prescribe all bodies, so nothing is left to solve "
+                          f"for; use model=mb.Kinematic() for one of them"])  # fmt: skip
     rows = constraint_rows(model)
     all_rows = mechanics_of(model, rows, all_bodies) if moved.alone else Mechanics(model, rows)
     loose = start is None and any(c.loose for c in scene.joints)

@@ -97,7 +97,7 @@ def raising(t, angle, rate, memory):
 
 @pytest.mark.parametrize(("f", "said"), [
     (raising, "raised ZeroDivisionError: division by zero"),
-    (lambda t, a, w, m: (math.nan, m), "u = nan, which is not finite"),
+    (lambda t, a, w, m: (math.nan, m), "u = nan, but has to return finite numbers"),
     (lambda t, a, w, m: ((1.0, 2.0), m), "returned 2 outputs"),
     (lambda t, a, w, m: 1.0, "has to return (outputs, memory)"),
     (lambda t, a, w, m: ("x", m), "which is not a number for u"),

@@ -164,8 +164,8 @@ class Starter(ConsistentPositions):
             projected, change = self._projected(q, u, [item for item in given if item not in wrong])
         for body, moves, turns in wrong:
             v, w = (float(np.linalg.norm(rows @ change)) for rows in (moves, turns))
-            self.changes.append(f"the given velocity of '{body.name}' contradicts the joints: changed by {v:.4g} m/s and "
-                                f"{w:.4g} rad/s")  # fmt: skip
+            self.changes.append(f"the given velocity of '{body.name}' contradicts the joints and was changed by {v:.4g} m/s "
+                                f"and {w:.4g} rad/s to fit them")  # fmt: skip
         return projected
 
     def fits(self, q: Array, u: Array) -> bool:
