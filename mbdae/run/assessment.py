@@ -14,6 +14,7 @@ from mbdae.run.drift import energy_drift, joint_drift
 from mbdae.run.quaternion_lengths import unequal_lengths
 from mbdae.run.reliability import Assessment, doubts_of_steps, reliability
 from mbdae.run.singular_positions import singular_passages
+from mbdae.symbolic.frames import NodeKind
 from mbdae.system.model.inputs import expressions_of
 from mbdae.system.motion.mechanics import row_sizes
 from mbdae.system.prepare import Prepared
@@ -31,6 +32,8 @@ WITHIN = 10.0
 #: violation of a row (divided by the scene's length, or in rad) above which a run is not reliable, where it is also above ten
 #: times the accuracy and above what WITHIN explains
 TORN = 1e-3
+#: a body turns about an axis where the rate is more than ASIDE times its largest rate and 1 / characteristic time of the scene
+ASIDE = 1e-6
 ENERGY_SAMPLES = 1000  #: largest number of outputs (of steps, where an input depends on time) at which energies are evaluated
 
 
@@ -46,9 +49,22 @@ def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
     of_run = run.notes if known.met is False or run.solver.fixed or known.asked is None else ()
     rows = (joint_drift(found.prepared, run, known.asked) if drifts else []) or broken
     notes = [*_missed(known, run), *of_run, *rows, *doubts(found.prepared), *doubts_of_steps(run), *contact.notes,
-             *singular, *unequal_lengths(found), *energy_drift(found, run, known.asked)]  # fmt: skip
+             *singular, *unequal_lengths(found), *turned_aside(found), *energy_drift(found, run, known.asked)]  # fmt: skip
     reliable = contact.reliable and off <= TORN and not run.solution.stats.missed_dips
     return Assessment(tuple(notes), reliable, bool(singular), off)
+
+
+def turned_aside(result: Result) -> list[str]:
+    """Warnings about bodies whose inertia is stated as one number, about z, and which turn about other axes of theirs in space:
+    about these their inertia is 0."""
+    found = []
+    for node, body in result.prepared.model.bodies:
+        if body.principal_plane and node.kind is NodeKind.SPATIAL:
+            turning = np.max(np.abs(result.u[:, node.u + 3 : node.u + 6]), axis=0, initial=0.0)
+            if max(turning[:2]) > ASIDE * max(1 / result.prepared.time, float(np.max(turning))):
+                found.append(f"body '{body.name}' turns about its x or y axis, about which its inertia is 0: one number counts "
+                             "about z alone; in space give three principal moments, or a matrix")  # fmt: skip
+    return found
 
 
 def _missed(known: Accuracy, run: Controlled) -> list[str]:

@@ -142,7 +142,7 @@ def _finer(run: Controlled, form: str, wanted: float, other_remedy: str) -> str:
     `other_remedy`."""
     least = run.solver.tightest.get(form, run.solver.tightest[""])
     if least <= 3 * wanted:  # with a tolerance of up to three times the wanted one the warning does not come again
-        return f"use rtol = {max(wanted, least):.1g}"
+        return f"give that solver rtol = {max(wanted, least):.1g}"
     return f"rtol = {least:.1g}, the smallest it takes in this form, does not resolve that either; {other_remedy}"
 
 

@@ -335,3 +335,14 @@ class Moved(SimpleNamespace):
 
     def __call__(self, t):
         return self.unknowns(t)
+
+
+@pytest.mark.parametrize(("inertia", "axis", "said"), [(0.1, (0, 1, 0), True), (0.1, (0, 0, 1), False),
+                                                       ((0.1, 0.1, 0.1), (0, 1, 0), False)])  # fmt: skip
+@pytest.mark.parametrize("model", [mb.Kinematic(), mb.Recursive()], ids=["kinematic", "recursive"])
+def test_inertia_that_is_one_number_counts_about_z_alone(inertia, axis, said, model):
+    """In space a body that turns about another axis is told to have no inertia about it."""
+    s = mb.Scene("space", gravity=(1.0, 1.0, -9.81))
+    body = s.rigid_body("b", 1.0, inertia, at=(1, 0, 0))
+    s.revolute("J", s.ground, body, at=(0, 0, 0), axis=axis, model=model)
+    assert bool(told(s.simulate(0.2, 1e-4), "turns about its x or y axis")) == said
