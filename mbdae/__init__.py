@@ -115,7 +115,8 @@ def __getattr__(name: str) -> Any:
             value = _naming_arguments(getattr(import_module(_HOME[name]), name))
         globals()[name] = value
         return value
-    raise AttributeError(f"module 'mbdae' has no attribute {name!r}{'; ' * bool(close := meant(name, __all__))}{close.strip()}")
+    did_you_mean = f"; {close.strip()}" if (close := meant(name, __all__)) else ""
+    raise AttributeError(f"module 'mbdae' has no attribute {name!r}{did_you_mean}")
 
 
 def _naming_arguments(value: Any) -> Any:

@@ -51,8 +51,8 @@ def replacing(path: Any) -> Iterator[Path]:
             part.unlink(missing_ok=True)
             raise
     except OSError as error:
-        raise OptionError(f"'{named}' cannot be written: {error.strerror or error}; name a file in a folder that exists and may "
-                          f"be written to") from error  # fmt: skip
+        raise OptionError(f"'{named}' cannot be written: {error.strerror or error}; name a file in a folder that exists, may be "
+                          f"written to and has space left") from error  # fmt: skip
 
 
 def write_file(path: Any, content: str | bytes) -> Path:
@@ -67,7 +67,7 @@ def regular(path: Any) -> BinaryIO:
     number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0))
     if not stat.S_ISREG(os.fstat(number).st_mode):
         os.close(number)
-        raise OSError(f"'{path}' is no regular file")
+        raise OSError(f"'{path}' is no regular file (it is a folder, a pipe or a device)")
     return open(number, "rb")
 
 
@@ -80,10 +80,10 @@ def read_file(path: Any) -> str:
 def _begin(part: Path, place: Path) -> None:
     """Create the empty file `part` with the rights of the file at `place`; OSError where that file may not be replaced."""
     if place.is_dir():
-        raise IsADirectoryError("it is a folder")
+        raise IsADirectoryError("there is a folder of this name")
     there = place.exists()
     if there and not os.access(place, os.W_OK):
-        raise PermissionError("the file that is there may not be changed")
+        raise PermissionError("there is a file of this name that may not be changed")
     os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
     if there:
         part.chmod(place.stat().st_mode & 0o777)

@@ -108,7 +108,7 @@ def path(value: Any) -> Path:
                 return found
         except Exception as error:  # __fspath__ may be the user's own
             raise BadValueError(f"{shown(value)} is not a path ({error})") from error
-    raise BadValueError(f"{shown(value)} is not a path")
+    raise BadValueError(f"{shown(value)} is not a path that names a file or folder")
 
 
 def file_to_write(value: Any, *, suffixes: Sequence[str] = ()) -> Path:
@@ -146,8 +146,8 @@ def sequence(value: Any, each: Callable[..., T], **bounds: Any) -> list[T]:
     entries = list(value)
     try:
         return [each(entry, **bounds) for entry in entries]
-    except BadValueError as refused:
-        raise BadValueError(f"{shown(value)} has a wrong entry, {refused}") from None
+    except BadValueError as wrong_entry:
+        raise BadValueError(f"{shown(value)} has a wrong entry, {wrong_entry}") from None
 
 
 def plain(name: str) -> str:
@@ -193,7 +193,8 @@ def array(value: Any, *shapes: tuple[int, ...]) -> Array:
     except (TypeError, ValueError, OverflowError) as error:
         raise BadValueError(f"{shown(value)} is not {'a number' if found.ndim == 0 else 'an array of numbers'}") from error
     if shapes and plain.shape not in shapes:
-        raise BadValueError(f"{shown(value)} has shape {plain.shape}, needs {' or '.join(str(s) for s in shapes)}")
+        needed = " or ".join(str(shape) for shape in shapes)
+        raise BadValueError(f"{shown(value)} has shape {plain.shape}, needs {needed}")
     size = np.abs(plain)
     wrong = ~(size <= LARGEST) | ((size > 0) & (size < SMALLEST))
     if wrong.any() and plain.ndim == 0:
@@ -201,8 +202,8 @@ def array(value: Any, *shapes: tuple[int, ...]) -> Array:
     if wrong.any():
         try:
             number(float(plain[wrong].flat[0]))
-        except BadValueError as refused:
-            raise BadValueError(f"{shown(value)} has a wrong entry, {refused}") from None
+        except BadValueError as wrong_entry:
+            raise BadValueError(f"{shown(value)} has a wrong entry, {wrong_entry}") from None
     return plain
 
 
@@ -242,8 +243,8 @@ def option(name: str, value: Any, read: Callable[..., T], remedy: str, **bounds:
     """An option as `read` returns it; OptionError with name, value and what to give."""
     try:
         return read(value, **bounds)
-    except BadValueError as refused:
-        raise OptionError(f"{name} = {refused}: {remedy}") from None
+    except BadValueError as value_and_mistake:
+        raise OptionError(f"{name} = {value_and_mistake}: {remedy}") from None
 
 
 def _float(value: Any) -> float:

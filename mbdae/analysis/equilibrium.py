@@ -43,7 +43,7 @@ BENT = 0.7
 #: largest distance of a load step from the step that a tangent predicts, relative to the latter; beyond it the step is halved
 NEAR = 0.3
 TRUST = 0.5  #: first and largest step of the search for a stable state, in the scene's length and rad
-REMEDY = "stop that motion with a joint, or give it a spring"
+STOP_IT = "stop that motion with a joint, or give it a spring"
 ASIDE = 0.02  #: displacement from an unstable state, in the scene's length and rad, at which the search for a stable one begins
 #: sum of all steps of the search for a stable state, in the scene's length and rad, beyond which the search is given up
 FAR = 30.0
@@ -138,16 +138,16 @@ def confirmed(statics: Statics, point: Point) -> Equilibrium:
     if statics.mechanics.reactive and not statics.elastic:
         point = statics.with_reactions(point)
     result = as_result(statics, point)
-    soft = statics.soft_motions(statics.tangent(point))
-    if soft:
-        raise EquilibriumError(f"the state at rest is not the only one: nothing resists {soft[0]}; {REMEDY}", result)
+    unresisted = statics.soft_motions(statics.tangent(point))
+    if unresisted:
+        raise EquilibriumError(f"the state at rest is not the only one: nothing resists {unresisted[0]}; {STOP_IT}", result)
     _refuse_other_branch(result)
     statics.check_steady(point)
     axes = statics.rest.axes(statics.q(point))
     beams = (statics.system, point.y[statics.kinds == "z"]) if statics.elastic else None
-    reason = reason_not_steady(result.prepared, axes, statics.t, result.q[0], result.u[0], statics.s(point), 1e-6, beams)
-    if reason:
-        raise EquilibriumError(f"no state stays at rest in the frame of '{axes.name}': {reason}; loads or joints change with "
+    motion = reason_not_steady(result.prepared, axes, statics.t, result.q[0], result.u[0], statics.s(point), 1e-6, beams)
+    if motion:
+        raise EquilibriumError(f"no state stays at rest in the frame of '{axes.name}': {motion}; loads or joints change with "
                                f"time as seen in that frame; give another frame=", result)  # fmt: skip
     return result
 
@@ -217,9 +217,9 @@ class _Path:
         aside = np.zeros(T.K.shape[0])
         free = s.free_motions(T) if s.elastic else T.N
         aside[: s.mechanics.nu] = free @ np.random.default_rng(5).uniform(0.03, 0.1, free.shape[1])
-        soft = s.soft_motions(T) and s.soft_motions(s.tangent(s.with_reactions(s.moved(full, T.p, aside))))
-        if soft:
-            raise EquilibriumError(f"the scene has no single state at rest: nothing resists {soft[0]}; {REMEDY}")
+        unresisted = s.soft_motions(T) and s.soft_motions(s.tangent(s.with_reactions(s.moved(full, T.p, aside))))
+        if unresisted:
+            raise EquilibriumError(f"the scene has no single state at rest: nothing resists {unresisted[0]}; {STOP_IT}")
 
     # -- raising the loads
 
@@ -269,11 +269,11 @@ class _Path:
         sizes, motions, _ = s.stiffness(T).softest()
         before = s.stiffness(s.tangent(s.begin)).softest()[0]
         motion = motion_in_words(s.mechanics.model, motions[:, 0], s.units)
-        why = (f"at this limit point the stiffness against {motion} vanishes" if sizes[0] < 0.1 * before[0] else
+        met = (f"at this limit point the stiffness against {motion} nearly vanishes" if sizes[0] < 0.1 * before[0] else
                f"no state at rest was found for slightly larger loads; the motion of least stiffness is {motion}")  # fmt: skip
-        return EquilibriumError(f"the loads cannot be raised beyond {point.load_factor:.6g} of their values: {why}; lower the "
-                                f"loads, stiffen the scene, or simulate what follows from the state reached, which this error "
-                                f"holds as `.equilibrium`",
+        return EquilibriumError(f"the loads cannot be raised beyond {point.load_factor:.6g} of their values: {met}; lower "
+                                f"the loads, stiffen the scene, or simulate what follows from the state reached, which this "
+                                f"error holds as `.equilibrium`",
                                 where, point.load_factor)  # fmt: skip
 
     # -- scenes without stiffness of their own
@@ -299,9 +299,9 @@ class _Path:
             self.progress(point.load_factor, point.iterations)
             if size <= CONVERGED:
                 return point
-        soft = self._unheld(point)
-        raise EquilibriumError(f"no state at rest was found in {counted(point.iterations, 'iteration')}: {soft}; {REMEDY}, "
-                               f"or start the scene nearer to its state at rest")  # fmt: skip
+        unheld_motion = self._unheld(point)
+        raise EquilibriumError(f"no state at rest was found in {counted(point.iterations, 'iteration')}: {unheld_motion}; "
+                               f"{STOP_IT}, or start the scene nearer to its state at rest")  # fmt: skip
 
     def _downhill(self, T: Tangent, point: Point, radius: float) -> Array:
         """A correction no larger than `radius` (scene's length, rad); it lowers the potential energy, where there is one."""

@@ -46,8 +46,8 @@ def body_of(scene: SceneData, frame: Any) -> Body:
     bodies = {body.name: body for body in (scene.ground, *scene.bodies)}
     name = frame.name if isinstance(frame, Body) else frame
     if not isinstance(name, str) or name not in bodies:
-        known = ", ".join(repr(n) for n in list(bodies)[:12])
-        raise OptionError(f"frame = {shown(name)} is no body of scene '{scene.name}': give s.ground or one of {known}")
+        with_axes = ", ".join([repr(n) for n, b in bodies.items() if not (b.is_point or isinstance(b, Beam))][:12])
+        raise OptionError(f"frame = {shown(name)} is no body of scene '{scene.name}': give s.ground or one of {with_axes}")
     body = bodies[name]
     if body.is_point:
         raise OptionError(f"frame = '{body.name}': a point mass has no axes; give s.ground or a rigid body")

@@ -34,7 +34,6 @@ from mbdae.values import optional, shown, whole
 
 #: largest number of states for which all eigenvalues are computed; with more, `count` has to be given, and only the lowest are
 LARGEST = 1600
-AT = "give a Result, (Result, t), an equilibrium, or None for the start of the scene"
 RESOLVED = 1e-7  #: eigenvalues below this part of the largest count as 0: rounding errors split a double eigenvalue 0 that far
 
 
@@ -182,9 +181,9 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     found = Linearization(prepared, axes, start.t, p, count)
     found._finer = finer(partial(linearize, frame=axes.name, count=count), prepared.model.scene, at)
     beams = (system, z) if m.model.lines else None
-    reason = reason_not_steady(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
-    if reason:
-        raise SteadyError(f"the linearised equations change with time in the frame of '{axes.name}': {reason}; where they are "
+    change = reason_not_steady(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
+    if change:
+        raise SteadyError(f"the linearised equations change with time in the frame of '{axes.name}': {change}; where they are "
                           f"periodic, use s.floquet(period); otherwise give the body that turns steadily as frame=, or start "
                           f"from a steady motion, at=s.equilibrium(frame=...)", found)  # fmt: skip
     return found
@@ -196,7 +195,8 @@ def start_at(scene: SceneData, at: Any) -> Start | None:
         return None
     given, t = at if isinstance(at, tuple) and len(at) == 2 else (at, None)
     if not isinstance(given, Result):
-        raise OptionError(f"at = {shown(at)}: {AT}")
+        raise OptionError(f"at = {shown(at)} is no state: give a Result (its end), (Result, t), an equilibrium, or None for the "
+                          f"start of the scene")
     result = given
     said, meant = ([item.name for item in known._items] for known in (result.prepared.model.scene, scene))
     if said != meant:
@@ -279,12 +279,12 @@ def _changed_on_basis(m: Mechanics, found: Linearization, p: Pencil, frame: Rota
 
 def _differs(m: Mechanics, a: Reduced, b: Reduced, rate: float) -> str | None:
     size = np.abs(a.K).max(initial=0.0) + rate * np.abs(a.C).max(initial=0.0) + rate**2 * np.abs(a.M).max(initial=0.0)
-    for name, x, y, unit in (("inertia", a.M, b.M, rate**2), ("damping", a.C, b.C, rate), ("stiffness", a.K, b.K, 1.0)):
+    for coefficient, x, y, unit in (("inertia", a.M, b.M, rate**2), ("damping", a.C, b.C, rate), ("stiffness", a.K, b.K, 1.0)):
         off = np.abs(x - y)
         scale = size / unit if unit else np.abs(x).max(initial=0.0)
         if off.max(initial=0.0) > STEADY * scale and off.max() > 0:
             column = largest(off.max(axis=0))
             motion = motion_in_words(m.model, a.N[:, column], m.velocity_units)
             part = off.max() / np.abs(x).max(initial=off.max())
-            return f"the {name} against {motion} changes by {part:.2g} of the largest {name}"
+            return f"the {coefficient} against {motion} changes by {part:.2g} of the largest {coefficient}"
     return None

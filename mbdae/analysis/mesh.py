@@ -17,9 +17,6 @@ from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
-OF_A_RUN = ("mesh_error: the state of a run has no counterpart on a finer mesh: linearise about s.equilibrium() or the start, or "
-            "repeat run and analysis with beams of one order more")  # fmt: skip
-
 
 class OnMesh:
     """Base of analyses of scenes with beams: the mesh of the beams, and the error that it causes."""
@@ -44,7 +41,9 @@ class OnMesh:
         if not self.prepared.model.lines:
             return None
         if self._finer is None:
-            raise OptionError(OF_A_RUN)
+            raise OptionError("mesh_error: the state of a run has no counterpart on a finer mesh: linearise about "
+                              "s.equilibrium() or the start, or repeat run and analysis with beams of one order "
+                              "more")  # fmt: skip
         here, there = self.roots, self._finer().roots
         # pairs of roots with the least sum of squared distances: with squares, real roots are paired in rising order
         mine, others = linear_sum_assignment(np.abs(here[:, None] - there) ** 2)

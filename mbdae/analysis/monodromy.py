@@ -66,8 +66,9 @@ def departures(prepared: Prepared, system: SceneSystem, returned: Return, period
     Q = free_basis(C, units) / units[:, None]
     expected = nx - 2 * nb.m
     if Q.shape[1] != expected:
-        raise OptionError(f"floquet: the constraints allow {Q.shape[1]} motions at the start, where {expected} are expected: the "
-                          f"position is singular; start at another instant of the motion (at=(result, t))")  # fmt: skip
+        raise OptionError(f"floquet: the constraints allow {Q.shape[1]} independent changes of positions, velocities and states "
+                          f"at the start, where {expected} are expected: the position is singular; start at another instant "
+                          f"of the motion (at=(result, t))")  # fmt: skip
     return Departures(T, back * returned.sign, units, Q, nu)
 
 
@@ -75,7 +76,8 @@ def _refuse_rigid(system: SceneSystem, Fy: sp.csr_matrix) -> None:
     z = np.flatnonzero(np.array(system.kinds) == "z")
     rigid = z[np.asarray(abs(Fy[z][:, z]).sum(axis=1)).ravel() == 0] if len(z) else z
     if len(rigid):
-        raise OptionError(f"floquet needs finite stiffnesses of all beams, and that of {system.names[rigid[0]]} is infinite")
+        raise OptionError(f"floquet needs finite stiffnesses of all beams, and the one that belongs to {system.names[rigid[0]]} "
+                          f"is infinite; give that beam a section with finite ones")  # fmt: skip
 
 
 def propagated(system: SceneSystem, orbit: Orbit, dy: Array) -> Array:

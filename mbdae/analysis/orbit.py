@@ -83,15 +83,17 @@ def check_return(prepared: Prepared, system: SceneSystem, period: float) -> Retu
     run = RadauIIA(SOLVER.stages, rtol=FIRST).solve(system, system.t0 + period)
     ends = prepared.states(run.t[[0, -1]], run.y[[0, -1]])
     acting = acting_states(system, run)
-    off, what = _difference(prepared, period, *ends, acting - system.numbering.nq - system.numbering.nu)
-    remedy = ("give a whole period of the motion, and start on that motion: pass at=(result, t) of a run whose transients "
-              "have died out, or at=s.equilibrium(frame=...)")  # fmt: skip
+    off, difference = _difference(prepared, period, *ends, acting - system.numbering.nq - system.numbering.nu)
     if off > RETURN:
-        raise SteadyError(f"after period = {period:.9g} s {what}: {remedy}")
+        raise SteadyError(f"after period = {period:.9g} s {difference}: give a whole period of the motion, and start on that "
+                          f"motion: pass at=(result, t) of a run whose transients have died out, or "
+                          f"at=s.equilibrium(frame=...)")  # fmt: skip
     sign, turns = _later(prepared, system, run, acting)
-    changed = _changed(prepared, system, run, period, (sign, turns))
-    if changed:
-        raise SteadyError(f"the equations do not repeat after period = {period:.9g} s: {changed}; {remedy}")
+    changed_equation = _changed(prepared, system, run, period, (sign, turns))
+    if changed_equation:
+        raise SteadyError(f"the equations do not repeat after period = {period:.9g} s, although the motion does: "
+                          f"{changed_equation}; give a period after which loads and prescribed motions repeat too (a force "
+                          f"that grows with every turn never does)")  # fmt: skip
     return Return(off, acting, run.stats.steps, sign)
 
 

@@ -80,8 +80,8 @@ class Mode(ListsAttributes):
         model = self.owner.prepared.model
         name, known = body.name if isinstance(body, Body) else body, [b.name for b in (model.scene.ground, *model.scene.bodies)]
         if not isinstance(name, str) or name not in known:
-            told = ", ".join(map(repr, known[:12]))
-            raise OptionError(f"mode[{shown(name)}]: name a body, or a place on it such as body.at(point); there is {told}")
+            bodies = ", ".join(map(repr, known[:12]))
+            raise OptionError(f"mode[{shown(name)}]: name a body, or a place on it such as body.at(point); there is {bodies}")
         line = model.line(model.scene[name])
         if line is not None:
             shapes = [self._of(node) for node in line.nodes]

@@ -327,12 +327,12 @@ class Statics:
     def check_steady(self, point: Point) -> None:
         """Refuse a state that is not at rest in the frame by its velocities, or needs a torque to keep the frame turning."""
         q, u, name = self.q(point), self.u(point), self.rest.frame.name
-        reason = self.rest.departs(q, u)
-        if reason is None and self.held:
+        motion = self.rest.departs(q, u)
+        if motion is None and self.held:
             m = self.mechanics
             scale = float(np.max((acceleration_scale(m, self.rest.t, q, u, self.s(point)) * m.weight.diagonal())[m.rotational]))
             if abs(point.hold) > 1e-8 * scale:
-                reason = f"'{name}' turns freely, and loads of {abs(point.hold):.4g} N m about its axis change its rate"
-        if reason is not None:
-            raise EquilibriumError(f"no state is at rest in the frame of '{name}': {reason}; give another frame=, or prescribe "
+                motion = f"'{name}' turns freely, and loads of {abs(point.hold):.4g} N m about its axis change its rate"
+        if motion is not None:
+            raise EquilibriumError(f"no state is at rest in the frame of '{name}': {motion}; give another frame=, or prescribe "
                                    f"a steady motion")  # fmt: skip

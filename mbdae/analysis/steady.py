@@ -145,9 +145,10 @@ class Rest:
         size = float(np.linalg.norm(rate))
         along = float(np.linalg.norm(v)) if size == 0 else abs(float(v @ rate)) / size
         if along > 1e-8 * (float(np.linalg.norm(v)) + size * self.model.length):
-            what = f"along its axis of rotation at {along:.4g} m/s" if size else f"at {along:.4g} m/s"
-            raise OptionError(f"frame = '{node.name}': it translates {what}; a frame may turn steadily about a fixed axis: "
-                              f"take s.ground or another body, or start it without that velocity")  # fmt: skip
+            along_its_axis = "along its axis of rotation " if size else ""
+            raise OptionError(f"frame = '{node.name}': it translates {along_its_axis}at {along:.4g} m/s; a frame may turn "
+                              f"steadily about a fixed axis: take s.ground or another body, or start it without that "
+                              f"velocity")  # fmt: skip
         return r + np.cross(rate, v) / size**2 if size else r
 
     @cached_property
@@ -202,7 +203,8 @@ class Rest:
         try:
             return self.starter.project_velocities(q, u)
         except StartError as error:
-            raise OptionError(f"no state is at rest in the frame of '{self.frame.name}': {error.problems[0]}") from error
+            raise OptionError(f"no state is at rest in the frame of '{self.frame.name}': {error.problems[0]}; give another "
+                              f"frame=, or prescribe rates that fit together") from error  # fmt: skip
 
     def _turn(self, node: Node, q: Array, u: Array, omega: Array) -> None:
         set_velocity(node, q, u, np.cross(self.frame.rate, position(node, q) - self.center), omega)

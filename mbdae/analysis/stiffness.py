@@ -74,9 +74,9 @@ class Tangent:
         try:
             return (K - beside @ sp.csc_matrix(spsolve(own, below)).reshape(below.shape)).tocsc()
         except RuntimeError:  # which SciPy raises for a singular matrix
-            raise EquilibriumError("no single state at rest: an internal state of the scene is an integrator, whose rate does "
-                                   "not depend on its own value, and stays where a run has brought it; simulate until the scene "
-                                   "rests, and linearize there, s.linearize(at=r)") from None  # fmt: skip
+            raise EquilibriumError("no single state at rest: an internal state of the scene, or a combination of some, is an "
+                                   "integrator: its rate does not depend on its own value, and it stays where a run has brought "
+                                   "it; simulate until it rests, and linearize there, s.linearize(at=r)") from None  # fmt: skip
 
 
 class DenseStiffness:

@@ -326,7 +326,7 @@ def _resume(a: argparse.Namespace) -> str | None:
     try:
         Path(a.resume or ".").exists()
     except OSError as error:
-        raise UsageError(f"--resume {a.resume}: {error.strerror}; give another name") from None
+        raise UsageError(f"--resume {a.resume}: the system refuses this file name ({error.strerror}); give another") from None
     return a.resume  # type: ignore[no-any-return]
 
 

@@ -139,7 +139,7 @@ def _accuracies(text: str) -> list[float]:
 def _name(text: str) -> str:
     """The checked name of a file or folder."""
     if not text.strip() or "\0" in text:
-        raise argparse.ArgumentTypeError(f"{_shown(text)} cannot be the name of a file or folder")
+        raise argparse.ArgumentTypeError(f"{_shown(text)} is empty or holds the character of code 0: name a file or folder")
     return text
 
 

@@ -39,7 +39,7 @@ def user_file(file: str) -> Iterator[ModuleType]:
     sys.modules.update(dict.fromkeys(RUN_AS, module))
     sys.path.append(folder)  # at the end, so that a random.py there replaces no module that others need
     try:
-        with _mistakes_as_usage(file, path, f"'{file}' cannot be read"):
+        with _mistakes_as_usage(file, path, f"'{file}' fails"):
             exec(code, module.__dict__)
         _check_function(module, file)
         yield module
@@ -94,8 +94,8 @@ def _compiled(file: str) -> tuple[Path, Any]:
             raise UsageError(f"there is no file '{file}'; give a Python file with a function scene()")
         source = path.read_bytes()
     except (OSError, ValueError, RuntimeError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise UsageError(f"'{file}' cannot be read: {why}; give a Python file with a function scene()") from None
+        reason = getattr(error, "strerror", None) or error
+        raise UsageError(f"'{file}' cannot be read: {reason}; give a Python file with a function scene()") from None
     with _mistakes_as_usage(file, path, f"'{file}' is not a Python file"):
         tree = ast.parse(source, str(path))
         code = compile(source, str(path), "exec", dont_inherit=True)
@@ -105,19 +105,19 @@ def _compiled(file: str) -> tuple[Path, Any]:
 
 
 @contextmanager
-def _mistakes_as_usage(file: str, path: Path, what: str) -> Iterator[None]:
-    """Turn an error in the code of FILE into a UsageError that names the line."""
+def _mistakes_as_usage(file: str, path: Path, failure: str) -> Iterator[None]:
+    """Turn an error in the code of FILE into a UsageError that names the line. failure: what fails, in words."""
     try:
         yield
     except (MbdaeError, OutputLostError):
         raise
     except SystemExit as error:
-        place = place_in(error, str(path))
-        raise UsageError(f"{what}: it ends the program by sys.exit({error.code!r}) ({place}); leave that out") from error
+        in_line = f" ({place})" if (place := place_in(error, str(path))) else ""
+        raise UsageError(f"{failure}: it ends the program by sys.exit({error.code!r}){in_line}; leave that out") from error
     except Exception as error:
-        place = place_in(error, str(path))
+        in_line = f" ({place})" if (place := place_in(error, str(path))) else ""
         said = error.msg if isinstance(error, SyntaxError) else str(error)
-        raise UsageError(f"{what}: {type(error).__name__}: {said}{f' ({place})' if place else ''}") from error
+        raise UsageError(f"{failure}: {type(error).__name__}: {said}{in_line}; correct the file") from error
 
 
 def _check_function(module: ModuleType, file: str) -> None:

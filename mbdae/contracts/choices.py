@@ -16,7 +16,6 @@ from mbdae.symbolic.part import Part, PartStructure
 from mbdae.values import shown
 
 Choice = dict[str, Any]  #: value of every option of a law
-NO_VALUE = "{law} has the option '{option}': say mb.selftest({law}, {option}=...) with a value for it"
 _DRY = PartStructure(Coulomb, frozenset(), ())
 _BRISTLES = PartStructure(LuGre, frozenset(), (("gamma", 2.0), ("damping_decay", True)))
 #: values tried for options of these names where `selftest` is given none. Values of options with other names have to be given,
@@ -33,6 +32,13 @@ _COORDINATES: tuple[Choice, ...] = (
 )  # fmt: skip
 
 
+def refuse_missing(law: type, options: list[str]) -> None:
+    """LawError for the first of the options of a law that have no value."""
+    if options:
+        raise LawError(f"{law.__name__} has the option '{options[0]}': say mb.selftest({law.__name__}, {options[0]}=...) with a "
+                       f"value for it")  # fmt: skip
+
+
 def choices(law: type[Law], given: Choice) -> tuple[list[Choice], list[Choice]]:
     """Values of the options: those tried with all parameters in every combination that matters, and others tried once.
 
@@ -41,9 +47,7 @@ def choices(law: type[Law], given: Choice) -> tuple[list[Choice], list[Choice]]:
     given = {o: v.structure() if isinstance(v, Part) else v for o, v in given.items() if o in law.options}
     main, further = _of_joint(law) if issubclass(law, Joint) else _on_coordinate(law)
     rest = [o for o in law.options if o not in main[0]]
-    missing = [o for o in rest if o not in given and o not in _VALUES]
-    if missing:
-        raise LawError(NO_VALUE.format(law=law.__name__, option=missing[0]))
+    refuse_missing(law, [o for o in rest if o not in given and o not in _VALUES])
     values = [(given[o],) if o in given else _VALUES[o] for o in rest]
     others = [dict(zip(rest, chosen, strict=True)) for chosen in product(*values)]
     whole = [first | other | given for first, other in product(main, others)]
@@ -74,13 +78,13 @@ def _of_joint(law: type[Joint]) -> tuple[list[Choice], list[Choice]]:
 
 def _check_joint(law: type[Joint], choice: Choice) -> None:
     choice["kept"] = bool(choice["kept"]) or law.must_keep()
-    for option, names, what in (("kept", law.coordinates, "coordinates"), *((o, law.scalars(), "angles and displacements")
+    for option, names, coordinates in (("kept", law.coordinates, "coordinates"), *((o, law.scalars(), "angles and displacements")
                                                                             for o in ("friction", "rubs"))):  # fmt: skip
         if choice[option] and not names:
-            raise OptionError(f"{option} = {shown(choice[option])}: {law.__name__} has no {what}; leave it out")
+            raise OptionError(f"{option} = {shown(choice[option])}: {law.__name__} has no {coordinates}; leave it out")
     if choice["rubs"] is not None and choice["rubs"] not in law.scalars():
         raise OptionError(f"rubs = {shown(choice['rubs'])}: friction acts on one of the coordinates of {law.__name__}, "
-                          f"{' or '.join(law.scalars())}")  # fmt: skip
+                          f"{' or '.join(law.scalars())}: give its name")  # fmt: skip
 
 
 def _on_coordinate(law: type[Law]) -> tuple[list[Choice], list[Choice]]:

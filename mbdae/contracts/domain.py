@@ -54,7 +54,9 @@ class Domain:
                 return drawn
         name = type(self.law).__name__
         given = ", ".join(f"{p} = {numbers[p]:.3g}" for p in self.law.params if p in numbers and p not in self.law.derived())
-        stated = f" with {given}; give values of its parameters, as in mb.selftest({name}, parameter=value)" if given else \
-            "; state it by functions that are defined near 0"  # fmt: skip
+        if given:
+            raise OptionError(f"the motion of {name} cannot be evaluated: it is finite and real at none of {DRAWS} random values "
+                              f"of its coordinates with {given}; give values of its parameters, as in mb.selftest({name}, "
+                              f"parameter=value)")  # fmt: skip
         raise OptionError(f"the motion of {name} cannot be evaluated: it is finite and real at none of {DRAWS} random values of "
-                          f"its coordinates{stated}")  # fmt: skip
+                          f"its coordinates; state it by functions that are defined near 0")  # fmt: skip

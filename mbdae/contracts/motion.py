@@ -242,7 +242,7 @@ class _Moving:
         for G in self.case.rows(self.values)[1]:
             sizes = np.linalg.svd(G, compute_uv=False)
             rank = int(np.sum(sizes > 1e-9 * np.max(sizes, initial=1.0)))
-            which = "a row too many" if rank > wanted else "a row too few"
+            which = "too many" if rank > wanted else "too few"
             if rank != wanted:
                 yield (f"number of independent rows, {rank} where {wanted} leave just the motion free ({which}),",
                        abs(rank - wanted))  # fmt: skip

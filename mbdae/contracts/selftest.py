@@ -23,7 +23,7 @@ from typing import Any
 
 from mbdae.contracts.case import Case
 from mbdae.contracts.checks import BOUNDS, CONTRACTS, MEANS
-from mbdae.contracts.choices import NO_VALUE
+from mbdae.contracts.choices import refuse_missing
 from mbdae.contracts.variants import variants
 from mbdae.errors import LawError, OptionError, naming_arguments, unknown_name
 from mbdae.laws.contact import JournalContact, Normal
@@ -92,30 +92,31 @@ def _of_law(law: type[Law], options: dict[str, Any], called: str = "") -> SelfTe
         reasons = "; ".join(f"{name}: {reason}" for reason, name in reversed(first.items()))
         violations.append(f"no variant can be derived ({reasons})")
     if violations:
-        legend = [f"{contract}, {counted(len(entries), 'place')}: {MEANS[contract]}"
-                  for contract, entries in run.failed.items() if entries]  # fmt: skip
-        head = f"{called or law.__name__} breaks the contract of laws:"
-        raise LawError("\n".join(["\n  - ".join([head, *violations]), *([LINES] if legend else []), *legend]))
+        listed = "\n  - ".join(["", *violations])
+        legend = "".join(f"\n{contract}, {counted(len(entries), 'place')}: {MEANS[contract]}"
+                         for contract, entries in run.failed.items() if entries)  # fmt: skip
+        what_lines_say = f"\n{LINES}{legend}" if legend else ""
+        raise LawError(f"{called or law.__name__} breaks the contract of laws:{listed}{what_lines_say}")
     return SelfTest(law.__name__, tuple(run.checked), run.refused, run.worst)
 
 
 def declaration(law: type[Law] | type[Part]) -> Iterator[str]:
     """Messages on parameters, coordinates and states without unit or meaning. The unit of a pure number is "1"."""
     tables = {"parameter": law.params, "coordinate": getattr(law, "coordinates", {}), "state": law.states}
-    for what, table in tables.items():
+    for quantity, table in tables.items():
         for name, entry in table.items():
             if not entry.unit:
-                yield f"{what} '{name}' has no unit; give one, '1' for a pure number"
+                yield f"{quantity} '{name}' has no unit; give one, '1' for a pure number"
             if not entry.meaning and law.__module__.startswith("mbdae."):
-                yield f"{what} '{name}' has no meaning; describe it in a few words"
+                yield f"{quantity} '{name}' has no meaning; describe it in a few words"
 
 
 def _of_part(part: type[Part], options: dict[str, Any]) -> SelfTest:
     """Check the contact law with a friction or normal law of that class."""
-    missing = [o for o in part.options if o not in options]
-    if missing or not issubclass(part, Friction | Normal):
-        raise LawError(NO_VALUE.format(law=part.__name__, option=missing[0]) if missing else
-                       f"{part.__name__} is neither a friction law (mb.Friction) nor a normal law (mb.Normal)")  # fmt: skip
+    refuse_missing(part, [o for o in part.options if o not in options])
+    if not issubclass(part, Friction | Normal):
+        raise LawError(f"{part.__name__} is neither a friction law (mb.Friction) nor a normal law (mb.Normal); derive it "
+                       f"from one of them")  # fmt: skip
     undeclared = list(declaration(part))
     if undeclared:
         raise LawError(f"{part.__name__} breaks the contract of laws:\n  - " + "\n  - ".join(undeclared))

@@ -32,7 +32,7 @@ class _Reader(pickle.Unpickler):
 
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) not in ALLOWED:
-            raise pickle.UnpicklingError(f"{module}.{name} is not among what mbdae stores")
+            raise pickle.UnpicklingError(f"{module}.{name} is not among what mbdae stores: this entry is not used")
         return super().find_class(module, name)
 
 

@@ -37,5 +37,5 @@ class ODE(Form):
     def refusal(self, model: Model, rows: list[Row]) -> str | None:
         if not rows:
             return None
-        found = f"this one has {counted(len(rows), 'constraint row')}, {'' if len(rows) == 1 else 'the first is '}{rows[0].name}"
-        return f"form ODE needs a scene without constraints; {found}; use mb.GGL(), or s.recursive() if its joints form a tree"
+        return (f"form ODE needs a scene without constraints, this one has {counted(len(rows), 'constraint row')} (such as "
+                f"{rows[0].name}): use mb.GGL(), or s.recursive() if its joints form a tree")  # fmt: skip

@@ -45,8 +45,8 @@ def table(t: Any, values: Any, kind: str = "linear", outside: str = "hold") -> A
     OptionError where the points are not rising, not finite or fewer than two."""
     try:
         found = tables.known(Table(t, values, kind, outside))
-    except BadValueError as refused:
-        raise OptionError(f"mb.table: {refused}") from None
+    except BadValueError as wrong_argument:
+        raise OptionError(f"mb.table: {wrong_argument}") from None
     return _function(found.name, 0)(sympy_time())
 
 
@@ -68,8 +68,9 @@ def read_table(file: Any, t: str, value: str, kind: str = "linear", outside: str
                      for c, factor in zip(columns, factors, strict=True))  # fmt: skip
     try:
         found = tables.known(Table(times, values, kind, outside))
-    except BadValueError as refused:
-        raise OptionError(f"{place}, columns {shown(head[columns[0]])} and {shown(head[columns[1]])}: {refused}") from None
+    except BadValueError as wrong_points:
+        t_name, value_name = (shown(head[c]) for c in columns)
+        raise OptionError(f"'{place}', columns {t_name} (t) and {value_name} (values): {wrong_points}") from None
     return _function(found.name, 0)(sympy_time())
 
 
@@ -80,12 +81,15 @@ def _rows(place: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Names of the columns, and the entries of each row with the number of its line in the file."""
     try:
         lines = place.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        why = getattr(error, "strerror", None) or "it is no text"
-        raise OptionError(f"the table '{place}' cannot be read: {why}; give a text file in UTF-8 that exists") from None
+    except OSError as error:
+        raise OptionError(f"the table '{place}' cannot be read: {error.strerror}; give the path of a file that exists and that "
+                          f"you may read") from None  # fmt: skip
+    except UnicodeDecodeError:
+        raise OptionError(f"the table '{place}' is no text in UTF-8; save it as CSV in UTF-8") from None
     kept = [(i, line) for i, line in enumerate(lines, start=1) if line.strip() and not line.lstrip().startswith("#")]
     if not kept:
-        raise OptionError(f"the table '{place}' is empty: give a file with names of columns in its first line and numbers below")
+        raise OptionError(f"the table '{place}' is empty, or has comments (#) alone: give a file with names of columns in "
+                          f"its first line and numbers below")  # fmt: skip
     sign = next((s for s in (";", ",", "\t") if s in kept[0][1]), None)
     split = [row if sign else " ".join(row).split() for row in csv.reader((line for _, line in kept), delimiter=sign or " ")]
     if not sign:
@@ -109,8 +113,10 @@ def _column(place: Path, head: Sequence[str], name: str) -> int:
     found = [i for i, h in enumerate(head) if name.strip() in (h, _HEAD.fullmatch(h)["name"])]  # type: ignore[index]
     if len(found) == 1:
         return found[0]
-    listed = ", ".join(repr(h) for h in head[:LONGEST_LIST]) + (", ..." if len(head) > LONGEST_LIST else "")
-    raise OptionError(f"'{place}' has {'several columns' if found else 'no column'} {name!r}; it has {listed}")
+    columns = ", ".join(repr(h) for h in head[:LONGEST_LIST]) + (", ..." if len(head) > LONGEST_LIST else "")
+    if found:
+        raise OptionError(f"'{place}' has several columns {name!r} among {columns}; rename one of them in the file")
+    raise OptionError(f"'{place}' has no column {name!r}; give one of its columns {columns}")
 
 
 def _factor(place: Path, head: str, wanted: str | None, is_time: bool) -> float:
@@ -120,23 +126,27 @@ def _factor(place: Path, head: str, wanted: str | None, is_time: bool) -> float:
         return 1.0
     if wanted is not None and stated in FACTORS.get(wanted, ()):
         return FACTORS[wanted][stated]
-    states = f"is in {stated!r}" if stated else "states no unit"
+    column = f"column {head!r} of '{place}'"
     if not stated:
-        told = f"leave unit= out to take its numbers as they stand, or name the column '{head} [...]', with their unit"
-    elif wanted is None:
-        told = f"give unit={SI[stated]!r} to have it converted, or unit={stated!r} to take its numbers as they stand"
-    else:
-        told = f"it cannot be converted to {wanted!r}: convert the column yourself" + (
-            "" if is_time else f", or give unit={stated!r} to take its numbers as they stand")  # fmt: skip
-    raise OptionError(f"column {head!r} of '{place}' {states}; {told}")
+        raise OptionError(f"{column} states no unit to convert to unit={wanted!r}; leave unit= out to take its numbers as they "
+                          f"stand, or name the column '{head} [...]' in the file, with their unit")  # fmt: skip
+    if wanted is None:
+        raise OptionError(f"{column} is in {stated!r}; give unit={SI[stated]!r} to have it converted, or unit={stated!r} to "
+                          f"take its numbers as they stand")  # fmt: skip
+    if is_time:
+        raise OptionError(f"{column} is in {stated!r}, which is not converted to s; give times in s, {', '.join(FACTORS['s'])}")
+    raise OptionError(f"{column} is in {stated!r}, which cannot be converted to unit={wanted!r}; convert the column in the file, "
+                      f"or give unit={stated!r} to take its numbers as they stand")  # fmt: skip
 
 
 def _number(place: Path, line: int, head: str, row: Sequence[str], column: int) -> float:
     try:
         return float(row[column])
     except (IndexError, ValueError):
-        what = f"{row[column]!r} is no number" if column < len(row) else "the entry is missing"
-        raise OptionError(f"'{place}', line {line}, column {head!r}: {what}") from None
+        at = f"'{place}', line {line}, column {head!r}"
+        if column < len(row):
+            raise OptionError(f"{at}: {row[column]!r} is no number; correct it, or leave the line out") from None
+        raise OptionError(f"{at}: the entry is missing; complete the line, or leave it out") from None
 
 
 # ---- SymPy -----------------------------------------------------------------------------------------------------------------

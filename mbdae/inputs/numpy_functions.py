@@ -14,8 +14,8 @@ from typing import Any
 from mbdae.errors import ExpressionError
 from mbdae.values import shown
 
-_NUMBER = "write SymPy's functions, such as sympy.sin(mb.t) for math.sin(mb.t)"
-_CONDITION = ("write sympy.Piecewise((a, condition), (b, True)), or sympy.Max, sympy.Min, sympy.sign, sympy.Heaviside, for what "
+_NUMBER = "SymPy's functions, such as sympy.sin(mb.t) for math.sin(mb.t)"
+_CONDITION = ("sympy.Piecewise((a, condition), (b, True)), or sympy.Max, sympy.Min, sympy.sign, sympy.Heaviside, for what "
               "switches")  # fmt: skip
 
 
@@ -49,24 +49,24 @@ def _method(function: Callable[..., Any]) -> Callable[..., Any]:
     return lambda *args: function(*args)
 
 
-def _refusal(asked: str, remedy: str) -> Callable[..., Any]:
+def _refusal(numpy_function: str, with_sympy: str) -> Callable[..., Any]:
     def refuse(*args: Any) -> Any:
-        raise ExpressionError(f"{asked} cannot take {shown(args[0])}, an expression of mb.t: write {remedy}")
+        raise ExpressionError(f"{numpy_function} cannot take {shown(args[0])}, an expression of mb.t: write {with_sympy}")
 
     return refuse
 
 
-def _with_remedy(method: Callable[[Any], Any], remedy: str) -> Any:
-    """The method, with the remedy added to the text of its TypeError for expressions of mb.t."""
+def _with_remedy(method: Callable[[Any], Any], with_sympy: str) -> Any:
+    """The method, with what to write added to the text of its TypeError for expressions of mb.t."""
 
     @wraps(method)
     def explained(self: Any) -> Any:
         try:
             return method(self)
-        except TypeError as error:
+        except TypeError as reason:
             if any(s.name == "t" for s in self.free_symbols if hasattr(s, "name")):
-                raise ExpressionError(f"{shown(self)} depends on mb.t and has no value before a run ({error}): "
-                                      f"{remedy}") from error  # fmt: skip
+                raise ExpressionError(f"{shown(self)} depends on mb.t and has no value before a run ({reason}): "
+                                      f"write {with_sympy}") from reason  # fmt: skip
             raise
 
     return explained

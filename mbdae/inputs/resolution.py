@@ -109,8 +109,8 @@ def stretches(expressions: Sequence[Expr], edges: Array, tolerance: float = TOLE
         if not len(low):
             break
         if len(low) > MOST:
-            raise TooManyError(f"it varies so fast that more than {MOST} intervals between {edges[0]:g} and "
-                               f"{edges[-1]:g} s are needed")  # fmt: skip
+            raise TooManyError(f"the input varies so fast that more than {MOST} intervals between {edges[0]:g} and "
+                               f"{edges[-1]:g} s are needed: shorten the run, or give the mean of the input")  # fmt: skip
         low, high, side = halves(low, high, side)
     return Stretches(distinct(np.concatenate([*done, edges])), tuple(poles), kinks)
 

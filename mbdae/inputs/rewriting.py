@@ -25,7 +25,7 @@ def rewritten(value: Any) -> Expr:
 
     value = sympy.sympify(value)
     if value.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
-        raise BadValueError(f"{shown(value)} contains an infinite number or a division by zero")
+        raise BadValueError(f"{shown(value)} contains an infinite number or a division by zero: give finite numbers")
     used = {type(f).__name__ for f in value.atoms(sympy.core.function.Application)}
     unknown = sorted(name for name in used - {*FUNCTIONS, *REWRITTEN, *LOGIC, "ITE"} if tables.named(name) is None)
     if unknown:

@@ -52,5 +52,5 @@ def refuse_symbols(value: Any, symbols: set[Expr], sensors: bool) -> None:
     if path_of(others[0]):
         raise BadValueError(f"{shown(value)} depends on the sensor '{path_of(others[0])}': it may depend on the time mb.t "
                             f"alone; loads, states and signals may depend on sensors")  # fmt: skip
-    what = "only mb.t and sensors, s.sensor(path), may appear" if sensors else "only mb.t may appear"
-    raise BadValueError(f"{shown(value)} contains the symbol {others[0]}; {what}")
+    allowed = "mb.t and sensors, s.sensor(path)," if sensors else "mb.t"
+    raise BadValueError(f"{shown(value)} contains the symbol {others[0]}; only {allowed} may appear: put a number in its place")

@@ -39,7 +39,7 @@ class Table:
     first; segments 0 and n are outside."""
 
     def __init__(self, t: Any, values: Any, kind: str = "linear", outside: str = "hold") -> None:
-        self.kind, self.outside = word(kind, KINDS), word(outside, OUTSIDE)
+        self.kind, self.outside = _word("kind", kind, KINDS), _word("outside", outside, OUTSIDE)
         self.t, self.values = _checked(t, values, self.outside)
         told = f"{kind} {outside} {len(self.t)} ".encode() + self.t.tobytes() + self.values.tobytes()
         self.name = f"table_{hashlib.sha256(told).hexdigest()[:20]}"
@@ -118,10 +118,17 @@ class Table:
             return self.t[(self.t > x0) & (self.t < x1)]
         turns = np.arange(np.floor((x0 - self.t[0]) / self.period), np.ceil((x1 - self.t[0]) / self.period))
         if len(turns) * len(self.t) > MOST_POINTS:
-            raise BadValueError(f"the periodic table in it has more than {MOST_POINTS} points, repetitions included, from {x0:g} "
-                                f"to {x1:g} s")  # fmt: skip
+            raise BadValueError(f"the input reads a periodic table at times from {x0:g} to {x1:g} s, where it has more than "
+                                f"{MOST_POINTS} points with its repetitions: shorten the run, or give its mean")  # fmt: skip
         all_points = (self.t[:-1] + self.period * turns[:, None]).ravel()
         return all_points[(all_points > x0) & (all_points < x1)]
+
+
+def _word(name: str, value: Any, words: tuple[str, ...]) -> str:
+    try:
+        return word(value, words)
+    except BadValueError as value_and_reason:
+        raise BadValueError(f"{name} = {value_and_reason}") from None
 
 
 def _checked(t: Any, values: Any, outside: str) -> tuple[Array, Array]:
@@ -129,25 +136,27 @@ def _checked(t: Any, values: Any, outside: str) -> tuple[Array, Array]:
     if len(t) != len(values):
         raise BadValueError(f"{counted(len(t), 'time')} and {counted(len(values), 'value')}: give one value for every time")
     if len(t) < 2:
-        raise BadValueError(f"a table of {counted(len(t), 'point')} says nothing between points: give two or more")
+        raise BadValueError(f"a table of {counted(len(t), 'point')} is too short: give two or more")
     falling = np.flatnonzero(~(np.diff(t) > CLOSEST * max(abs(t[0]), abs(t[-1]))))
     if len(falling):
         i = int(falling[0])
-        why = "equal" if t[i] == t[i + 1] else "not in rising order" if t[i] > t[i + 1] else "closer than any time step"
-        raise BadValueError(f"t[{i}] = {float(t[i])!r} and t[{i + 1}] = {float(t[i + 1])!r} are {why}: sort the points by time, "
-                            f"one for every time (a jump: kind=\"step\")")  # fmt: skip
+        relation = "equal" if t[i] == t[i + 1] else "not in rising order" if t[i] > t[i + 1] else "closer than any time step"
+        raise BadValueError(f"t[{i}] = {float(t[i])!r} and t[{i + 1}] = {float(t[i + 1])!r} are {relation}: give rising "
+                            f"times that steps can tell apart, one value for each (a jump: kind=\"step\")")  # fmt: skip
     if outside == "periodic" and values[0] != values[-1]:
-        raise BadValueError(f"a periodic table ends with the value with which it begins, not with {values[-1]:g} after "
-                            f"{values[0]:g}: append a point a period after the first")  # fmt: skip
+        raise BadValueError(f"a periodic table ends with the value with which it begins, not with {float(values[-1])!r} "
+                            f"after {float(values[0])!r}: append the first value, a period after its time")  # fmt: skip
     return t, values
 
 
 def _numbers(name: str, x: Any) -> Array:
     try:
         found = array(x)
-    except BadValueError as refused:
-        wrong = _not_finite(x)
-        raise BadValueError(f"{name}[{wrong}] is not a finite number" if wrong is not None else f"{name} = {refused}") from None
+    except BadValueError as value_and_reason:
+        i = _not_finite(x)
+        if i is not None:
+            raise BadValueError(f"{name}[{i}] is not a finite number: give finite numbers, or leave that point out") from None
+        raise BadValueError(f"{name} = {value_and_reason}: give a list of finite numbers") from None
     if found.ndim != 1:
         raise BadValueError(f"{name} = {shown(x)} has shape {found.shape}: give a list of numbers")
     found.flags.writeable = False
@@ -156,10 +165,10 @@ def _numbers(name: str, x: Any) -> Array:
 
 def _not_finite(x: Any) -> int | None:
     try:
-        wrong = np.flatnonzero(~np.isfinite(np.asarray(x, dtype=float)))
+        wrong = np.argwhere(~np.isfinite(np.asarray(x, dtype=float)))
     except (TypeError, ValueError):
         return None
-    return int(wrong[0]) if len(wrong) else None
+    return int(wrong[0, 0]) if wrong.shape[1] == 1 and len(wrong) else None
 
 
 # ---- polynomials between the points: (4, n-1) ------------------------------------------------------------------------------
@@ -228,9 +237,11 @@ def from_data(name: str, data: Any) -> None:
         t, values = (np.frombuffer(base64.b64decode(data[key], validate=True), dtype="<f8") for key in ("t", "values"))
         table = Table(t, values, data["kind"], data["outside"])
     except (KeyError, TypeError, ValueError) as error:
-        raise BadValueError(f"the points of its table cannot be read ({type(error).__name__}: {error})") from None
+        raise BadValueError(f"the stored points of its table cannot be read ({type(error).__name__}: {error}): the data were "
+                            f"changed or damaged; store them again") from None  # fmt: skip
     if table.name != name:
-        raise BadValueError("the points of its table are not those with which it was stored: the data were changed or damaged")
+        raise BadValueError("the points of its table are not those with which it was stored: the data were changed or damaged; "
+                            "store them again")  # fmt: skip
     known(table)
 
 

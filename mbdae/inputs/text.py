@@ -110,26 +110,29 @@ def read(text: Any) -> Expr:
     """The expression of time a text stands for; raises ValueError with the reason where it is none."""
     e = whole(text)
     if is_condition(e):
-        raise ValueError("it is a condition, not a number")
+        raise ValueError("it is a condition, where a number is expected: give an expression such as 2*sin(3*t)")
     return e
 
 
 def whole(text: Any) -> Expr:
     """The expression or condition a text stands for; raises ValueError with the reason where it is none."""
-    if not isinstance(text, str) or len(text) > LONGEST:
-        found = f"it has {len(text)} characters" if isinstance(text, str) else f"it is no text but {shown(text)}"
-        raise ValueError(f"{found}; give a text of up to {LONGEST} characters")
+    if not isinstance(text, str):
+        raise ValueError(f"it is no text but {shown(text)}; give a text such as '2*sin(3*t)'")
+    if len(text) > LONGEST:
+        raise ValueError(f"it has {len(text)} characters; give a text of up to {LONGEST} characters")
     try:
         e = _Reader(text).whole()
-    except (RuntimeError, OverflowError, ZeroDivisionError, TypeError, RecursionError, NotImplementedError) as error:
-        raise ValueError(f"it cannot be calculated ({error})") from error
+    except (RuntimeError, OverflowError, ZeroDivisionError, TypeError, RecursionError, NotImplementedError) as reason:
+        raise ValueError(f"it cannot be calculated ({reason}): leave out what has no finite real value") from reason
     for part in nodes(e):
         name = type(part).__name__
         if name == "RealDouble":
             _finite(float(part))
         if not (name in _PARTS or is_condition(part) or tables.lookup_of(part)):
-            what = "a division by zero or an infinite number" if str(part).lstrip("-") in ("zoo", "oo", "nan") else f"'{part}'"
-            raise ValueError(f"it contains {what}, which is neither a real number nor a function that expressions of t may use")
+            if str(part).lstrip("-") in ("zoo", "oo", "nan"):
+                raise ValueError("it contains a division by zero or an infinite number: give finite numbers")
+            raise ValueError(f"it contains '{part}', which is neither a real number nor a function that expressions of t may "
+                             f"use: leave it out")  # fmt: skip
     return e
 
 
@@ -165,7 +168,7 @@ class _Reader:
         """The expression from here to the next operator of the precedence `strength` or a lower one."""
         self.depth += 1
         if self.depth > DEEPEST:
-            raise ValueError(f"its brackets are nested more than {DEEPEST} deep")
+            raise ValueError(f"its brackets, signs and powers are nested more than {DEEPEST} deep: write it with fewer")
         left = self._begin()
         while _STRENGTH.get(self._next(), 0) > strength:
             sign = self._next()
@@ -286,7 +289,8 @@ def _quoted(token: str) -> str:
 
 def _value(part: _Read) -> _Read:
     if is_condition(part.e):
-        raise ValueError(f"the condition {shown(part.e)} stands where a number is expected")
+        raise ValueError(f"the condition {shown(part.e)} stands where a number is expected: give a number that depends on it, "
+                         f"such as Piecewise((1, t > 2), (0, True))")  # fmt: skip
     return part
 
 
@@ -302,20 +306,20 @@ def _power(base: _Read, exponent: _Read) -> _Read:
     if exponent.e.is_number:
         size = abs(float(exponent.e))
         if not size <= MOST_BITS:
-            raise ValueError(f"the exponent {shown(exponent.e)} is larger than {MOST_BITS} in magnitude: use a smaller one")
+            raise ValueError(f"the exponent {shown(exponent.e)} is no number up to {MOST_BITS} in magnitude: use a smaller one")
         times = math.ceil(size) or 1
     return _Read(base.e**exponent.e, _bounded(base.bits * times + exponent.bits))
 
 
 def _finite(number: float) -> float:
     if not math.isfinite(number):
-        raise ValueError("it contains a number that is infinite or beyond 1.8e308")
+        raise ValueError("it contains a number that is infinite, undefined or beyond 1.8e308: give finite numbers")
     return number
 
 
 def _bounded(bits: int) -> int:
     if bits > MOST_BITS:
-        raise ValueError(f"its whole numbers grow to more than {MOST_DIGITS} digits: use smaller numbers and exponents")
+        raise ValueError(f"its whole numbers may grow to more than {MOST_DIGITS} digits: use smaller numbers and exponents")
     return bits
 
 

@@ -60,8 +60,8 @@ def expression(value: Any, sensors: bool = False) -> Expr:
         return _plain_number(plain)
     try:
         return canonical(plain)
-    except ValueError as error:
-        raise BadValueError(f"{shown(value)} cannot be used as an expression of mb.t: {error}") from error
+    except ValueError as reason:
+        raise BadValueError(f"{shown(value)} cannot be used as an expression of mb.t: {reason}") from reason
 
 
 def _of_symengine(value: Timed) -> Any:
@@ -136,7 +136,7 @@ def _with_plain_numbers(e: Expr) -> Expr:
             import sympy
 
             raise BadValueError(f"{shown(e)} contains the number {sympy.sympify(node).n(6)}, which is not a real number of "
-                                f"double precision (up to 1.8e308)")  # fmt: skip
+                                f"double precision: give real numbers up to 1.8e308")  # fmt: skip
         return se.RealDouble(float(node)) if type(node).__name__ == "RealMPFR" else None
 
     return rebuilt(e, rule)

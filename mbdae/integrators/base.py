@@ -61,8 +61,6 @@ class Solver(ABC):
     #: whether a run stored on disk restarts the method at its checkpoints; False where `integrate` calls `loop.goes_on`
     #: before its first step and `loop.keep` between steps
     restarts: ClassVar[bool] = True
-    #: advice in the message where an accuracy needs an rtol below `tightest`
-    alternative: ClassVar[str] = ""
     rtol: float | None  #: relative tolerance; None: it is chosen from the accuracy asked for (in a direct call of `solve`, 1e-6)
 
     @classmethod
@@ -137,7 +135,7 @@ class Solver(ABC):
         if rtol < tightest * (1 - 1e-9):
             raise OptionError(
                 f"accuracy = {accuracy:g} needs rtol = {rtol:.1e} in {self.label} with form {form_label}, where the least that "
-                f"round-off allows is {tightest:g}: ask for an accuracy of {tightest / factor:.1e} or more{self.alternative}"
+                f"round-off allows is {tightest:g}: ask for an accuracy of {tightest / factor:.1e} or more"
             )
         return replace(self, rtol=min(rtol, 0.1))  # type: ignore[type-var]
 

@@ -28,7 +28,8 @@ SINGULAR = "the iteration matrix is singular: the position is singular, or the e
 
 def not_finite(equation: str, t: float) -> str:
     """What a message says of an equation that has no finite value at t, s."""
-    return f"equation {equation} is not finite near t = {t:.9g} s: check what it divides by there"
+    return (f"equation {equation} is not finite near t = {t:.9g} s: look in it for a division by 0, a root or logarithm of a "
+            "negative number, or values that grow beyond bounds, as with too long steps")  # fmt: skip
 
 
 class StepFailedError(Exception):

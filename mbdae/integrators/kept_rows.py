@@ -220,6 +220,7 @@ def read_chunk(path: Path, shape: tuple[int, ...]) -> Array:
         raise SolverError(f"the file '{path}' with steps of the run cannot be read: {error}; leave the folder for temporary "
                           f"files alone while a run is made, and see that its disk is not full", 0.0) from error  # fmt: skip
     if found.shape != shape or found.dtype != float:
-        raise SolverError(f"the file '{path}' with steps of the run holds {found.dtype} {found.shape} instead of {shape}: "
+        raise SolverError(f"the file '{path}' with steps of the run holds {found.dtype} of shape {found.shape} instead of "
+                          f"float64 of shape {shape}: "
                           "another program changed it; run again, and leave the folder for temporary files alone", 0.0)
     return np.asarray(found)

@@ -169,8 +169,8 @@ def _order(slopes: Array, errors: Array, floor: float) -> tuple[float | None, st
     if np.isnan(errors).all():
         return None, "every run failed, or the equations have no such unknowns in this form"
     if ABOVE * floor >= SMALL:
-        return None, (f"no order to be seen: the reference itself is uncertain by {floor:.0e} of the largest value; take more "
-                      "steps, or give exact=")  # fmt: skip
+        return None, (f"no order to be seen: the reference itself is uncertain by {floor:.0e} of the largest value; give "
+                      "larger numbers in steps=, or exact=")  # fmt: skip
     rises = np.flatnonzero((errors[1:] >= errors[:-1]) & (errors[1:] < ROUGH))
     last = int(rises[0]) if len(rises) else len(errors)
     floor = max(floor, float(errors[last + 1])) if len(rises) else floor
@@ -178,8 +178,8 @@ def _order(slopes: Array, errors: Array, floor: float) -> tuple[float | None, st
     windows = np.flatnonzero(shows[:-2] & shows[1:-1] & shows[2:])[-WINDOWS:]
     if not len(windows):
         return None, ("no order to be seen: fewer than three neighbouring runs have errors (over the largest value) from "
-                      f"{ABOVE * floor:.0e}, below which lie those of the reference and of round-off, to {SMALL:g}; give other "
-                      "steps=")  # fmt: skip
+                      f"{ABOVE * floor:.0e}, below which lie those of the reference and of round-off, to {SMALL:g}; give "
+                      "more numbers in steps=, larger ones where errors are above it, smaller ones where below")  # fmt: skip
     found = slopes[windows[0] + 1 : windows[-1] + 3]
     order = float(found[-2:].mean())
     if not np.ptp(found) <= max(AGREE, PART * abs(order)):

@@ -16,9 +16,9 @@ def check_rates(label: str, system: System) -> None:
         return
     needs = f"{label} needs y' = f(t, y), but this system"
     if any(kind in ("lambda", "mu") for kind in system.kinds):
-        raise OptionError(f"{needs} has constraints ({system.label} form), so no right-hand side: use form=mb.Index1(), "
-                          f"or mb.Index1(multipliers='eliminated') in s.system, which solves for the multipliers at every state, "
-                          f"mb.IDA() or mb.RadauIIA(3), or make the joints recursive with s.recursive()")  # fmt: skip
+        raise OptionError(f"{needs} ({system.label}) has multipliers of constraints, or other algebraic unknowns: use "
+                          "mb.RadauIIA(3); or, for a scene, form=mb.Index1(multipliers='eliminated'), which solves for the "
+                          "multipliers at every state, or s.recursive() if its joints form a tree")  # fmt: skip
     raise OptionError(f"{needs} ({system.label}) gives only F(t, y, y') = 0, no right-hand side: use mb.IDA() or mb.RadauIIA(3), "
                       f"or give the DAE its rhs=, a function (t, y, out) that fills out with y'")  # fmt: skip
 
@@ -34,6 +34,6 @@ def rate_jacobian(system: System, t: float, y: Array, yp: Array) -> Array:
         return np.asarray(-splu(as_csc(system, fyp)).solve(as_csc(system, fy).toarray()))
     except (np.linalg.LinAlgError, RuntimeError) as error:
         raise OptionError(
-            f"dF/dy' is singular at t = {t:.9g} s: an equation contains no derivative (such as a motion without mass), so there "
-            "is no y' = f(t, y); use mb.IDA() or mb.RadauIIA(3)"
+            f"dF/dy' is singular at t = {t:.9g} s: an equation contains no derivative (such as a motion without mass), or the "
+            "derivatives of several depend on each other, so there is no y' = f(t, y); use mb.IDA() or mb.RadauIIA(3)"
         ) from error

@@ -38,7 +38,7 @@ class SecondMethod:
         self._tightest = method.tightest.get(system.label, method.tightest[""])
         self._method, self._apart = method, accuracy / AGREE
         self._run: Solution | None = None
-        self.runs, self.cpu_s, self._failed = 0, 0.0, ""
+        self.runs, self.cpu_s, self._why_not = 0, 0.0, ""
 
     def distance(self, run: Solution, estimate: float) -> float:
         """Largest distance of a run from the run of the second method; `estimate`, the estimated error of the run by its own
@@ -57,9 +57,9 @@ class SecondMethod:
         """Warn where the `distance` of a run from the second method contradicts its `estimate`, and where the second method
         failed."""
         name = self._solver.label
-        if self._failed:
-            warnings.warn(f"{name}: its runs agree with each other, but no second method could confirm them ({self._failed}), so "
-                          f"the estimated error stands on {name} alone: compare with a run of another solver yourself",
+        if self._why_not:
+            warnings.warn(f"{name}: its runs agree with each other, but no second method could confirm them ({self._why_not}), "
+                          f"so the estimated error stands on {name} alone: compare with a run of another solver yourself",
                           AccuracyWarning, stacklevel=2)  # fmt: skip
         elif distance > max(CLEARLY * estimate, accuracy):
             warnings.warn(f"{name} differs by {distance:.1e} from {self._method.label}, while its own runs with shorter steps or "
@@ -78,7 +78,7 @@ class SecondMethod:
             except WallClockError:
                 raise
             except (SolverError, OptionError) as error:
-                self._failed = str(error)
+                self._why_not = str(error)
                 return
             self.cpu_s += found.stats.cpu_s
             apart = self._between(found, known) if known is not None else inf
@@ -86,7 +86,7 @@ class SecondMethod:
         if apart <= self._apart:
             self._run = known
         else:
-            self._failed = f"runs of {self._method.label} at two tolerances differ by {apart:.1e}"
+            self._why_not = f"runs of {self._method.label} at two tolerances differ by {apart:.1e}"
 
 
 def second_method(solver: Solver, system: System, asked: Asked, accuracy: float, measure: Measure) -> SecondMethod | None:

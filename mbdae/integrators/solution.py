@@ -120,8 +120,8 @@ class Solution(ListsAttributes):
         outside = ~((times >= first - slack) & (times <= last + slack))
         if outside.any():
             value = times[outside].flat[0]
-            told = f"{shown(t)} is" if times.ndim == 0 else f"{shown(t)} has the time {value}, which is"
-            raise OptionError(f"t = {told} outside the solution [{first}, {last}] s: ask for times inside it")
+            raise OptionError(f"t = {shown(t)}: the time {value} s is outside the solution from {first} to {last} s; ask for "
+                              "times inside it")  # fmt: skip
         return times
 
     def _evaluate(self, t: float | Sequence[float] | Array, function: Callable[[Array], Array]) -> Array:

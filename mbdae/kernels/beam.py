@@ -11,7 +11,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.errors import OptionError
+from mbdae.errors import OptionError, internal
 from mbdae.kernels.element import Array, ElementKernel
 from mbdae.kernels.line import LineKernel
 from mbdae.laws.elements.beam import Beam
@@ -39,10 +39,10 @@ def strain_kernel(mesh: LineMesh, numbers: Mapping[str, float], kind: NodeKind, 
     numbers: parameters of `Beam` (see `Section.numbers`), without the reference strains. These are the strains of the beam as
     drawn, computed here from its interpolated curve, so that the beam as drawn is free of stress.
     """
-    rigid = [name for name, value in numbers.items() if name.startswith("compliance_") and value == 0]
-    if rigid and not mixed:
-        raise OptionError(f"{rigid[0]} = 0, an infinite stiffness of the section, with mixed=False: no stress follows from a "
-                          "strain that stays 0; give the section a finite stiffness, or mixed=True, where stresses are unknowns")
+    zero_compliance = [name for name, value in numbers.items() if name.startswith("compliance_") and value == 0]
+    if zero_compliance and not mixed:
+        raise internal(f"{zero_compliance[0]} = 0, an infinite stiffness of the section, came to a beam whose stresses are no "
+                       "unknowns: no stress follows from a strain that stays 0", OptionError)  # fmt: skip
     d, at = derived_beam(numbers, kind, mixed), strain_points(mesh.order)
     constants = {**numbers, **_measures(mesh, at), **_reference_strains(mesh, kind)}
     return LineKernel(d, at, constants, turns(mesh, kind))

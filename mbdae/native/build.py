@@ -156,7 +156,7 @@ def compile_library(command: list[str]) -> str:
     and moves the finished library to its place.
     """
     if not sources():
-        raise BuildError(f"There are no C files in {HERE}: only a clone or a source archive of mbdae can be compiled.")
+        raise BuildError(f"There are no C files in {HERE}: compile in a clone or source archive of mbdae, or install it by pip.")
     try:
         with tempfile.TemporaryDirectory(prefix=f"{LIBRARY.stem}.", dir=HERE) as folder:
             part = Path(folder, LIBRARY.name)

@@ -52,7 +52,8 @@ class Entries:
             raise internal(f"the pattern of a sparse matrix has column pointers of shape {self.indptr.shape} that do not divide "
                            f"its {self.nnz} entries into {n} columns")  # fmt: skip
         if n < 1 or self.row_of.ndim != 1 or not ((self.row_of >= 0) & (self.row_of < n)).all():
-            raise internal(f"the pattern of a sparse matrix ({n}, {n}) has entries in rows outside of it")
+            raise internal(f"the pattern of a sparse matrix ({n}, {n}) has no rows, entries in rows outside of it, or no list of "
+                           "these rows")
         self.column_of = np.repeat(np.arange(n, dtype=np.int64), np.diff(self.indptr))
         if len(distinct(self.column_of * n + self.row_of)) != self.nnz:
             raise internal("the pattern of a sparse matrix names an entry (row and column) twice")

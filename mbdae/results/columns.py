@@ -109,4 +109,4 @@ def _library(name: str) -> Any:
     try:
         return import_module(name)
     except ImportError:
-        raise OptionError(f"{name} is not installed: pip install 'mbdae[data]', or write a file with r.to_csv(path)") from None
+        raise OptionError(f"{name} cannot be imported: pip install 'mbdae[data]', or write a file with r.to_csv(path)") from None

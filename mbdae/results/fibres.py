@@ -62,9 +62,9 @@ class Fibre(NamesArguments):
         inside = b / slack <= np.hypot(self.x2, self.x3) <= a * slack if kind == "tube" else (
             abs(self.x3) <= a / 2 * slack and abs(self.x2) <= b / 2 * slack)  # fmt: skip
         if not inside:
-            told = f"a tube of radii {a:g} and {b:g} m" if kind == "tube" else f"a rectangle of {a:g} m by {b:g} m"
+            section = f"a tube of radii {a:g} and {b:g} m" if kind == "tube" else f"a rectangle of {a:g} m by {b:g} m"
             where = f"x2 = {self.x2:g} m, x3 = {self.x3:g} m"
-            raise OptionError(f"{self.called}: the point {where} is outside of its section, {told}: "
+            raise OptionError(f"{self.called}: the point {where} is outside of its section, {section}: "
                               f"name a point of it, such as beam.at((x, y, z))")  # fmt: skip
         return float(self.section.E)
 

@@ -25,15 +25,16 @@ def parsed(text: str) -> dict[str, Any]:
     try:
         header = json.loads(text, object_pairs_hook=_table)
     except (ValueError, RecursionError) as error:
-        raise BadValueError(f"its header is no JSON: {error}") from error
+        raise BadValueError(f"the file's header cannot be read as JSON: {error}") from error
     _plain(header, 0)
     if not isinstance(header, dict) or "format" not in header:
-        raise BadValueError("its header does not name the format of the file")
+        raise BadValueError("the file's header does not name its format")
     if header["format"] != FORMAT:
-        raise OtherFormatError(f"holds {shown(header['format'])}, not a result of mbdae; give a file written by r.save(path)")
+        raise OtherFormatError(f"the file's format is {shown(header['format'])}, not {FORMAT!r}; give a file written by "
+                               f"r.save(path)")  # fmt: skip
     _whole()(header.get("version"), "version")
     if header["version"] > VERSION:
-        raise OtherFormatError(f"has format version {header['version']}, this mbdae reads up to {VERSION}: update mbdae")
+        raise OtherFormatError(f"the file has format version {header['version']}, this mbdae reads up to {VERSION}: update mbdae")
     HEADER(header, "")
     return header
 
@@ -45,19 +46,19 @@ class OtherFormatError(BadValueError):
 def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
-        raise ValueError(f"an entry occurs twice among {shown(list(dict(pairs)))}")
+        raise ValueError(f"two entries have the same name among {shown([name for name, _ in pairs])}")
     return found
 
 
 def _plain(value: Any, depth: int) -> None:
     """Refuse what is nested too deeply, and text that cannot be written."""
     if depth > DEEPEST:
-        raise BadValueError(f"the lists of its header are nested more than {DEEPEST} deep")
+        raise BadValueError(f"lists and tables in the file's header are nested more than {DEEPEST} deep")
     if isinstance(value, str):
         try:
             value.encode()
         except UnicodeEncodeError:
-            raise BadValueError(f"its header holds {ascii(value)[:60]}, which has characters that are no text") from None
+            raise BadValueError(f"the file's header holds {ascii(value)[:60]}, with characters UTF-8 cannot store") from None
     for part in value.items() if isinstance(value, dict) else value if isinstance(value, list | tuple) else ():
         _plain(part, depth if isinstance(value, dict) else depth + 1)
 
@@ -65,8 +66,8 @@ def _plain(value: Any, depth: int) -> None:
 # ---- kinds ----------------------------------------------------------------------------------------------------------------
 
 
-def _refuse(value: Any, where: str, what: str) -> BadValueError:
-    return BadValueError(f"its header says {where} = {shown(value)}, where {what} is expected")
+def _refuse(value: Any, where: str, expected: str) -> BadValueError:
+    return BadValueError(f"the file's header says {where} = {shown(value)}, where {expected} is expected")
 
 
 def _text(value: Any, where: str) -> None:
@@ -152,9 +153,9 @@ def _record(required: Mapping[str, Kind], optional: Mapping[str, Kind] | None = 
 
     def check(value: Any, where: str) -> None:
         if not isinstance(value, dict):
-            raise _refuse(value, where or "all of it", "a table")
+            raise _refuse(value, where or "(the whole header)", "a table")
         for key in (*(k for k in required if k not in value), *(k for k in value if k not in known)):
-            raise BadValueError(f"its header {'has an unknown' if key in value else 'lacks the'} entry "
+            raise BadValueError(f"the file's header {'has an unknown' if key in value else 'lacks the'} entry "
                                 f"{f'{where}.' if where else ''}{shown(key)}")  # fmt: skip
         for key, part in value.items():
             known[key](part, f"{where}.{key}" if where else key)

@@ -25,8 +25,8 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
 _SIGNS: dict[type, Callable[[Any, Any], Any]] = {
     ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.true_divide, ast.Pow: np.power,
 }  # fmt: skip
-REMEDY = ("name a sensor (\"J.angle\", \"b.position[1]\"), give an expression of sensors (\"J.torque[2]*J.rate\"), or a function "
-          "of the result (lambda r: r[\"J\"].angle)")  # fmt: skip
+NAME_A_QUANTITY = ("name a sensor (\"J.angle\", \"b.position[1]\"), give an expression of sensors (\"J.torque[2]*J.rate\"), or a "
+                   "function of the result (lambda r: r[\"J\"].angle)")  # fmt: skip
 
 
 def value(result: Any, quantity: Quantity) -> Array:
@@ -35,14 +35,14 @@ def value(result: Any, quantity: Quantity) -> Array:
         try:
             found = np.asarray(quantity(result), dtype=float)
         except (TypeError, ValueError) as error:
-            raise OptionError(f"{named(quantity)} gives no numbers: {error}; {REMEDY}") from error
+            raise OptionError(f"{named(quantity)} gives no numbers: {error}; {NAME_A_QUANTITY}") from error
     elif isinstance(quantity, str):
         found = _of_text(result, quantity)
     else:
-        raise OptionError(f"{shown(quantity)} is no quantity: {REMEDY}")
+        raise OptionError(f"{shown(quantity)} is no quantity: {NAME_A_QUANTITY}")
     if found.shape[:1] != result.t.shape or found.dtype.kind not in "fi":
-        raise OptionError(f"{named(quantity)} is not a quantity over time (shape {found.shape}, "
-                          f"{counted(len(result.t), 'time')}): {REMEDY}")  # fmt: skip
+        raise OptionError(f"{named(quantity)} is not a quantity over time: it has the shape {found.shape}, where numbers at "
+                          f"{counted(len(result.t), 'time')} are expected; {NAME_A_QUANTITY}")  # fmt: skip
     return np.asarray(found, dtype=float)
 
 
@@ -74,8 +74,8 @@ def _of_text(result: Any, text: str) -> Any:
 def _spelled(result: Any, text: str) -> tuple[str, dict[str, str]]:
     try:
         return spelled(result.prepared.model.scene, text)
-    except BadValueError as refused:
-        raise OptionError(f"'{text}': {refused}") from None
+    except BadValueError as two_meanings:
+        raise OptionError(f"'{text}' cannot be read: {two_meanings}") from None
 
 
 def _parsed(text: str) -> Any:
@@ -114,7 +114,7 @@ def _evaluated(result: Any, node: Any, names: Mapping[str, str]) -> Any:
         return _applied(result, node, _SIGNS[type(node.op)], (node.left, node.right), names)
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in FUNCTIONS and not node.keywords:
         return _applied(result, node, FUNCTIONS[node.func.id], node.args, names)
-    raise OptionError(f"{ast.unparse(node)!r} is no part of an expression of sensors: signs + - * / **, numbers, t, pi, "
+    raise OptionError(f"'{_said(node, names)}' is no part of an expression of sensors: signs + - * / **, numbers, t, pi, "
                       f"the functions {', '.join(FUNCTIONS)}, and sensors may appear")  # fmt: skip
 
 
@@ -124,10 +124,12 @@ def _applied(result: Any, node: Any, function: Callable[..., Any], parts: Sequen
     wanted = getattr(function, "nin", 1)
     if len(given) != wanted:
         raise OptionError(f"'{_said(node, names)}' has {counted(len(given), 'argument')}, but takes {wanted}")
-    lengths = function is FUNCTIONS["norm"] and any(np.ndim(value) == 1 for value in given)
-    if lengths or len({np.shape(value) for value in given if np.ndim(value)}) > 1:
-        said = ", ".join(f"{_said(part, names)} has {_components(value)}" for part, value in zip(parts, given, strict=True))
-        raise OptionError(f"'{_said(node, names)}' cannot be formed: {said}; name components, as in b.position[1]")
+    if function is FUNCTIONS["norm"] and np.ndim(given[0]) < 2:
+        raise OptionError(f"'{_said(node, names)}' cannot be formed: norm takes a vector such as b.velocity, "
+                          f"and {_said(parts[0], names)} has one number; take abs")  # fmt: skip
+    if len({np.shape(value) for value in given if np.ndim(value)}) > 1:
+        sizes = ", ".join(f"{_said(part, names)} has {_components(value)}" for part, value in zip(parts, given, strict=True))
+        raise OptionError(f"'{_said(node, names)}' cannot be formed: {sizes}; name components, as in b.position[1]")
     with np.errstate(all="ignore"):
         return function(*given)
 

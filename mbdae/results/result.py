@@ -210,16 +210,18 @@ class Result(RunStates, ListsAttributes):
             raise SceneError([f"there is no sensor {shown(path)}: {'; '.join(error.problems)}"]) from error
         if sensor is None or quantity.startswith("_") or quantity not in dir(sensor):
             known = sorted(a for a in dir(sensor) if not a.startswith("_")) if sensor is not None else []
+            unknown = unknown_name(path, [f"{name}.{one}" for one in known])
+            if known:
+                raise SceneError([f"there is no sensor {unknown} '{name}' has {', '.join(known)}"])
             items = self.prepared.model.scene._names()
-            told = f"'{name}' has {', '.join(known)}" if known else f"give item.quantity of an item, such as {items}"
-            raise SceneError([f"there is no sensor {unknown_name(path, [f'{name}.{one}' for one in known])} {told}"])
+            raise SceneError([f"there is no sensor {unknown} give item.quantity of an item, such as {items}"])
         values = np.asarray(getattr(sensor, quantity))
         if not entry:
             return values
         if len(entry) >= values.ndim or any(n >= size for n, size in zip(entry, values.shape[1:], strict=False)):
-            shape = " x ".join(map(str, values.shape[1:]))
-            raise SceneError([f"there is no sensor {shown(path)}: '{name}.{quantity}' has {shape or 'no'} components, "
-                              f"counted from 0"])  # fmt: skip
+            if not (shape := " x ".join(map(str, values.shape[1:]))):
+                raise SceneError([f"there is no sensor {shown(path)}: '{name}.{quantity}' has no components; omit the index"])
+            raise SceneError([f"there is no sensor {shown(path)}: '{name}.{quantity}' has {shape} components, counted from 0"])
         where: Any = (slice(None), *entry)
         return np.asarray(values[where])
 

@@ -165,9 +165,11 @@ class ConnectionSensor(ListsAttributes):
             found = self._result.coordinate(item, rates.get(name, name))
             if found is None:
                 point = next((b.name for b in (item.k, item.l) if b.is_point), None)
-                why = "the positions of its bodies do not determine it; use model=mb.Classical(), where it is an unknown"
-                why = why if point is None else f"the point mass '{point}' has no orientation; use s.rigid_body"
-                raise OptionError(f"{item.kind} '{item.name}': the coordinate '{rates.get(name, name)}' is not known: {why}")
+                coordinate = f"{item.kind} '{item.name}': the coordinate '{rates.get(name, name)}'"
+                if point is not None:
+                    raise OptionError(f"{coordinate} is not known: the point mass '{point}' has no orientation; use s.rigid_body")
+                raise OptionError(f"{coordinate} is not known: the positions of its bodies do not determine it; use "
+                                  f"model=mb.Classical(), where it is an unknown")  # fmt: skip
             return found[name in rates]
         if name in drives_of(item):
             return self._drive(name, drives_of(item)[name])
@@ -175,11 +177,12 @@ class ConnectionSensor(ListsAttributes):
             return self._length[:, ("length", "rate").index(name)]
         if name == "drive" or name.startswith("drive_"):
             driven = ", ".join(drives_of(item))
-            told = f"it has {driven}" if driven else "none of its coordinates is prescribed or loaded; read force and torque"
-            raise OptionError(f"{item.kind} '{item.name}' has no {name}: {told}")
+            instead = f"it has {driven}" if driven else "none of its coordinates is prescribed or loaded; read force and torque"
+            raise OptionError(f"{item.kind} '{item.name}' has no {name}: {instead}")
         if name in (*item.coordinates, "angle", "displacement", "rate", "angle_rate", "displacement_rate"):
-            has = f"its coordinates: {', '.join(names)}" if names else "it has no angle or displacement: read its bodies instead"
-            raise OptionError(f"{item.kind} '{item.name}' has no {name}; {has}")
+            of_bodies = "it has no coordinates; read position and rotation of its bodies"
+            instead = f"its coordinates: {', '.join(names)}" if names else of_bodies
+            raise OptionError(f"{item.kind} '{item.name}' has no {name}; {instead}")
         return super().__getattr__(name)  # type: ignore[misc,no-any-return]
 
     def __dir__(self) -> list[str]:
@@ -237,7 +240,8 @@ class ConnectionSensor(ListsAttributes):
         several limited coordinates all in order of time, each penetration in the unit of its coordinate."""
         known = [one for one in self._result.prepared.contacts if one.item == self._item.name]
         if not known:
-            raise OptionError(f"{self._called[14:]} touches nothing: contacts are those of joints with clearance or with limits")
+            raise OptionError(f"{self._item.kind} '{self._item.name}' has no contacts: only joints with clearance or with limits "
+                              f"have some; leave .contacts and .summary() out")  # fmt: skip
         return contacts_at(self._result.prepared, self._result.solution, known)
 
     def summary(self) -> dict[str, float]:

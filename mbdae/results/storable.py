@@ -20,7 +20,8 @@ def statements(scene: SceneData) -> dict[str, Any]:
         item = item_name([method, args, kwargs])
         for found in _inside([args, kwargs]):
             if "unreadable" in found:
-                raise OptionError(f"{method} '{item}' was given {found['unreadable']}, which cannot be stored: give numbers, "
+                argument = found["unreadable"]
+                raise OptionError(f"{method} '{item}' was given {argument}, which cannot be stored: give numbers, "
                                   f"texts, expressions of mb.t, laws, or a function defined with def")  # fmt: skip
             _check_name(f"{method} '{item}'", found.get("class", found.get("object", found.get("law"))))
     if set(scene.own) - set(Known().own):
@@ -62,6 +63,6 @@ def _check_own(scene: SceneData, data: dict[str, Any]) -> None:
     try:
         refuse_losses(scene, replay(json.loads(json.dumps(data)), SceneData, Known(scene.own)))
     except MbdaeError as error:
-        why = "; ".join(error.problems) if isinstance(error, SceneError) else error
-        raise OptionError(f"this scene could not be built again from what is stored of it: {why}; keep "
+        reason = "; ".join(error.problems) if isinstance(error, SceneError) else error
+        raise OptionError(f"this scene could not be built again from what would be stored of it: {reason}; keep "
                           f"the script that states it, and its results by r.to_csv") from error

@@ -71,7 +71,8 @@ def save(result: Result, path: Any) -> None:
         parsed(text)
         _check_shapes(header, {name: values.shape for name, values in arrays.items()})
     except BadValueError as error:
-        raise OptionError(f"this result cannot be stored: {error}") from error
+        raise OptionError(f"this result cannot be stored: {error}; keep the script that states its scene, and its results by "
+                          f"r.to_csv") from error  # fmt: skip
     archive.write(path, text, arrays)
 
 
@@ -92,7 +93,7 @@ def load(path: Any, laws: Iterable[Any] = ()) -> Result:
             _check_shapes(header, stored.shapes)
             arrays = {name: stored.array(name) for name in stored.shapes}
     except OtherFormatError as error:
-        raise OptionError(f"{place} {error}") from error
+        raise OptionError(f"{place} is no result that can be loaded: {error}") from error
     except (FileNotFoundError, PermissionError, IsADirectoryError):
         raise
     except Exception as error:  # readers of a damaged archive may raise anything
@@ -100,8 +101,9 @@ def load(path: Any, laws: Iterable[Any] = ()) -> Result:
     try:
         return _result(header, arrays, known)
     except Exception as error:  # a statement is wrong, in a way that its own checks may not have foreseen
-        why = _reason(error)
-        raise OptionError(f"{place} cannot be loaded: {why}{'' if 'pass laws=' in why else f'; {_AGAIN}'}") from error
+        reason = _reason(error)
+        remedy = "" if "pass laws=" in reason else f"; {_AGAIN}"
+        raise OptionError(f"{place} cannot be loaded: {reason}{remedy}") from error
 
 
 def _reason(error: Exception) -> str:
@@ -169,7 +171,8 @@ def _scene(header: dict[str, Any], known: Known) -> SceneData:
     _check_elements(header["scene"]["statements"], len(header["run"]["names"]))
     scene: SceneData = replay(header["scene"], SceneData, known)
     if scene.problems or not scene.bodies:
-        raise BadValueError(f"its scene cannot be built: {scene.problems[0] if scene.problems else 'it has no bodies'}")
+        problem = scene.problems[0] if scene.problems else "it has no bodies"
+        raise BadValueError(f"the scene in the file cannot be built: {problem}")
     return scene
 
 
@@ -182,9 +185,10 @@ def _prepared(header: dict[str, Any], scene: SceneData, start: Start) -> Prepare
     rows, stored = {row.name: row for row in constraint_rows(model)}, header["rank"]
     named_rows = [*(name for what in _RANK for name in stored[what]), *(name for name, _ in stored["doubtful"])]
     unknown = sorted({*named_rows} - set(rows))
-    if unknown or sorted(stored["kept"] + stored["dropped"]) != sorted(rows):
-        why = f"has no constraint {shown(unknown[0])}, which the file names" if unknown else "has not the constraints of the file"
-        raise BadValueError(f"its scene {why}")
+    if unknown:
+        raise BadValueError(f"the scene in the file has no constraint {shown(unknown[0])}, which the file's run has")
+    if sorted(stored["kept"] + stored["dropped"]) != sorted(rows):
+        raise BadValueError("the constraints that the file's run kept and dropped are not those of the scene in the file")
     lists = {what: [rows[name] for name in stored[what]] for what in _RANK}
     doubtful = [(rows[name], size) for name, size in stored["doubtful"]]
     rank = RankReport(**lists, doubtful=doubtful, degrees_of_freedom=stored["degrees_of_freedom"], smallest=stored["smallest"])
@@ -203,7 +207,8 @@ def _check_elements(statements: list[Any], unknowns: int) -> None:
         for count in given if isinstance(given, list) else [given]:
             if not isinstance(count, int) or count > unknowns:
                 name = args[0] if args else kwargs.get("name")
-                raise BadValueError(f"its beam {shown(name)} has elements = {shown(count)}, with {unknowns} unknowns in its run")
+                raise BadValueError(f"the beam {shown(name)} in the file has elements = {shown(count)}, where a whole number of "
+                                    f"at most {unknowns}, the number of unknowns of its run, is expected")  # fmt: skip
 
 
 def _check_unknowns(prepared: Prepared, names: list[str]) -> None:
@@ -215,12 +220,13 @@ def _check_unknowns(prepared: Prepared, names: list[str]) -> None:
     multipliers = {f"{block}({row.name})" for block in ("lambda", "mu") for row in mechanics.rows}
     in_order = [*nb.names(), *(stresses if len(rest) < len(names) - nb.n else []), *rest]
     if names != in_order or not multipliers >= {*rest} or len({*rest}) < len(rest):
-        raise BadValueError("the unknowns of its run are not those of its scene: it was changed, or written by another mbdae")
+        raise BadValueError("the unknowns of the file's run are not those of its scene: changed, or written by another mbdae")
     sizes = {"q": prepared.model.nq, "u": prepared.model.nu, "s": len(mechanics.numbering.states),
              "acceleration": prepared.model.nu, "multipliers": len(mechanics.rows)}  # fmt: skip
     for name, size in sizes.items():
         if getattr(start, name).shape != (size,):
-            raise BadValueError(f"its start has {name} of shape {getattr(start, name).shape}, where its scene needs ({size},)")
+            shape = getattr(start, name).shape
+            raise BadValueError(f"the file's start has {name} of shape {shape}, where its scene needs ({size},)")
 
 
 # ---- the run -----------------------------------------------------------------------------------------------------------
@@ -246,12 +252,13 @@ def _solver(stored: dict[str, Any], known: Known) -> Any:
     given = [f.name for f in fields(cls) if f.init] if is_dataclass(cls) else []
     unknown = sorted(set(stored["options"]) - set(given))
     if unknown:
-        raise BadValueError(f"its solver {cls.__name__} has no option {shown(unknown[0])}")
+        raise BadValueError(f"the solver {cls.__name__} has no option {shown(unknown[0])}, which the file states")
     options = {}
     for key, value in stored["options"].items():
         several = isinstance(value, list)
         if not all(isinstance(v, int | float | str | None) for v in (value if several else [value])):
-            raise BadValueError(f"its solver has {key} = {shown(value)}, where a number, a text or a list of numbers is expected")
+            raise BadValueError(f"the solver in the file has {key} = {shown(value)}, where a number, a text or a list of numbers "
+                                f"is expected")  # fmt: skip
         options[key] = np.array(value, dtype=float) if several else value
     return cls(**options)
 
@@ -261,7 +268,7 @@ def _form(label: str, known: Known) -> str:
     own: list[type[Form]] = [form for form in known.own.values() if isinstance(form, type) and issubclass(form, Form)]
     forms: list[type[Form]] = [GGL, Index3, Index1, ODE, *own]
     if label not in {form.label for form in forms}:
-        raise BadValueError(f"the form {shown(label)} of its equations is not mbdae's: pass laws=[...] with its class in it")
+        raise BadValueError(f"the form {shown(label)} of the run's equations is not mbdae's: pass laws=[...] with its class")
     return label
 
 
@@ -316,12 +323,14 @@ def _check_shapes(header: dict[str, Any], shapes: dict[str, tuple[int, ...]]) ->
         meant |= {"part_t": (inside,), "part_y": (inside, n), "part_yp": (inside, n)}
     if set(shapes) != set(meant):
         name = min(set(shapes) ^ set(meant))
-        raise BadValueError(f"it {'has an unknown' if name in shapes else 'lacks the'} array {shown(name)}")
+        raise BadValueError(f"the file {'has an unknown' if name in shapes else 'lacks the'} array {shown(name)}")
+    if not steps:
+        raise BadValueError("the file's run has no steps")
     for name, shape in shapes.items():
         fits = len(shape) == len(meant[name]) and all(m in (None, k) for m, k in zip(meant[name], shape, strict=True))
-        if not fits or not steps:
+        if not fits:
             wanted = str(meant[name]).replace("None", "any")
-            raise BadValueError(f"its array {name} has shape {shape}, not {wanted}; steps: {steps}, unknowns: {n}")
+            raise BadValueError(f"the file's array {name} has shape {shape}, not {wanted}; steps: {steps}, unknowns: {n}")
 
 
 def _check_times(header: dict[str, Any], arrays: dict[str, Array]) -> None:
@@ -329,10 +338,12 @@ def _check_times(header: dict[str, Any], arrays: dict[str, Array]) -> None:
     t, steps = arrays["t"], arrays["steps"]
     parts = np.split(arrays["part_t"], np.cumsum(header["run"]["dense"]["steps"])[:-1]) if "part_t" in arrays else []
     if not all(np.all(np.diff(times) > 0) for times in [steps, *parts]):
-        raise BadValueError("the times of its steps do not increase")
+        raise BadValueError("the times of the steps in the file do not increase")
     if not len(t):
-        raise BadValueError("it has no output times")
+        raise BadValueError("the file has no output times")
     slack = 1e-12 * float(np.max(np.abs(steps[[0, -1]])))
     outside = (t < steps[0] - slack) | (t > steps[-1] + slack)
-    if np.any(outside) or abs(header["start"]["t"] - steps[0]) > slack:
-        raise BadValueError("its output times or its start lie outside of its run")
+    if np.any(outside):
+        raise BadValueError(f"the file's output time {t[outside][0]:g} s is outside of its run, {steps[0]:g} to {steps[-1]:g} s")
+    if abs(header["start"]["t"] - steps[0]) > slack:
+        raise BadValueError(f"the start in the file is at {header['start']['t']:g} s, but its run begins at {steps[0]:g} s")

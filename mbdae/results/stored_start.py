@@ -46,8 +46,10 @@ def _coordinates(stored: dict[str, Any], scene: SceneData) -> dict[tuple[str, st
     for joint, values in stored.items():
         names = known.get(joint, ())
         of_joint = values if isinstance(values, dict) else dict.fromkeys(names[:1], values)
+        if joint not in known:
+            raise BadValueError(f"the start in the file names joint {shown(joint)}, which the scene in the file does not have")
         if not of_joint or not set(of_joint) <= set(names):
-            raise BadValueError(f"its start gives {shown(values)} for joint {shown(joint)}, which has the coordinates "
-                                f"{', '.join(names) or 'none'}")
+            raise BadValueError(f"the start in the file gives {shown(values)} for joint {shown(joint)}, whose coordinates are "
+                                f"{', '.join(names) or 'none'}")  # fmt: skip
         found |= {(joint, name): float(value) for name, value in of_joint.items()}
     return found

@@ -55,7 +55,7 @@ def keeper_of(checkpoint: Any, every: Any) -> Keeper | None:
         folder.mkdir(parents=True, exist_ok=True)
         strange = not (folder / STATEMENT).exists() and any(not name.name.startswith(".") for name in folder.iterdir())
     except OSError as error:
-        raise OptionError(f"checkpoint = '{folder}' is no folder that can be written to ({error.strerror}): {FOLDER}") from error
+        raise OptionError(f"checkpoint = '{folder}' is no folder to read and write ({error.strerror}): {FOLDER}") from error
     if strange:
         raise OptionError(f"checkpoint = '{folder}' holds other files: {FOLDER}")
     return Keeper(folder, steps or EVERY)
@@ -88,7 +88,7 @@ def statement_of(scene: SceneData, every: int, solver: Solver | None, form: Form
         stated = statements(scene)
     except OptionError as error:
         raise OptionError(f"checkpoint: the folder has to hold the scene, and this scene cannot be stored: "
-                          f"{error}") from error  # fmt: skip
+                          f"{error}; or run it without checkpoint=") from error  # fmt: skip
     found = environment()
     return {"scene": by_item(stated), "laws": own_laws(modelled(scene)[0]),
             "solver": repr(solver), "form": repr(form), "every": every,

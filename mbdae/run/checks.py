@@ -293,7 +293,8 @@ def why_kept(c: Connection, couplings: list[Connection]) -> str:
         return "without them the joint has no constraint equation that prescribes a coordinate"
     acting = [type(part).__name__.removeprefix("Joint").lower() for part in c.laws if isinstance(part, OnCoordinate)]
     acting += ["friction"] if c.rubs else []
-    return f"no method `coordinate` of the joint computes from the bodies that of its {_listed(list(dict.fromkeys(acting)))}"
+    return ("the joint has no method `coordinate` that computes from the bodies the one of its "
+            f"{_listed(list(dict.fromkeys(acting)))}")  # fmt: skip
 
 
 def _coordinates(c: Connection) -> str:

@@ -101,8 +101,8 @@ def refuse_unresolved(prepared: Prepared, solver: Solver) -> None:
         if (rtol is not None and rtol > 100 * limit) or limit < tightest:
             means = max(rtol or 0.0, tightest) * typical_speed(prepared)
             raise OptionError(
-                f"friction of '{item}' ({name}) changes within {velocity:.2g} m/s, {solver.label} resolves {means:.2g} m/s at "
-                f"best with rtol = {max(rtol or 0.0, tightest):.1g}: sticking would be lost, or steps be tiny; raise that "
+                f"friction of '{item}' ({name}) changes within {velocity:.2g} m/s, {solver.label} resolves {means:.2g} m/s "
+                f"with rtol = {max(rtol or 0.0, tightest):.1g}: sticking would be lost, or steps be tiny; raise that "
                 f"velocity of the friction law to {means / RESOLVED:.2g} m/s"
                 + ("" if limit < tightest else f", or use rtol = {limit:.1g}")
             )

@@ -12,9 +12,7 @@ import numpy as np
 from mbdae.results.energy import Energy, has_power
 from mbdae.results.result import Result
 from mbdae.run.control import Controlled
-from mbdae.system.base import Array
-from mbdae.system.motion.constrained import row_lengths
-from mbdae.system.motion.mechanics import Mechanics, in_units
+from mbdae.system.motion.mechanics import row_sizes
 from mbdae.system.prepare import Prepared
 from mbdae.ties import largest
 
@@ -49,9 +47,9 @@ def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[s
     tolerance = asked if asked is not None else run.solver.rtol or 0.0
     if not abs(off) > max(max(SHARE, ALLOWED * tolerance) * exchanged, _at_rest(prepared, tolerance), round_off(prepared, e)):
         return []
-    cause = "BDF of order above 2 adds energy to undamped motion: use mb.RadauIIA(3), or" if order > 2 else "use"
+    remedy = "BDF of order above 2 adds energy to undamped motion: use mb.RadauIIA(3), or" if order > 2 else "use"
     return [f"the energy balance drifts: {abs(off):.2g} J {'gained' if off > 0 else 'lost'} without a cause, while "
-            f"{exchanged:.2g} J are exchanged; {cause} a smaller rtol or step"]  # fmt: skip
+            f"{exchanged:.2g} J are exchanged; {remedy} a smaller rtol or step"]  # fmt: skip
 
 
 def round_off(prepared: Prepared, e: Energy) -> float:
@@ -78,14 +76,6 @@ def _order(run: Controlled) -> int:
     return 0
 
 
-def row_sizes(mechanics: Mechanics, prepared: Prepared) -> Array:
-    """Sizes (m,) of constraint rows, to which their violations are related: how much a displacement by the scene's length, or a
-    rotation by 1 rad, changes each row at the start; bounded by the scene's length (for rows in m) and 1 (for rows in rad)."""
-    least, most = sorted((prepared.length, 1.0))
-    G = mechanics.constraint_matrix(np.array([prepared.start.t]), prepared.start.q)
-    return np.asarray(np.clip(row_lengths(in_units(mechanics, G))[:, 0], least, most))
-
-
 def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:
     """A warning where the violation g of a constraint row, relative to its size, or its rate G u + g_t, relative to its size and
     the scene's speed, exceeds the accuracy asked; where none was asked, the accuracy expected of the tolerance."""
@@ -97,8 +87,8 @@ def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> lis
         asked = solver.rtol / max(factors) if solver.rtol and factors else 1e-6
     t = run.solution.t[:: len(run.solution.t) // SAMPLES + 1]
     q, u, _ = prepared.states(t, run.solution(t))
-    speed = max(prepared.length / prepared.time, float(np.max(np.abs(u) * m.velocity_units, initial=0.0)))
-    sizes = row_sizes(m, prepared)
+    speed = max(prepared.length / prepared.time, m.speed(u))
+    sizes = row_sizes(m, prepared.start.t, prepared.start.q)
     off = [np.abs(m.position_residual(t, q)) / sizes, np.abs(m.velocity_residual(t, q, u)) / (sizes * speed / prepared.length)]
     for values, what, size in zip(off, ("position", "velocity"), ("length, or rad", "speed"), strict=True):
         worst = largest(np.max(values, axis=0))

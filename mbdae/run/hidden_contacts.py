@@ -43,8 +43,9 @@ class Hidden(NamedTuple):
 def stepped_over(hidden: Sequence[Hidden]) -> str:
     """A warning of contacts that a run has stepped over."""
     first = hidden[0]
-    return (f"{counted(len(hidden), 'contact')} stepped over, first '{first.name}' at t = {first.deepest:.6g} s: the motion from "
-            "there on is wrong; take a smaller accuracy or tolerance, or constant steps of at most "
+    return (f"{counted(len(hidden), 'contact')} stepped over (closed and opened within a step), first '{first.name}' at "
+            f"t = {first.deepest:.6g} s: the motion from there on is wrong; take a smaller accuracy or tolerance, or constant "
+            f"steps of at most "
             f"{(first.end - first.begin) / 2:.1g} s")  # fmt: skip
 
 

@@ -236,8 +236,8 @@ class Job:
                 error.solution = made  # type: ignore[union-attr]
                 stopped = isinstance(error, SolverError) and not isinstance(error, WallClockError | ChatteringError)
                 if stopped and (place := singular_stop(made)):
-                    stop, _, why = str(error).partition(": ")
-                    error.args = (f"{stop}: {place} (solver: {why})",)
+                    stop, _, message = str(error).partition(": ")
+                    error.args = (f"{stop}: {place} (solver: {message})",)
             raise
 
 

@@ -130,19 +130,20 @@ def _of_contact(result: Result, run: Controlled, expected: ExpectedContact) -> l
         found.append(f"'{item}' penetrates by {typical:.2g} {unit} (median of its contacts), {run.solver.label} with its rtol "
                      f"resolves only {tolerance:.2g} {unit}: "
                      f"{_finer(run, result.info.form, wanted, 'take a softer contact law')}")  # fmt: skip
-    limit, what, consequence = law.doubtful_depth()
+    limit, limit_in_words, likely_cause = law.doubtful_depth()
     if deepest > limit:
-        found.append(f"'{item}' penetrates by up to {deepest:.2g} {unit}, more than {limit:.2g} {unit} ({what}): {consequence}")
+        found.append(f"'{item}' penetrates by up to {deepest:.2g} {unit}, more than {limit:.2g} {unit} "
+                     f"({limit_in_words}): {likely_cause}")  # fmt: skip
     return found
 
 
-def _finer(run: Controlled, form: str, wanted: float, else_do: str) -> str:
+def _finer(run: Controlled, form: str, wanted: float, other_remedy: str) -> str:
     """Advice in words to take the rtol `wanted`, or, where round-off does not allow so small a one, the smallest allowed or
-    `else_do`."""
+    `other_remedy`."""
     least = run.solver.tightest.get(form, run.solver.tightest[""])
     if least <= 3 * wanted:  # with a tolerance of up to three times the wanted one the warning does not come again
-        return f"use rtol = {max(wanted, least):.1g}"
-    return f"rtol = {least:.1g}, the smallest it takes in this form, does not resolve that either; {else_do}"
+        return f"give that solver rtol = {max(wanted, least):.1g}"
+    return f"rtol = {least:.1g}, the smallest it takes in this form, does not resolve that either; {other_remedy}"
 
 
 def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
@@ -209,5 +210,5 @@ def doubts_of_steps(run: Controlled) -> list[str]:
                      f"step only: use error control or steps of at most {stats.resolving_step:.1g} s")  # fmt: skip
     if 0 < stats.shortest_contact < FEW_STEPS:
         found.append(f"the shortest contact took {counted(stats.shortest_contact, 'step')}: impacts are not resolved; use a "
-                     f"smaller rtol")  # fmt: skip
+                     f"smaller rtol or step")  # fmt: skip
     return found

@@ -15,14 +15,14 @@ from mbdae.scene.shapes import Point, Shape
 from mbdae.values import BadValueError, array, shown
 
 ROUNDING = 1e-15  #: a direction whose length deviates from 1 by at most this is not scaled to length 1 again
-SHAPES = "give mb.Plane, mb.Cylinder, mb.Sphere, mb.Point or mb.Box"
+GIVE_A_SHAPE = "give mb.Plane, mb.Cylinder, mb.Sphere, mb.Point or mb.Box"
 READERS: dict[str, Callable[[Any], str]] = {}  #: "color" -> function that reads a colour, entered by the package that draws
 
 
 def shape(arg: Argument, value: Any) -> Shape:
     """Reader of a shape: returns it with plain values, a point, directions of length 1, and lengths above 0."""
     if not isinstance(value, Shape) or type(value) is Shape:
-        arg.wrong(f"{shown(value)} is no shape", SHAPES)
+        arg.wrong(f"{shown(value)} is no shape", GIVE_A_SHAPE)
         return Point()
     found: dict[str, Any] = {}
     for key, given in vars(value).items():
@@ -49,8 +49,8 @@ def _edges(arg: Argument, value: Any) -> Array:
         found = array(value)
         if found.shape not in ((2,), (3,)) or (found < 0).any() or not found.any():
             raise BadValueError(shown(value))
-    except BadValueError as refused:
-        arg.wrong(refused, "give three lengths in m, 0 or more and not all 0, or two for a plate in the plane z = 0")
+    except BadValueError as value_and_reason:
+        arg.wrong(value_and_reason, "give three lengths in m, 0 or more and not all 0, or two for a plate in the plane z = 0")
         return np.ones(3)
     return np.append(found, np.zeros(3 - len(found)))
 

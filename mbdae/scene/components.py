@@ -88,10 +88,10 @@ class Body(NamesArguments):
             if given.ndim == 0:
                 return Place(self, self._along(number(float(given), least=0, most=1)))
             if given.shape not in ((2,), (3,)):
-                raise BadValueError(f"{shown(point)} has shape {given.shape}")
-        except BadValueError as refused:
-            raise OptionError(f"'{self.name}'.at: point = {refused}; give a number from 0 to 1 along a link or beam, or a "
-                              f"point of 2 or 3 coordinates, m") from None  # fmt: skip
+                raise BadValueError(f"{shown(point)} has shape {given.shape}, needs (2,) or (3,)")
+        except BadValueError as value_and_reason:
+            raise OptionError(f"'{self.name}'.at: point = {value_and_reason}; give a number from 0 to 1 along a link or beam, or "
+                              f"a point of 2 or 3 coordinates, m") from None  # fmt: skip
         return Place(self, np.append(given, np.zeros(3 - len(given))))
 
     def _along(self, s: float) -> Array:

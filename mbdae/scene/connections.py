@@ -34,8 +34,8 @@ def own_copy(arg: Argument, law: Any) -> Joint | Force | Coupling:
     needed = ("name", "of") if isinstance(law, Coupling) else NEEDED
     missing = [key for key in (*needed, *law.params, *law.options) if key not in vars(law)]
     if missing:
-        arg.wrong(f"a {kind} whose attribute {missing[0]} was not set",
-                  f"let {kind}.__init__ call super().__init__(name, k, l, at=at, axis=axis, **parameters)")  # fmt: skip
+        own = "name, of, **parameters" if isinstance(law, Coupling) else "name, k, l, at=at, axis=axis, **parameters"
+        arg.wrong(f"a {kind} whose attribute {missing[0]} was not set", f"let {kind}.__init__ call super().__init__({own})")
         return _nothing(arg)
     found: Any = copy(law)
     found.name = reading.name(Argument(arg.scene, kind, "name"), law.name)
@@ -140,8 +140,8 @@ class ConnectionStatements(CouplingStatements):
                     self.problems.append(f"{item.kind} '{item.name}': a torque does nothing on the point mass '{body.name}'; "
                                          f"use s.rigid_body")  # fmt: skip
                 if law is item.joint and item.rubs and (side == "k" or item.unit(law.rubbed) == "rad"):
-                    self.problems.append(f"{item.kind} '{item.name}': friction needs the axes of both bodies, the point mass "
-                                         f"'{body.name}' has none; use s.rigid_body")  # fmt: skip
+                    self.problems.append(f"{item.kind} '{item.name}': friction needs axes of the body on which it acts, and "
+                                         f"the point mass '{body.name}' has none; use s.rigid_body")  # fmt: skip
                 at = law.point_on(side)
                 if np.linalg.norm(at - body.drawn.position) > 1e-9 * (1 + np.linalg.norm(body.drawn.position)):
                     self.problems.append(f"{item.kind} '{item.name}': the point mass '{body.name}' is at "

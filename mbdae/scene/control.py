@@ -19,7 +19,7 @@ def _words(arg: Argument, value: Any) -> list[str]:
     """Reader of a list of texts; a text alone stands for a list of one."""
     given = [value] if isinstance(value, str) else value
     if not (isinstance(given, list | tuple) and all(isinstance(one, str) and one.strip() for one in given)):
-        arg.wrong(shown(value), "give a list of texts")
+        arg.wrong(shown(value), "give a list of names, texts that are not empty")
         return []
     if len(set(given)) < len(given):
         arg.wrong(shown(value), "give every name once")
@@ -91,7 +91,7 @@ class ControlStatements(ConnectionStatements):
         it gets at the start. Values are those before any output changes. f must be pure: runs are repeated to measure errors."""
         item = f"controller '{name}'"
         if not sets:
-            self.problems.append(f"{item}: sets = []: it has no outputs; name them, as in sets=['u']")
+            self.problems.append(f"{item}: sets names no output that can be used; give one or more, as in sets=['u']")
         wrong = _not_called(f.value, len(reads), memory is not None)
         if wrong:
             self.problems.append(f"{item}: {wrong}")

@@ -149,8 +149,8 @@ def _friction_mistakes(found: OnCoordinates, words: Mapping[str, str], model: Jo
         if found.law.coordinates[c].unit == "rad" and c not in radius:
             wrong.append("radius = None: friction in a bearing needs the radius of its pin, a positive number in m")
     if friction and isinstance(model, Clearance):
-        given = " and ".join(f"{o}=" for o in ("friction", "radius", "normal_force") if found.of(o))
-        wrong.append(f"friction of a joint with clearance belongs to its model: omit {given}, say "
+        friction_options = " and ".join(f"{o}=" for o in ("friction", "radius", "normal_force") if found.of(o))
+        wrong.append(f"friction of a joint with clearance belongs to its model: omit {friction_options}, say "
                      f"model=mb.Clearance(outer, inner, normal, friction=...)")  # fmt: skip
     own = [c for c in friction if c not in normal]
     if own and isinstance(model, Recursive):

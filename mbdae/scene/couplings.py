@@ -29,11 +29,11 @@ def reference(unit: str = "") -> reading.Reader:
         known = [c for c in joint.coordinates if joint.unit(c) == unit or (not unit and joint.unit(c) != "rotation")]
         if name in known or (not name and len(known) == 1):
             return f"{joint.name}.{name or known[0]}"
-        what = {"rad": "angle", "m": "displacement"}.get(unit, "coordinate")
+        wanted = {"rad": "angle", "m": "displacement"}.get(unit, "coordinate")
         if not known:
-            arg.wrong(f"{shown(value)}: {joint.kind} '{joint.name}' has no {what}", f"name a joint that has one; {_has(joint)}")
+            arg.wrong(f"{shown(value)}: {joint.kind} '{joint.name}' has no {wanted}", f"name a joint that has one; {_has(joint)}")
         else:
-            arg.wrong(shown(value), f"say which {what}: {' or '.join(repr(f'{joint.name}.{c}') for c in known)}")
+            arg.wrong(shown(value), f"say which {wanted}: {' or '.join(repr(f'{joint.name}.{c}') for c in known)}")
         return NOBODY
 
     return read
@@ -78,8 +78,8 @@ def _terms(arg: Argument, value: Any) -> dict[str, float]:
             arg.wrong(shown(value), f"it names {shown(at)} twice; name a coordinate once")
         try:
             found[at] = found.get(at, 0.0) + number(factor)
-        except BadValueError as refused:
-            arg.part(f"{arg.option}[{shown(key)}]").wrong(refused, "give a number")
+        except BadValueError as value_and_reason:
+            arg.part(f"{arg.option}[{shown(key)}]").wrong(value_and_reason, "give a number")
     if found and not any(found.values()):
         arg.wrong(shown(value), "every factor is 0, so that nothing is coupled; give factors other than 0")
     return found
@@ -167,6 +167,8 @@ class CouplingStatements(SceneItems):
 def _unit(law: Coupling, coordinate: str) -> str:
     """Unit of a coordinate, rad or m, where the law states one of them; else ""."""
     if coordinate not in law.coordinates:
-        raise LawError(f"{type(law).__name__} has no coordinate {coordinate!r}; it has {', '.join(law.coordinates)}")
+        known = ", ".join(law.coordinates)
+        raise LawError(f"{type(law).__name__} '{law.name}': of names the coordinate {coordinate!r}, which it does not have; give "
+                       f"each of {known}")  # fmt: skip
     unit = law.coordinates[coordinate].unit
     return unit if unit in ("rad", "m") else ""

@@ -226,7 +226,7 @@ class JointStatements(ConnectionStatements):
         found = {}
         for key, value in further.items():
             if key not in own:
-                self.problems.append(f"{item}: it has no argument {_instead(kind, law, key, own)}")
+                self.problems.append(f"{item}: {_no_argument(kind, law, key, own)}")
             else:
                 read = reading.driven(law.params[key].unit) if key in law.params else reading.as_given
                 found[key] = value if value is None else read(Argument(self, item, key), value)
@@ -238,16 +238,17 @@ class JointStatements(ConnectionStatements):
         return found
 
 
-def _instead(kind: str, law: type[Joint], key: str, own: set[str]) -> str:
-    """Part of a message: the name `key` of an argument that the joint does not have, and what to give in its place. kind: the
-    statement; own: parameters of the joint."""
+def _no_argument(kind: str, law: type[Joint], key: str, own: set[str]) -> str:
+    """Message that the joint does not have an argument `key`, with what to give in its place. kind: the statement; own:
+    parameters of the joint."""
     coordinate = key.removesuffix("_rate")
     if coordinate not in law.scalars():
         known = (set(signature(STATEMENTS.get(kind, STATEMENTS["joint"])).parameters) | {*OPTIONS, "model"}) - {"self", "further"}
-        return (f"{unknown_name(key, {*own, *known})} it takes {', '.join(sorted({*own, *known}))}")  # fmt: skip
+        return f"it has no argument {unknown_name(key, {*own, *known})} it takes {', '.join(sorted({*own, *known}))}"
     if coordinate != key:
-        return f"'{key}'; to start with a rate of its coordinate give start_rate={{'{coordinate}': ...}}"
-    return f"'{key}'; to prescribe its coordinate give prescribed={{'{key}': ...}}, to start there start={{'{key}': ...}}"
+        return f"it has no argument '{key}'; to start with a rate of its coordinate give start_rate={{'{coordinate}': ...}}"
+    return (f"it has no argument '{key}'; to prescribe its coordinate give prescribed={{'{key}': ...}}, to start there "
+            f"start={{'{key}': ...}}")  # fmt: skip
 
 
 def pins(arg: Argument, shaft: Any, other: Any, pin: Any) -> Any:

@@ -11,28 +11,29 @@ from mbdae.scene.reading import FEEDS, Argument, Reader, quantity
 from mbdae.symbolic.joint import Joint
 from mbdae.values import BadValueError, entries, number, shown
 
-REMEDY = "give stop=mb.Stop(stiffness, damping)"
+GIVE_A_STOP = "give stop=mb.Stop(stiffness, damping)"
 Limits = tuple[float | None, float | None]  #: lowest and highest value, None where there is none
 
 
 def limits(unit: str) -> Reader:
     """Reader of a pair (lowest, highest); None or an infinite number: no limit on that side. Returns None for a wrong value."""
-    pair = f"give a pair (lowest, highest), {unit}; None for a side without limit"
+    give_a_pair = f"give a pair (lowest, highest), {unit}; None for a side without limit"
 
     def read(arg: Argument, value: Any) -> Limits | None:
         try:
             found = entries(value)
             if found.shape != (2,):
-                raise BadValueError(f"{shown(value)} is no pair")
+                raise BadValueError(f"{shown(value)} is no pair of limits")
             low, high = _one(found[0], -math.inf), _one(found[1], math.inf)
-        except BadValueError as refused:
-            arg.wrong(refused, pair)
+        except BadValueError as reason:
+            names_value = str(reason).startswith(shown(value))
+            arg.wrong(reason if names_value else f"{shown(value)} has a wrong entry, {reason}", give_a_pair)
             return None
         if low is None and high is None:
             arg.wrong(shown(value), "it limits nothing; give a number, or omit limits and stop")
             return None
         if low is not None and high is not None and low >= high:
-            arg.wrong(f"{shown(value)}: the lower limit is not below the upper one", pair)
+            arg.wrong(f"{shown(value)}: the lower limit is not below the upper one", give_a_pair)
             return None
         return low, high
 
@@ -56,7 +57,7 @@ def stop(stiffness: str, damping: str) -> Reader:
 
     def read(arg: Argument, value: Any) -> Stop | None:
         if not isinstance(value, Stop):
-            arg.wrong(f"{shown(value)} is no stop", REMEDY)
+            arg.wrong(f"{shown(value)} is no stop", GIVE_A_STOP)
             return None
         before = len(arg.scene.problems)
         quantity(stiffness, "positive")(arg.part(f"{arg.option}.stiffness"), value.stiffness)
@@ -84,7 +85,7 @@ def mistakes(found: Mapping[str, Mapping[str, Any]], law: type[Joint], words: Ma
     """Mistakes in the combination of limits, stops and joint model, one sentence each; single values are checked by `limits` and
     `stop`. found: values by option and coordinate; words: name of an option in the statement, where it differs."""
     limited, stops = found.get("limits", {}), found.get("stop", {})
-    wrong = [f"limits = {_written(limited[c], law, c)} have no stop; {REMEDY}" for c in limited if c not in stops]
+    wrong = [f"limits = {_written(limited[c], law, c)} have no stop; {GIVE_A_STOP}" for c in limited if c not in stops]
     wrong += [f"stop = {shown(stops[c])} does nothing without limits of its {c}; give limits=(lowest, highest), or omit it"
               for c in stops if c not in limited]  # fmt: skip
     for c in limited:

@@ -28,8 +28,8 @@ def friction_law(arg: Argument, value: Any) -> Any:
         arg.scene.problems.append(f"{arg.item}: {arg.option}: {error}")
         return Coulomb(0.0, 1.0)
     if feeds is not None:
-        arg.wrong(f"{shown(value)} drives the bodies at the sliding velocity v = {feeds:g} m/s instead of braking them",
-                  "its coefficient must have the sign of v, or be 0")  # fmt: skip
+        arg.wrong(f"{shown(value)} does not brake at the sliding velocity v = {feeds:g} m/s: its coefficient there drives the "
+                  f"bodies, or is not finite", "give one whose coefficient has the sign of v, or is 0")  # fmt: skip
         return Coulomb(0.0, 1.0)
     return found
 
@@ -72,14 +72,14 @@ def refusal(law: type[Joint], model: JointModel) -> tuple[str, str] | None:
     name = law.__name__
     if isinstance(model, Clearance) and law.loose is None:
         return f"{shown(model)} exists for joints with a pin in a race, not for a {name}", \
-            "use mb.Kinematic(), mb.Classical() or mb.Recursive()"  # fmt: skip
+            "use mb.Kinematic() or another joint model"  # fmt: skip
     if _augments(model) and "scaling" not in law.params:
         return shown(model), f"a {name} has no scaling and penalty; omit them"
     if isinstance(model, Classical | Recursive) and not law.coordinates:
         return f"{shown(model)}, but a {name} has no coordinates", "use mb.Kinematic()"
     if isinstance(model, Classical) and law.scalars().keys() != law.coordinates.keys():
         return f"{shown(model)}, but a {name} has a free rotation, which no three angles describe everywhere", \
-            "use mb.Kinematic() or mb.Recursive()"  # fmt: skip
+            f"use mb.Kinematic(){' or mb.Recursive()' * law.states_motion()}"  # fmt: skip
     if isinstance(model, Recursive) and not law.states_motion():
         return f"{shown(model)}, but {name} does not state its motion", "state `motion(self, from_k)`, or use mb.Kinematic()"
     return None

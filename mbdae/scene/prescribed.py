@@ -19,8 +19,8 @@ from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import Expr
 
-_RAMP = "; join the pieces by a smooth ramp such as h*(3*x**2 - 2*x**3), x = (mb.t - t1)/T from 0 to 1"
-_CUBIC = "; give kind=\"cubic\", and a table that ends without slope where it is held beyond its ends"
+SMOOTH_RAMP = "join the pieces by a smooth ramp such as h*(3*x**2 - 2*x**3), x = (mb.t - t1)/T from 0 to 1"
+CUBIC_TABLE = "give kind=\"cubic\", and a table that ends without slope where it is held beyond its ends"
 #: what the user calls a value, where the statement has a word of its own for it
 _ARGUMENTS = {("revolute", "load"): "torque", ("prismatic", "load"): "force", ("prismatic", "displacement"): "position"}
 #: jumps of a prescribed motion, or of its rate, up to this part of its largest magnitude in the run count as rounding errors; so
@@ -85,27 +85,28 @@ def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
     if short:
         return [f"{one.what}: {short}"]
     parts = list(timed.derivatives(one.expression)) if one.moves else [timed.sided(one.expression)]
-    for part, name in zip(parts, ("value", "rate", "second derivative"), strict=False):
+    for part, value_or_rate in zip(parts, ("value", "rate", "second derivative"), strict=False):
         start = float(timed.values(part, np.array([t0]))[0])
         if not np.isfinite(start):
-            return [f"{one.what}: its {name} is {start} at the start t = {t0:g} s; give an input that is finite there"]
+            return [f"{one.what}: its {value_or_rate} is {start} at the start t = {t0:g} s; give an input that is finite there"]
     try:
         edges, found = resolved(timed.used(one.expression, one.moves), t0, t_end)
-    except TooManyError as error:
-        return [f"{one.what}: {error}; a run that follows it would take too many steps: shorten the run, or give "
-                f"the mean of the input"]  # fmt: skip
+    except TooManyError as too_many_steps_with_remedy:
+        return [f"{one.what} cannot be followed by a run: {too_many_steps_with_remedy}"]
     twice = unresolved(one.expression, t0, t_end)
     if twice is not None:
-        return [f"{one.what} changes at t = {twice[0]:.9g} s and again {twice[1]:.1e} s later, shorter than any step at such a "
-                f"time: let more time pass between both, count the time from an instant near them, or give their effect as a "
+        return [f"{one.what} changes at t = {twice[0]:.9g} s and again {twice[1]:.1e} s later, which is shorter than any step "
+                f"there: let more time pass between both, count the time from an instant near them, or give their effect as a "
                 f"start value"]  # fmt: skip
     times, sides = _looked_at(edges, found)
     values = [timed.values(part, times, sides) for part in parts]
     poles = np.concatenate([times[~np.isfinite(values[0])], found.poles])
     if len(poles):
         first = f"t = {float(np.min(poles)):.6g} s"
-        return [f"{one.what} has no finite value at {first}; the bodies cannot follow{_RAMP}" if one.moves else
-                f"{one.what} is not finite near {first}; give an input that stays finite"]  # fmt: skip
+        if one.moves:
+            return [f"{one.what}: its value, rate or second derivative is not finite near {first}; the bodies cannot follow; "
+                    f"give a motion for which all three stay finite"]  # fmt: skip
+        return [f"{one.what} is not finite near {first}; give an input that stays finite"]
     before = [2 * t0 - timed.after(t0)] if continued else []
     return _jumps(one, parts, values, edges, before) if one.moves else []
 
@@ -127,14 +128,16 @@ def _jumps(one: Input, parts: list[Expr], values: list[Any], edges: Any, before:
     at = (edges if before else edges[1:])[:-1]
     if not len(at):
         return []
-    remedy = _CUBIC if timed.split(tuple(parts[:1])).readings else _RAMP
-    for order, consequence in ((0, "the bodies cannot follow"), (1, "that takes an infinite force")):
+    smooth_ramp_or_cubic_table = CUBIC_TABLE if timed.split(tuple(parts[:1])).readings else SMOOTH_RAMP
+    for order in (0, 1):
         size, steep = (float(np.max(np.abs(v[np.isfinite(v)]), initial=0.0)) for v in values[order : order + 2])
         by = jumps(parts[order], at, middle[:-1], middle[1:])
         found = np.flatnonzero(np.abs(by) > max(JUMP * size, 1e-300) + 8 * np.spacing(at) * steep)
         if len(found):
             i = int(found[0])
             if order:
-                return [f"{one.what}: its rate jumps by {by[i]:.4g} {one.unit}/s at t = {at[i]:.6g} s; {consequence}{remedy}"]
-            return [f"{one.what} jumps by {by[i]:.4g} {one.unit} at t = {at[i]:.6g} s; {consequence}{remedy}"]
+                return [f"{one.what}: its rate jumps by {by[i]:.4g} {one.unit}/s at t = {at[i]:.6g} s; that takes "
+                        f"an infinite force; {smooth_ramp_or_cubic_table}"]  # fmt: skip
+            return [f"{one.what} jumps by {by[i]:.4g} {one.unit} at t = {at[i]:.6g} s; the bodies cannot follow; "
+                    f"{smooth_ramp_or_cubic_table}"]  # fmt: skip
     return []

@@ -90,8 +90,8 @@ def _read(arg: Argument, value: Any, read: Callable[[Any], T], remedy: str, inst
     """`read(value)`; where that raises BadValueError, a problem of the scene and the value `instead`."""
     try:
         return read(value)
-    except BadValueError as refused:
-        arg.wrong(refused, remedy)
+    except BadValueError as value_and_reason:
+        arg.wrong(value_and_reason, remedy)
         return instead
 
 
@@ -103,17 +103,17 @@ def name(arg: Argument, value: Any) -> str:
 def quantity(unit: str, bound: str = "", why: str = "") -> Reader:
     """Reader of a number in a unit; bound: "" for any, "not negative" or "positive"; why: consequence of a negative one."""
     kind = {"": "a number", "not negative": "a number from 0", "positive": "a positive number"}[bound]
-    measured = kind + (f" in {unit}" if unit not in ("", "1") else "")
+    number_in_unit = kind + (f" in {unit}" if unit not in ("", "1") else "")
 
     def read(arg: Argument, value: Any) -> float:
         try:
             found = number(value)
-        except BadValueError as refused:
-            arg.wrong(refused, f"give {measured}")
+        except BadValueError as value_and_reason:
+            arg.wrong(value_and_reason, f"give {number_in_unit}")
             return 1.0 if bound == "positive" else 0.0
         if (bound and found < 0) or (bound == "positive" and found == 0):
             arg.wrong(f"{_with_unit(found, unit)} is {'negative' if found < 0 else 'not positive'}{why and f': {why}'}",
-                       f"give {measured}")  # fmt: skip
+                       f"give {number_in_unit}")  # fmt: skip
             return 1.0 if bound == "positive" else 0.0
         return found
 
@@ -181,14 +181,14 @@ def _orthogonal(value: Any) -> Array:
 
 def inertia(arg: Argument, value: Any) -> Any:
     """Reader of an inertia: one number, 3 values (3,) or a matrix (3, 3), kg m^2."""
-    remedy = "give one number (about z), 3 principal values or a 3x3 matrix, kg m^2"
+    give_inertia = "give one number (about z), 3 principal values or a 3x3 matrix, kg m^2"
     try:
         found = array(value)
         if found.shape in ((), (3,), (3, 3)):
             return found if found.ndim else float(found)
-        arg.wrong(_misshapen(value, found), remedy)
-    except BadValueError as refused:
-        arg.wrong("None: it is missing" if value is None else refused, remedy)
+        arg.wrong(_misshapen(value, found), give_inertia)
+    except BadValueError as value_and_reason:
+        arg.wrong("None: it is missing" if value is None else value_and_reason, give_inertia)
     return np.zeros((3, 3))
 
 
@@ -219,8 +219,8 @@ def components(unit: str, sensors: bool = False) -> Reader:
             found = entries(value)
             if found.shape not in ((2,), (3,)):
                 raise BadValueError(_misshapen(value, found))
-        except BadValueError as refused:
-            arg.wrong(refused, f"give 2 or 3 components, numbers or expressions of mb.t, {unit}")
+        except BadValueError as value_and_reason:
+            arg.wrong(value_and_reason, f"give 2 or 3 components, numbers or expressions of mb.t, {unit}")
             return [0.0, 0.0, 0.0]
         read_one = driven(unit, sensors)
         return [read_one(arg.part(f"{arg.option}[{i}]"), v) for i, v in enumerate(found)] + [0.0] * (3 - len(found))
@@ -249,9 +249,9 @@ def counts(arg: Argument, value: Any) -> Any:
             raise BadValueError(_misshapen(value, found))
         many = tuple(whole(n, least=1, most=MOST_ELEMENTS) for n in found.flat)
         return many if found.ndim else many[0]
-    except BadValueError as refused:
-        alone = str(refused).startswith(shown(value))
-        arg.wrong(refused if alone else f"{shown(value)}: {refused}",
+    except BadValueError as reason:
+        names_value = str(reason).startswith(shown(value))
+        arg.wrong(reason if names_value else f"{shown(value)}: {reason}",
                    f"give a whole number from 1 to {MOST_ELEMENTS}, or one for every segment")  # fmt: skip
         return None
 
@@ -262,13 +262,13 @@ def integer(least: int, most: int) -> Reader:
     return lambda arg, value: _read(arg, value, lambda v: whole(v, least=least, most=most), remedy, least)
 
 
-def instance(what: type, noun: str, remedy: str, instead: Any = None) -> Reader:
-    """Reader of an object of the class `what`; `instead` where the value is none. noun, remedy: words of the message."""
+def instance(what: type, wanted: str, remedy: str, instead: Any = None) -> Reader:
+    """Reader of an object of the class `what`; `instead` where the value is none. wanted, remedy: words of the message."""
 
     def read(arg: Argument, value: Any) -> Any:
         if isinstance(value, what):
             return value
-        arg.wrong(f"{shown(value)} is no {noun}", remedy)
+        arg.wrong(f"{shown(value)} is no {wanted}", remedy)
         return instead
 
     return read
@@ -312,9 +312,11 @@ def body(arg: Argument, value: Any) -> Any:
         return named[0]
     known = ", ".join(repr(b.name) for b in [scene.ground, *scene.bodies][:12])
     if isinstance(value, Body) and value.scene is not None:
-        other = f"{'another ' if value.scene.name == scene.name else ''}scene '{value.scene.name}', not of this scene"
-        what, remedy = ("the ground", "use s.ground") if value.is_ground else (f"body '{value.name}'", f"this one has {known}")
-        arg.wrong(f"{what} of {other}", remedy)
+        other_scene = f"{'another ' if value.scene.name == scene.name else ''}scene '{value.scene.name}'"
+        if value.is_ground:
+            arg.wrong(f"the ground of {other_scene}, not of this scene", "use s.ground")
+        else:
+            arg.wrong(f"body '{value.name}' of {other_scene}, not of this scene", f"this one has {known}")
     else:
         arg.wrong(f"{shown(value)} is no body of this scene, which has {known}", "name one of these")
     return nobody(scene)

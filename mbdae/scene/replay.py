@@ -76,7 +76,7 @@ class Known:
     def find(self, name: Any, *kinds: type) -> Any:
         """What a stored name stands for; SceneError where there is nothing of that name, or nothing of these kinds."""
         if not isinstance(name, str):
-            raise SceneError([f"{shown(name)} stands where the name of a class is expected"])
+            raise SceneError([f"{shown(name)} stands where the name of a class is expected: correct the stored scene"])
         name = without_module(name)
         short = name.rpartition(":")[2].rpartition(".")[2]
         found = [self.own[name]] if name in self.own else []
@@ -84,14 +84,15 @@ class Known:
             alike = [one for one in self.own.values() if getattr(one, "__name__", "") == short and not _is_built_in(one)]
             found = list({id(one): one for one in alike}.values())
         if len(found) != 1 or (self.loose and f"{name} (2)" in self.own):
-            what = f"several of `laws` are called {shown(short)}" if found else f"{shown(name)} is neither mbdae's nor in `laws`"
-            remedy = "pass laws=[...] with the right one alone" if found else f"pass laws=[...] with {_word(short)} in it"
-            raise SceneError([f"{what}: {remedy}"])
+            if found:
+                raise SceneError([f"several of `laws` are called {shown(short)}: pass laws=[...] with the right one alone"])
+            raise SceneError([f"{shown(name)} is neither mbdae's nor in `laws`: pass laws=[...] with {_word(short)} in it"])
         one = found[0]
         classes = tuple(kind for kind in kinds if kind is not FunctionType)
         is_class = bool(classes) and isinstance(one, type) and issubclass(one, classes)
         if not (is_class or (FunctionType in kinds and isinstance(one, FunctionType))):
-            raise SceneError([f"{shown(name)} stands where {_in_words(kinds)} is expected"])
+            raise SceneError([f"{shown(name)} stands where {_in_words(kinds)} is expected: correct the stored scene, or pass "
+                              f"laws=[...] with the right class or function"])  # fmt: skip
         return one
 
 
@@ -141,22 +142,23 @@ def _decode(value: Any, scene: Any, known: Known) -> Any:
         if "unreadable" in value:
             raise SceneError([f"the argument {shown(value['unreadable'])} cannot be stored, nor the statement repeated: give "
                               f"numbers, texts, expressions of mb.t, laws or their parts"])  # fmt: skip
-        raise SceneError([f"the stored argument {shown(value)} is of no kind that mbdae writes"])
+        raise SceneError([f"the stored argument {shown(value)} is of no kind that this version of mbdae writes: "
+                          f"store the scene again"])  # fmt: skip
     return reader(value, scene, known)
 
 
 def _body(name: Any, scene: Any) -> Any:
     found = next((b for b in [scene.ground, *scene.bodies] if b.name == name), None)
     if found is None:
-        raise SceneError([f"it names the body {shown(name)}, which no statement before it makes"])
+        raise SceneError([f"it names the body {shown(name)}, which no statement before it makes: correct the stored scene"])
     return found
 
 
 def _expression(value: Any, scene: Any, known: Known) -> Any:
     try:
         return read(value)
-    except (ValueError, AttributeError) as error:
-        raise SceneError([f"{shown(value['expression'])} is no expression of t: {error}"]) from None
+    except (ValueError, AttributeError) as reason:
+        raise SceneError([f"the stored {shown(value['expression'])} is no expression of t: {reason}"]) from None
 
 
 def _as_given(value: Any, scene: Any, known: Known) -> AsGiven:
@@ -177,7 +179,8 @@ def _options(value: Any, scene: Any, known: Known) -> dict[str, Any]:
         return tuple(fixed(x) for x in v) if isinstance(v, list) else v
 
     if not isinstance(value, dict):
-        raise SceneError([f"{shown(value)} stands where values by their names are expected, such as {{'radius': 0.1}}"])
+        raise SceneError([f"{shown(value)} stands where values by their names are expected, such as {{'radius': 0.1}}: "
+                          f"correct the stored scene"])  # fmt: skip
     return {key: fixed(_decode(v, scene, known)) for key, v in value.items()}
 
 
@@ -186,9 +189,9 @@ def _object(value: Any, scene: Any, known: Known) -> Any:
     given = _options(value["fields"], scene, known)
     if not issubclass(cls, Part):
         return _made(cls, given)
-    wrong = [key for key, v in given.items() if key in cls.params and not _is_number(v)]
-    if wrong:
-        raise SceneError([f"{cls.__name__}: {wrong[0]} = {shown(given[wrong[0]])} is not a number"])
+    for key, stored in given.items():
+        if key in cls.params and not _is_number(stored):
+            raise SceneError([f"{cls.__name__}: the stored {key} = {shown(stored)} is no number: correct the stored scene"])
     return _rebuilt(cls, Part, given, lambda part: {key: v for key, v in part.values().items() if v is not None} == given)
 
 
@@ -199,7 +202,7 @@ def _law(value: Any, scene: Any, known: Known) -> Law:
     places = {key: _decode(value[key], scene, known) for key in ("k", "l", "at", "axis")}
     for key, one in {"name": value["name"], **places}.items():
         if not (isinstance(one, _KINDS[key]) if key in _KINDS else _is_number(one)):
-            raise SceneError([f"{key} = {shown(one)}, where {_expected(key)} is expected"])
+            raise SceneError([f"{key} = {shown(one)}, where {_expected(key)} is expected: correct the stored scene"])
     given = _options(value["values"], scene, known)
     stated = {key: v for key, v in given.items() if key in cls.params or key in cls.options or not _of_part(cls, key)}
     sides = {key: one for key, one in (("at_l", at_l), ("axis_x", axis_x)) if one is not None}
@@ -213,7 +216,7 @@ def _coupling(value: Any, scene: Any, known: Known) -> Coupling:
     cls, of = known.find(value["coupling"], Coupling), value["of"]
     if not (isinstance(of, dict) and all(isinstance(at, str) for at in of.values()) and isinstance(value["name"], str)):
         raise SceneError([f"of = {shown(of)}, where names of joints' coordinates are expected, such as "
-                          f"{{'driving': 'A.angle', ...}}"])  # fmt: skip
+                          f"{{'driving': 'A.angle', ...}}: correct the stored scene"])  # fmt: skip
     return _made(cls, {"name": value["name"], "of": of, **_options(value["values"], scene, known)})  # type: ignore[no-any-return]
 
 
@@ -229,8 +232,9 @@ def _made(cls: Callable[..., Any], arguments: dict[str, Any]) -> Any:
     except MbdaeError:
         raise
     except Exception as error:  # a constructor of a user's own may raise anything
-        what = getattr(cls, "__name__", "the law")
-        raise SceneError([f"{what} cannot be made with its stored values: {shown(error)}"]) from error
+        kind = getattr(cls, "__name__", "the law")
+        raise SceneError([f"{kind} refuses its stored values with {shown(error)}: correct them, or let its __init__ take "
+                          f"them"]) from error  # fmt: skip
 
 
 def _rebuilt(cls: type, base: type, arguments: dict[str, Any], equal: Callable[[Any], bool]) -> Any:
@@ -281,31 +285,32 @@ def replay(data: Mapping[str, Any], scene_class: Callable[..., Any], known: Know
             _repeat(scene, entry, known)
         except SceneError as error:
             raise SceneError([f"statement {i + 1}, {_described(entry)}: {problem}" for problem in error.problems]) from error
-        except MbdaeError as error:
-            raise SceneError([f"statement {i + 1}, {_described(entry)}: {error}"]) from error
+        except MbdaeError as mistake:
+            raise SceneError([f"statement {i + 1}, {_described(entry)}: {mistake}"]) from mistake
         except Exception as error:  # a stored value that no check foresaw may make a statement raise anything
-            reason = shown(error)
-            raise SceneError([f"statement {i + 1}, {_described(entry)}, cannot be repeated: {reason}"]) from error
+            raise SceneError([f"statement {i + 1}, {_described(entry)}, cannot be repeated with its stored values, which raise "
+                              f"{shown(error)}: correct them"]) from error  # fmt: skip
     return scene
 
 
 def _repeat(scene: Any, entry: Statement, known: Known) -> None:
     method, args, kwargs = entry
     if method not in STATEMENTS:
-        raise SceneError([f"{shown(method)} is no statement; there are {', '.join(STATEMENTS)}"])
+        raise SceneError([f"{shown(method)} is no statement that this version of mbdae knows; it knows {', '.join(STATEMENTS)}"])
     arguments = [_decode(a, scene, known) for a in args], {k: _decode(v, scene, known) for k, v in kwargs.items()}
     signature = inspect.signature(STATEMENTS[method])
     try:
         bound = signature.bind(scene, *arguments[0], **arguments[1])
-    except TypeError as error:
-        raise SceneError([f"{method} takes other arguments than those stored: {error}"]) from None
+    except TypeError as difference:
+        raise SceneError([f"{method} takes other arguments than those stored ({difference}): correct the stored scene"]) from None
     given = dict(list(bound.arguments.items())[1:])
     further = given.pop("further", {})
     for name, value in {**given, **further}.items():
         if value is None or (name in signature.parameters and signature.parameters[name].default is value):
             continue
         if not (isinstance(value, _KINDS[name]) if name in _KINDS else _is_number(value)):
-            raise SceneError([f"{name} = {shown(value)}, where {_expected(name)} is expected"])
+            raise SceneError([f"{name} = {shown(value)} cannot be stored or repeated, {_expected(name)} is expected: "
+                              f"change it in the statement or in the stored scene"])  # fmt: skip
     getattr(type(scene), method)(scene, *arguments[0], **arguments[1])
 
 

@@ -43,22 +43,21 @@ class Section:
         given = self.rotary_inertia
         try:
             inertia = array(given, (), (3,))
-        except BadValueError as refused:
-            raise OptionError(f"section: rotary_inertia = {refused}; give one number or three, kg m") from None
+        except BadValueError as value_and_reason:
+            raise OptionError(f"section: rotary_inertia = {value_and_reason}; give one number or three, kg m") from None
         about = inertia.tolist()
         object.__setattr__(self, "rotary_inertia", tuple(about) if inertia.ndim else (2 * about, about, about))
-        wrong = []
+        refused: list[str] = []
         for name, unit in _UNITS.items():
             value = getattr(self, name)
             rigid = isinstance(value, float) and value == math.inf
-            wrong += [] if rigid else self._read(name, unit, above=0)
-        wrong += self._read("mass_per_length", "kg/m", above=0)
-        wrong += [f"rotary_inertia[{i}] = {j:g} kg m is not positive" for i, j in enumerate(self.rotary_inertia) if j <= 0]
-        if wrong:
-            raise OptionError(f"section: {', '.join(wrong)}: give positive numbers")
-        wrong = self._read("damping", "s", least=0)
-        if wrong:
-            raise OptionError(f"section: {wrong[0]}: give 0 or more; a negative one would feed energy")
+            refused += [] if rigid else self._read(name, unit, above=0)
+        refused += self._read("mass_per_length", "kg/m", above=0)
+        refused += [f"rotary_inertia[{i}] = {j:g} kg m is not positive" for i, j in enumerate(self.rotary_inertia) if j <= 0]
+        if refused:
+            raise OptionError(f"section: {', '.join(refused)}: give positive numbers")
+        for damping_and_reason in self._read("damping", "s", least=0):
+            raise OptionError(f"section: {damping_and_reason}: give 0 or more; a negative one would feed energy")
 
         self._read_shape()
 
@@ -174,12 +173,12 @@ def _poisson(nu: Any) -> float:
 
 def _positive(**values: tuple[Any, str]) -> list[float]:
     """Plain numbers; refuses values that are not positive and finite, all at once."""
-    found, wrong = [], []
+    found, refused_values = [], []
     for name, (value, unit) in values.items():
         try:
             found.append(number(value, above=0))
         except BadValueError as refused:
-            wrong.append(_described(name, value, unit, refused))
-    if wrong:
-        raise OptionError(f"section: {', '.join(wrong)}: give positive numbers")
+            refused_values.append(_described(name, value, unit, refused))
+    if refused_values:
+        raise OptionError(f"section: {', '.join(refused_values)}: give positive numbers")
     return found

@@ -61,8 +61,8 @@ def _of_body(scene: Any, path: str, sensed: Sensed) -> Sensed:
         _refuse_loop(path, sensed.quantity)
         raise BadValueError(_unknown(scene, path))
     if len(sensed.entry) != len(shape) or max(sensed.entry) > 2:
-        one = f"{sensed.item.name}.{sensed.quantity}[{', '.join('1' for _ in shape)}]"
-        raise BadValueError(f"'{path}' names no component; write it as '{one}', with indices from 0 to 2")
+        example = f"{sensed.item.name}.{sensed.quantity}[{', '.join('1' for _ in shape)}]"
+        raise BadValueError(f"'{path}' names no component; write it as '{example}', with indices from 0 to 2")
     return sensed
 
 
@@ -86,10 +86,10 @@ def known_paths(scene: Any) -> list[str]:
     return [*(one.name for one in scene.signals), *joints, *bodies]
 
 
-def refuse_sampled(scene: Any, what: str) -> None:
-    """Raise OptionError where a scene has a sampled controller: the analysis named `what` would leave it out."""
+def refuse_sampled(scene: Any, analysis: str) -> None:
+    """Raise OptionError where a scene has a sampled controller: the analysis of this name would leave it out."""
     for one in scene.controllers:
-        raise OptionError(f"{what}: controller '{one.name}' is a function called every {one.every:g} s, which is possible in "
+        raise OptionError(f"{analysis}: controller '{one.name}' is a function called every {one.every:g} s, which is possible in "
                           f"s.simulate alone; state its law by expressions of s.sensor and s.state")  # fmt: skip
 
 
@@ -128,8 +128,8 @@ def _circles(scene: Any) -> list[str]:
 
     def walk(name: str, above: tuple[str, ...]) -> str:
         if name in above:
-            way = " -> ".join((*above[above.index(name) :], name))
-            return f"signal '{name}' depends on itself ({way}), an algebraic loop: put a state between, s.state(name, rate=...)"
+            chain = " -> ".join((*above[above.index(name) :], name))
+            return f"signal '{name}' depends on itself ({chain}), an algebraic loop: put a state between, s.state(name, rate=...)"
         if name in known:
             return ""
         found = next((text for path in needs.get(name, ()) if (text := walk(path, (*above, name)))), "")

@@ -43,9 +43,10 @@ def replaced(scene: SceneItems, names: tuple[str, ...], model: JointModel) -> An
         raise SceneError([f"replace: names = {shown(n)} is no joint with coordinates of scene '{scene.name}'; there are "
                           f"{', '.join(map(repr, known)) or 'none'}"
                           for n in wrong])  # fmt: skip
-    refused = {n: refusal(type(_ideal(scene[n])), model) for n in names}
-    if any(refused.values()):
-        raise SceneError([f"replace: {scene[n].kind} '{n}': model = {'; '.join(why)}" for n, why in refused.items() if why])
+    refused = {n: why for n in names if (why := refusal(type(_ideal(scene[n])), model)) is not None}
+    if refused:
+        raise SceneError([f"replace: {scene[n].kind} '{n}': model = {model_and_reason}; {what_to_do}"
+                          for n, (model_and_reason, what_to_do) in refused.items()])  # fmt: skip
     few = [n for n in known if len(scene[n].coordinates) <= FEW]
     chosen = set(names or (n for n in few if refusal(type(_ideal(scene[n])), model) is None))
     if not chosen:

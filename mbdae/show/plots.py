@@ -101,7 +101,8 @@ def numbers(result: Any, sensor: str) -> Array:
     """Values (nt, n) of a sensor; SceneError where there is none of that name, OptionError where it is not numeric."""
     values = result.read(sensor)
     if values.dtype.kind not in "fi" or values.shape[:1] != result.t.shape:
-        raise OptionError(f"'{sensor}' is not a quantity over time; plot a sensor such as '{sensor.rpartition('.')[0]}.position'")
+        raise OptionError(f"'{sensor}' is not a quantity over time; plot a sensor with numbers at every time, such as the "
+                          f"position of a body or the angle of a joint")  # fmt: skip
     return np.asarray(values.reshape(len(values), -1), dtype=float)
 
 
@@ -167,11 +168,11 @@ def compared(result: Any, against: Any, labels: Sequence[str] | None) -> list[tu
     results = [result, *others]
     if labels is None:
         return list(zip(_different_names(results) if others else [""], results, strict=True))
-    remedy = f"give {counted(len(results), 'text')}, one for each result, this one first"
-    texts = option("labels", labels, sequence, remedy, each=text)
+    one_each = f"give {counted(len(results), 'text')}, one for each result, this one first"
+    texts = option("labels", labels, sequence, one_each, each=text)
     if len(texts) != len(results):
         raise OptionError(f"labels = {shown(labels)} has {counted(len(texts), 'entry')} for "
-                          f"{counted(len(results), 'result')}: {remedy}")  # fmt: skip
+                          f"{counted(len(results), 'result')}: {one_each}")  # fmt: skip
     return list(zip(texts, results, strict=True))
 
 
@@ -236,7 +237,7 @@ def plot_phase(result: Result, x: str, y: str, against: Any, labels: Sequence[st
         across, up = components(result, x), components(result, y)
         if len(across) != len(up) and 1 not in (len(across), len(up)):
             raise OptionError(f"phase: '{x}' has {counted(len(across), 'component')} and '{y}' has {len(up)}; give "
-                              f"two of equal number")  # fmt: skip
+                              f"two sensors of equal number of components, or one with a single component")  # fmt: skip
         n = max(len(across), len(up))
         for (cx, a), (cy, b) in zip(across * (n // len(across)), up * (n // len(up)), strict=True):
             part = "" if n == 1 else cx if cx == cy else f"{cx}{cy}"

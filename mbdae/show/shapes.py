@@ -50,8 +50,8 @@ class _Builder(JointShapes, BodyShapes):
         self._planes()
         self._gather()
         if not self.shapes:
-            what = f"hide = {shown(sorted(self.hidden))} leaves nothing of scene '{self.scene.name}'"
-            raise OptionError(f"{what}; name fewer items")
+            raise OptionError(f"hide = {shown(sorted(self.hidden))} leaves nothing of scene '{self.scene.name}': name fewer "
+                              f"items")  # fmt: skip
         found = (tuple(self.shapes), tuple(self.labels))
         return Geometry(self.scene.name, self.result.t, self.planar, self.size, self.scene.gravity, self.poses, *found)
 

@@ -66,9 +66,13 @@ class Switches:
         set_option(self, "kinds", _words, "give one for every argument", each=word, words=SWITCH_KINDS)
         set_option(self, "weights", array, "give one factor per argument")
         set_option(self, "names", _words, "give one text per argument", each=text)
-        if not len(self.kinds) == len(self.names) == np.size(self.weights) or np.ndim(self.weights) != 1:
-            raise OptionError(f"kinds = {shown(self.kinds)}, weights = {shown(self.weights)}, names = {shown(self.names)}: "
-                              f"their lengths differ; give one of each per argument of mb.Switches")  # fmt: skip
+        if np.ndim(self.weights) != 1:
+            raise OptionError(f"weights = {shown(self.weights)} has {np.ndim(self.weights)} dimensions: give a list of numbers, "
+                              "one for each value that `arguments` returns")  # fmt: skip
+        if not len(self.kinds) == len(self.names) == len(self.weights):
+            raise OptionError(f"kinds = {shown(self.kinds)}, weights = {shown(self.weights)}, names = {shown(self.names)}: their "
+                              "lengths differ; give three lists of equal length, one entry for each value that `arguments` "
+                              "returns")
 
 
 @dataclass(frozen=True)

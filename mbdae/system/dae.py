@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mbdae.deferred import csc_matrix, issparse
 from mbdae.errors import OptionError
+from mbdae.notation import counted
 from mbdae.system.base import Array, Switches, System
 from mbdae.system.partition import checked_partition
 from mbdae.ties import largest
@@ -84,7 +85,11 @@ class DAE(System):
         if self._rates is not None:
             self.rhs = self._filled_rates
             self.rhs(self.t0, self.y0.copy(), rates := np.full(self.n, np.nan))
-            self._check_start(rates, *parts[0], "rhs contradicts the residual", "correct one of them")
+            if not np.isfinite(rates).all():
+                row = int(np.flatnonzero(~np.isfinite(rates))[0])
+                raise OptionError(f"rhs: y'[{row}] = {rates[row]} at the start t = {self.t0:g} s: fill every entry of out, and "
+                                  "check its formula")  # fmt: skip
+            self._check_start(rates, *parts[0], "rhs contradicts the residual", "correct one of the two functions")
         self.index = self._checked_index(index, parts)
         algebraic = (self.index > 1) & ~np.any([fyp != 0 for _, fyp in parts], axis=(0, 1))
         self.kinds = tuple("lambda" if found else "y" for found in algebraic)
@@ -155,10 +160,12 @@ class DAE(System):
         return [(self.t0, self.y0 + k * dy, self.yp0 + k * dyp) for k in (0.0, 1e-3, -7e-4)]
 
     def _checked_scale(self, scale: ArrayLike) -> Array:
-        remedy = "give positive typical magnitudes, one number or one per unknown"
+        remedy = f"give positive typical magnitudes, one number or {self.n}, one per unknown"
         values: Array = option("scale", scale, array, remedy)
-        if values.shape not in ((), (self.n,)) or not (values > 0).all():
-            raise OptionError(f"scale = {shown(scale)}: {remedy}")
+        if values.shape not in ((), (self.n,)):
+            raise OptionError(f"scale = {shown(scale)} has shape {values.shape}: {remedy}")
+        if not (values > 0).all():
+            raise OptionError(f"scale = {shown(scale)} has {values[~(values > 0)].flat[0]}, which is not positive: {remedy}")
         return np.full(self.n, values) if values.ndim == 0 else values
 
     def _checked_names(self, names: Sequence[str] | None) -> tuple[str, ...]:
@@ -173,8 +180,9 @@ class DAE(System):
         values = np.asarray(switches.arguments(np.full(2, self.t0), np.array([self.y0, self.y0])))
         count = len(switches.kinds)
         if values.shape != (2, count) or values.dtype.kind not in "fiu":
-            raise OptionError(f"switches: `arguments` returns {shown(values)} of shape {values.shape} for 2 times: return "
-                              f"numbers of shape (2, {count}), one column for each of its kinds")  # fmt: skip
+            raise OptionError(f"switches: `arguments` returns {shown(values)} of shape {values.shape} and type "
+                              f"{values.dtype} for 2 times: return real numbers of shape (2, {count}), one column for each of "
+                              "its kinds")  # fmt: skip
         return switches
 
     def _checked_guards(self, names: Sequence[str] | None) -> tuple[str, ...]:
@@ -186,12 +194,12 @@ class DAE(System):
         given = self.guards(self.t0, self.y0.copy())
         parts = [np.asarray(part) for part in given] if isinstance(given, tuple | list | np.ndarray) else []
         if len(parts) != 3 or any(part.dtype.kind not in "fiu" for part in parts):
-            raise OptionError(f"guards returns {shown(given)}: return (gap, gap rate, duration), three arrays with one number "
-                              "per contact")  # fmt: skip
+            raise OptionError(f"guards returns {shown(given)}: return (gap, gap rate, duration), three arrays with one real "
+                              "number per contact")  # fmt: skip
         gap, rate, duration = parts
         if gap.ndim != 1 or not gap.shape == rate.shape == duration.shape:
-            raise OptionError(f"guards returns shapes {gap.shape}, {rate.shape}, {duration.shape}: return three arrays of equal "
-                              "length, one number per contact")  # fmt: skip
+            raise OptionError(f"guards returns shapes {gap.shape}, {rate.shape}, {duration.shape}: return three arrays of one "
+                              "dimension and equal length, one number per contact")  # fmt: skip
         default = tuple(f"contact[{i}]" for i in range(len(gap)))
         chosen = default if names is None else _different("guard_names", names, len(gap), "contact")
         for name, g, r, d in zip(chosen, gap, rate, duration, strict=True):
@@ -221,9 +229,9 @@ class DAE(System):
         if not np.isfinite(out).all():
             raise OptionError(f"jacobian is not finite everywhere at the start t = {self.t0:g} s: check its formulas")
 
-    def _check_start(self, yp: Array, fy: Array, fyp: Array, what: str, remedy: str) -> None:
+    def _check_start(self, yp: Array, fy: Array, fyp: Array, contradiction: str, remedy: str) -> None:
         """Raise OptionError where the residual at y0, yp is not finite, or too large for START_TOLERANCE. fy, fyp (n, n):
-        derivatives of F, by which the terms of an equation are estimated; what, remedy: for the message."""
+        derivatives of F, by which the terms of an equation are estimated; contradiction, remedy: for the message."""
         out = np.empty(self.n)
         self.residual(self.t0, self.y0, yp, out)
         size = np.abs(fy) @ self.scale + np.abs(fyp) @ np.maximum(self.scale, np.abs(yp))
@@ -231,7 +239,7 @@ class DAE(System):
         row = largest(relative)
         if not relative[row] <= START_TOLERANCE:
             raise OptionError(
-                f"{what}: F[{row}] = {out[row]:.3e} instead of 0 at t = {self.t0:g} s, {relative[row]:.1e} of the "
+                f"{contradiction}: F[{row}] = {out[row]:.3e} instead of 0 at t = {self.t0:g} s, {relative[row]:.1e} of the "
                 f"size of its terms: {remedy} (the equation contains {self._contents(row, fy, fyp)})"
             )
 
@@ -271,8 +279,10 @@ def _different(name: str, values: Any, n: int, what: str) -> tuple[str, ...]:
     """The values of the option `name` as n different texts; what: that which each text names, such as "unknown", for messages."""
     remedy = f"give {n} different names, one per {what}"
     found = option(name, values, sequence, remedy, each=text)
-    if len(found) != n or len(set(found)) != n:
-        raise OptionError(f"{name} = {shown(values)}: {remedy}")
+    if len(found) != n:
+        raise OptionError(f"{name} = {shown(values)} has {counted(len(found), 'entry')}: {remedy}")
+    if len(set(found)) != n:
+        raise OptionError(f"{name} = {shown(values)} has an entry twice: {remedy}")
     return tuple(found)
 
 

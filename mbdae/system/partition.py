@@ -41,8 +41,9 @@ def checked_partition(system: System, parts: Sequence[Callable[..., Any]]) -> tu
             _check_start(system, (M, f, g, G), nu, m)
             kinds = ("q",) * nu + ("v",) * nu + ("lambda",) * m + ("mu",) * (left - m)
             return (M, f, g, G), kinds
-    raise OptionError(f"partition does not fit {system.n} unknowns: y = (q, u, lambda) or (q, u, lambda, mu) with M (nu, nu), "
-                      f"f (nu,), g (m,), G (m, nu)") from failure  # fmt: skip
+    raise OptionError(f"partition: no division of the {system.n} unknowns into y = (q, u, lambda) or (q, u, lambda, mu) fits; "
+                      "with nu numbers in q and in u, and m in lambda and in mu, the functions have to return M (nu, nu), "
+                      "f (nu,), g (m,) and G (m, nu): correct what they return, or y0") from failure  # fmt: skip
 
 
 def _function(value: Any) -> Callable[..., Any]:
@@ -59,7 +60,7 @@ def _check_start(system: System, parts: Sequence[Callable[..., Any]], nu: int, m
     inertia, force, rows = np.asarray(M(t, q)) @ system.yp0[nu : 2 * nu], np.asarray(f(t, q, u)), np.asarray(G(t, q))
     left, size = inertia + rows.T @ multipliers - force, np.max(np.abs(inertia)) + np.max(np.abs(force)) + 1e-300
     if np.max(np.abs(left)) > TOLERANCE * size:
-        raise OptionError(f"partition: M u' + G^T lambda - f = {left} at the start instead of 0; it states other equations than "
-                          "the residual, or multipliers of another sign")  # fmt: skip
+        raise OptionError(f"partition: M u' + G^T lambda - f = {left} at the start instead of 0: M, f or G state other equations "
+                          "than the residual, or lambda has the other sign there; correct them")  # fmt: skip
     if np.max(np.abs(g(t, q)), initial=0.0) > TOLERANCE * (1 + np.max(np.abs(q))):
         raise OptionError(f"partition: g = {g(t, q)} at the start, where it has to vanish; correct g or y0")

@@ -22,7 +22,7 @@ from mbdae.system.model.moved_bodies import MovedBodies, acted_on_while_prescrib
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
 from mbdae.system.motion.all_bodies import AllBodies, TreeMechanics
-from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.motion.mechanics import Mechanics, row_sizes
 from mbdae.system.motion.ordered_motion import OrderedMechanics, bodies_of
 from mbdae.system.rank.redundancy import RankReport, analyse
 from mbdae.system.rank.rows import smallest, unit_rows
@@ -136,8 +136,8 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     model.conditions.end = t_end if t_end is not None else inf
     all_bodies = bodies_of(model, moved)
     if not all_bodies.numbering.free:
-        raise SceneError([f"scene '{scene.name}': every joint is recursive and prescribed, so there is nothing to solve for; use "
-                          f"model=mb.Kinematic() for one of them"])  # fmt: skip
+        raise SceneError([f"scene '{scene.name}': recursive joints hold or prescribe all bodies, so nothing is left to solve "
+                          f"for; use model=mb.Kinematic() for one of them"])  # fmt: skip
     rows = constraint_rows(model)
     all_rows = mechanics_of(model, rows, all_bodies) if moved.alone else Mechanics(model, rows)
     loose = start is None and any(c.loose for c in scene.joints)
@@ -308,14 +308,13 @@ def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[st
     have stop a motion, they do so by impulses P: M (u+ - u-) + G^T P = 0, G u+ + g_t = 0, an impact without rebound."""
     t, q, u = np.array([start.t]), start.q[None], start.u[None]
     g, rate = mechanics.position_residual(t, q)[0], mechanics.velocity_residual(t, q, u)[0]
-    speed = float(np.max(np.abs(start.u) * mechanics.velocity_units, initial=0.0))
     if np.max(np.abs(g), initial=0.0) > FITS * max(1.0, mechanics.model.length):
         off = int(np.argmax(np.abs(g)))
         raise StartError([f"start: row {mechanics.rows[off].name} is off by {g[off]:.3g} (m or rad) where the run given ended: "
                           f"the joints of this scene do not fit that position; draw or prescribe them to fit it"])  # fmt: skip
-    if np.max(np.abs(rate), initial=0.0) <= FITS * speed / max(1.0, mechanics.model.length):
-        return start.u, []
     G, M = mechanics.constraint_matrix(t, start.q), mechanics.mass
+    if np.all(np.abs(rate) <= FITS * mechanics.speed(start.u) / mechanics.model.length * row_sizes(mechanics, start.t, start.q)):
+        return start.u, []
     if mechanics.large and not isinstance(mechanics, OrderedMechanics):
         change = cheapest(M, mechanics.velocity_units, G, -rate, np.zeros(mechanics.nu))
     else:

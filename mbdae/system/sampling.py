@@ -78,10 +78,13 @@ class _Called:
         self.held, self.memory = found, self.memory = self._outputs(t, values, self.memory)
         if again:
             twice, memory = self._outputs(t, values, before)
-            if not (_same(twice, found) and _same(memory, self.memory)):
-                raise self._error(t, values, f"is not pure: called twice with the same values it returned {found} and then "
-                                             f"{twice}; a run is repeated to measure its error, so what it remembers has to be "
-                                             f"in `memory`")  # fmt: skip
+            returned = (found, twice) if not _same(twice, found) else (self.memory, memory)
+            if not _same(*returned):
+                kind = "" if returned[0] is found else "the memory "
+                raise self._error(t, values, f"is not pure: called twice with the same values it returned {kind}{returned[0]} "
+                                             f"and then {returned[1]}; a run is repeated to measure its error, so its function "
+                                             "may remember things in `memory` only, and use no random numbers or "
+                                             "clock")  # fmt: skip
         return found
 
     def check_held(self, t: float, values: Sequence[float], there: Array) -> None:
@@ -99,7 +102,8 @@ class _Called:
         try:
             found = function(t, *values, memory) if remembers else function(t, *values)
         except Exception as error:
-            raise self._error(t, values, f"raised {type(error).__name__}: {error}") from error
+            raise self._error(t, values, f"cannot go on: its function raised {type(error).__name__}: {error}; correct it for "
+                                         "these inputs") from error
         if remembers:
             if not (isinstance(found, tuple) and len(found) == 2):
                 raise self._error(t, values, f"returned {shown(found)}: with memory= it has to return (outputs, memory)")
@@ -112,19 +116,19 @@ class _Called:
         if len(outputs) != len(names):
             raise self._error(t, values, f"returned {counted(len(outputs), 'output')}, {shown(found)}, but has to return "
                               f"{self._wanted()}")  # fmt: skip
-        wrong = [f"{name} = {value}" for name, value in zip(names, outputs, strict=True) if not math.isfinite(value)]
-        if wrong:
-            raise self._error(t, values, f"returned {', '.join(wrong)}, which is not finite")
+        not_finite = [f"{name} = {value}" for name, value in zip(names, outputs, strict=True) if not math.isfinite(value)]
+        if not_finite:
+            raise self._error(t, values, f"returned {', '.join(not_finite)}, but has to return finite numbers")
         return outputs, memory
 
     def _wanted(self) -> str:
         names = self.controller.sets
         return f"a number for {names[0]}" if len(names) == 1 else f"{len(names)} numbers for {', '.join(names)}"
 
-    def _error(self, t: float, values: Sequence[float], what: str) -> ControllerError:
+    def _error(self, t: float, values: Sequence[float], fault: str) -> ControllerError:
         inputs = dict(zip(self.controller.reads, values, strict=True))
         seen = ", ".join(f"{name} = {value:.9g}" for name, value in inputs.items()) or "none"
-        return ControllerError(f"controller '{self.controller.name}' {what} (at t = {t:.9g} s; its inputs: {seen})", t, inputs)
+        return ControllerError(f"controller '{self.controller.name}' {fault} (at t = {t:.9g} s; its inputs: {seen})", t, inputs)
 
 
 def _number(value: Any) -> float:

@@ -19,18 +19,19 @@ from typing import Any, Self
 import numpy as np
 
 from mbdae.deferred import as_full
-from mbdae.errors import AccuracyWarning
+from mbdae.errors import AccuracyWarning, OptionError
 from mbdae.native.equations import Equations
 from mbdae.system.assembled.acceleration_kernel import AccelerationKernel, acceleration_kernel
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.form_spec import FormSpec
-from mbdae.system.assembled.numbers import numbers_of
+from mbdae.system.assembled.numbers import REMEDY, numbers_of
 from mbdae.system.assembled.ordered_assembly import assembly_of
 from mbdae.system.assembled.right_hand_side import Rates, singular
 from mbdae.system.base import Array, Numbers, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import Rows
 from mbdae.system.scene_system import SceneSystem
+from mbdae.values import shown
 
 #: the independent part of a row is what other rows do not contain, over the row's length. Below this value of its square, near a
 #: singular position, reactions and accelerations are inaccurate
@@ -101,7 +102,10 @@ class WithoutMultipliers(SceneSystem):
 
     def numbers(self, names: Sequence[str]) -> Numbers:
         kernel = self._rates.kernel
-        return super(SceneSystem, self).numbers(names) if kernel is None else numbers_of(kernel, self.full, names)
+        if kernel is None:
+            raise OptionError(f"numbers = {shown(list(names))}: they cannot vary in a batch of this scene, whose accelerations "
+                              f"and joint forces are solved for without a compiled function of them: {REMEDY}")  # fmt: skip
+        return numbers_of(kernel, self.full, names)
 
     @property
     def multipliers(self) -> Array:
@@ -143,7 +147,8 @@ class WithoutMultipliers(SceneSystem):
             self._warned = True
             name = self.full.numbering.rows[weakest].name
             text = (f"a singular position is near or passed at t = {t:.6g} s: constraint {name} depends on the others there; "
-                    "form mb.Index1() may continue on another branch of the motion unnoticed; compare with mb.GGL()")  # fmt: skip
+                    "form mb.Index1() may continue on another branch of the motion unnoticed; compare with a run by "
+                    "form=mb.GGL() and mb.RadauIIA(3)")  # fmt: skip
             warnings.warn(text, AccuracyWarning, stacklevel=4)
 
     def _own_memory(self) -> dict[str, Any]:

@@ -92,7 +92,7 @@ def arch(force: float) -> mb.Scene:
 def test_arch_stops_at_its_limit_load_and_keeps_that_state() -> None:
     reached = []
     for force in (40.0, 800.0):
-        with pytest.raises(mb.EquilibriumError, match=r"at this limit point the stiffness against 'arch.* vanishes") as caught:
+        with pytest.raises(mb.EquilibriumError, match=r"limit point the stiffness against 'arch.* nearly vanishes") as caught:
             arch(force).equilibrium()
         kept = caught.value.equilibrium
         assert kept.load_factor == caught.value.load_factor

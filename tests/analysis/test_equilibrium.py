@@ -131,7 +131,7 @@ def test_truss_below_its_limit_load() -> None:
 
 @pytest.mark.parametrize("excess", [1.001, 20.0])
 def test_truss_stops_at_its_limit_load(excess: float) -> None:
-    with pytest.raises(mb.EquilibriumError, match=r"limit point the stiffness against 'node' moving .* vanishes") as caught:
+    with pytest.raises(mb.EquilibriumError, match=r"limit point the stiffness against 'node' .* nearly vanishes") as caught:
         truss(excess * LIMIT).equilibrium()
     error = caught.value
     assert error.load_factor * excess == pytest.approx(1, rel=1e-4)

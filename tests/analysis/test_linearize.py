@@ -303,7 +303,7 @@ def test_lowest_modes(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"at": 3.0}, r"at = 3.0: give a Result, \(Result, t\), an equilibrium, or None"),
+        ({"at": 3.0}, r"at = 3.0 is no state: give a Result \(its end\), \(Result, t\), an equilibrium, or None"),
         ({"frame": "nothing"}, "frame = 'nothing' is no body of scene 'pendulum'"),
         ({"count": 0}, "count = 0 is not 1 or more: give the number of lowest modes"),
         ({"at": top(1.0).simulate(0.01)}, "at is a state of scene 'top', which has other items than 'pendulum'"),

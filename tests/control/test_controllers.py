@@ -97,7 +97,7 @@ def raising(t, angle, rate, memory):
 
 @pytest.mark.parametrize(("f", "said"), [
     (raising, "raised ZeroDivisionError: division by zero"),
-    (lambda t, a, w, m: (math.nan, m), "u = nan, which is not finite"),
+    (lambda t, a, w, m: (math.nan, m), "u = nan, but has to return finite numbers"),
     (lambda t, a, w, m: ((1.0, 2.0), m), "returned 2 outputs"),
     (lambda t, a, w, m: 1.0, "has to return (outputs, memory)"),
     (lambda t, a, w, m: ("x", m), "which is not a number for u"),
@@ -138,7 +138,7 @@ def test_memory_that_is_changed_in_place_is_a_run_s_own():
     ({"f": lambda t: 0.0}, "f cannot be called with (t, value 1, value 2, memory)"),
     ({"f": 3}, "is no function"),
     ({"every": 0}, "every = 0 s is not positive"), ({"memory": None}, "f cannot be called with (t, value 1, value 2)"),
-    ({"sets": ()}, "it has no outputs"),
+    ({"sets": ()}, "sets names no output that can be used"),
     ({"reads": ("J.angel",)}, "did you mean 'J.angle'?"),
     ({"sets": ("u", "u")}, "give every name once"),
 ])  # fmt: skip

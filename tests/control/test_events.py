@@ -142,7 +142,7 @@ def test_a_lock_stops_motions_by_an_impact_without_rebound(large, monkeypatch):
 
 
 @pytest.mark.parametrize(("option", "given", "said"), [
-    ("until", "J.angle", "it is no condition"), ("until", 3, "it is no condition"), ("until", "J.angle > ", "is expected"),
+    ("until", "J.angle", "it is no comparison"), ("until", 3, "it is no comparison"), ("until", "J.angle > ", "is expected"),
     ("until", "J.angl > 1", "did you mean 'J.angle'?"), ("until", False, "Python's own"),
     ("record", ["1 > 0"], "does not depend"),
     ("until", "J.angle < 1", "holds already at the start"), ("record", "rod.acceleration > 1", "which component"),

@@ -344,15 +344,15 @@ def test_units_that_are_known_are_converted(tmp_path: Path) -> None:
 
 
 BAD_FILES = [
-    ("t,F\n0,1\n1,2\n", ("t", "G"), {}, "has no column 'G'; it has 't', 'F'"),
+    ("t,F\n0,1\n1,2\n", ("t", "G"), {}, "has no column 'G'; give one of its columns 't', 'F'"),
     ("t,F,F [N]\n0,1,2\n1,2,3\n", ("t", "F"), {}, "has several columns 'F'"),
-    ("t [days],F\n0,1\n1,2\n", ("t", "F"), {}, "column 't \\[days\\]'.* is in 'days'; it cannot be converted to 's'"),
-    ("t,F [mm]\n0,1\n1,2\n", ("t", "F"), {"unit": "N"}, "column 'F \\[mm\\]'.* is in 'mm'; it cannot be converted to 'N'"),
+    ("t [days],F\n0,1\n1,2\n", ("t", "F"), {}, "t \\[days\\]'.* is in 'days', .*; give times in s, ms, us, min, h"),
+    ("t,F [mm]\n0,1\n1,2\n", ("t", "F"), {"unit": "N"}, "F \\[mm\\]'.* is in 'mm', which cannot be converted to unit='N'"),
     ("t,F [kN]\n0,1\n1,2\n", ("t", "F"), {}, "is in 'kN'; give unit='N' to have it converted, or unit='kN' to take"),
     ("t,F\n0,1\n1,2\n", ("t", "F"), {"unit": "N"}, "column 'F'.* states no unit"),
     ("t,F\n0,1\n1,x\n", ("t", "F"), {}, "line 3, column 'F': 'x' is no number"),
     ("t,F\n0,1\n1\n", ("t", "F"), {}, "line 3, column 'F': the entry is missing"),
-    ("t,F\n0,1\n1,nan\n", ("t", "F"), {}, "columns 't' and 'F': values\\[1\\] is not a finite number"),
+    ("t,F\n0,1\n1,nan\n", ("t", "F"), {}, "columns 't' \\(t\\) and 'F' \\(values\\): values\\[1\\] is not a finite number"),
     ("t,F\n0,1\n-1,2\n", ("t", "F"), {}, "not in rising order"), ("t,F\n0,1\n", ("t", "F"), {}, "a table of 1 point"),
     ("", ("t", "F"), {}, "is empty"), ("t,F\n0,1\n1,2\n", ("t", "F"), {"kind": "quintic"}, "'quintic' is not one of"),
 ]  # fmt: skip

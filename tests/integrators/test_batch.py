@@ -148,8 +148,9 @@ def test_watched_systems_run_point_by_point():
 
 
 @pytest.mark.parametrize(("options", "said"), [
-    ({"numbers": {"lower.weight": [1.0]}}, "lower.weight is no number of a law; there are .*lower.mass"),
-    ({"numbers": {"lower.mass": [1.0, 2.0, 3.0]}, "starts": np.zeros((2, 4))}, "as many starts as values"),
+    ({"numbers": {"lower.weight": [1.0]}}, "lower.weight is no number of a law; those that may vary: .*lower.mass"),
+    ({"numbers": {"lower.mass": [1.0, 2.0, 3.0]}, "starts": np.zeros((2, 4))},
+     r"equally many of each; the shapes given are: starts \(2, 4\), lower.mass \(3,\)"),
     ({"numbers": ["lower.mass"]}, "give a mapping of names"),
     ({"starts": np.zeros((2, 3))}, r"starts has shape \(2, 3\)"),
     ({"starts": np.full((2, 4), np.nan)}, "starts"),

@@ -167,7 +167,7 @@ def test_a_damaged_file_is_told(name, solver, tmp_path):
     scenes.chain().simulate(0.2, solver=solver, checkpoint=tmp_path)
     state = tmp_path / f"{name}.npz"
     state.write_bytes(state.read_bytes()[:100])
-    with pytest.raises(mb.OptionError, match=rf"{name}.npz' is damaged"):
+    with pytest.raises(mb.OptionError, match=rf"{name}.npz' cannot be read or is damaged"):
         scenes.chain().simulate(0.2, solver=solver, checkpoint=tmp_path)
 
 

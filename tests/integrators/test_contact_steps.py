@@ -280,11 +280,11 @@ def test_exception_of_the_guards_comes_through(name):
     ("guards", "names", "message"),
     [
         (lambda t, y: (y[:1], y[1:]), None, r"return \(gap, gap rate, duration\)"),
-        (lambda t, y: (y[:1], y, y), None, r"shapes \(1,\), \(2,\), \(2,\): return three arrays of equal length"),
+        (lambda t, y: (y[:1], y, y), None, r"shapes \(1,\), \(2,\), \(2,\): return three arrays of one dimension and equal"),
         (lambda t, y: (y[0], y[1], 1.0), None, r"shapes \(\), \(\), \(\)"),
         (lambda t, y: (y[:1], y[1:] * np.nan, [1.0]), None, r"contact\[0\] at the start t = 0 s: gap 1\.0, gap rate nan"),
         (lambda t, y: (y[:1], y[1:], [0.0]), ["pin"], r"guards of pin .* duration of an impact 0\.0 s: .*the duration positive"),
-        (lambda t, y: (y[:1], y[1:], [inf]), ["a", "b"], r"guard_names = \['a', 'b'\]: give 1 different names"),
+        (lambda t, y: (y[:1], y[1:], [inf]), ["a", "b"], r"guard_names = \['a', 'b'\] has 2 entries: give 1 different names"),
         (None, ["pin"], r"guard_names = \['pin'\] without guards"),
     ],
 )

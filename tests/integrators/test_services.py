@@ -182,7 +182,7 @@ def test_arguments_of_solve(options, message):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: RadauIIA(3, newton=1e-8), "newton = 1e-08 without a step"),
+        (lambda: RadauIIA(3, newton=1e-8), r"newton = 1e-08 .* without a step: give step= too"),
         (lambda: IDA(rtol=0.0), r"rtol = 0\.0 is not between 1e-15 and 0\.1: give a relative tolerance"),
         (lambda: IDA(rtol=float("nan")), "rtol = nan"),
         (lambda: IDA(max_order=6), "max_order = 6"),
@@ -243,18 +243,18 @@ def test_accuracy_becomes_rtol():
     fixed = RadauIIA(2, step=0.1)
     assert fixed.fixed
     assert fixed.at_accuracy(1e-12, "GGL") is fixed
-    with pytest.raises(OptionError, match=r"round-off allows is 1e-13: ask for an accuracy of 5\.0e-11 or more, or use RadauIIA"):
+    with pytest.raises(OptionError, match=r"round-off allows is 1e-13: ask for an accuracy of 5\.0e-11 or more$"):
         IDA().at_accuracy(1e-13, "GGL")
 
 
 def test_ida_refuses_index_three_and_says_why():
-    with pytest.raises(OptionError, match=r"unknown .* has index 3.*silently with a wrong answer; use form=mb\.GGL\("):
+    with pytest.raises(OptionError, match=r"unknown .* has index 3.*silently with a wrong answer; .*form=mb\.GGL\("):
         IDA().solve(pendulum("index3"), 1.0)
 
 
 def test_solution_refuses_times_outside():
     solution = RadauIIA().solve(decay(), 1.0)
-    with pytest.raises(OptionError, match=r"t = .* has the time 1\.5, which is outside the solution \[0\.0, 1\.0\]"):
+    with pytest.raises(OptionError, match=r"t = .*: the time 1\.5 s is outside the solution from 0\.0 to 1\.0 s"):
         solution([0.5, 1.5])
 
 

@@ -207,7 +207,7 @@ def test_a_constant_step_is_compared_with_the_same_step_split_by_hand(monkeypatc
     p.inputs = [box(0.5, 0.613, 3.0), NOTHING]
     way, times = judge.Way("step", mb.RadauIIA(3, step=0.07)), oracle.instants(p)
     truth = oracle.solve(p, times)
-    assert judge.by_hand(p, way, 1e-6, times, truth) < 1e-9
+    assert judge.by_hand(p, way, 1e-6, times, truth)[0] < 1e-9
     assert judge.error_of(judge.simulate(p.build([i.said for i in p.inputs]), p.t_end, 1e-6, way), times, truth) > 1e-4
 
 

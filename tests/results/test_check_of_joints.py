@@ -39,8 +39,8 @@ def test_the_reason_why_coordinates_are_kept_is_what_needs_them() -> None:
     s.gear("mesh", "wheel", "T", ratio=-1.0)
     found = s.check()
     assert found.kept_coordinates == {
-        "sprung": "no method `coordinate` of the joint computes from the bodies that of its spring, damper",
+        "sprung": "the joint has no method `coordinate` that computes from the bodies the one of its spring, damper",
         "driven": "without them the joint has no constraint equation that prescribes a coordinate",
-        "rubbed": "no method `coordinate` of the joint computes from the bodies that of its friction",
+        "rubbed": "the joint has no method `coordinate` that computes from the bodies the one of its friction",
         "wheel": "the coupling mesh counts their whole turns", "T": "the coupling mesh counts their whole turns"}  # fmt: skip
     assert "7 joints, 1 coupling, 0 force elements" in str(found)

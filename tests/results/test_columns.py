@@ -116,7 +116,7 @@ def test_a_library_that_is_missing(r: Any, monkeypatch: pytest.MonkeyPatch) -> N
     import sys
 
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(mb.OptionError, match=r"pandas is not installed: pip install 'mbdae\[data\]'"):
+    with pytest.raises(mb.OptionError, match=r"pandas cannot be imported: pip install 'mbdae\[data\]'"):
         r.to_dataframe("A.angle")
 
 

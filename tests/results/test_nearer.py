@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.run.assessment import _nearer
+from mbdae.run.assessment import _advice
 from mbdae.run.control import Controlled
 
 
@@ -49,7 +49,7 @@ def test_where_round_off_limits_a_smaller_accuracy_is_the_same_run_and_the_warni
 ])  # fmt: skip
 def test_a_smaller_accuracy_is_advised_only_where_the_estimate_fell(told: Any, limit: float, error: float, words: str) -> None:
     run = Controlled(None, mb.IDA(), error, 2, 0.0, told=told, limit=limit)  # type: ignore[arg-type]
-    said = _nearer(error, 1e-4, run)
+    said = _advice(error, 1e-4, run)
     assert words in said
     assert ("comes nearer" in said and "accuracy=" in said) == ("accuracy=1e-05 comes nearer" in words)
 

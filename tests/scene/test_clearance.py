@@ -213,7 +213,7 @@ def test_tolerances_that_lose_contact_or_friction_are_refused_with_what_to_use()
         crank().simulate(0.01, solver=mb.IDA(rtol=1e-2))
     with pytest.raises(mb.OptionError, match=r"friction of 'B' \(Coulomb\) changes within 1e-08 m/s"):
         crank(friction=mb.Coulomb(0.1, 1e-8)).simulate(0.01)
-    with pytest.warns(mb.AccuracyWarning, match=r"'B' penetrates by .* use rtol = "):
+    with pytest.warns(mb.AccuracyWarning, match=r"'B' penetrates by .* give that solver rtol = "):
         crank().simulate(0.05, solver=mb.IDA(rtol=3e-5))
 
 

@@ -360,7 +360,7 @@ def test_bad_friction_of_a_prismatic(said: dict[str, Any], words: str) -> None:
 def test_point_mass_has_no_bearing() -> None:
     s = mb.Scene("bad")
     s.revolute("pin", s.ground, s.point_mass("bob", 1.0, at=(0, 0)), at=(0, 0), friction=DRY, radius=0.1)
-    with pytest.raises(mb.SceneError, match="friction needs the axes of both bodies, the point mass 'bob' has none"):
+    with pytest.raises(mb.SceneError, match=r"friction needs axes of the body .*, and the point mass 'bob' has none"):
         s.check()
 
 

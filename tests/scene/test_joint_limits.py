@@ -44,13 +44,13 @@ def tube(**given: Any) -> mb.Scene:
         (lambda: rod(limits=(0.9, -0.2), stop=STOP), "limits = (0.9, -0.2): the lower limit is not below the upper one"),
         (lambda: rod(limits=(0.5, 0.5), stop=STOP), "limits = (0.5, 0.5): the lower limit is not below the upper one"),
         (lambda: rod(limits=(None, INF), stop=STOP), "it limits nothing; give a number, or omit limits and stop"),
-        (lambda: rod(limits=(INF, None), stop=STOP), "limits = inf is not finite; give a pair (lowest, highest), rad; None for a side"),
-        (lambda: rod(limits=(math.nan, 1), stop=STOP), "limits = nan is not finite; give a pair"),
-        (lambda: rod(limits=0.5, stop=STOP), "limits = 0.5 is no pair; give a pair (lowest, highest), rad"),
+        (lambda: rod(limits=(INF, None), stop=STOP), "limits = (inf, None) has a wrong entry, inf is not finite; give a pair (lowest, highest), rad"),
+        (lambda: rod(limits=(math.nan, 1), stop=STOP), "limits = (nan, 1) has a wrong entry, nan is not finite; give a pair"),
+        (lambda: rod(limits=0.5, stop=STOP), "limits = 0.5 is no pair of limits; give a pair (lowest, highest), rad; None for a side"),
         (lambda: rod(limits=(0, 1, 2), stop=STOP), "limits = (0, 1, 2) is no pair"),
-        (lambda: rod(limits=("a", 1), stop=STOP), "limits = 'a' is not a number; give a pair"),
-        (lambda: rod(limits=(mb.t, 1), stop=STOP), "limits = t "),
-        (lambda: slider(limits=(-1, True), stop=STOP), "limits = True "),
+        (lambda: rod(limits=("a", 1), stop=STOP), "limits = ('a', 1) has a wrong entry, 'a' is not a number; give a pair"),
+        (lambda: rod(limits=(mb.t, 1), stop=STOP), "limits = (t, 1) has a wrong entry, t "),
+        (lambda: slider(limits=(-1, True), stop=STOP), "limits = (-1, True) has a wrong entry, True "),
         (lambda: rod(limits=(-1, 1), stop=3e4), "stop = 30000.0 is no stop; give stop=mb.Stop(stiffness, damping)"),
         (lambda: rod(limits=(-1, 1), stop=mb.Stop(0.0)), "stop.stiffness = 0 N m/rad is not positive; give a positive number in N m/rad"),
         (lambda: slider(limits=(-1, 1), stop=mb.Stop(-5.0)), "stop.stiffness = -5 N/m is negative; give a positive number in N/m"),
@@ -113,7 +113,7 @@ def test_check_and_results_speak_of_the_limits():
     assert r.contacts["J"]["deepest"] == r["J"].contacts.deepest > 0
     assert r.energy.impact[-1] == pytest.approx(r.energy.dissipated[-1])
     assert not r.warnings
-    with pytest.raises(mb.OptionError, match="revolute 'J' touches nothing"):
+    with pytest.raises(mb.OptionError, match="revolute 'J' has no contacts"):
         rod().simulate(0.1, accuracy=1e-3)["J"].contacts  # noqa: B018
 
 

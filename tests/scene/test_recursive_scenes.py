@@ -27,7 +27,7 @@ def arm_with_tip(mass: float, inertia: float) -> mb.Scene:
 @pytest.mark.parametrize("mass", [0.0, 1.0])
 def test_a_leaf_without_inertia_is_refused_by_name(mass: float) -> None:
     """IDA would report success on such equations and return garbage: they are refused before."""
-    with pytest.raises(mb.SceneError, match="joint 'wrist' cannot be recursive: what it moves has no inertia about or along"):
+    with pytest.raises(mb.SceneError, match="joint 'wrist': what it moves has no inertia about or along"):
         arm_with_tip(mass, 0.0).check()
 
 
@@ -78,7 +78,7 @@ def wholly_prescribed() -> mb.Scene:
 @pytest.mark.parametrize(
     ("scene", "words"),
     [
-        (wholly_prescribed, ("scene 'robot'", "nothing to solve for", "model=mb.Kinematic()")),
+        (wholly_prescribed, ("scene 'robot'", "nothing is left to solve for", "model=mb.Kinematic()")),
         (recursive_loop, ("'D'", "closes a loop", "among them 'A'", "model=mb.Kinematic() for one joint", "s.recursive()")),
         (on_point_mass, ("revolute 'hinge'", "needs an orientation of 'bob'", "s.rigid_body", "model=mb.Kinematic()")),
         (not_a_model, ("revolute 'hinge'", "model = 'recursive' is not a joint model", "mb.Recursive()")),
@@ -102,9 +102,9 @@ def test_recursive_makes_a_spanning_tree_and_keeps_what_closes_it() -> None:
 
 
 def test_ode_form_names_the_row_that_is_left() -> None:
-    with pytest.raises(mb.OptionError, match=r"has 2 constraint rows, the first is D\.x; use mb\.GGL\(\), or s\.recursive\(\)"):
+    with pytest.raises(mb.OptionError, match=r"has 2 constraint rows \(such as D\.x\): use mb\.GGL\(\), or s\.recursive\(\)"):
         four_bar("auto", R).simulate(0.1, form=mb.ODE())
-    with pytest.raises(mb.OptionError, match=r"this system has constraints \(GGL form\)"):
+    with pytest.raises(mb.OptionError, match=r"this system \(GGL\) has multipliers of constraints"):
         four_bar("auto", R).simulate(0.1, solver=mb.CVODE(), form=mb.GGL())
     assert four_bar("auto", R).simulate(0.1, solver=mb.CVODE()).info.form == "Index1"
 

@@ -126,7 +126,8 @@ def test_contradicting_velocity_is_projected_and_reported() -> None:
     s.revolute("A", s.ground, "bob", at=(0, 0))
     start = prepare(s).start
     assert start.u == pytest.approx([0, 0.5, 0.5], abs=1e-6)  # nearest in kinetic energy to (1, 1, 0)
-    assert start.changes == ["the given velocity of 'bob' contradicts the joints: changed by 1.118 m/s and 0.5 rad/s"]
+    assert start.changes == ["the given velocity of 'bob' contradicts the joints and was changed by 1.118 m/s and 0.5 "
+                             "rad/s to fit them"]  # fmt: skip
 
 
 def test_consistent_velocity_is_left_alone() -> None:

@@ -127,7 +127,7 @@ def test_other_files_are_refused(pair: Any, tmp_path: Path) -> None:
             mb.load(file)
     with pytest.raises(FileNotFoundError):
         mb.load(tmp_path / "missing.npz")
-    with pytest.raises(mb.OptionError, match="holds 'photo', not a result of mbdae"):
+    with pytest.raises(mb.OptionError, match="the file's format is 'photo', not 'mbdae result'"):
         mb.load(changed(path, tmp_path / "d.npz", format="photo"))
     with pytest.raises(mb.OptionError, match="has format version 99, this mbdae reads up to 1: update mbdae"):
         mb.load(changed(path, tmp_path / "e.npz", version=99))

@@ -15,6 +15,7 @@ from timed_inputs.oracle import Array, Problem
 
 import mbdae as mb
 
+DENSE = 4  #: order of the dense output of methods of constant steps, a cubic through values and rates
 FACTOR = 3.0  #: an error up to so many times the accuracy counts as right
 WALL = 20.0  #: largest wall time of a run, s; a run that is stopped there reports it
 VERDICTS = ("right", "told", "told needlessly", "silent", "refused needlessly", "crashed", "not judged")
@@ -152,7 +153,10 @@ def _verdict(problem: Problem, way: Way, accuracy: float, times: Array, truth: V
         error, said = error_of(result, times, truth, problem.positions_only), told(result)
         bound = FACTOR * accuracy
         if result.accuracy.asked is None and error > bound and not said:  # constant step, no accuracy claimed: README
-            bound = FACTOR * (accuracy + by_hand(problem, way, accuracy, times, truth))
+            own, shortest = by_hand(problem, way, accuracy, times, truth)
+            # both runs divide different intervals by halves until their steps are short enough, so that these differ by up to
+            # 2; the error between steps falls with the power DENSE of them
+            bound = FACTOR * (accuracy + own * min(max(result.stats.h_min / shortest, 1.0), 2.0) ** DENSE)
     except Exception as failure:  # an exception is a verdict too
         return nan, *failed(failure)
     return error / accuracy, judged(error, bound, said) if isfinite(bound) else "not judged", said
@@ -163,17 +167,18 @@ def simulate(scene: mb.Scene, t_end: float, accuracy: float, way: Way, start: mb
     return scene.simulate(t_end, accuracy, solver=way.solver, form=way.form, start=start, max_wall=WALL)
 
 
-def by_hand(problem: Problem, way: Way, accuracy: float, times: Array, truth: Values) -> float:
+def by_hand(problem: Problem, way: Way, accuracy: float, times: Array, truth: Values) -> tuple[float, float]:
     """Error of the same constant step where the user splits the run at every break and edge of a narrow feature, states the
     smooth piece alone, and takes at most a width of a narrow feature in a step. It is measured at times (nt,) and halfway between
     them and between its own steps, where dense output is worst: the times alone are often those of its steps. Infinite where that
-    run fails."""
-    worst, start = 0.0, None
+    run fails. Beside it the shortest of its steps (s)."""
+    worst, shortest, start = 0.0, inf, None
     try:
         for a, b, step in oracle.segments(problem):
             scene = problem.build([i.piece((a + b) / 2) for i in problem.inputs])
             own = replace(way, solver=replace(way.solver, step=min(way.solver.step, PER_WIDTH * step, b - a)))
             start = simulate(scene, b, accuracy, own, start)
+            shortest = min(shortest, start.stats.h_min)
             inside = times[(times >= a) & (times <= b)]
             if len(inside):
                 looked = {name: v[(times >= a) & (times <= b)] for name, v in truth.items()}
@@ -183,8 +188,8 @@ def by_hand(problem: Problem, way: Way, accuracy: float, times: Array, truth: Va
                 looked = {name: v[1:-1] for name, v in exact.items()}
                 worst = max(worst, error_of(start, between, looked, problem.positions_only))
     except mb.MbdaeError:
-        return inf
-    return worst
+        return inf, shortest
+    return worst, shortest
 
 
 def _between(steps: Array, times: Array, most: int = 400) -> Array:

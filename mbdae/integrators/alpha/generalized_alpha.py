@@ -55,25 +55,26 @@ class _Alpha(Stepped):
         if "v" not in system.kinds or -1 in kinds or kinds != sorted(kinds):
             raise OptionError(
                 f"{self.label} needs equations of motion M u' + G^T lambda = f, g = 0, but this system ({system.label}) has no "
-                "partition into them: use mb.RadauIIA(3) or mb.IDA(), or give mb.DAE(..., partition=(M, f, g, G))"
+                "partition into them: use mb.RadauIIA(3) or mb.IDA() or, for equations of motion stated by mb.DAE, give it "
+                "partition=(M, f, g, G)"
             )
         forces = np.array([kind == "lambda" for kind in system.kinds])
         columns = forces if not system.sparse else forces[np.repeat(np.arange(system.n), np.diff(system.sparsity.indptr))]
         if forces.any() and not np.any(system.jacobian_parts(system.t0, system.y0, system.yp0)[0][..., columns]):
             raise OptionError(f"{self.label} needs the multipliers (constraint forces) themselves as unknowns, this system "
-                              f"({system.label}) has their integrals over time: use mb.GGL(algebraic=True), where multipliers "
-                              "are algebraic unknowns")  # fmt: skip
+                              f"({system.label}) contains only their derivatives: for a scene use mb.GGL(algebraic=True), for "
+                              "mb.DAE let the residual contain the multipliers")  # fmt: skip
 
     def doubts(self, system: System) -> list[str]:
         """Warnings about known weaknesses of the method with the present options."""
         if self.rho_infinity < GAINS:
             return []
-        less = "mb.GeneralizedAlpha(rho=0.7) or mb.HHT(alpha=0.1), which damp more"
+        more_damped = "mb.GeneralizedAlpha(rho=0.7) or mb.HHT(alpha=0.1), which damp more"
         if self.coefficients == Alphas.of(0.0, 0.0) and "lambda" in system.kinds and "mu" not in system.kinds:
             return [f"{self.label} without damping (Newmark's method, alpha = 0): with form mb.Index3() constraint forces do not "
-                    f"converge with shorter steps; use form=mb.GGL(), or {less}"]
+                    f"converge with shorter steps; use form=mb.GGL(), or {more_damped}"]
         return [f"{self.label} damps high frequencies so little (spectral radius {self.rho_infinity:.2g}) that long steps gain "
-                f"energy, and with form mb.Index3() may grow without bound; look at r.energy.balance, or use {less}"]
+                f"energy, and with form mb.Index3() may grow without bound; look at r.energy.balance, or use {more_damped}"]
 
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
         """Integrate with constant steps."""

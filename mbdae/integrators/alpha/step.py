@@ -300,7 +300,8 @@ class AlphaStep:
             return StepFailedError(SINGULAR, names[self.nq + unknown])
         share = np.abs(self._correction) / (np.abs(self._x) + self._columns)
         worst = self.nq + largest(np.where(np.isfinite(share), share, inf))
-        return StepFailedError("Newton's iteration diverges, or round-off keeps it above its tolerance", names[worst])
+        return StepFailedError("Newton's iteration diverges (take shorter steps), or round-off keeps it above its "
+                               "tolerance (take longer ones)", names[worst])  # fmt: skip
 
     # -- going on
 

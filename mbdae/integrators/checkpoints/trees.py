@@ -40,7 +40,8 @@ def read_tree(path: Path) -> Tree:
         with regular(path) as file, np.load(file, allow_pickle=False) as stored:
             return unpacked(json.loads(stored[TEXT].tobytes().decode()), stored)
     except (OSError, ValueError, KeyError, TypeError, BadZipFile, zlib.error, EOFError) as error:
-        raise DamagedError(f"file '{path}' is damaged ({error}): delete it with its folder, or name another folder") from error
+        raise DamagedError(f"file '{path}' cannot be read or is damaged ({error}): delete it with its folder, or name another "
+                           "folder") from error
 
 
 def packed(value: Tree, arrays: dict[str, Any]) -> Any:

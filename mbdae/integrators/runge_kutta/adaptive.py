@@ -168,7 +168,7 @@ class Adaptive:
                 return False
             return ended == DIVERGED
         if ended == NO_WIDTH:
-            text = f"the step became smaller than the round-off of the time t (h = {h:.2e} s){self._where()}; {REMEDY}"
+            text = f"the step became smaller than the round-off of the time t (h = {h:.2e} s){self._nearest_contact()}; {REMEDY}"
             raise self.loop.failure(text, step.fastest())
         if ended == VANISHED:
             text = f"the error test fails ({self.control.error:.1e} times the tolerance)"
@@ -184,8 +184,9 @@ class Adaptive:
             raise self._too_small(h, str(failure), failure.culprit)
         self.control.h, self.control.rejected, self.failures = 0.5 * h, AGAIN, self.failures + 1
 
-    def _too_small(self, h: float, why: str, culprit: str) -> SolverError:
-        return self.loop.failure(f"the step became too small (h = {h:.2e} s): {why}{self._where()}; {REMEDY}", culprit)
+    def _too_small(self, h: float, failure: str, culprit: str) -> SolverError:
+        text = f"the step became too small (h = {h:.2e} s): {failure}{self._nearest_contact()}; {REMEDY}"
+        return self.loop.failure(text, culprit)
 
     def _warn(self) -> None:
         """Warn, once per run, where the error estimate consists of round-off: the tolerance is then not met."""
@@ -194,11 +195,11 @@ class Adaptive:
             self.warned = True
             warnings.warn(
                 f"round-off exceeds the tolerance at t = {self.control.noise_t:.6g} s (step {h:.1e} s, rtol = {self.rtol:g}), so "
-                f"that is not met: loosen rtol to {10 * noise * self.rtol:.0e}, or state the bodies nearer to the origin of "
-                "coordinates",
+                f"that is not met: loosen rtol to {10 * noise * self.rtol:.0e}, or, in a scene, draw the bodies nearer to "
+                "the origin of coordinates",
                 AccuracyWarning,
                 stacklevel=6,
             )
 
-    def _where(self) -> str:
+    def _nearest_contact(self) -> str:
         return "" if self.watch is None else self.watch.nearest()

@@ -108,7 +108,7 @@ class _Points:
         """Read and check the arguments of a user."""
         if not isinstance(numbers, Mapping):
             raise OptionError(f"numbers = {shown(numbers)}: give a mapping of names such as 'elbow.mass' to their values")
-        remedy = f"give an array (points, {system.n}) or ({system.n},)"
+        remedy = f"give an array of shape (points, {system.n}) or ({system.n},)"
         y = np.atleast_2d(option("starts", system.y0 if starts is None else starts, array, remedy))
         if y.ndim != 2 or y.shape[1] != system.n:
             raise OptionError(f"starts has shape {y.shape}: {remedy}")
@@ -117,8 +117,8 @@ class _Points:
         counts = {len(part) for part in (y, *rows)} - {1} or {1}
         if len(counts) > 1 or 0 in counts or any(row.ndim != 1 for row in rows):
             shapes = ", ".join([f"starts {y.shape}", *(f"{name} {row.shape}" for name, row in zip(numbers, rows, strict=True))])
-            raise OptionError("a batch needs as many starts as values of every number, or one that serves all points; the "
-                              f"shapes are: {shapes}")  # fmt: skip
+            raise OptionError("a batch needs of starts and of every number either one for all points, or one per point and "
+                              f"equally many of each; the shapes given are: {shapes}")  # fmt: skip
         k = counts.pop()
         at = system.numbers(list(numbers)) if rows else None
         values = np.array([np.broadcast_to(row, k) for row in rows]).reshape(len(rows), k)
@@ -236,9 +236,9 @@ class _Run:
         """Check the wall time, and report that `done` points are done; ended: whether the time is known to be used up."""
         self.done, spent = done, time.perf_counter() - self.wall
         if ended or (self.asked.max_wall is not None and spent > self.asked.max_wall and done < len(self.points)):
-            how_far = f"{done} of {len(self.points)} points are done"
-            raise WallClockError(f"max_wall = {self.asked.max_wall:g} s of wall time is used up: {how_far}; raise max_wall or "
-                                 f"loosen the tolerance", self.system.t0, "", self._made())  # fmt: skip
+            raise WallClockError(f"max_wall = {self.asked.max_wall:g} s of wall time is used up: {done} of {len(self.points)} "
+                                 "points are done; raise max_wall or loosen the tolerance",
+                                 self.system.t0, "", self._made())  # fmt: skip
         if self.tell is not None and (spent - self.told > PERIOD or done == len(self.points)):
             self.told = spent
             self.tell(done, len(self.points))

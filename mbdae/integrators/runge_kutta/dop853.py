@@ -50,7 +50,6 @@ class DOP853(Solver):
     tightest: ClassVar[dict[str, float]] = {"": 1e-14}
     highest_index: ClassVar[int] = 0
     restarts: ClassVar[bool] = False
-    alternative: ClassVar[str] = ", or use RadauIIA(3)"
 
     def __post_init__(self) -> None:
         set_tolerances(self)
@@ -158,8 +157,9 @@ class _Run:
     def _failed(self) -> Exception:
         """The error for a step that became as small as the round-off of the time."""
         loop, (y, yp) = self.loop, self.loop.state
-        where, F = "" if self.watch is None else self.watch.nearest(), np.empty(self.system.n)
-        text = f"the step became smaller than the round-off of the time t; where the motion is stiff, use mb.RadauIIA(3){where}"
+        nearest_contact, F = "" if self.watch is None else self.watch.nearest(), np.empty(self.system.n)
+        text = ("the step became smaller than the round-off of the time t: see whether a force jumps or grows without bound "
+                f"there, or, where the motion is stiff, use mb.RadauIIA(3){nearest_contact}")  # fmt: skip
         for h in (0.0, 1e-9 * (loop.run_end - float(loop.system.t0))):  # F at the last state, and just after it
             self.system.residual(loop.t + h, y + h * yp, yp, F)  # raises an error where accelerations are not determined
             if not np.isfinite(F).all():

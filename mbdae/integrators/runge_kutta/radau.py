@@ -47,20 +47,19 @@ class RadauIIA(CollocationMethod):
     word: ClassVar[str] = "radau"
     penetration_share: ClassVar[float] = 0.1
     tightest: ClassVar[dict[str, float]] = {"": 1e-11, "Index3": 1e-10, "DAE": 1e-11}
-    alternative: ClassVar[str] = "; of the forms, GGL, Index1 and ODE reach smaller ones than Index3"
 
     def __post_init__(self) -> None:
-        offered = "Radau IIA is offered with 2 (order 3), 3 (order 5) or 5 (order 9) stages"
-        set_option(self, "stages", whole, offered, least=STAGES[0], most=STAGES[-1])
+        stages_offered = "Radau IIA is offered with 2 (order 3), 3 (order 5) or 5 (order 9) stages"
+        set_option(self, "stages", whole, stages_offered, least=STAGES[0], most=STAGES[-1])
         if self.stages not in STAGES:
-            raise OptionError(f"stages = {self.stages}: {offered}")
+            raise OptionError(f"stages = {self.stages}: {stages_offered}")
         set_tolerances(self)
         set_option(self, "step", number, "give a positive number of seconds, or None for error control", above=0)
         newton = "give a value from 1e-15 to 1e-2 with a constant step, or rtol for an adaptive one"
         set_option(self, "newton", number, newton, least=1e-15, most=1e-2)
         if self.newton is not None and self.step is None:
-            raise OptionError(f"newton = {self.newton:g} without a step (it is the tolerance of Newton's iteration for constant "
-                              f"steps): {newton}")  # fmt: skip
+            raise OptionError(f"newton = {self.newton:g} (the tolerance of Newton's iteration for constant steps) without a "
+                              "step: give step= too, or rtol instead of newton for steps that adapt")  # fmt: skip
 
     @classmethod
     def variants(cls) -> list[RadauIIA]:

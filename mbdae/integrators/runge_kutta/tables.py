@@ -65,11 +65,11 @@ class CollocationTable:
             "transformation": self.T @ self._blocks() @ self.T_inv - self.A_inv,
             "embedded": (self.e @ self.A) @ powers[:, :s] + self.gamma0 * (k[:s] == 1),
         }
-        for name, defect in conditions.items():
+        for condition, defect in conditions.items():
             if not np.abs(defect).max() < EXACT:
-                raise OptionError(f"nodes {self.c.tolist()}, order {self.order}: the {name} condition is off by "
-                                  f"{np.abs(defect).max():.1e} in the coefficients made of them: give the order of the "
-                                  "quadrature on these nodes, or nodes farther apart")  # fmt: skip
+                raise OptionError(f"nodes {self.c.tolist()}, order {self.order}: the {condition} condition is off "
+                                  f"by {np.abs(defect).max():.1e} in the coefficients made of them: give the order that the "
+                                  "quadrature on these nodes has, or nodes farther apart")  # fmt: skip
 
     @property
     def stiffly_accurate(self) -> bool:

@@ -126,10 +126,10 @@ class _Run(SundialsRun):
         self.system.rhs(t, y, out)
         return [*super().probe(t, y, yp), out]
 
-    def diagnosis(self, message: str) -> SolverError:
+    def diagnosis(self, reason: str) -> SolverError:
         last, (y, yp) = self.last, self.loop.state
         dt = last.t - self.loop.t
         missed = np.abs(last.y - y - dt * yp) + np.abs(dt * (last.values - yp))
         worst = largest(missed / self.tolerance(last.y))
         other = "mb.CVODE(method='BDF') or mb.RadauIIA(3)" if self.solver.method == "Adams" else "mb.RadauIIA(3)"
-        return self.loop.failure(f"{message}; where the motion is stiff, use {other}", self.system.names[worst])
+        return self.loop.failure(f"{reason}; where the motion is stiff, use {other}", self.system.names[worst])

@@ -49,7 +49,6 @@ class IDA(Solver):
     error_fall: ClassVar[float] = 0.4  # small, since errors of variable-order runs at similar rtol differ by a factor of 5
     companion: ClassVar[float] = 30.0
     tightest: ClassVar[dict[str, float]] = {"": 1e-13}
-    alternative: ClassVar[str] = ", or use RadauIIA(3)"
 
     def __post_init__(self) -> None:
         set_tolerances(self)
@@ -60,15 +59,15 @@ class IDA(Solver):
         highest = int(np.max(system.index))
         if highest > 1:
             worst = system.names[int(np.argmax(system.index))]
-            raise OptionError(f"unknown {worst} has index {highest}: with multipliers of index 2 or 3 the error test of IDA "
-                              "fails, or passes silently with a wrong answer; use form=mb.GGL(algebraic=False), or "
-                              "mb.RadauIIA(3)")  # fmt: skip
+            raise OptionError(f"unknown {worst} has index {highest}: IDA takes index 1, above it its error test fails, or "
+                              "passes silently with a wrong answer; use mb.RadauIIA(3) or, for a scene, "
+                              "form=mb.GGL(algebraic=False)")  # fmt: skip
         if self.max_order > 2 and self.tolerance >= LOOSE and system.vibration is not None:
             name, angle = system.vibration()
             if angle > FAST:
                 raise OptionError(f"beam '{name}' vibrates by {angle:.1e} rad of phase in the characteristic time of the motion, "
                                   f"too fast for IDA with rtol = {self.tolerance:g} and max_order = {self.max_order}, which ends "
-                                  "silently with a wrong answer; use RadauIIA(3), or max_order=2 and compare with a smaller "
+                                  "silently with a wrong answer; use mb.RadauIIA(3), or max_order=2 and compare with a smaller "
                                   "rtol")  # fmt: skip
 
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
@@ -93,16 +92,16 @@ class _Run(SundialsRun):
         return native.Ida(equations_of(system), self.settings(order), start, sparse=sparse,
                           pattern=system.sparsity if sparse else system.pattern)  # fmt: skip
 
-    def diagnosis(self, message: str) -> SolverError:
+    def diagnosis(self, reason: str) -> SolverError:
         last, correction = self.last, self._newton_correction()
         weights = 1 / self.tolerance(last.y)
         if correction is None:
             worst = largest(np.abs(last.values))
-            return self.loop.failure(f"{message}; {SINGULAR}", self.system.equations[worst])
+            return self.loop.failure(f"{reason}; {SINGULAR}", self.system.equations[worst])
         if np.max(np.abs(correction) * weights) < 1.0:  # Newton's method converges, so the error test failed
             y, yp = self.loop.state
             correction = last.y - y - (last.t - self.loop.t) * yp
-        text = f"{message}; see whether a force jumps or grows without bound there, or use mb.RadauIIA(3)"
+        text = f"{reason}; see whether a force jumps or grows without bound there, or use mb.RadauIIA(3)"
         return self.loop.failure(text, self.system.names[largest(np.abs(correction) * weights)])
 
     def _newton_correction(self) -> Array | None:

@@ -44,7 +44,7 @@ class SundialsRun(ABC):
         """Create the method, to begin at the last accepted step."""
 
     @abstractmethod
-    def diagnosis(self, message: str) -> SolverError:
+    def diagnosis(self, reason: str) -> SolverError:
         """The error that names the unknown or equation which prevented a step."""
 
     def accepted(self, watch: SundialsWatch) -> None:

@@ -38,7 +38,7 @@ class Endless(NamedTuple):
     times: int
     span: float
 
-    def told(self) -> str:
+    def message(self) -> str:
         """The text of the error about it."""
         return (f"'{self.item}' switches without end: {self.times} times within {self.span:.1e} s, while the motion "
                 "stays there to within the tolerance. Its value jumps there and drives the motion back from both sides, "

@@ -101,9 +101,9 @@ class StepWatch:
         """Accept a step of a solver with error control; raises ChatteringError where equations switch without end."""
         self.keep()
         loop = self.loop
-        found = None if self.chattering is None else self.chattering.endless(loop.run_end - float(loop.first_system.t0))
-        if found is not None:
-            raise loop.failure(found.told(), "", ChatteringError)
+        chattering = None if self.chattering is None else self.chattering.endless(loop.run_end - float(loop.first_system.t0))
+        if chattering is not None:
+            raise loop.failure(chattering.message(), "", ChatteringError)
 
     def count_hidden(self, inner: Callable[[], list[tuple[float, Array]]]) -> None:
         """Count contacts, kinks and peaks that a constant step passes over; inner: function that returns times (s) and states

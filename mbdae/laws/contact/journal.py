@@ -112,7 +112,7 @@ class JournalContact(Contact):
     def doubtful_depth(self) -> tuple[float, str, str]:
         play, part = self.outer - self.inner, self.inner / DEEP
         return (part if play == 0 else min(play, part), "the clearance, or a tenth of the pin's radius",
-                "a stiffer normal law is meant, or the parts are too heavy for it")  # fmt: skip
+                "a stiffer normal law is meant, or what is prescribed, or the parts' weight, is too much for it")  # fmt: skip
 
     def instability(self, mass: float, depth: Any, force: Any, rub: Any) -> tuple[Any, Any] | None:
         """k = df/da is the stiffness along the normal, f/d the one across it (f contact force, a penetration, d distance of the

@@ -37,7 +37,8 @@ class SurfaceContact(Contact):
         """A place of contact. inward: direction on l in which penetration grows; across: unit vector normal to the plane of a
         planar scene; at: point of contact relative to l.r (a mass point takes no moment: there both forces act at it)."""
         if self.friction is not None and not (k.kind.oriented or l.kind.oriented):
-            raise LawError("friction between two point masses has no moment that balances it; use s.rigid_body for one of them")
+            raise LawError("friction between two point masses has no moment that balances it; use s.rigid_body for one of them, "
+                           "or leave friction out")
         if self.friction is not None and self.friction.states and not k.kind.flat:
             raise LawError(f"friction law {type(self.friction).__name__} has internal states for one direction of sliding, "
                            f"but bodies in space slide in two; take a law without states, such as mb.Coulomb")  # fmt: skip
@@ -71,8 +72,8 @@ class SurfaceContact(Contact):
         allowed = (size if self.smallest is None else self.smallest) / DEEP
         if depth <= allowed or continued:
             return ""
-        what = "the scene's length" if self.smallest is None else f"its smallest radius of {self.smallest:g} m"
-        return f"more than {1 / DEEP:g} of {what}: draw the bodies apart; the normal of a plane points to the side that is free"
+        length = "the scene's length" if self.smallest is None else f"its smallest radius of {self.smallest:g} m"
+        return f"more than {1 / DEEP:g} of {length}: draw the bodies apart; the normal of a plane points to the side that is free"
 
     def doubtful_depth(self) -> tuple[float, str, str]:
         if self.smallest is None:

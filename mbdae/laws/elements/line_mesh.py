@@ -139,6 +139,8 @@ def arc(start: Any, through: Any, end: Any) -> Curve:
     a, b, c = _points([start, through, end])
     u, v = b - a, c - a
     w = np.cross(u, v)
+    if np.linalg.norm(v) <= 1e-12 * np.linalg.norm(u):
+        raise OptionError("the arc ends where it starts: give two arcs for a full circle")
     if np.linalg.norm(w) < 1e-12 * np.linalg.norm(u) * np.linalg.norm(v):
         raise OptionError("the three points of an arc lie on a straight line: give a point off it, or a straight beam")
     center = a + np.cross((u @ u) * v - (v @ v) * u, w) / (2 * (w @ w))
@@ -189,8 +191,8 @@ def _with_nodes(edges: Array, order: int, wanted: Array) -> Array:
         at = int(np.searchsorted(cut, place))
         smallest = min(sizes[at - 1], sizes[at])
         if smallest < SHORTEST * max(sizes[max(at - 2, 0) : at + 2]):
-            raise OptionError(f"a joint at {place:.9g} of the length of its segment would leave an element of {smallest:.3g} of "
-                              f"it: attach it at the node at {nearest:.9g} of the length, or farther from that node")  # fmt: skip
+            raise OptionError(f"an attachment at {place:.9g} of its segment would leave an element of {smallest:.3g} of it: "
+                              f"attach at the node at {nearest:.9g} of the segment, or farther from that node")  # fmt: skip
         edges = cut
     return edges
 

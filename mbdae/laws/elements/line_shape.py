@@ -29,7 +29,7 @@ class Table:
 def node_positions(order: int) -> Array:
     """xi (p + 1,) of the nodes of an element: ends, and between them the extrema of the Legendre polynomial P_p."""
     if order not in ORDERS:
-        raise OptionError(f"order = {order}: a beam element has order 1, 2, 3 or 4")
+        raise OptionError(f"order = {order}: a beam element has order 1, 2, 3 or 4; give one of these")
     inner = legendre.Legendre.basis(order).deriv().roots() if order > 1 else np.zeros(0)
     return np.asarray(np.r_[0.0, (np.sort(np.real(inner)) + 1) / 2, 1.0])
 

@@ -28,6 +28,7 @@ class PointSpring(Force):
         if self.damping is None:
             return super().dissipation(k, l)
         if self.length is None:
-            raise LawError("a damper between two points needs a natural length > 0; use a bushing where the points may meet")
+            raise LawError("a damper between two points needs a natural length: give length > 0 (m), or use a bushing where the "
+                           "points may meet")  # fmt: skip
         d, v = l.r - k.r, l.v - k.v
         return self.damping * (d @ v) ** 2 / (d @ d) / 2

@@ -47,7 +47,8 @@ class LuGre(Friction):
         for key in ("sigma1", "sigma2"):
             setattr(self, key, self.number(key, why="friction would feed energy") or None)
         if self.mu_s < self.mu_k:
-            raise self.refuse("mu_s", f"is below mu_k = {self.mu_k:g}: breaking away takes at least the force of sliding")
+            raise self.refuse("mu_s", f"is below mu_k = {self.mu_k:g}: breaking away takes at least the force of sliding; give "
+                                      f"at least mu_k")  # fmt: skip
         for doubt in self.doubts():
             warnings.warn(doubt, AccuracyWarning, stacklevel=2)
 
@@ -98,5 +99,6 @@ class LuGre(Friction):
                          f"friction may create energy: take sigma1 of at most {bound / self.v_s:.3g} s/m")  # fmt: skip
         if self.mu_s / self.sigma0 > 1e-3:
             found.append(f"LuGre: sigma0 = {self.sigma0:g} 1/m lets the bristles deflect by {self.mu_s / self.sigma0:.2g} m "
-                         f"before they slip (mu_s / sigma0): sigma0 is a stiffness over the normal force, 1/m")  # fmt: skip
+                         f"before they slip (mu_s / sigma0): take a larger sigma0, a stiffness over the normal force, "
+                         f"unless this is meant")  # fmt: skip
         return found

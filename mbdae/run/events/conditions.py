@@ -68,8 +68,8 @@ def conditions(scene: Any, option: str, given: Any) -> list[Condition]:
     return [_read(scene, f"{head}[{i}] = {shown(one)}", one) for i, one in enumerate(given)]
 
 
-def _read(scene: Any, stated: str, given: Any) -> Condition:
-    """The condition `given`; stated: the option and its value, with which messages begin."""
+def _read(scene: Any, option_and_value: str, given: Any) -> Condition:
+    """The condition `given`; option_and_value: with which messages begin."""
     try:
         e = _condition_of(scene, given)
         name = given if isinstance(given, str) else str(given)
@@ -78,8 +78,8 @@ def _read(scene: Any, stated: str, given: Any) -> Condition:
         tree = made.tree(e) if sides is None else made.equation(*sides)
         for path in sorted({path for g in made.functions for path in paths(g)}):
             signals.check(scene, path)
-    except (BadValueError, ValueError) as refused:
-        raise OptionError(f"{stated}: {refused}") from None
+    except (BadValueError, ValueError) as what_is_wrong:
+        raise OptionError(f"{option_and_value}: {what_is_wrong}") from None
     functions = tuple(signals.in_sensors(scene, g) for g in made.functions)
     return Condition(name, functions, tuple(made.equations), tuple(made.meeting), tree)
 
@@ -87,17 +87,17 @@ def _read(scene: Any, stated: str, given: Any) -> Condition:
 def _condition_of(scene: Any, given: Any) -> Expr:
     """A condition as an expression of symengine."""
     if isinstance(given, bool | np.bool_):
-        raise BadValueError(f"a comparison with == of symbols is Python's own, which is {given} at once; write it as text, "
-                            f"'J.angle == 0', or as sympy.Eq(...)")  # fmt: skip
+        raise BadValueError(f"{given} is no condition (== of symbols is Python's own, which is {given} at once); write an "
+                            f"equation as text, 'J.angle == 0', or as sympy.Eq(...)")  # fmt: skip
     if isinstance(given, str):
         e = text.whole(_with_symbols(scene, given))
     else:
         try:
             e = se.sympify(given)
         except Exception:  # SymPy and symengine raise errors of many types
-            raise BadValueError(f"it is no condition; {EXAMPLE}") from None
+            raise BadValueError(f"it is neither text nor an expression of SymPy; {EXAMPLE}") from None
     if not is_condition(e):
-        raise BadValueError(f"it is no condition; {EXAMPLE}")
+        raise BadValueError(f"it is no comparison, nor And, Or or Not of comparisons; {EXAMPLE}")
     if e in (se.true, se.false):
         raise BadValueError(f"it does not depend on the motion or on time; {EXAMPLE}")
     return e

@@ -52,7 +52,7 @@ class Seen:
         near = [root.time for of_one, equation in zip(self._zeros, self.condition.equations, strict=True) if not equation
                 for root in of_one if root.before == root.after != 0]  # fmt: skip
         return [f"'{self.condition.name}' comes so near to its limit at t = {near[0]:.9g} s that the accuracy does not decide "
-                f"whether it is passed: ask for a higher accuracy, or another limit"] if near else []  # fmt: skip
+                f"whether it is passed: ask for a smaller accuracy, or another limit"] if near else []  # fmt: skip
 
     @cached_property
     def _instants(self) -> Array:

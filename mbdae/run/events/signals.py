@@ -49,7 +49,7 @@ def check(scene: Any, path: str) -> None:
         known = (*SHOWN, *drives_of(item)) if isinstance(item, Connection) else MOTION if isinstance(item, Body) else ()
         if quantity not in known:
             raise (refused if "no sensor" in str(refused) else BadValueError(
-                f"there is no sensor '{path}': '{name}' has {', '.join(known)}")) from None  # fmt: skip
+                f"there is no sensor '{path}': '{name}' has {', '.join(known) or 'none'}")) from None  # fmt: skip
 
 
 def may_be_observed(scene: Any, path: str) -> bool:
@@ -145,7 +145,7 @@ def probe(prepared: Prepared, paths: Sequence[str]) -> None:
         try:
             found = result.read(path)
         except (MbdaeError, AttributeError) as error:
-            raise OptionError(f"until, record: '{path}' cannot be read: {error}") from None
+            raise OptionError(f"until, record: '{path}' cannot be read at the start: {error}; name another sensor") from None
         if found.ndim > 1:
             one = f"{path}[{', '.join('0' for _ in found.shape[1:])}]"
             raise OptionError(f"until, record: '{path}' is no single number; say which component, such as '{one}'")

@@ -91,9 +91,10 @@ class Watched:
         """Raise OptionError where a condition reads a table where it has no values, between two times (s)."""
         for condition in (*self.until, *self.record):
             parts = (part for g in condition.functions for part in of_time(g))
-            said = next((text for part in parts if (text := beyond(part, begin, end))), "")
-            if said:
-                raise OptionError(f"'{condition.name}' in until= or record= reads a table where it has no values: {said}")
+            span_and_remedy = next((text for part in parts if (text := beyond(part, begin, end))), "")
+            if span_and_remedy:
+                raise OptionError(f"'{condition.name}' in until= or record= reads a table where it has no values: "
+                                  f"{span_and_remedy}")
 
     def _to_event(self, job: Job, solver: Solver, made: Callable[[Job], tuple[Controlled, Job]]
                   ) -> tuple[Controlled, Job, Event | None]:  # fmt: skip

@@ -37,7 +37,7 @@ def _slots(equations: Assembly, name: str) -> list[int]:
     found = [(why, slot) for known, why, slot in _numbers(equations) if known == name]
     if not found:
         offered = sorted({known for known, why, _ in _numbers(equations) if not why})
-        raise OptionError(f"numbers: {name} is no number of a law; there are {', '.join(offered) or 'none that may vary'}")
+        raise OptionError(f"numbers: {name} is no number of a law; those that may vary: {', '.join(offered) or 'none'}")
     for why, _ in found:
         if why:
             raise OptionError(f"numbers: {name} cannot be varied alone ({why}): {REMEDY}")

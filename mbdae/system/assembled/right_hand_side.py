@@ -189,9 +189,10 @@ def factorised(matrix: sp.csc_matrix, full: Assembly, t: float) -> Callable[[Arr
 
 def singular(t: float, row: str) -> SolverError:
     """The error where constraints depend on each other, or a motion has no inertia; row: name of a dependent row, or ""."""
-    where = f": constraint {row} depends on the others there" if row else ""
-    return SolverError(f"accelerations and reactions are not determined at t = {t:.9g} s (singular position){where}; "
-                       "form=mb.GGL() with mb.RadauIIA(3) may pass it", t, row)  # fmt: skip
+    cause = (f"constraint {row} depends on the others there (singular position)" if row else
+             "constraints depend on each other there (singular position), or a motion has no inertia")  # fmt: skip
+    return SolverError(f"accelerations and reactions are not determined at t = {t:.9g} s: {cause}; form=mb.GGL() with "
+                       "mb.RadauIIA(3) may pass a singular position", t, row)  # fmt: skip
 
 
 def rhs_of(system: Assembly) -> Callable[[float, Array, Array], None]:

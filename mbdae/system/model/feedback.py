@@ -170,8 +170,8 @@ class _Feeding:
         length = float(np.linalg.norm(np.ptp(beam.outline, axis=0)))
         if np.linalg.norm(nearest.drawn.position - point) > AT * length:
             at = np.round(nearest.drawn.position, 9).tolist()
-            raise SceneError([f"a sensor at {np.round(point, 9).tolist()} m of beam '{beam.name}' has no node there; read "
-                              f"the node at {at} m, or attach something at the place"])  # fmt: skip
+            raise SceneError([f"beam '{beam.name}' has no node at {np.round(point, 9).tolist()} m, where a sensor reads it; "
+                              f"read the node at {at} m, or attach something at the place"])  # fmt: skip
         return nearest
 
     def _frames(self, law: Any, names: tuple[str, ...], bodies: tuple[Body, ...]) -> None:

@@ -72,9 +72,10 @@ class JointMotion:
         P, r = self.drawn({}, True)
         if np.max(np.abs(P[1:])) <= 1e-9 and np.max(np.abs(r)) <= 1e-9 * length:
             return ""
-        return (f"its method `motion` moves the second body (l) by {np.linalg.norm(r):.3g} m and turns it by "
-                f"{2 * np.linalg.norm(P[1:]):.3g} rad where its coordinates are 0, but there both bodies have to be as drawn; "
-                "state the motion without this offset, or draw l there")  # fmt: skip
+        turned = 2 * np.arcsin(np.minimum(1.0, np.linalg.norm(P[1:])))
+        return (f"its method `motion` moves the second body (l) by {np.linalg.norm(r):.3g} m and turns it by {turned:.3g} rad "
+                "where its coordinates are 0, but there both bodies have to be as drawn; state the motion without this offset, "
+                "or draw l there")  # fmt: skip
 
     def planar_turn(self, values: dict[str, float]) -> float:
         """Rotation of body l relative to k about z at these values of the coordinates, whole turns included, rad."""

@@ -270,8 +270,9 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
             undefined += [f"{item}.{row}" for row in derived.undefined]
             if isinstance(law, Joint) and not joints[item].loose:
                 refused += without_rows(item, derived)
-            if law.drives().keys() & set(derived.vanished):
-                refused.append(f"'{item}': prescribed motion has no effect: a point mass has no orientation; use s.rigid_body")
+            if without := law.drives().keys() & set(derived.vanished):
+                refused.append(f"'{item}': prescribed motion has no effect: " + ("its equation always holds; leave it out" if
+                    not without & set(derived.undefined) else "a point mass has no orientation; use s.rigid_body"))  # fmt: skip
         except LawError as error:
             if planar:
                 raise LawError(f"'{item}': {error}") from error
@@ -281,10 +282,9 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
     refused += [f"{c.kind} '{c.name}': {off}" for c in scene.joints if (off := JointMotion(c).not_as_drawn(length))]
     if refused:
         raise SceneError(refused)
-    if by_coordinate:
-        for n in by_coordinate.values():
-            key = (JointCoordinate, Structure(), ((n.kind, Axes.GENERAL),))
-            groups.setdefault(key, Group(key)).instances.append(Instance(JointCoordinate(n.name), (n,), {}, {}, n.name))
+    for n in by_coordinate.values():
+        key = (JointCoordinate, Structure(), ((n.kind, Axes.GENERAL),))
+        groups.setdefault(key, Group(key)).instances.append(Instance(JointCoordinate(n.name), (n,), {}, {}, n.name))
     return Model(scene, planar, why, nodes, list(groups.values()), length, vanished, kept, lines, attached, undefined, scenery)
 
 
@@ -314,7 +314,7 @@ def without_rows(item: str, d: Derived) -> list[str]:
     if d.undefined:
         return [f"'{item}': no row is left of this joint: {', '.join(d.undefined)} need an orientation, which a point mass does "
                 f"not have; use s.rigid_body, or omit the joint"]  # fmt: skip
-    return [f"'{item}': {type(d.law).__name__} states no row, so that it constrains nothing; a law without rows is an mb.Force"]
+    return [f"'{item}': {type(d.law).__name__} states no row, so that it constrains nothing; state rows, or make it an mb.Force"]
 
 
 def laws_of(c: Connection, kept: Mapping[str, str]) -> list[Any]:

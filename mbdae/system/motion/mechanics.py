@@ -14,7 +14,7 @@ from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import dynamics, loads
 from mbdae.system.base import Array
 from mbdae.system.model.beams import ElementBatch, batches, nodal_inputs
-from mbdae.system.motion.constrained import solve_constrained, unique_multipliers
+from mbdae.system.motion.constrained import row_lengths, solve_constrained, unique_multipliers
 from mbdae.system.motion.fixed_pattern import FixedPattern
 from mbdae.system.motion.reaction_friction import Solve, solve_with_friction
 from mbdae.system.motion.states import States
@@ -260,6 +260,14 @@ class Mechanics(States):
 def in_units(mechanics: States, G: Any) -> Any:
     """G (m, nu), sparse or not, with its columns multiplied by unit displacements: the scene's length, 1 rad."""
     return G @ sp.diags(mechanics.velocity_units) if issparse(G) else G * mechanics.velocity_units
+
+
+def row_sizes(mechanics: Mechanics, t: float, q: Array) -> Array:
+    """Sizes (m,) of constraint rows, to which their violations are related: how much a displacement by the scene's length, or a
+    rotation by 1 rad, changes each row at t (s), q (nq,); bounded by the scene's length (rows in m) and 1 (rows in rad)."""
+    least, most = sorted((mechanics.model.length, 1.0))
+    B = in_units(mechanics, mechanics.constraint_matrix(np.array([t]), q))
+    return np.asarray(np.clip(row_lengths(B)[:, 0], least, most))
 
 
 def _largest(values: Array, otherwise: float) -> float:

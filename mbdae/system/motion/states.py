@@ -77,6 +77,10 @@ class States:
         rad."""
         return np.where(self.rotational, 1.0, self.model.length)
 
+    def speed(self, u: Array) -> float:
+        """The largest of velocities u (..., nu), m/s: angular ones times the scene's length."""
+        return float(np.max(np.abs(u) / self.velocity_units, initial=0.0)) * self.model.length
+
     @cached_property
     def position_units(self) -> Array:
         """(nq,) unit of each position unknown: the scene's length, 1 for quaternions and angles."""

@@ -71,7 +71,7 @@ def _no_inertia(rate: str, joints: dict[str, list[str]], still: bool) -> str:
         named = [c for c in joints[name] if unknown == f"{c}_rate"]
         return _undetermined(name, (named or joints[name])[0])
     if name in joints:
-        return (f"joint '{name}' cannot be recursive: what it moves has no inertia about or along its axis; give the bodies "
+        return (f"joint '{name}': what it moves has no inertia about or along its axis; give the bodies "
                 f"behind it mass or inertia, or prescribe its coordinate")  # fmt: skip
     return f"body '{name}' can move without any inertia: give it mass or inertia, or a joint that stops this motion"
 
@@ -203,6 +203,7 @@ def undecided(mechanics: Mechanics, rank: RankReport, t: Array, q: Array) -> lis
                     if values[0, i, o] > 1e-9 and (g, i, target[1]) in shared]  # fmt: skip
             if rows:
                 found.append(f"joint '{instance.item}': its friction follows from its reaction, but redundant constraints share "
-                             f"that ({', '.join(rows)}); state a scene that is planar in the plane z = 0, replace joints of the "
-                             f"loop by spherical ones, or for a prismatic joint give normal_force")  # fmt: skip
+                             f"that reaction ({', '.join(rows)}), which leaves it undetermined; state a scene that is "
+                             "planar in the plane z = 0, replace joints of the loop by spherical ones, or for a prismatic "
+                             "joint give normal_force")  # fmt: skip
     return found

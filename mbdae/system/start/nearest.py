@@ -326,14 +326,14 @@ class NearestPositions(ConsistentPositions):
         far = self.joints.far(q).reshape(-1, 2, 3)
         held = {joint.name for joint, _, _ in self._held(self.held_values)}
         free = {name: d for name, d in zip(self.joints.names, far, strict=True) if name not in held}
-        said = ""
+        by_joint = ""
         if free:
             name = max(free, key=lambda name: float(np.sum(free[name] ** 2)))
             turn, way = np.linalg.norm(free[name], axis=1)
-            angle = f"{2 * asin(min(1.0, float(turn) / 2)):.3g} rad"
-            said = f"joint '{name}' leaves its drawn place by {angle if turn >= way else f'{way * self.joints.extent:.3g} m'}, "
+            distance = f"{2 * asin(min(1.0, float(turn) / 2)):.3g} rad" if turn >= way else f"{way * self.joints.extent:.3g} m"
+            by_joint = f"joint '{name}' leaves its drawn place by {distance}, "
         most, moved = self._most_moved(drawn, q)
-        self.changes.append(f"to close the loops {said}body '{most}' by {moved:.3g} m")
+        self.changes.append(f"to close the loops {by_joint}body '{most}' by {moved:.3g} m")
         if branching:
             self.changes.append("on their way from the drawing the loops pass a position from which they can go on in two ways: "
                                 "the one that ends nearer to the drawing is taken")  # fmt: skip

@@ -178,9 +178,9 @@ class ConsistentPositions:
         row = A[[worst]].toarray()[0] if self.mechanics.large else A[worst]
         unit = "m" if np.any(row[~self.mechanics.rotational]) else "rad"
         stated = self._stated_in_loop(joint_name)
-        cause = f"{stated}: the loop may not reach that; otherwise check" if stated else "check"
+        values_stated = f"{stated}: the loop may not reach that, state another value; or " if stated else ""
         return (f"the loop through joint '{joint_name}' cannot close: row {name} stays off by {abs(g[worst]):.3g} "
-                f"{unit}; {cause} the points of the bodies it connects")  # fmt: skip
+                f"{unit}; {values_stated}check the points of the bodies it connects")  # fmt: skip
 
     def _stated_in_loop(self, name: str) -> str:
         """The values at which coordinates in the loops through a joint are held or prescribed at the start, where they are not as

@@ -80,8 +80,7 @@ class Starter(ConsistentPositions):
         self.joints = JointMotions(self.model)
         stated = {b: (b.drawn.velocity, b.drawn.angular_velocity) for b in (self.scene.ground, *self.scene.bodies)}
         found = self.project_velocities(q, self._velocities(q, stated, self._poses(q)))
-        rounding = ROUNDING * np.max(np.abs(found) * self.mechanics.velocity_units, initial=0.0)
-        return along if np.all(np.abs(along - found) * self.mechanics.velocity_units <= rounding) else found
+        return along if self.mechanics.speed(along - found) <= ROUNDING * self.mechanics.speed(found) else found
 
     def velocities_of_tree(self, q: Array) -> Array:
         """Velocities (nu,) computed along the spanning tree: those that the user states, held rates, and relative velocity 0 at
@@ -155,7 +154,7 @@ class Starter(ConsistentPositions):
             return u
         given = self.rigid.given(q) if self.holding else []
         projected, change = self._projected(q, u, given)
-        fastest = max(float(np.max(np.abs(v) * self.mechanics.velocity_units, initial=0.0)) for v in (u, projected))
+        fastest = max(self.mechanics.speed(v) for v in (u, projected))
         slight = 1e-9 * fastest, 1e-9 * fastest / self.model.length
         wrong = [item for item in given if any(np.linalg.norm(rows @ change) > size
                                                for rows, size in zip(_stated(item), slight, strict=True))]  # fmt: skip
@@ -165,8 +164,8 @@ class Starter(ConsistentPositions):
             projected, change = self._projected(q, u, [item for item in given if item not in wrong])
         for body, moves, turns in wrong:
             v, w = (float(np.linalg.norm(rows @ change)) for rows in (moves, turns))
-            self.changes.append(f"the given velocity of '{body.name}' contradicts the joints: changed by {v:.4g} m/s and "
-                                f"{w:.4g} rad/s")  # fmt: skip
+            self.changes.append(f"the given velocity of '{body.name}' contradicts the joints and was changed by {v:.4g} m/s "
+                                f"and {w:.4g} rad/s to fit them")  # fmt: skip
         return projected
 
     def fits(self, q: Array, u: Array) -> bool:
@@ -175,8 +174,8 @@ class Starter(ConsistentPositions):
         if not self.mechanics.carries_bodies:
             return False
         off = self.mechanics.velocity_residual(self.t, q[None], u[None])[0]
-        speed = float(np.max(np.abs(u) * self.mechanics.velocity_units, initial=0.0))
-        return bool(np.max(np.abs(off), initial=0.0) <= ROUNDING * max(speed, 1e-300) * max(1.0, self.model.length))
+        speed = max(self.mechanics.speed(u), 1e-300)
+        return bool(np.max(np.abs(off), initial=0.0) <= ROUNDING * speed * max(1.0, 1 / self.model.length))
 
     def _projected(self, q: Array, u: Array, given: list[tuple[Body, Any, Any]]) -> tuple[Array, Array]:
         """Velocities (nu,) that satisfy the joints and the held rates, and their change from u in the coordinates of
@@ -240,7 +239,7 @@ class Starter(ConsistentPositions):
 
     def _far(self, left: Array, u: Array) -> bool:
         """Whether `left`, the violation of the constraints at velocities u, is more than round-off."""
-        speed = float(np.max(np.abs(u) * self.mechanics.velocity_units, initial=0.0)) + 1.0
+        speed = self.mechanics.speed(u) + 1.0
         return bool(np.max(np.abs(left), initial=0.0) > 1e-8 * speed * max(1.0, self.model.length))
 
     def states(self, q: Array, u: Array) -> Array:
