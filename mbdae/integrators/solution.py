@@ -120,8 +120,8 @@ class Solution(ListsAttributes):
         outside = ~((times >= first - slack) & (times <= last + slack))
         if outside.any():
             value = times[outside].flat[0]
-            raise OptionError(f"t = {shown(t)}: the time {value} s is outside the solution from {first} to {last} s; ask for "
-                              "times inside it")  # fmt: skip
+            raise OptionError(f"t = {shown(t)}: the time {value:.9g} s is outside the solution from {first:.9g} to {last:.9g} s; "
+                              "ask for times inside it")  # fmt: skip
         return times
 
     def _evaluate(self, t: float | Sequence[float] | Array, function: Callable[[Array], Array]) -> Array:

@@ -95,8 +95,8 @@ def _condition_of(scene: Any, given: Any) -> Expr:
         try:
             e = se.sympify(given)
         except Exception:  # SymPy and symengine raise errors of many types
-            raise BadValueError(f"it is neither text nor an expression of SymPy; {EXAMPLE}") from None
-    if not is_condition(e):
+            e = None
+    if e is None or not is_condition(e):
         raise BadValueError(f"it is no comparison, nor And, Or or Not of comparisons; {EXAMPLE}")
     if e in (se.true, se.false):
         raise BadValueError(f"it does not depend on the motion or on time; {EXAMPLE}")
