@@ -47,7 +47,10 @@ def _expression(e: Any) -> Any:
         raise _ReturnError(f"{shown(e)}, which is no real, finite number of usual magnitude") from error
     except Exception as error:
         raise _ReturnError(f"{shown(e)}, which is no expression that symengine knows") from error
-    if is_condition(e):
+    known = type(e).__module__.partition(".")[0] in ("symengine", "mbdae")
+    if getattr(e, "is_real", None) is False and getattr(e, "is_number", False):
+        raise _ReturnError(f"{shown(e)}, which is not real")
+    if not known or is_condition(e):
         raise _ReturnError(f"{shown(e)}, which is no expression or number")
     return e
 

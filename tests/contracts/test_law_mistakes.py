@@ -74,6 +74,8 @@ def test_a_parameter_left_out_is_named() -> None:
     ("methods", "words"),
     [
         ({"energy": lambda self, k, l: None}, "Pull.energy returns None, which is no expression or number; it must return an expression, J"),
+        ({"energy": lambda self, k, l: object()}, ", which is no expression or number; it must return an expression, J"),
+        ({"energy": lambda self, k, l: 2 * se.I}, "Pull.energy returns 2*I, which is not real; it must return an expression, J"),
         ({"energy": lambda self, k, l: se.Eq(l.r[0], 1)}, ", which is no expression or number; it must return an expression, J"),
         ({"energy": lambda self, k, l: sp.Symbol("x") >= 1}, ", which is no expression or number; it must return an expression, J"),
         ({"energy": lambda self, k, l: l.r}, "Pull.energy returns Vec("),
