@@ -23,11 +23,14 @@ was computed until then: a Result of `simulate`, a Sweep of `sweep`.
 
 from __future__ import annotations
 
+import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import wraps
 from inspect import signature
+from pathlib import Path
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
@@ -186,6 +189,14 @@ def internal(found: str, kind: type[Exception] = ValueError) -> Exception:
 
 class AccuracyWarning(UserWarning):
     """A result does not, or may not, meet the accuracy asked for."""
+
+
+def warn(text: str) -> None:
+    """An AccuracyWarning that points to the line outside of mbdae from which it was called."""
+    package, level, frame = str(Path(__file__).parent), 1, sys._getframe()
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(package):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, AccuracyWarning, stacklevel=level)
 
 
 def meant(name: str, known: Iterable[str]) -> str:

@@ -37,7 +37,7 @@ def value(result: Any, quantity: Quantity) -> Array:
         except (TypeError, ValueError) as error:
             raise OptionError(f"{named(quantity)} gives no numbers: {error}; {NAME_A_QUANTITY}") from error
     elif isinstance(quantity, str):
-        found = _of_text(result, quantity)
+        found = np.asarray(_of_text(result, quantity))
     else:
         raise OptionError(f"{shown(quantity)} is no quantity: {NAME_A_QUANTITY}")
     if found.shape[:1] != result.t.shape or found.dtype.kind not in "fi":

@@ -185,6 +185,8 @@ class Check(ListsAttributes):
         lines += [f"  {names}: {text}" for names, text in _grouped((f"joint '{c}'", text) for c, text in self.remarks.items())]
         lines += [f"  joint '{name}': its point is {away:.3g} m beside the link '{link}'"
                   for name, links in self.off_links.items() for link, away in links.items()]  # fmt: skip
+        flat = [b.name for _, b in p.model.bodies if b.principal_plane] if not self.planar else []
+        lines += [f"  inertia that is one number counts about z alone: {_listed(flat)}"] if flat else []
         lines += self._of_inputs()
         lines += _by_joint("  constraint equations left out because they follow from the others", self.redundant)
         lines += _by_joint("  reactions not unique", self.not_unique)

@@ -24,7 +24,17 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
-from mbdae.errors import FINAL, AccuracyWarning, ChatteringError, MbdaeError, OptionError, SolverError, WallClockError, keeping
+from mbdae.errors import (
+    FINAL,
+    AccuracyWarning,
+    ChatteringError,
+    MbdaeError,
+    OptionError,
+    SolverError,
+    WallClockError,
+    keeping,
+    warn,
+)
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.checkpoints.keeper import keeping_runs
@@ -214,7 +224,7 @@ class Job:
                 found = found._replace(notes=(*found.notes, *missed.notes))
             made.info = replace(info, accuracy=known, warnings=found.notes, reliable=found.reliable)
         for note in found.notes:
-            python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=5)
+            warn(f"scene '{self.prepared.model.scene.name}': {note}")
         return made
 
     @contextmanager

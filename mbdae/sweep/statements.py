@@ -117,8 +117,8 @@ def _fields(call: Mapping[str, Any], key: str, wanted: Sequence[str], name: str)
     `wanted`."""
     fields = (call.get(key) or {}).get("fields", {}) if isinstance(call.get(key), dict | None) else {}
     if not all(isinstance(fields.get(w), float | int | dict) for w in wanted):
-        raise OptionError(f"vary: '{name}' needs {' and '.join(wanted)} of a {key}, which this item was not given; "
-                          f"it was given {_listed(call)}")  # fmt: skip
+        raise OptionError(f"'{name}' cannot be varied: this item states no {name.rpartition('.')[2]}, nor {' and '.join(wanted)} "
+                          f"in its argument {key}; state it, or vary one of {_listed(call)}")  # fmt: skip
     return dict.__getitem__(call[key], "fields") if isinstance(call[key], dict) else fields
 
 
