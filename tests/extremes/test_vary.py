@@ -96,7 +96,7 @@ def test_arguments_of_the_scene_and_options_of_the_run():
     ({"hub.mass": [1.0]}, "no item 'hub' in scene 'machine'; it has 'crank', 'disc'"),
     ({"disc.colour": [1.0]}, "'disc.colour': there is no number 'colour' stated; there is mass, inertia"),
     ({"A.angle": [1.0]}, "'A.angle' stands for an expression, .* not for a number: vary the speed of a motion \\('A.speed'\\)"),
-    ({"A.clearance": [1.0]}, "needs outer and inner of a model"),
+    ({"A.clearance": [1.0]}, "states no clearance, nor outer and inner"),
     ({"mount.speed": [1.0]}, "'mount.speed': the item has no speed at the start"),
     ({"A.speed": [0.0]}, "multiples of the speed stated, 5; neither may be 0"),
     ({"disc.mass": (0.0, 1.0)}, "both need the same sign"),

@@ -138,7 +138,7 @@ def _name_motion(mechanics: Mechanics, G: Array, motion: Array) -> str:
             if node.kind.of_joint:
                 return _undetermined_coordinate(mechanics, G, node)
             how = _motion_in_words(motion[node.u : node.u + node.kind.sizes[1]], worst - node.u, node.kind.translations)
-            stated = any(b is not None and b.principal_plane for n, b in mechanics.model.bodies if n is node)
+            stated = not mechanics.model.planar and any(b.principal_plane for n, b in mechanics.model.bodies if n is node)
             flat = "; inertia that is one number counts about z alone, in space give three" if stated else ""
             return (f"body '{node.name}' can {how} without any inertia: "
                     f"give it mass or inertia, or a joint that stops this motion{flat}")  # fmt: skip
