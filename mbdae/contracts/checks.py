@@ -254,7 +254,7 @@ def inertia(case: Case) -> Iterator[Measured]:
     up = np.stack([values[f"{b.side}_up{i + 1}"] for i in range(u.shape[1])], axis=-1)
     F = covector(case, values)
     stepped = values | {str(s): u[:, i] + 1j * STEP * up[:, i] for i, s in enumerate(b.u)}
-    dT = case.evaluate(scalars, stepped).imag.sum(axis=1) / STEP  # over one column, the kinetic energy, or none (no mass)
+    dT = case.evaluate(scalars, stepped).imag.sum(axis=1) / STEP  # one term, the kinetic energy, or none without mass
     yield from compared(["dT/dt"], power_on(case, F, {b.side: u})[:, None], dT[:, None])
     if b.kind is NodeKind.SPATIAL:
         L, L_dot = (_angular_momentum(case, values, b, w) for w in (u, up))

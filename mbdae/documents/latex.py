@@ -18,7 +18,7 @@ HEAD = r"\documentclass[a4paper,10pt]{article}" + "\n" + PACKAGES + r"""\usepack
 #: text between two consecutive equations: a line end replaces it, so that they share one display
 _NEXT = "\n\\end{gather*}\n\n\\begin{gather*}\n"
 _SPACE = r"\s+(?=[^$]*(?:\$[^$]*\$[^$]*)*$)"  #: regular expression of the blanks between words, outside of `$...$`
-WIDEST = 44.0  #: largest width of a line in em; wider lines are scaled down
+WIDEST = 44.0  #: width of a line in em above which the whole formula is scaled to 0.9 of the text width
 LETTERS = 76.0  #: largest width of a line in letters; wider formulas are broken between terms
 _LEVELS = {2: "section", 3: "subsection", 4: "subsubsection"}
 

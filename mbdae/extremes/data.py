@@ -41,7 +41,7 @@ class ExtremesData(ListsAttributes):
     """All cells of a map. `silent`, the runs that missed the accuracy without a warning, should be empty."""
 
     scene: str
-    t_end: float  #: end time, s
+    t_end: float  #: end time of the unvaried scene, s; a cell may have one of its own
     accuracy: float
     measure: str | None
     what: str  #: definition of the error, in words

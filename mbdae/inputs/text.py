@@ -198,7 +198,7 @@ class _Reader:
         if kind == "name":
             return self._named(text)
         if text != "(":
-            raise ValueError(f"a number, t or a function is expected, not {_quoted(text)}")
+            raise ValueError(f"a number, t, a sensor, a function or a bracket is expected, not {_quoted(text)}")
         found = self._expression(0)
         self._expect(")")
         return found
@@ -236,7 +236,8 @@ class _Reader:
     def _named(self, name: str) -> _Read:
         if self._next() != "(" or self.tokens[self.at][0] != "sign":
             if name not in _CONSTANTS:
-                raise ValueError(f"{name!r} is no sensor and none of the names {', '.join(_CONSTANTS)}")
+                raise ValueError(f"{name!r} is unknown: write a sensor by its path, such as 'rod.position[0]', or one of "
+                                 f"{', '.join(_CONSTANTS)}")
             return _Read(_CONSTANTS[name], 1)
         if name == "Piecewise":
             return self._piecewise()

@@ -188,7 +188,8 @@ def _prepared(header: dict[str, Any], scene: SceneData, start: Start) -> Prepare
     if unknown:
         raise BadValueError(f"the scene in the file has no constraint {shown(unknown[0])}, which the file's run has")
     if sorted(stored["kept"] + stored["dropped"]) != sorted(rows):
-        raise BadValueError("the constraints that the file's run kept and dropped are not those of the scene in the file")
+        raise BadValueError("the constraints that the file's run kept and dropped are not those of the scene in the file: it "
+                            "was changed or damaged")  # fmt: skip
     lists = {what: [rows[name] for name in stored[what]] for what in _RANK}
     doubtful = [(rows[name], size) for name, size in stored["doubtful"]]
     rank = RankReport(**lists, doubtful=doubtful, degrees_of_freedom=stored["degrees_of_freedom"], smallest=stored["smallest"])
@@ -338,7 +339,7 @@ def _check_times(header: dict[str, Any], arrays: dict[str, Array]) -> None:
     t, steps = arrays["t"], arrays["steps"]
     parts = np.split(arrays["part_t"], np.cumsum(header["run"]["dense"]["steps"])[:-1]) if "part_t" in arrays else []
     if not all(np.all(np.diff(times) > 0) for times in [steps, *parts]):
-        raise BadValueError("the times of the steps in the file do not increase")
+        raise BadValueError("the times of the steps in the file do not increase: it was changed or damaged")
     if not len(t):
         raise BadValueError("the file has no output times")
     slack = 1e-12 * float(np.max(np.abs(steps[[0, -1]])))

@@ -133,7 +133,8 @@ class SceneSweep(ListsAttributes):
     def _column(self, name: str) -> int:
         name = option("name", name, text, "give the name of an unknown")
         if self.names and name not in self.names:
-            raise OptionError(f"name = '{name}' is no unknown of these runs: there are {', '.join(self.names)}")
+            raise OptionError(f"name = '{name}' is no unknown of these runs (sensors are not stored): there are "
+                              f"{', '.join(self.names)}")  # fmt: skip
         return self.names.index(name) if self.names else 0
 
     @property

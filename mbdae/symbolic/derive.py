@@ -39,7 +39,8 @@ def derive(cls: type[Law], structure: Structure, sides: tuple[Side, ...]) -> Der
     names = (*side_names(law), *structure.feeds.sides)
     frames = tuple(make_frame(s, *side) for s, side in zip(names, sides, strict=True))
     if structure.timed and cls.timeless:
-        raise LawError(f"{cls.__name__}: {min(structure.timed)} may not depend on time; give a number")
+        raise LawError(f"{cls.__name__}: {min(structure.timed)} is a parameter that cannot depend on time, sensors or "
+                       "controllers; give a number")  # fmt: skip
     for name, frame in zip(law.own_coordinates, frames[len(law.frames) :], strict=False):
         setattr(law, name, frame.q[0] if frame.kind is NodeKind.COORDINATE else Rotation(tuple(frame.q), frame.body, frame.spin))
     clock = _clock(structure.timed)

@@ -122,7 +122,7 @@ class System:
     yp0: Array
     sparsity: Any
     label: str = ""
-    #: characteristic time of the motion, s: collocation methods multiply errors of unknowns by (step / time)^(index - 1)
+    #: characteristic time of the motion, s: in error norms collocation methods weight unknowns by (step / time)^(index - 1)
     time: float = 1.0
     #: CSC pattern (n, n) of the entries that `jacobian_values` returns, None: not known; `sparsity` may be None all the same,
     #: where dense linear algebra is faster

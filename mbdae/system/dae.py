@@ -205,8 +205,8 @@ class DAE(System):
         for name, g, r, d in zip(chosen, gap, rate, duration, strict=True):
             if not (np.isfinite(g) and np.isfinite(r) and d > 0):
                 raise OptionError(
-                    f"guards of {name} at the start t = {self.t0:g} s: gap {g}, gap rate {r}, duration of an impact {d} s: "
-                    "gap and rate have to be finite, the duration positive (inf: no impact)"
+                    f"guards returns for {name} at the start t = {self.t0:g} s: gap {g}, gap rate {r}, duration of an impact "
+                    f"{d} s; return a finite gap and rate, and a positive duration (inf: no impact)"
                 )
         return chosen
 

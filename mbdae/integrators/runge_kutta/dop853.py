@@ -145,8 +145,8 @@ class _Run:
         return made
 
     def _looked_at(self, watch: StepWatch, made: Steps, closely: bool) -> tuple[int, float]:
-        """Number of steps that can be stored, and the largest length (s) of the next step where one of these hides something.
-        closely: whether it is a single step, to be examined for contacts too."""
+        """Number of steps before the first that may hide a contact or switch, and the largest length (s) of the next step,
+        finite only where a single step hides one. closely: whether it is a single step, in which contacts are sought too."""
         times = np.concatenate([[self.loop.t], made.t])
         states = np.concatenate([self.loop.state[0][None], made.y])
         inside = inside_of(radau_table(NODES), states[:-1], increments_of(states, made.inner))

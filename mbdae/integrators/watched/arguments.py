@@ -18,7 +18,7 @@ from mbdae.system.base import Array, Switches
 #: arguments beyond which a function counts as constant: -FLAT where it decays (exp(-25) = 1e-11), STEEP for sinh and exp,
 #: SATURATED for tanh (tanh 9 = 1 - 3e-8)
 FLAT, STEEP, SATURATED = 25.0, 40.0, 9.0
-#: range of ln|u| in which PHI of a power u^n varies; outside it is constant
+#: of a power u^n, PHI is ln|u|, limited to this range
 LOGARITHMS = (-90.0, 40.0)
 #: an extremum between points may exceed the value at the nearest point by this fraction of the difference to the point beside it
 BEYOND = 0.5

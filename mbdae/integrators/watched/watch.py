@@ -71,9 +71,9 @@ class StepWatch:
         return self.contacts is not None and self.contacts.native is None
 
     def kept(self, t: Array, y: Array, inside: Callable[..., Array], closely: bool) -> tuple[int, float]:
-        """How many of m steps, made already, can be accepted, and the largest length (s) of the next step where the one after
-        them hides a contact or switch. t (m+1,), y (m, n): times and states at the ends of the steps; inside: fractions (k,) of a
-        step, a slice of the steps (default all) -> y (m, k, n) on their polynomials.
+        """How many of m steps, made already, can be accepted, and the largest length (s) of the next step, finite only where a
+        single step hides a contact or switch. t (m+1,), y (m, n): times and states at the ends of the steps; inside: fractions
+        (k,) of a step, a slice of the steps (default all) -> y (m, k, n) on their polynomials.
 
         closely: it is a single step, in which contacts and switches are sought; else the native method has checked the contacts
         of all steps."""

@@ -119,7 +119,7 @@ class Assembly:
         where it is left out; above n the rows of loaded nodes."""
         block, nb = self.spec.rows[target[0]], self.numbering
         if block in ("q", "u"):
-            # where nodes share a displacement, only the node that has the unknowns has the row q' = u
+            # a component of q that is fixed, or that of another node, has no row q' = u here
             own = isinstance(self.model.groups[g].instances[i].law, Element)
             if own and block == "q" and nb.shares(nb.node_of(target, g, i), target[2], "q"):
                 return self.n

@@ -39,7 +39,8 @@ class Tree:
     joints: tuple[Place, ...]
     names: tuple[str, ...]  #: names of the joints
     members: tuple[Place, ...]
-    numbers: tuple[dict[str, float], ...]  #: numbers of the laws of the joints, in space with the quaternions of their axes
+    #: per joint: its parameters, places and axes on both bodies; in space also their quaternions
+    numbers: tuple[dict[str, float], ...]
 
     @property
     def moved_nodes(self) -> tuple[Node, ...]:

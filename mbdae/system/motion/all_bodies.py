@@ -150,7 +150,8 @@ class TreeMechanics(Mechanics):
             reduced = mass, np.einsum("tij,tj->ti", Tt, f - bias @ M), rows, right, units
             ud, lam = solve_constrained(*reduced, None if inner is None else Tt @ inner, E)
             acceleration = np.einsum("tij,tj->ti", T, ud) + bias
-            left = f - acceleration @ M  # sum of all reactions, as a force on the velocities
+            # G^T lambda, the sum of all reactions, once the friction that depends on lambda is added to f
+            left = f - acceleration @ M
             if inner is not None:
                 left += np.einsum("tij,tj->ti", inner, lam)
             if self.redundant:

@@ -59,7 +59,8 @@ def state_start_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 class Starter(ConsistentPositions):
     """Finds the start of a model: consistent positions, and velocities by projection."""
 
-    joints: JointMotions | None = None  #: in scenes with loops: the relative motions whose sum of squares is minimised
+    #: in scenes with loops: gives the relative velocities of all joints, the sum of whose squares is minimised
+    joints: JointMotions | None = None
 
     def run(self, q: Array, u: Array | None = None) -> Start:
         """The start at positions q (nq,) at which the loops are closed. u (nu,): velocities, which are projected on the

@@ -10,9 +10,9 @@ from mbdae.system.motion.mechanics import Mechanics, in_units
 from mbdae.system.start.rigid_beams import RigidMotions
 from mbdae.system.start.start import Start
 
-#: factor by which the scale of mu is larger than that of the positions. mu accumulates local errors of the positions and is not
-#: smooth: with the scale of the positions BDF rejects every second step (Andrews' squeezer, rtol 1e-9: 19692 steps instead of
-#: 1871)
+#: factor by which the scale of mu (stabilising multipliers of GGL) exceeds that of the positions. mu accumulates local errors of
+#: the positions and is not smooth: with the scale of the positions BDF rejects every second step (Andrews' squeezer, rtol 1e-9:
+#: 19692 steps instead of 1871)
 SLACK = 1e5
 
 
