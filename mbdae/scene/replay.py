@@ -305,10 +305,12 @@ def _repeat(scene: Any, entry: Statement, known: Known) -> None:
         raise SceneError([f"{method} takes other arguments than those stored ({difference}): correct the stored scene"]) from None
     given = dict(list(bound.arguments.items())[1:])
     further = given.pop("further", {})
+    options = {name for law in given.values() if isinstance(law, type) for name in getattr(law, "options", ())}
     for name, value in {**given, **further}.items():
         if value is None or (name in signature.parameters and signature.parameters[name].default is value):
             continue
-        if not (isinstance(value, _KINDS[name]) if name in _KINDS else _is_number(value)):
+        word = name in options and isinstance(value, str | bool)
+        if not (isinstance(value, _KINDS[name]) if name in _KINDS else word or _is_number(value)):
             raise SceneError([f"{name} = {shown(value)} cannot be stored or repeated, {_expected(name)} is expected: "
                               f"change it in the statement or in the stored scene"])  # fmt: skip
     getattr(type(scene), method)(scene, *arguments[0], **arguments[1])

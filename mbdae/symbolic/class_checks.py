@@ -27,6 +27,7 @@ UNDEFINED = ("half turn", "points together")  #: states in which a law may say t
 OF_STATES = ("rate", "rates", "initial")  #: methods called only where there are states
 FRAME = "r (point), v (its velocity), x, y, z (axes) and w (angular velocity)"
 DERIVED_NAME = re.compile(r"named\d+|(q|u|up)_c?\d+_\d+|clock_\d+_\d+|[kl]_P0")  #: names of derivations, refused in a class
+_COMPLEX: Any = type(2 * se.I)  #: exact complex numbers; those of complex steps are of another type
 _NO_EXPRESSIONS = (bool, np.bool_, str, bytes, complex, Mapping, Sequence, set, frozenset, np.ndarray, type)
 
 
@@ -48,7 +49,7 @@ def _expression(e: Any) -> Any:
     except Exception as error:
         raise _ReturnError(f"{shown(e)}, which is no expression that symengine knows") from error
     known = type(e).__module__.partition(".")[0] in ("symengine", "mbdae")
-    if getattr(e, "is_real", None) is False and getattr(e, "is_number", False):
+    if isinstance(e, _COMPLEX):
         raise _ReturnError(f"{shown(e)}, which is not real")
     if not known or is_condition(e):
         raise _ReturnError(f"{shown(e)}, which is no expression or number")

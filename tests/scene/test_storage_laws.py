@@ -318,3 +318,22 @@ def test_a_law_of_the_same_name_with_other_equations_is_refused(tmp_path):
     assert mb.load(tmp_path / "r.npz", laws=[as_it_was])["spring"].force[-1] == pytest.approx(r["spring"].force[-1])
     with pytest.raises(mb.OptionError, match=r"the law .*Spring states other equations than when the file was written"):
         mb.load(tmp_path / "r.npz", laws=[edited])
+
+
+class Choosing(mb.Joint):
+    """Holds one component of the distance of two points, chosen by a word."""
+
+    params = mb.params(length=("m", "length"))
+    options = ("direction",)
+
+    def constraints(self, k, l):
+        return {"row": (l.r - k.r)["xyz".index(self.direction)] - self.length}
+
+
+def test_an_option_that_is_a_word_is_stored(tmp_path):
+    s = mb.Scene("words", gravity=(0, -9.81, 0))
+    s.joint(Choosing, "j", s.ground, s.link("b", (1, 0), (2, 0), mass=1.0), at=(1, 0), length=0.0, direction="y")
+    r = s.simulate(0.1)
+    r.save(tmp_path / "words.mbd")
+    found = mb.load(tmp_path / "words.mbd", laws=[Choosing])
+    np.testing.assert_array_equal(found["b"].position, r["b"].position)
