@@ -80,7 +80,7 @@ def _law(what: Any, options: Mapping[str, Any]) -> tuple[type[Law], Structure, M
         return type(what), what.structure(timed), {p: getattr(what, p) for p in what.params}
     if isinstance(what, Part) or (isinstance(what, type) and issubclass(what, Part)):
         role = "friction" if issubclass(what if isinstance(what, type) else type(what), Friction) else "normal"
-        typical = OPTIONS[role]  # one class, whose expressions contain option values, with typical ones
+        typical = OPTIONS[role]  # of mbdae's own laws LuGre has options, without which it has no formulas: it gets typical ones
         part = typical if what is typical.cls else PartStructure(what, frozenset(), ()) if isinstance(what, type) else what
         return JournalContact, structure_of(JournalContact, {role: part, **options}), {}
     if isinstance(what, type) and issubclass(what, Law):

@@ -154,7 +154,7 @@ class Statement:
         #: names of the frames on which the law is stated, without those of free rotations that are unknowns
         self.sides = law.frames
         self.still = tuple(f.side for f in self.frames if not f.kind.moves)
-        #: symbols of the angles and displacements that are unknowns
+        #: symbol of every coordinate of the law (an angle or displacement) that is an unknown itself, by name
         self.coordinates: dict[str, Expr] = {name: c.q[0] for name, c in scalars.items()}
         rotations = {name: self._rotation(own[name]) for name in self.turning}
         self.values = self.coordinates | rotations  #: symbols of every coordinate that is an unknown, by name

@@ -145,7 +145,8 @@ class Result(RunStates, ListsAttributes):
         when = self.solution.t[-1:] if t is None else self.solution.times(t)[None]
         if [b.name for b in self.prepared.model.scene.bodies] != [b.name for b in scene.bodies]:
             raise OptionError(f"start: a state of scene '{self.prepared.model.scene.name}', which has other bodies than "
-                              f"'{scene.name}', cannot start it: give a state of a scene with the same bodies")  # fmt: skip
+                              f"'{scene.name}', cannot start it: "
+                              "give one of a scene with the same names of bodies in the same order")  # fmt: skip
         (q,), (u,), (s,) = self.states(when)
         known = {c.name for c in scene.joints if c.kept}
         here = self(when)

@@ -23,8 +23,8 @@ from mbdae.run.drift import ROUNDED, round_off
 from mbdae.run.hidden_contacts import stepped_over
 from mbdae.system.start.contacts import ExpectedContact
 
-#: smallest ratio of position tolerance to median penetration above which a result is doubtful; larger, three times
-#: `penetration_share`, for a solver with which that is more
+#: a result is doubtful where the ratio of position tolerance to median penetration is above this or, if that is more, above
+#: three times the solver's `penetration_share`
 COARSE = 0.1
 #: ratio of energy error to dissipated energy (with constant steps: to the energy exchanged) above which a result is not reliable
 ALARM = 0.1

@@ -97,9 +97,12 @@ def planned(job: SceneJob, values: Array) -> SceneJob:
         middle = tuple(float(np.median(values[:, i])) * BESIDE for i in range(len(job.names)))
         base = job.at(middle)
         lines = {name: _lines(base, name, values[:, i], job.t_end) for i, name in enumerate(job.names)}
-        named = [number for found in lines.values() for number in found]
-        if len(set(named)) < len(named):
-            raise _run_one_by_one("a batch varies each number of a law once; two names of the grid set the same one")
+        setting: dict[Any, str] = {}
+        for name, number in ((name, number) for name, found in lines.items() for number in found):
+            if number in setting:
+                raise _run_one_by_one(f"a batch varies each number of a law once; '{setting[number]}' and '{name}' of the grid "
+                                      "set the same one")  # fmt: skip
+            setting[number] = name
         _check_together(job, values)
         made = replace(job, middle=middle, lines=lines)
         _compare(made, values[[0, -1]])

@@ -24,8 +24,8 @@ LOGARITHMS = (-90.0, 40.0)
 BEYOND = 0.5
 #: an extremum is located where the scaled argument PHI may differ by more than this between it and the nearest point
 MATTERS = 0.25
-#: an extremum nearer to a kink (argument 0) than this fraction of the argument's change over the step may cross the kink; it is
-#: then located until its neighbouring points differ from it by at most this fraction of its value
+#: an extremum whose value is below this fraction of the argument's range in the step may cross the kink, at argument 0: it is
+#: located until its neighbouring points differ from it by at most this fraction of its value
 MARGIN = 1e-2
 #: a search in an interval evaluates SECTIONS points per round and goes on in a quarter (for an extremum) or an eighth of it; most
 #: rounds for an extremum (ROUNDS), and for the place where an argument passes a value (PLACES)

@@ -28,8 +28,9 @@ from mbdae.system.rank.sparse_redundancy import (
 from mbdae.system.start.start import Starter
 
 #: rows of unit length that are reported as nearly redundant: kept rows whose independent part (distance from the span of the rows
-#: before them) is between DEPENDENT and DOUBTFUL at the start, and rows left out whose distance from the span of the kept rows is
-#: above CERTAIN at the start or in another position in which the smallest singular value of the kept rows is above DOUBTFUL
+#: before them) is between DEPENDENT (2e-6, `rows`) and DOUBTFUL at the start, and rows left out whose distance from the span of
+#: the kept rows is above CERTAIN at the start or in another position in which the smallest singular value of the kept rows is
+#: above DOUBTFUL
 CERTAIN, DOUBTFUL = 1e-8, 1e-3
 STEPS = (0.3, 0.1, 0.03)  #: displacements (rad, or over the scene's length) tried in turn to reach another consistent position
 #: positions that are found without the rows that are dependent at the start are used, in the search for nearly redundant rows,

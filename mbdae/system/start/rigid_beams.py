@@ -14,7 +14,8 @@ from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import quaternion_product, rotation_matrices, rotation_of, turned
 
-FULL = 400  #: number of coordinates up to which rows are stored as full arrays; above it they are sparse
+#: number of coordinates up to which the rows that give the stated velocities of bodies are full arrays; above it they are sparse
+FULL = 400
 
 
 class RigidMotions:
