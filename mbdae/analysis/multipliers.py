@@ -7,7 +7,6 @@ up to multiples of 2 pi / T.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -23,7 +22,7 @@ from mbdae.analysis.mesh import OnMesh, finer
 from mbdae.analysis.monodromy import Departures, departures, propagated
 from mbdae.analysis.orbit import check_return, followed
 from mbdae.analysis.shapes import Mode, Modes, motion, participants, scaled, shares
-from mbdae.errors import AccuracyWarning, MbdaeError, SolverError, naming_arguments
+from mbdae.errors import MbdaeError, SolverError, naming_arguments, warn
 from mbdae.formulations import system_for
 from mbdae.notation import counted
 from mbdae.scene.scene import SceneData
@@ -249,7 +248,7 @@ def _judged(found: Found, asked: Array, worst: float, accuracy: float) -> Found:
     if worst > accuracy:
         text = (f"floquet: the multipliers have relative errors of up to {worst:.1e} with {found.steps} steps a period, and more "
                 f"do not help; accuracy = {accuracy:g} was asked: ask for fewer modes (count=) or a looser accuracy")  # fmt: skip
-        warnings.warn(text, AccuracyWarning, stacklevel=5)
+        warn(text)
     decayed = np.abs(found.values) <= LOST * np.max(np.abs(found.values), initial=0.0)
     all_asked = bool(np.all(asked | decayed))
     keep = np.logical_or(asked, found.change <= max(worst, accuracy)) | (decayed & all_asked)

@@ -13,6 +13,7 @@ from mbdae.deferred import median
 from mbdae.results.result import Result
 from mbdae.scene.topology import spanning_tree
 from mbdae.system.base import Array
+from mbdae.system.motion.mechanics import row_sizes
 from mbdae.system.rank.dependencies import Dependency, dependencies
 
 SAMPLES = 200  #: largest number of positions evaluated along the run
@@ -81,8 +82,9 @@ def singular_stop(result: Result) -> str:
 def _why(before: Result, near: list[Dependency], usual: float) -> str:
     """Why the run `before` a stop comes to a singular position, and what to do; usual: the median of the smallest singular value.
     With the curvature c of the rows, a violation of them by e changes the square of that value by 2 c e."""
-    mechanics = before.prepared.with_all_rows
-    off = float(np.max(np.abs(mechanics.position_residual(before.t, before.q)))) / mechanics.model.length
+    prepared, mechanics = before.prepared, before.prepared.with_all_rows
+    violated = np.max(np.abs(mechanics.position_residual(before.t, before.q)), axis=0)
+    off = float(np.max(violated / row_sizes(mechanics, prepared.start.t, prepared.start.q)))
     drifted = f"the rows have drifted by {off:.1e} of the scene's length, or rad"
     drifts = before.info.form == "Index1"  # the other forms hold the rows
     if drifts and off > DRIFTED:
@@ -120,9 +122,9 @@ def _dependencies(result: Result, t: float, below: float = 0.0) -> list[Dependen
 
 def _named(result: Result, near: list[Dependency]) -> str:
     """The loops, by the joints that close them, whose rows take part most in the dependencies."""
-    rows, names = result.prepared.with_all_rows.rows, dict[str, None]()
+    rows, loops, names = result.prepared.with_all_rows.rows, _loops(result), dict[str, None]()
     for one in near:
-        shares = dict.fromkeys(_loops(result), 0.0)
+        shares = dict.fromkeys(loops, 0.0)
         for row, coefficient in zip(rows, one.rows.tolist(), strict=True):
             joint = row.name.rsplit(".", 1)[0]
             if joint in shares:

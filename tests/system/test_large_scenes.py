@@ -241,3 +241,16 @@ def test_a_damaged_file_of_steps_is_named(damage, monkeypatch):
         np.save(path, np.zeros(3))
     with pytest.raises(mb.SolverError, match=r"000002\.npy"):
         rows.array(61)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 7])
+def test_many_bodies_with_few_rows(rows):
+    """Rows are sparse because of the bodies; Arnoldi's method finds fewer singular values than there are rows."""
+    s = mb.Scene("cloud", gravity=(0, -9.81, 0))
+    for i in range(220):
+        s.rigid_body(f"b{i}", 1.0, 0.1, at=(i, 0))
+    for i in range(rows):
+        s.point_on_line(f"p{i}", s.ground, f"b{i}", at=(i, 0), axis=(1, 0, 0))
+    r = s.simulate(0.1)
+    assert r.prepared.with_all_rows.large
+    np.testing.assert_allclose(r.smallest_singular_value, 1.0, rtol=1e-6)

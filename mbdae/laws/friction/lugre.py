@@ -6,11 +6,10 @@ C. Canudas de Wit, H. Olsson, K.J. Astrom, P. Lischinsky, IEEE Trans. Automat. C
 from __future__ import annotations
 
 import math
-import warnings
 
 import symengine as se
 
-from mbdae.errors import AccuracyWarning
+from mbdae.errors import warn
 from mbdae.laws.friction.base import Friction, magnitude
 from mbdae.symbolic.part import Parameter, checked_value, params
 from mbdae.symbolic.vectors import Expr
@@ -50,7 +49,7 @@ class LuGre(Friction):
             raise self.refuse("mu_s", f"is below mu_k = {self.mu_k:g}: breaking away takes at least the force of sliding; give "
                                       f"at least mu_k")  # fmt: skip
         for doubt in self.doubts():
-            warnings.warn(doubt, AccuracyWarning, stacklevel=2)
+            warn(doubt)
 
     def _curve(self, v: Expr) -> Expr:
         """g(v), m."""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from mbdae.errors import AccuracyWarning, OptionError, SolverError
+from mbdae.errors import OptionError, SolverError, warn
 from mbdae.inputs.breaks import beyond
 from mbdae.inputs.sensed import paths
 from mbdae.integrators.base import Solver, output_times
@@ -84,7 +83,7 @@ class Watched:
         found = job.result(run, verify)
         found.info = replace(found.info, events=events, warnings=(*found.info.warnings, *notes))
         for note in notes:
-            warnings.warn(f"scene '{job.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)
+            warn(f"scene '{job.prepared.model.scene.name}': {note}")
         return found
 
     def _check_tables(self, begin: float, end: float) -> None:

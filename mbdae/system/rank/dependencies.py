@@ -47,8 +47,7 @@ def dependencies(mechanics: Mechanics, rank: int, t: float, q: Array, below: flo
     """The dependencies of rows at time t (s) and positions q (nq,), the one with the smallest value first: this one, and further
     ones (up to `rows.MOST_TRIPLETS` in all) with values less than `below`. rank: of all rows, redundant ones among them."""
     at, here = np.array([t]), q[None]
-    many = mechanics.sparse_constraint_jacobian if mechanics.large else mechanics.constraint_jacobian
-    (G,) = many(at, here)
+    G = mechanics.constraint_matrix(at, q)
     lengths = row_lengths(in_units(mechanics, G))[:, 0]
     rates = mechanics.velocity_residual(at, here, np.zeros((1, mechanics.nu)))[0] / lengths
     found = []

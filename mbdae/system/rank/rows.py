@@ -48,18 +48,26 @@ def smallest(B: Any, rank: int) -> float:
     where there are no rows."""
     if not rank:
         return 1.0
+    B = _full_where_few(B)
     return _smallest_sparse(B, rank, 1)[0][0] if issparse(B) else float(np.linalg.svd(B, compute_uv=False)[rank - 1])
 
 
 def smallest_triplets(B: Any, rank: int, below: float) -> list[tuple[float, Array, Array]]:
     """Singular values of unit rows B (m, n) with their left and right singular vectors, w (m,) and v (n,): the smallest that is
     not 0 because of the rank, and those less than `below`, MOST_TRIPLETS at most, in rising order."""
+    B = _full_where_few(B)
     if issparse(B):
         found = _smallest_sparse(B, rank, MOST_TRIPLETS)
     else:
         left, sizes, right = np.linalg.svd(B, full_matrices=False)
         found = [(float(sizes[i]), left[:, i], right[i]) for i in range(rank - 1, max(rank - 1 - MOST_TRIPLETS, -1), -1)]
     return [one for i, one in enumerate(found) if i == 0 or one[0] < below]
+
+
+def _full_where_few(B: Any) -> Any:
+    """Sparse rows as a full array where they are as few as MOST_TRIPLETS: Arnoldi's method finds fewer values than there are
+    rows."""
+    return B.toarray() if issparse(B) and B.shape[0] <= MOST_TRIPLETS else B
 
 
 def _smallest_sparse(B: Any, rank: int, count: int) -> list[tuple[float, Array, Array]]:
