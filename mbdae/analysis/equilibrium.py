@@ -172,7 +172,7 @@ def as_result(statics: Statics, point: Point) -> Equilibrium:
     rest = Instant("Newton", point.y[None], point.yp[None])
     solution = Solution(t, rest.y, rest.yp, None, stats, rest, statics.system.names, True, rest)
     known = Accuracy(None, None, has_mesh=bool(prepared.model.lines), unknown=CLAIMED)
-    info = RunInfo(rest, "Index3", known, stats)
+    info = RunInfo(rest, statics.system.label, known, stats)
     result = Equilibrium(replace(prepared, start=start), solution, info, t)
     result.point, result.kinds = point, statics.kinds
     result.frame, result.load_factor, result.iterations = statics.rest.frame.name, point.load_factor, point.iterations

@@ -32,6 +32,12 @@ class Form(ABC):
         """The variant of this form for a solver that can integrate unknowns up to the differentiation index `highest`."""
         return self
 
+    def within(self, highest: int) -> bool:
+        """Whether a solver that integrates unknowns up to the index `highest` (0: ordinary differential equations only) takes
+        this form, in its variant for that solver."""
+        spec = self.for_index(highest).spec()
+        return max(spec.index.values()) <= highest if highest else not spec.multipliers
+
     def for_time(self, characteristic: float) -> Form:
         """This form with those options filled in that depend on the characteristic time (s) of a scene."""
         return self

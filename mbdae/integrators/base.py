@@ -81,6 +81,11 @@ class Solver(ABC):
         return False
 
     @property
+    def bdf_order(self) -> int:
+        """Highest order of its backward differentiation formulas, which add energy to undamped motion above order 2; else 0."""
+        return 0
+
+    @property
     def shipped(self) -> bool:
         """Whether mbdae ships the method and has measured its orders; runs of other methods are compared with a second method."""
         return type(self).__module__.partition(".")[0] == __name__.partition(".")[0]
@@ -122,6 +127,11 @@ class Solver(ABC):
         if self.fixed:
             return None
         return self.tolerance / (self.factor(form_label) if self.factors else 1.0)
+
+    @property
+    def at_best(self) -> float | None:
+        """The smallest accuracy that rtol delivers in any form measured; None without an rtol or measurements."""
+        return self.rtol / max(self.factors[self.label].values()) if self.rtol and self.label in self.factors else None
 
     def at_accuracy(self, accuracy: float, form_label: str) -> Self:
         """This solver with the rtol that delivers `accuracy` in the given form; itself where the step is fixed."""

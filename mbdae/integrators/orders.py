@@ -137,8 +137,8 @@ def _closed_form(exact: Callable[[Array], Array], system: System) -> tuple[Refer
 def _reference(solver: Solver, system: System, span: float, counts: tuple[int, ...]) -> tuple[Reference, dict[str, float]]:
     """Values by Radau IIA with many steps, and the difference from Radau IIA with another number of stages."""
     many = min(lcm(*counts), 4 * counts[-1])  # if small enough a common multiple, so that ends of steps coincide
-    stages = (3, 5) if solver.label == "RadauIIA(5)" else (5, 3)
-    runs = [_with_steps(RadauIIA(s), span, many).solve(system, system.t0 + span) for s in stages]
+    methods = sorted((RadauIIA(5), RadauIIA(3)), key=lambda method: method.label == solver.label)
+    runs = [_with_steps(method, span, many).solve(system, system.t0 + span) for method in methods]
     t = runs[0].t[runs[0].t >= system.t0 + BEGIN * span]
     apart = _distances(_parts(system, runs[1](t)), _parts(system, runs[0](t)))
     return lambda at: _parts(system, runs[0](at)), {part: max(apart[part], ROUND_OFF) for part in apart}

@@ -98,9 +98,9 @@ def choose(prepared: Prepared, stated: SceneData, accuracy: float, form: Form | 
 
 def unknowns(p: Prepared, form: Form, highest_index: int) -> int:
     """Number of unknowns of a form for a solver that takes unknowns up to index `highest_index`."""
-    multipliers = {"GGL": 2, "Index3": 1, "Index1": 1 if highest_index else 0}.get(form.label, 0)
-    stresses = sum(len(line.stresses) for line in p.model.lines) if highest_index > 1 else 0
-    return p.all_bodies.nq + p.all_bodies.nu + len(p.mechanics.numbering.states) + stresses + multipliers * len(p.rows)
+    spec = form.for_index(highest_index).spec()
+    stresses = sum(len(line.stresses) for line in p.model.lines) if spec.mixed else 0
+    return p.all_bodies.nq + p.all_bodies.nu + len(p.mechanics.numbering.states) + stresses + spec.multipliers * len(p.rows)
 
 
 def alternatives(choice: Choice, given: Form | None) -> Iterator[tuple[Solver, Form]]:
@@ -110,21 +110,21 @@ def alternatives(choice: Choice, given: Form | None) -> Iterator[tuple[Solver, F
     form = given if given is not None else default_form(prepared)
     if not isinstance(choice.solver, RadauIIA):
         yield RadauIIA(3), form
-    if not prepared.model.lines and not prepared.contacts and form.label != "Index3":
+    if not prepared.model.lines and not prepared.contacts and form.within(IDA.highest_index):
         yield IDA(), form
 
 
 def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[Solver, Form, str]:
     form = given if given is not None else default_form(prepared)
-    hard = _hard(prepared) or ("only Radau takes index 3" if form.label == "Index3" else "")
+    hard = _hard(prepared) or ("" if form.within(IDA.highest_index) else f"only Radau takes the index of form {form.label}")
     if hard:
         return RadauIIA(3), form, hard
     rates = Rates(prepared)
-    if isinstance(form, ODE):
+    if not form.spec().blocks:
         if rates.decay > STIFF or rates.oscillation > STIFF:
             return RadauIIA(3), form, f"stiff: {rates}"
         return DOP853(), form, "an ordinary differential equation that is not stiff"
-    if given is None or isinstance(given, Index1):
+    if given is None or given.within(DOP853.highest_index):
         eliminated = given or Index1()
         if not prepared.rank.degrees_of_freedom and (given or unknowns(prepared, GGL(), 2) > SMALL):
             return DOP853(), eliminated, "every motion is prescribed, so nothing can vibrate"

@@ -87,7 +87,7 @@ def reversing(prepared: Prepared, run: Solution) -> Iterator[tuple[str, float]]:
 def refuse_unresolved(prepared: Prepared, solver: Solver) -> None:
     """Raise OptionError where the rtol of a solver is too large to resolve contact or friction, with the largest that does."""
     wanted, rtol = largest_tolerance(prepared, solver), solver.rtol
-    tightest = solver.tightest.get("GGL", solver.tightest[""])
+    tightest = solver.tightest[""]
     for contact in prepared.contacts:
         if rtol is not None and rtol * contact.size > WRONG * contact.depth:
             raise OptionError(

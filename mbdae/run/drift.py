@@ -32,7 +32,7 @@ def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[s
 
     Constant steps, contacts and friction have a check of their own (`reliability`). Beams lose the energy of vibrations that long
     steps damp away (`lost_vibrations`), so that with beams only BDF is checked."""
-    prepared, order = result.prepared, _order(run)
+    prepared, order = result.prepared, run.solver.bdf_order
     supplied = has_power(prepared.mechanics)
     met = asked is not None and run.estimate <= asked
     elsewhere = prepared.contacts or prepared.mechanics.reactive or (prepared.model.lines and order <= 2)
@@ -69,13 +69,6 @@ def _at_rest(prepared: Prepared, tolerance: float) -> float:
     return min(masses, default=0.0) * (tolerance * prepared.length / prepared.time) ** 2 / 2
 
 
-def _order(run: Controlled) -> int:
-    """Highest order of a run with BDF; 0 for other methods."""
-    if run.solver.label == "IDA" or "BDF" in run.solver.label:
-        return int(getattr(run.solver, "max_order", None) or 5)
-    return 0
-
-
 def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:
     """A warning where the violation g of a constraint row, relative to its size, or its rate G u + g_t, relative to its size and
     the scene's speed, exceeds the accuracy asked; where none was asked, the accuracy expected of the tolerance."""
@@ -83,8 +76,7 @@ def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> lis
     if not m.m:
         return []
     if asked is None:
-        factors = solver.factors.get(solver.label, {}).values()
-        asked = solver.rtol / max(factors) if solver.rtol and factors else 1e-6
+        asked = solver.at_best or 1e-6
     t = run.solution.t[:: len(run.solution.t) // SAMPLES + 1]
     q, u, _ = prepared.states(t, run.solution(t))
     speed = max(prepared.length / prepared.time, m.speed(u))

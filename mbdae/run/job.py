@@ -199,7 +199,7 @@ class Job:
         accelerations only; "" where none need be tried."""
         if not run.estimate <= self.accuracy:
             return f"came to {run.estimate:.1e}"
-        doubts = [*run.notes, *joint_drift(self.prepared, run, self.accuracy)] if self.form.label == "Index1" else []
+        doubts = [*run.notes, *joint_drift(self.prepared, run, self.accuracy)] if self.form.spec().drifts else []
         return f"warned: {doubts[0]}" if doubts else ""
 
     def result(self, run: Controlled, verify: bool = False) -> Result:
@@ -215,7 +215,7 @@ class Job:
             info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, (), self.choice)
             times = self.times[self.times <= run.solution.t[-1]]
             made = Result(self.prepared, run.solution, info, times)
-            found = kept_value(lambda: assessed(made, run, self.form.label == "Index1"), tuple, lambda kept: Assessment(*kept))
+            found = kept_value(lambda: assessed(made, run, self.form.spec().drifts), tuple, lambda kept: Assessment(*kept))
             known = found.within(known)
             if found.reliable and not found.singular:  # else a warning already says that the run is not to be relied on
                 missed = kept_value(lambda: rechecked(self.prepared, self.form, self._system(run.solver), run, known.asked),
@@ -245,7 +245,7 @@ class Job:
                 made = Result(self.prepared, solution, info, self.times[self.times <= solution.t[-1]])
                 error.solution = made  # type: ignore[union-attr]
                 stopped = isinstance(error, SolverError) and not isinstance(error, WallClockError | ChatteringError)
-                if stopped and (place := singular_stop(made)):
+                if stopped and (place := singular_stop(made, self.form.spec().drifts)):
                     stop, _, message = str(error).partition(": ")
                     error.args = (f"{stop}: {place} (solver: {message})",)
             raise

@@ -42,7 +42,7 @@ class FineRun:
     def __init__(self, prepared: Prepared, form: Form, run: Solution, accuracy: float) -> None:
         self.prepared, self.form, self.run = prepared, form, run
         method = RadauIIA(3)
-        wanted = accuracy / FINER * method.factors[method.label][form.label]
+        wanted = accuracy / FINER * method.factor(form.label)
         self.solver = RadauIIA(3, rtol=max(wanted, 10 * method.tightest.get(form.label, method.tightest[""])))
 
     def difference(self, suspect: Suspect) -> float:
@@ -159,4 +159,4 @@ def _expected(solver: Solver) -> float:
     """The accuracy expected of a tolerance; UNCONTROLLED for constant steps."""
     if not solver.rtol:
         return UNCONTROLLED
-    return max(10.0, 1 / max(solver.factors.get(solver.label, {"": 0.1}).values())) * solver.rtol
+    return max(10.0 * solver.rtol, solver.at_best or 0.0)

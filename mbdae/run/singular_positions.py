@@ -58,10 +58,10 @@ def singular_passages(result: Result, asked: float | None) -> list[str]:
     return []
 
 
-def singular_stop(result: Result) -> str:
+def singular_stop(result: Result, drifts: bool = False) -> str:
     """A sentence on the singular position at which a run stopped, or which it came near to; empty where there is none. Near a
     turning point of a loop the square of the singular value falls linearly with time: its last two values show whether two more
-    steps of the same length would reach 0."""
+    steps of the same length would reach 0. drifts: whether the form of the run lets joints drift (`FormSpec.drifts`)."""
     if not _loops(result) or len(result.solution.t) < 2:
         return ""
     last = result.solution.t[-LAST:]
@@ -76,17 +76,17 @@ def singular_stop(result: Result) -> str:
     loops = _named(result, near)
     come = "comes" if loops.startswith("the loop ") else "come"
     return (f"near t = {when:.9g} s {loops} {come} to a singular position (smallest singular value of the rows {value:.1e}, "
-            f"usually {usual:.1e}), {_why(before, near, usual)}")  # fmt: skip
+            f"usually {usual:.1e}), {_why(before, near, usual, drifts)}")
 
 
-def _why(before: Result, near: list[Dependency], usual: float) -> str:
-    """Why the run `before` a stop comes to a singular position, and what to do; usual: the median of the smallest singular value.
-    With the curvature c of the rows, a violation of them by e changes the square of that value by 2 c e."""
+def _why(before: Result, near: list[Dependency], usual: float, drifts: bool) -> str:
+    """Why the run `before` a stop comes to a singular position, and what to do; usual: the median of the smallest singular value;
+    drifts: as of `singular_stop`. With the curvature c of the rows, a violation of them by e changes the square of that value by
+    2 c e."""
     prepared, mechanics = before.prepared, before.prepared.with_all_rows
     violated = np.max(np.abs(mechanics.position_residual(before.t, before.q)), axis=0)
     off = float(np.max(violated / row_sizes(mechanics, prepared.start.t, prepared.start.q)))
     drifted = f"the rows have drifted by {off:.1e} of the scene's length, or rad"
-    drifts = before.info.form == "Index1"  # the other forms hold the rows
     if drifts and off > DRIFTED:
         return f"after {drifted}: take a smaller accuracy, or mb.GGL(), which holds them"
     may = drifts and 2 * near[0].curvature * off > (NEARBY * usual) ** 2

@@ -56,7 +56,7 @@ def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, ask
     radau, form = isinstance(run.solver, RadauIIA), default_form(prepared)
     other: Solver = IDA() if radau else RadauIIA(3)
     if prepared.model.lines:  # with beams not IDA, whose steps would have to resolve the fastest vibrations
-        other = RadauIIA(2) if radau and run.solver.label == "RadauIIA(3)" else RadauIIA(3)
+        other = next(method for method in (RadauIIA(3), RadauIIA(2)) if method.label != run.solver.label)
         form = replace(form, waves=True)  # type: ignore[type-var]
     system = system_for(prepared, form, other.highest_index)
     controlled = run_controlled(system, prepared, other, max(accuracy / 10, 1e-10), asked, np.array([asked.t_end]))

@@ -76,6 +76,11 @@ class CVODE(Solver):
         """Name with the kind of method."""
         return f"CVODE ({self.method})"
 
+    @property
+    def bdf_order(self) -> int:
+        """Highest order of its formulas; 0 for Adams."""
+        return 0 if self.method == "Adams" else self.max_order or HIGHEST[self.method]
+
     def check(self, system: System) -> None:
         """Raise OptionError for a system without a right-hand side."""
         check_rates(self.label, system)

@@ -54,6 +54,11 @@ class IDA(Solver):
         set_tolerances(self)
         set_option(self, "max_order", whole, "BDF has orders 1 to 5", least=1, most=5)
 
+    @property
+    def bdf_order(self) -> int:
+        """Highest order of its formulas."""
+        return self.max_order
+
     def check(self, system: System) -> None:
         """Raise OptionError for an index above 1, and for loose tolerances with stiff beams."""
         highest = int(np.max(system.index))

@@ -31,3 +31,13 @@ class FormSpec:
     loads_only: bool = False
     numbers: Mapping[str, float] = field(default_factory=dict)
     eliminated: bool = False
+
+    @property
+    def multipliers(self) -> int:
+        """Number of multipliers that are unknowns for every constraint row."""
+        return 0 if self.eliminated else len(self.blocks)
+
+    @property
+    def drifts(self) -> bool:
+        """Whether constraints are imposed on velocities or accelerations only, so that joints may come apart slowly."""
+        return bool(self.blocks) and "g" not in self.rows
