@@ -47,7 +47,7 @@ from mbdae.run.choice import Choice, alternatives
 from mbdae.run.contact_tolerances import refuse_unresolved
 from mbdae.run.control import CLOSER, REPEATS, SHALLOW, UNTESTED, Controlled, cpu_of, run_controlled
 from mbdae.run.drift import joint_drift
-from mbdae.run.growth import growing, unfollowed
+from mbdae.run.growth.roots import growing, unfollowed
 from mbdae.run.hidden_contacts import hidden_contacts
 from mbdae.run.lost_vibrations import with_lost_vibrations
 from mbdae.run.recheck import Rechecked, rechecked
@@ -67,6 +67,8 @@ LOOSER, MOST = 10.0, 1e-3
 #: without contacts, and where the ratio of estimate to accuracy is below this, a tighter run is tried before one that resolves
 #: all vibrations of beams
 NEARLY = 10.0
+#: ratio of the first to the last estimate of a search above which the runs count as convergent
+CONVERGED = 10.0
 
 
 def _same(value: Any) -> Any:
@@ -184,7 +186,7 @@ class Job:
             if best is None or run.estimate < best[0].estimate:
                 best = run, job
             missed = job._missed(run)
-            if not missed or isinstance(solver, RadauIIA):
+            if not missed or isinstance(solver, RadauIIA) or _at_round_off(run):
                 break
             why = f"{solver.label} {missed}"
         if best is None:
@@ -247,6 +249,12 @@ class Job:
                     stop, _, message = str(error).partition(": ")
                     error.args = (f"{stop}: {place} (solver: {message})",)
             raise
+
+
+def _at_round_off(run: Controlled) -> bool:
+    """Whether the tolerance of a run is the smallest that round-off allows, and its estimates fell with the tolerance until then:
+    the other methods, whose smallest tolerances are larger, would come no nearer."""
+    return len(run.told) > 1 and run.told[-1][0] <= run.limit * (1 + 1e-9) and run.estimate < run.told[0][1] / CONVERGED
 
 
 def run_once(system: System, solver: Solver, asked: Asked) -> Controlled:

@@ -7,7 +7,7 @@ some disturbances at once. `growth` sees to it that the steps of a run follow wh
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -87,14 +87,16 @@ class Disturbances:
         return out
 
 
-def amplified(run: Solution) -> Callable[[], float | None]:
-    """A function that returns the growth of disturbances over a run (natural logarithm of the factor), None where not known."""
+@dataclass(frozen=True, eq=False)
+class Amplified:
+    """The growth of disturbances over a run (natural logarithm of the factor), None where not known; computed when it is called.
+    A copy in another process does not have the equations and returns None."""
 
-    def growth() -> float | None:
-        found = Disturbances(run.systems[0][1], run).growth() if run.systems else None
+    run: Solution
+
+    def __call__(self) -> float | None:
+        found = Disturbances(self.run.systems[0][1], self.run).growth() if self.run.systems else None
         return None if found is None else found[0]
-
-    return growth
 
 
 def decided_by_round_off(prepared: Prepared, run: Solution, frozen: float, accuracy: float) -> list[str]:
