@@ -31,7 +31,7 @@ from mbdae.results.states import states_of
 from mbdae.run.contact_tolerances import largest_tolerance, resolving
 from mbdae.run.estimate import Run, companions, estimated, share_of
 from mbdae.run.excitations import beginning_at, windows
-from mbdae.run.growth.roots import AT_LEAST, Growth, growing, unfollowed
+from mbdae.run.growth.roots import AT_LEAST, Growth, growing, unfollowed, unseen
 from mbdae.run.hidden_contacts import Hidden, hidden_contacts
 from mbdae.system.base import Array, System
 from mbdae.system.distance import distance
@@ -165,6 +165,10 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
             one for _, other in made for one in hidden_contacts(system, other, depth)]  # fmt: skip
         growth = growing(system, run.solution, run.solver, accuracy)
         bounds = unfollowed(growth)
+        if not bounds and not asked.bounds and made and unseen(growth):  # else such an estimate was made
+            measure = measure_of(system, prepared)
+            run = replace(run, estimate=max(run.estimate, estimated(system, solver, made, measure, outputs, AT_LEAST)))
+            bounds = () if run.estimate <= accuracy else unseen(growth)
         if not hidden and not of_companions and not bounds:
             return replace(run, growth=tuple(growth))
         runs, cpu = run.runs, run.cpu_s
