@@ -162,7 +162,13 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
     depth, runs, cpu = SHALLOW * accuracy * (1.0 if prepared is None else prepared.length), 0, 0.0
     for repeats in range(REPEATS + 1):
         made: list[Run] = []
-        run = _controlled(system, prepared, solver, accuracy, asked, outputs, made).after(runs, cpu)
+        try:
+            run = _controlled(system, prepared, solver, accuracy, asked, outputs, made).after(runs, cpu)
+        except SolverError as error:
+            if not asked.bounds or isinstance(error, FINAL):
+                raise
+            run = run.after(1 + len(made), cpu_of(error) + sum(other.stats.cpu_s for _, other in made))
+            return replace(run, estimate=math.inf, others=(), notes=(*run.notes, f"a run with shorter steps failed: {error}"))
         hidden = hidden_contacts(system, run.solution, depth)
         of_companions = [] if hidden or run.estimate <= accuracy else [
             one for _, other in made for one in hidden_contacts(system, other, depth)]  # fmt: skip
