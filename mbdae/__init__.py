@@ -136,6 +136,13 @@ class _Package(ModuleType):
         if not (name in _HOME and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """By name, so that functions of a script or notebook that say `mb.` reach the workers of a cluster: cloudpickle takes
+        modules of the class ModuleType alone."""
+        from importlib import import_module
+
+        return import_module, (self.__name__,)
+
 
 sys.modules[__name__].__class__ = _Package
 
