@@ -199,6 +199,14 @@ def warn(text: str) -> None:
     warnings.warn(text, AccuracyWarning, stacklevel=level)
 
 
+def say(text: str) -> None:
+    """Tell on the error stream, by Python's `logging` (logger "mbdae"), what goes another way or takes long: no part of a result,
+    and no doubt about it."""
+    import logging
+
+    logging.getLogger("mbdae").warning("mbdae: %s", text)
+
+
 def meant(name: str, known: Iterable[str]) -> str:
     """The question "did you mean ...? " with the known name closest to `name`, ignoring case; "" where no name is close."""
     by_letters = {one.lower(): one for one in known}

@@ -24,6 +24,7 @@ from mbdae.integrators.checkpoints.keeper import active
 from mbdae.integrators.checkpoints.record import Record
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Interpolant, Solution, Stats
+from mbdae.limits import came
 from mbdae.system.base import Array, System
 from mbdae.values import array, function, number, of_class, option, optional, sequence, set_option, several, shown, text, whole
 
@@ -47,8 +48,7 @@ class Solver(ABC):
     #: ratio of the tolerance of the companion run, whose distance from a run estimates its error, to that of the run; with
     #: contacts there are two companions, at this ratio to the power 1.5 and 0.5
     companion: ClassVar[float] = 10.0
-    #: factor on the longest step during an impact (IMPACT of `watched.contact_steps`) in runs whose error is estimated; it is
-    #: further reduced in each of them and enlarged in their companions (CLOSER_IMPACTS of `run.control`)
+    #: factor on the longest step during an impact in runs whose error is estimated (CLOSER_IMPACTS of `run.control` reduces it)
     impacts: ClassVar[float] = 1.0
     #: largest ratio of position tolerance to the penetration of a contact with which the penetration is accurate to some %
     penetration_share: ClassVar[float] = 0.01
@@ -58,8 +58,7 @@ class Solver(ABC):
     highest_index: ClassVar[int] = 1
     #: short name of the method on the command line; "": the name of the class in small letters
     word: ClassVar[str] = ""
-    #: whether a run stored on disk restarts the method at its checkpoints; False where `integrate` calls `loop.goes_on`
-    #: before its first step and `loop.keep` between steps
+    #: whether a run stored on disk restarts the method at its checkpoints; False where `integrate` calls `goes_on` and `keep`
     restarts: ClassVar[bool] = True
     rtol: float | None  #: relative tolerance; None: it is chosen from the accuracy asked for (in a direct call of `solve`, 1e-6)
 
@@ -186,7 +185,8 @@ class Solver(ABC):
                       asked.begin, asked.stop, record, asked.impacts) as loop, (
                           nullcontext() if record is None else record.guarding(loop)):  # fmt: skip
             solver._between_breaks(loop, asked)
-        return loop.solution()
+            came(solution := loop.solution())
+        return solution
 
     def _between_breaks(self, loop: StepLoop, asked: Asked) -> None:
         """Integrate from one break of the inputs of time to the next, with consistent values at the beginning of each part."""

@@ -12,11 +12,12 @@ from typing import Any, Self
 
 import numpy as np
 
-from mbdae.errors import OptionError, SolverError, WallClockError, interrupted
+from mbdae.errors import OptionError, SolverError, WallClockError, interrupted, keeping
 from mbdae.integrators.checkpoints.record import Record
 from mbdae.integrators.dense import joined
 from mbdae.integrators.kept_rows import Rows
 from mbdae.integrators.solution import Interpolant, Method, Outputs, Solution, Stats
+from mbdae.limits import check
 from mbdae.system.base import Array, System
 from mbdae.threads import one_thread
 
@@ -44,10 +45,8 @@ class StepLoop:
         record: Record | None = None,
         impacts: float = 1.0,
     ) -> None:
-        #: factor on the longest step during an impact
-        self.impacts = impacts
-        self.record = record
-        # whether the present stretch ends for a planned restart; CPU and wall time (s) of this run in earlier processes
+        self.impacts, self.record = impacts, record  # impacts: factor on the longest step during an impact
+        # whether the stretch ends for a planned restart; CPU and wall time (s) of this run in earlier processes
         self._planned, self._before = False, (0.0, 0.0)
         self.system, self.solver, self.t_end, self.run_end = system, solver, t_end, t_end
         self.stats = Stats()
@@ -101,6 +100,8 @@ class StepLoop:
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         self._threads.__exit__(kind, error, trace)
         self._clock()
+        if isinstance(error, MemoryError):
+            raise self.failure("the memory is used up: ask for less accuracy or a shorter run, or give it more memory", "") from error
         if isinstance(error, KeyboardInterrupt | SystemExit):
             self._interrupted(error)
         elif isinstance(error, SolverError):
@@ -110,10 +111,10 @@ class StepLoop:
 
     def _interrupted(self, error: KeyboardInterrupt | SystemExit) -> None:
         """Attach the solution so far to an exception that ends the process (Ctrl-C, or one raised by a user's handler)."""
-        whole = len(self._pieces) + 1  # a step of which only t or y was stored when the exception came is dropped
-        del self._t[whole:]
+        with keeping(None, "a second time, while what was computed was put together: it is lost"):
+            solution = self.solution()
         where = f"{self.solver.label} was interrupted at t = {self.t:.9g} s of {self.run_end:.9g} s"
-        interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", self.solution())
+        interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", solution)
 
     def _clock(self) -> None:
         self.stats.wall_s = time.perf_counter() - self._wall + self._before[1]
@@ -198,6 +199,7 @@ class StepLoop:
 
     def guard(self) -> None:
         """Check the wall time and the number of evaluations, and report progress."""
+        check("steps were made")
         now = time.perf_counter()
         if now - (self._wall if self._begin is None else self._begin) > self._max_wall:
             raise self.failure(f"max_wall = {self._max_wall:g} s of wall time is used up: raise max_wall, or loosen the "
@@ -319,7 +321,8 @@ class StepLoop:
             self._pieces.extend([next(inner) if have else None for have in part["have"][some]])
 
     def solution(self) -> Solution:
-        """The steps accepted so far."""
+        """The steps accepted so far; one of which only t or y was stored when an exception came is dropped."""
+        del self._t[len(self._pieces) + 1 :]
         t = np.array(self._t)
         y, yp = self._y.array(len(t)), self._yp.array(len(t))
         interpolant = self._interpolant(t, y, yp, self._pieces.array(len(t) - 1))

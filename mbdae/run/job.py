@@ -32,6 +32,7 @@ from mbdae.errors import (
     OptionError,
     SolverError,
     WallClockError,
+    interrupted,
     keeping,
     warn,
 )
@@ -40,6 +41,7 @@ from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.checkpoints.keeper import keeping_runs
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
+from mbdae.limits import furthest
 from mbdae.results.result import Result, RunInfo
 from mbdae.run.assessment import assessed
 from mbdae.run.checkpoint import kept_value
@@ -93,7 +95,7 @@ class Job:
         system = self._system(solver)
         if isinstance(system, WithoutMultipliers):
             system = system.strictly(strict)
-        with self._attaching(solver):
+        with self.attaching(solver):
             if not solver.fixed and solver.rtol is None and getattr(solver, "atol", None) is not None:
                 solver = solver.at_accuracy(self.accuracy, system.label)  # atol is the user's: one run, with the usual rtol
             if solver.fixed or solver.rtol is not None:
@@ -205,7 +207,7 @@ class Job:
     def result(self, run: Controlled, verify: bool = False) -> Result:
         """The Result with its warnings, each also issued as an AccuracyWarning; verify: compare with another method at a tenth of
         the accuracy, and beams with a finer mesh."""
-        with self._attaching(run.solver), keeping(run.solution, UNTESTED):
+        with self.attaching(run.solver), keeping(run.solution, UNTESTED):
             other = None
             if verify:
                 begin = time.process_time()
@@ -228,13 +230,15 @@ class Job:
         return made
 
     @contextmanager
-    def _attaching(self, solver: Solver) -> Iterator[None]:
+    def attaching(self, solver: Solver) -> Iterator[None]:
         """Context in which a run is made: where it fails or is interrupted, what was computed is attached to the error as a
         Result."""
         try:
             yield
         except (SolverError, KeyboardInterrupt, SystemExit) as error:
             solution, singular = getattr(error, "solution", None), self.prepared.rank.singular_here
+            if solution is None and (solution := furthest()) is not None and not isinstance(error, SolverError):
+                interrupted(error, f"interrupted: {UNTESTED}", solution)
             if isinstance(error, SolverError) and singular and error.time <= self.prepared.start.t:
                 error.args = (f"{error}; the scene starts in a singular position, where constraint {singular[0].name} depends on "
                               "the others: start it slightly away from that position",)  # fmt: skip
