@@ -20,6 +20,7 @@ from mbdae.errors import (
     meant,
     methods_naming_arguments,
 )
+from mbdae.forks import in_forked_process as in_forked_process  # first of all: forking may come while another module is imported
 from mbdae.memory import collector_paused
 
 if TYPE_CHECKING:

@@ -1,8 +1,8 @@
 """The steps of a run, stored row by row: in memory, and on disk where they take much memory.
 
-What does not fit into `IN_MEMORY` bytes goes to a temporary file (TMPDIR says where; it has no name on most systems, and goes with
-the process), which is mapped into memory in the end, so that a result reads from disk what is asked of it. Where there is no room
-or no folder for it, all rows stay in memory.
+What does not fit into `IN_MEMORY` bytes goes to a temporary file (TMPDIR says where; on most systems it has no name, and goes
+with the process), which is mapped into memory in the end, so that a result reads from disk what is asked of it. Where there is
+no room or no folder for it, all rows stay in memory.
 
 Ctrl-C may come between any two instructions. So what is stored is one tuple, `_state`, which is replaced as a whole after what it
 names is complete: rows are in it once, at every instant.
@@ -13,6 +13,7 @@ from __future__ import annotations
 import mmap
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from tempfile import TemporaryFile
 from typing import Any, NamedTuple
@@ -30,15 +31,15 @@ AT_ONCE = 2**22  #: bytes that are written to the disk at once: a signal waits f
 
 
 class Room:
-    """An array that grows in place, for rows that are joined. Joining many small arrays instead would leave their memory free, but
-    in pieces too small to be used again. given: whether other objects read the array, which is then never changed."""
+    """An array that grows in place, for rows that are joined. Joining many small arrays instead would leave their memory free,
+    but in pieces too small to be used again. given: whether other objects read the array, which is then never changed."""
 
     def __init__(self, own: Array, given: bool = False) -> None:
         self.own, self.given = own, given
 
     def resize(self, count: int, rows: int) -> None:
-        """Make room for `rows` rows, of which the first `count` are kept: in place, or in a new array where other objects hold the
-        present one."""
+        """Make room for `rows` rows, of which the first `count` are kept: in place, or in a new array where other objects hold
+        the present one."""
         if not self.given:
             try:
                 self.own.resize(rows, *self.own.shape[1:])
@@ -50,7 +51,8 @@ class Room:
         self.own, self.given = own, False
 
 
-class Block(NamedTuple):
+@dataclass(frozen=True)
+class Block:
     """The first `count` rows in a room."""
 
     room: Room
@@ -88,7 +90,7 @@ class Spill:
     whether other objects read it."""
 
     def __init__(self, name: str) -> None:
-        self.file = TemporaryFile(prefix=f"mbdae-{name}-", buffering=0)
+        self.file = TemporaryFile(prefix=f"mbdae-{name}-", buffering=0)  # noqa: SIM115 - open as long as its rows are read
         self.process, self.given = os.getpid(), False
 
     def __del__(self) -> None:
@@ -188,8 +190,8 @@ class Rows:
         block = _joined(parts, tail)[0]
         found, mapped = self._on_disk(saved, block) if saved else (block.given(), False)
         # views of the result, so that rows are not stored twice
-        kept = (len(found) - 1, ()) if mapped else (0, (Block(Room(found, True), len(found) - 1),))
-        self._state = State(*kept, [found[-1]])
+        before = len(found) - 1
+        self._state = State(before, (), [found[-1]]) if mapped else State(0, (Block(Room(found, True), before),), [found[-1]])
         return found[:count]
 
     def _on_disk(self, saved: int, block: Block) -> tuple[Array, bool]:
@@ -246,7 +248,7 @@ def _say_full(reason: str) -> None:
 
 def _put(file: Any, place: int, rows: Array) -> None:
     """Write rows to a file without buffer, from a place (bytes) on."""
-    left = memoryview(np.ascontiguousarray(rows)).cast("B")
+    left = memoryview(np.ascontiguousarray(rows).data).cast("B")
     file.seek(place)
     while len(left):
         left = left[file.write(left[:AT_ONCE]) :]

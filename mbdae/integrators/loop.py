@@ -6,13 +6,14 @@ import sys
 import time
 from array import array
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import fields
 from math import inf
 from typing import Any, Self
 
 import numpy as np
 
-from mbdae.errors import OptionError, SolverError, WallClockError, interrupted, keeping
+from mbdae.errors import ENDS, OptionError, SolverError, WallClockError, interrupted, keeping
 from mbdae.integrators.checkpoints.record import Record
 from mbdae.integrators.dense import joined
 from mbdae.integrators.kept_rows import Rows
@@ -65,10 +66,9 @@ class StepLoop:
         self._systems: list[tuple[float, System]] = [(float(system.t0), system)]
         self._restarted = 0  # number of the step at which the run was restarted last
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the restart there
-        #: number of a kink -> sign changes of its argument in the whole run, and time of the first (`watched.chattering`)
+        #: number of a kink -> sign changes of its argument in the run, and time of the first (`watched.chattering`)
         self.switched: dict[int, tuple[int, float]] = {}
-        # number of a step -> y and yp after the restart there, of restarts in an earlier process
-        self._anew: dict[int, tuple[Array, Array]] = {}
+        self._anew: dict[int, tuple[Array, Array]] = {}  # the same after restarts that an earlier process made
 
     @property
     def t(self) -> float:
@@ -92,25 +92,26 @@ class StepLoop:
         return self._y.tail[-1], self._yp.tail[-1]
 
     def __enter__(self) -> Self:
-        self._threads = one_thread()
-        self._threads.__enter__()
+        self._inside = ExitStack()
+        self._inside.enter_context(self.system.owner.running())
+        self._inside.enter_context(one_thread())
         self._wall, self._cpu = time.perf_counter(), time.process_time()
         return self
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        self._threads.__exit__(kind, error, trace)
+        self._inside.close()
         self._clock()
         if isinstance(error, MemoryError):
-            raise self.failure("the memory is used up: ask for less accuracy or a shorter run, or give it more memory", "") from error
-        if isinstance(error, KeyboardInterrupt | SystemExit):
+            raise self.failure("the memory is used up: loosen the accuracy, or make the run shorter", "") from error
+        if isinstance(error, ENDS):
             self._interrupted(error)
         elif isinstance(error, SolverError):
             error.solution = self.solution() if error.solution is None else error.solution
         elif error is not None:
             error.add_note(f"raised in {self.solver.label} after t = {self.t:.9g} s (steps made: {self.stats.steps})")
 
-    def _interrupted(self, error: KeyboardInterrupt | SystemExit) -> None:
-        """Attach the solution so far to an exception that ends the process (Ctrl-C, or one raised by a user's handler)."""
+    def _interrupted(self, error: BaseException) -> None:
+        """Attach the solution so far to an exception that ends the call (Ctrl-C, one raised by a user's handler, a full disk)."""
         with keeping(None, "a second time, while what was computed was put together: it is lost"):
             solution = self.solution()
         where = f"{self.solver.label} was interrupted at t = {self.t:.9g} s of {self.run_end:.9g} s"

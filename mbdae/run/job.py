@@ -25,9 +25,9 @@ from functools import partial
 from typing import Any
 
 from mbdae.errors import (
+    ENDS,
     FINAL,
     AccuracyWarning,
-    ChatteringError,
     MbdaeError,
     OptionError,
     SolverError,
@@ -235,20 +235,20 @@ class Job:
         Result."""
         try:
             yield
-        except (SolverError, KeyboardInterrupt, SystemExit) as error:
+        except (SolverError, *ENDS) as error:
             solution, singular = getattr(error, "solution", None), self.prepared.rank.singular_here
             if solution is None and (solution := furthest()) is not None and not isinstance(error, SolverError):
                 interrupted(error, f"interrupted: {UNTESTED}", solution)
-            if isinstance(error, SolverError) and singular and error.time <= self.prepared.start.t:
+            stopped = isinstance(error, SolverError) and not isinstance(error, FINAL)
+            if isinstance(error, SolverError) and stopped and singular and error.time <= self.prepared.start.t:
                 error.args = (f"{error}; the scene starts in a singular position, where constraint {singular[0].name} depends on "
                               "the others: start it slightly away from that position",)  # fmt: skip
             if isinstance(solution, Solution):
-                why = "the run failed before its end" if isinstance(error, SolverError) else "the run was interrupted"
+                why = "the run failed before its end" if isinstance(error, MbdaeError) else "the run was interrupted"
                 known, stats = nothing_known(self.prepared, why), solution.stats
                 info = RunInfo(solver, self.form.label, known, stats, 1, stats.cpu_s, (str(error),))
                 made = Result(self.prepared, solution, info, self.times[self.times <= solution.t[-1]])
                 error.solution = made  # type: ignore[union-attr]
-                stopped = isinstance(error, SolverError) and not isinstance(error, WallClockError | ChatteringError)
                 if stopped and (place := singular_stop(made, self.form.spec().drifts)):
                     stop, _, message = str(error).partition(": ")
                     error.args = (f"{stop}: {place} (solver: {message})",)

@@ -165,6 +165,10 @@ class _Run:
 
     def result(self) -> Batch:
         """Run all points, and return the batch."""
+        with self.system.owner.running():
+            return self._result()
+
+    def _result(self) -> Batch:
         self.wall, self.cpu = time.perf_counter(), time.process_time()
         try:
             if self._plain():
