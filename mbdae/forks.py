@@ -53,7 +53,7 @@ def _unlock_properties() -> None:
             for cls in list(vars(module).values()) if name.startswith("mbdae.") else ():
                 for member in list(vars(cls).values()) if isinstance(cls, type) else ():
                     if isinstance(member, cached_property):
-                        member.lock = RLock()
+                        member.lock = RLock()  # type: ignore[attr-defined]
 
 
 if hasattr(os, "register_at_fork"):

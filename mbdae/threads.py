@@ -112,9 +112,9 @@ class Owner:
         if self._depth and self._by[0] != me[0]:  # the thread that ran them is in the process that this one was forked from
             self._lock, self._by, self._depth = Lock(), (0, 0), 0
         if self._by != me and not self._lock.acquire(blocking=False):
-            raise OptionError(f"{self.what} is run by another thread: runs of one System at the same time would write to the same "
-                              f"arrays. Give every thread its own, by scene.system() or mb.DAE(...), or call scene.simulate, "
-                              f"which makes its own")  # fmt: skip
+            raise OptionError(f"{self.what} is run by another thread: runs of one System at the same time would write to the "
+                              f"same arrays. Give every thread its own, by scene.system() or mb.DAE(...), or call "
+                              f"scene.simulate, which makes its own")  # fmt: skip
         self._by, self._depth = me, self._depth + 1
         try:
             yield
