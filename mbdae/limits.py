@@ -21,7 +21,7 @@ class Call:
     """max_wall: largest wall time (s); begin: of time.perf_counter(), which nobody sets; solution: the run that came furthest."""
 
     max_wall: float = inf
-    begin: float = field(default_factory=time.perf_counter)
+    begin: float = field(default_factory=lambda: time.perf_counter())
     solution: Any = None
 
 

@@ -100,7 +100,8 @@ class Owner:
 
     def __init__(self, what: str) -> None:
         """what: name of the equations in messages."""
-        self.what, self._lock, self._by, self._depth = what, Lock(), (0, 0), 0
+        self.what, self._lock = what, Lock()
+        self._by: tuple[int, int, int] | None = None  # process, thread, and number of runs inside each other
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Owner, (self.what,)
@@ -108,20 +109,20 @@ class Owner:
     @contextmanager
     def running(self) -> Iterator[None]:
         """Context of a run of the equations; OptionError where another thread runs them."""
-        me = os.getpid(), get_ident()
-        if self._depth and self._by[0] != me[0]:  # the thread that ran them is in the process that this one was forked from
-            self._lock, self._by, self._depth = Lock(), (0, 0), 0
-        if self._by != me and not self._lock.acquire(blocking=False):
+        by, me = self._by, (os.getpid(), get_ident())
+        if by is not None and by[0] != me[0]:  # the thread that ran them is in the process that this one was forked from
+            self._lock, self._by, by = Lock(), None, None
+        inside = by is not None and by[:2] == me
+        if not inside and not self._lock.acquire(blocking=False):
             raise OptionError(f"{self.what} is run by another thread: runs of one System at the same time would write to the "
                               f"same arrays. Give every thread its own, by scene.system() or mb.DAE(...), or call "
                               f"scene.simulate, which makes its own")  # fmt: skip
-        self._by, self._depth = me, self._depth + 1
+        self._by = *me, by[2] + 1 if by is not None and inside else 1
         try:
             yield
         finally:
-            self._depth -= 1
-            if not self._depth:
-                self._by = 0, 0
+            self._by = by if inside else None
+            if not inside:
                 self._lock.release()
 
 

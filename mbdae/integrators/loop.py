@@ -6,7 +6,6 @@ import sys
 import time
 from array import array
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import fields
 from math import inf
 from typing import Any, Self
@@ -92,14 +91,13 @@ class StepLoop:
         return self._y.tail[-1], self._yp.tail[-1]
 
     def __enter__(self) -> Self:
-        self._inside = ExitStack()
-        self._inside.enter_context(self.system.owner.running())
-        self._inside.enter_context(one_thread())
+        self._threads = one_thread()
+        self._threads.__enter__()
         self._wall, self._cpu = time.perf_counter(), time.process_time()
         return self
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        self._inside.close()
+        self._threads.__exit__(kind, error, trace)
         self._clock()
         if isinstance(error, MemoryError):
             raise self.failure("the memory is used up: loosen the accuracy, or make the run shorter", "") from error
