@@ -79,7 +79,7 @@ def test_a_changed_job_is_refused(what: str, tmp_path: Path, monkeypatch: pytest
     before = reads(job)
     CHANGES[what](monkeypatch)
     assert what == "version" or reads(job) != before
-    with pytest.raises(mb.OptionError, match="holds another sweep: (reads|versions)"):
+    with pytest.raises(mb.OptionError, match=r"holds another sweep: (reads|versions)"):
         swept(job, tmp_path / "s")
 
 
@@ -108,7 +108,8 @@ def test_an_edited_row_is_computed_again_and_named(old: str, new: str, tmp_path:
     lines = file.read_text().splitlines(keepends=True)
     lines[2] = lines[2].replace(old, new, 1)
     file.write_text("".join(lines))
-    with pytest.warns(mb.AccuracyWarning, match=r"the row of (point \d, \{.m.: \d\.0\},|a point) \(line 3\) was changed or damaged"):
+    named = r"the row of (point \d, \{.m.: \d\.0\},|a point) \(line 3\) was changed or damaged"
+    with pytest.warns(mb.AccuracyWarning, match=named):
         again = swept(job, file)
     assert np.array_equal(again.array("y"), first.array("y"))
     assert np.array_equal(swept(job, file).array("y"), first.array("y"))  # and was stored: no warning any more
@@ -155,7 +156,8 @@ def test_a_changed_part_of_a_scene_sweep_is_computed_again(tmp_path: Path) -> No
 
 def test_an_edited_comparison_is_computed_again_from_there(tmp_path: Path) -> None:
     def run() -> Any:
-        return mb.compare(pendulum(), 0.1, [mb.Run(mb.RadauIIA(3), mb.GGL())], accuracies=(1e-2, 1e-3), resume=tmp_path / "c.json")
+        runs = [mb.Run(mb.RadauIIA(3), mb.GGL())]
+        return mb.compare(pendulum(), 0.1, runs, accuracies=(1e-2, 1e-3), resume=tmp_path / "c.json")
 
     first = run()
     data = json.loads((tmp_path / "c.json").read_text())
