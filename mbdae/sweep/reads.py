@@ -7,12 +7,14 @@ Of libraries only the name counts (their versions are compared beside), of code 
 
 from __future__ import annotations
 
+import dis
 import hashlib
 import pickle
 import sys
 import sysconfig
 from dataclasses import is_dataclass
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
 from typing import Any
@@ -56,6 +58,8 @@ class _Reads:
         if isinstance(thing, partial):
             self.of(thing.func, name)
             self._values(name, {**{str(i): value for i, value in enumerate(thing.args)}, **thing.keywords})
+        elif not isinstance(thing, FunctionType | type) and isinstance(getattr(thing, "__wrapped__", None), FunctionType):
+            self.of(thing.__wrapped__, name)  # a function with functools.cache, for example
         elif isinstance(thing, MethodType):
             self.of(thing.__func__, name)
             self.of(thing.__self__, f"{name}: self")
@@ -84,8 +88,16 @@ class _Reads:
         closed = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
         cells = {cell_name: cell.cell_contents for cell_name, cell in closed if _filled(cell)}
         defaults = {f"argument {i}": value for i, value in enumerate(function.__defaults__ or ())}
-        known = {n: function.__globals__[n] for n in sorted(_names(function.__code__)) if n in function.__globals__}
+        names = sorted(_names(function.__code__))
+        known = {n: function.__globals__[n] for n in names if n in function.__globals__}
+        for module_name, module in list(known.items()):
+            if isinstance(module, ModuleType) and not self._of_library(module):
+                del known[module_name]  # of a module of the user's what the function takes from it
+                known |= {f"{module_name}.{n}": vars(module)[n] for n in names if n in vars(module)}
         self._values(name, defaults | (function.__kwdefaults__ or {}) | known | cells)
+        for imported in sorted(_imported(function.__code__)):
+            if (file := self._own_file(imported)) is not None:
+                self.told[f"{name}: import {imported}"] = _hash(file.read_bytes())
 
     def _of_class(self, cls: type, name: str) -> None:
         hidden = ("__dict__", "__weakref__", "__doc__", "__module__", "__qualname__", "__annotations__", "__firstlineno__",
@@ -106,6 +118,7 @@ class _Reads:
             inside._values("", {n: f for n in ("fget", "fset") if (f := getattr(thing, n)) is not None})
         elif self._of_library(type(thing)):
             inside.told[""] = f"{_name(type(thing))} {_pickled(thing)}"
+            inside._values("", {n: v for n, v in getattr(thing, "__dict__", {}).items() if isinstance(v, FunctionType)})
         else:
             inside.of(type(thing), "class")
             inside._values("", {n: v for n, v in getattr(thing, "__dict__", {}).items() if not n.startswith("__")})
@@ -121,7 +134,19 @@ class _Reads:
         module = thing if isinstance(thing, ModuleType) else sys.modules.get(_module(thing))
         if module is None or module.__name__ == "__main__":
             return False
-        top, file = module.__name__.partition(".")[0], getattr(module, "__file__", None)
+        return self._library_file(module.__name__, getattr(module, "__file__", None))
+
+    def _own_file(self, name: str) -> Path | None:
+        """The file of a module of the user's that a function imports itself; None for others."""
+        try:
+            found = find_spec(name)
+        except (ImportError, ValueError, AttributeError):
+            return None
+        file = None if found is None else found.origin
+        return None if self._library_file(name, file) or file is None or not Path(file).is_file() else Path(file)
+
+    def _library_file(self, name: str, file: str | None) -> bool:
+        top = name.partition(".")[0]
         if top == PACKAGE or file is None:
             return True
         place = Path(file).resolve()
@@ -155,6 +180,12 @@ def _code(code: CodeType) -> list[bytes]:
 
 def _names(code: CodeType) -> set[str]:
     return set(code.co_names).union(*(_names(c) for c in code.co_consts if isinstance(c, CodeType)))
+
+
+def _imported(code: CodeType) -> set[str]:
+    """Names of the modules that code imports when it runs."""
+    own = {str(one.argval) for one in dis.get_instructions(code) if one.opname == "IMPORT_NAME"}
+    return own.union(*(_imported(c) for c in code.co_consts if isinstance(c, CodeType)))
 
 
 def _bare(member: Any) -> Any:

@@ -17,6 +17,9 @@ import pytest
 import mbdae as mb
 from mbdae.sweep.reads import reads
 
+sys.path.insert(0, str(Path(__file__).parent))
+import jobs
+
 GRID = {"m": [1.0, 2.0, 3.0]}
 
 
@@ -36,8 +39,13 @@ def helper(m: float) -> float:
     return HELP[0](m) * Weight().of(m) + float(PLACES.sum())
 
 
+@functools.cache
+def cached(m: float) -> float:
+    return 0.0 * m
+
+
 def job(m: float, power: float = 1.0) -> dict[str, Any]:
-    return {"y": SCALE * helper(m) ** power}
+    return {"y": SCALE * helper(m) ** power + cached(m) + jobs.LAG}
 
 
 def closing(c: float) -> Callable[..., dict[str, Any]]:
@@ -62,6 +70,8 @@ def swept(what: Any, file: Path, **options: Any) -> Any:
 
 CHANGES: dict[str, Callable[[pytest.MonkeyPatch], Any]] = {
     "constant": lambda m: m.setitem(globals(), "SCALE", 9.82),
+    "cached function": lambda m: m.setitem(globals(), "cached", functools.cache(lambda m: 1.0)),
+    "constant of a module": lambda m: m.setattr(jobs, "LAG", 0.5),
     "array": lambda m: m.setitem(globals(), "PLACES", np.arange(4.0)),
     "helper": lambda m: m.setitem(globals(), "helper", lambda m: m),
     "function in a list": lambda m: m.setitem(globals(), "HELP", [lambda m: m + 2]),
