@@ -12,10 +12,10 @@ import numpy as np
 
 from mbdae.compare.problem import Problem
 from mbdae.compare.run import Run
+from mbdae.results.reads import own_classes, own_of, reads
 from mbdae.results.storage import own_laws
 from mbdae.run.environment import environment
-from mbdae.scene.record import PACKAGE, encode
-from mbdae.sweep.reads import own_of, reads
+from mbdae.scene.record import encode
 from mbdae.system.base import Array, System
 
 PROBES = 7  #: number of states at which the equations of a System are evaluated to recognise them
@@ -40,9 +40,8 @@ def _scene(problem: Problem) -> dict[str, Any]:
 
 def _run(run: Run) -> dict[str, Any]:
     models = {name: encode(model) for name, model in run.models.items()}
-    own = {type(thing).__name__: reads(type(thing)) for thing in (run.solver, run.form)
-           if not type(thing).__module__.startswith(f"{PACKAGE}.") and thing is not None}  # fmt: skip
-    return {"solver": encode(run.solver), "form": encode(run.form), "model": models or None, "label": run.label, "own": own}
+    return {"solver": encode(run.solver), "form": encode(run.form), "model": models or None, "label": run.label,
+            "own": own_classes(run.solver, run.form)}  # fmt: skip
 
 
 def _equations(system: System, t_end: float) -> dict[str, Any]:

@@ -11,8 +11,8 @@ from mbdae.compare.identity import identity
 from mbdae.compare.problem import Problem
 from mbdae.compare.run import Run
 from mbdae.extremes.cell import VERDICTS, Cell
+from mbdae.results.reads import reads
 from mbdae.scene.scene import SceneData
-from mbdae.sweep.reads import reads
 from mbdae.sweep.resume import ResumeFile, record
 from mbdae.values import BadValueError, number, shown, word
 

@@ -23,6 +23,7 @@ from mbdae.formulations import Form
 from mbdae.integrators.base import Solver
 from mbdae.integrators.checkpoints.keeper import Keeper, Stopping, active, keeping_runs
 from mbdae.integrators.checkpoints.trees import DamagedError
+from mbdae.results.reads import own_classes, own_of
 from mbdae.results.result import Result
 from mbdae.results.storable import by_item, statements
 from mbdae.results.storage import own_laws
@@ -90,7 +91,7 @@ def statement_of(scene: SceneData, every: int, solver: Solver | None, form: Form
     return {"scene": by_item(stated), "laws": own_laws(modelled(scene)[0]),
             "solver": repr(solver), "form": repr(form), "every": every,
             "start": None if start is None else _digest(start.solution.t[-1:], start.solution.y[-1], start.solution.yp[-1]),
-            "versions": versions(),
+            "own": own_of(scene) | own_classes(solver, form), "versions": versions(),
             **{name: _told(value) for name, value in options.items()}}  # fmt: skip
 
 

@@ -19,9 +19,9 @@ import numpy as np
 
 from mbdae.errors import ENDS, ListsAttributes, OptionError, interrupted, naming_arguments
 from mbdae.notation import counted
+from mbdae.results.reads import reads
 from mbdae.run.environment import versions
 from mbdae.scene.scene import SceneData
-from mbdae.sweep.reads import reads
 from mbdae.sweep.resume import interruption
 from mbdae.sweep.rows import FORMAT, Kept, SweepRow, as_line
 from mbdae.sweep.scene_sweep import SceneSweep, sweep_scene

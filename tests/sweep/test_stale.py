@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.sweep.reads import reads
+from mbdae.results.reads import reads
 
 sys.path.insert(0, str(Path(__file__).parent))
 import jobs

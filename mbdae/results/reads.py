@@ -38,6 +38,12 @@ def own_of(scene: SceneData) -> dict[str, dict[str, str]]:
             if not (isinstance(thing, type) and issubclass(thing, Law | Part)) and not name.startswith("kept ")}  # fmt: skip
 
 
+def own_classes(*things: Any) -> dict[str, dict[str, str]]:
+    """What the user's own classes of some objects, such as solvers and forms, depend on, by name."""
+    return {type(thing).__qualname__: reads(type(thing)) for thing in things
+            if thing is not None and _module(type(thing)).partition(".")[0] != PACKAGE}  # fmt: skip
+
+
 def reads(thing: Any) -> dict[str, str]:
     """What a function, class or callable object depends on: by names such as "job", "job: G" (a global that it reads) and
     "job: helper: tolerance"."""
