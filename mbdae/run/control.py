@@ -42,6 +42,8 @@ from mbdae.values import number, option
 LOOSEST = 1e-2  #: largest rtol of a companion; the other runs have at most half of it
 #: largest number of runs from the last of the first companions on, failed ones included; for batches largest number of estimates
 ATTEMPTS = 5
+#: with contact, number of further runs: impacts multiply small errors, and the first tolerance may be far from the one that serves
+FURTHER = 2
 #: from one run to the next the longest step, as a fraction of the time scale of an input of time, is reduced by this factor.
 #: Where only inputs bound the steps of two runs, these must differ, else the difference of the runs is no measure of the error.
 #: It is below 1/2 because the time scales are known up to a factor of 2
@@ -57,8 +59,9 @@ CRAWL = 10
 #: number of residual evaluations that CRAWL allows in addition for every stretch and edge of inputs of time, where steps end
 CUT = 100
 #: with contact: a run is not repeated any more where its estimate, after two or more repeats, is still above the largest earlier
-#: one divided by this
-CHAOTIC = 2.0
+#: one divided by CHAOTIC, and above LARGE: disturbances have grown to the size of the motion. A smaller estimate that does not fall
+#: is that of one companion with an unlucky step, or of an impact at the edge of its steps, and the next run settles it
+CHAOTIC, LARGE = 2.0, 1e-2
 CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic and not predictable beyond "
          "some time; rely on energies, forces and statistics, or on a shorter run")  # fmt: skip
 #: FALL: errors are assumed to fall with this power of the tolerance, or with the power that the last two runs showed where that
@@ -190,7 +193,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     tight = solver.at_accuracy(accuracy, system.label)
     tight = _with_rtol(tight, min(tight.tolerance, LOOSEST / 2, max(ceiling, limit)))
     best, made[:] = companions_of(system, tight, asked)
-    most, count, kept = ATTEMPTS - 1 + best.runs, len(made), len(companions(system, solver))
+    most = best.runs + ATTEMPTS - 1 + (0 if system.guards is None else FURTHER)
+    count, kept = len(made), len(companions(system, solver))
     told: list[tuple[float, float]] = []  # tolerance and estimated error of every run after the companions
     while best.runs < most:
         loose, coarse = made[-1]
@@ -225,7 +229,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         if too_coarse:
             tight = _with_rtol(tight, ceiling)
             continue
-        if system.guards is not None and len(estimates) > 2 and best.estimate > max(estimates[:-1]) / CHAOTIC:
+        stuck = len(estimates) > 2 and best.estimate > max(LARGE, max(estimates[:-1]) / CHAOTIC)
+        if system.guards is not None and stuck:
             return replace(best, notes=(*best.notes, CHAOS.format(max(estimates[:-1]), best.estimate)))
         least = (0.5 * accuracy / best.estimate) ** (1 / _fall(told))
         wanted = tight.tolerance * float(np.clip(least, *(FINER if system.guards is None else FINER_WITH_IMPACTS)))
