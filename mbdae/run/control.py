@@ -31,7 +31,7 @@ from mbdae.results.states import states_of
 from mbdae.run.contact_tolerances import largest_tolerance, resolving
 from mbdae.run.estimate import Run, companions, estimated, share_of
 from mbdae.run.excitations import beginning_at, windows
-from mbdae.run.growth.roots import AT_LEAST, Growth, growing, unfollowed
+from mbdae.run.growth.roots import AT_LEAST, Growth, growing, unfollowed, unseen
 from mbdae.run.hidden_contacts import Hidden, hidden_contacts
 from mbdae.system.base import Array, System
 from mbdae.system.distance import distance
@@ -56,6 +56,8 @@ UNTESTED = "the run attached (attribute `solution`) is complete; whether its ste
 #: a run is stopped, as too expensive, after this many times the residual evaluations of its companion, plus 10000, plus those
 #: that CUT allows
 CRAWL = 10
+#: factor on that number where a run leaves an unstable rest: its companion, in which less growth may have come out, moves less
+LEAVING = 10
 #: number of residual evaluations that CRAWL allows in addition for every stretch and edge of inputs of time, where steps end
 CUT = 100
 #: with contact: a run is not repeated any more where its estimate, after two or more repeats, is still above the largest earlier
@@ -168,6 +170,10 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
             one for _, other in made for one in hidden_contacts(system, other, depth)]  # fmt: skip
         growth = growing(system, run.solution, run.solver, accuracy)
         bounds = unfollowed(growth)
+        if not bounds and not asked.bounds and made and unseen(growth):  # else such an estimate was made
+            measure = measure_of(system, prepared)
+            run = replace(run, estimate=max(run.estimate, estimated(system, solver, made, measure, outputs, AT_LEAST)))
+            bounds = () if run.estimate <= accuracy else unseen(growth)
         if not hidden and not of_companions and not bounds:
             return replace(run, growth=tuple(growth))
         runs, cpu = run.runs, run.cpu_s
@@ -200,6 +206,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         loose, coarse = made[-1]
         try:
             most_residuals = CRAWL * coarse.stats.residuals + 10000 + CUT * _cuts(system, tight, asked.t_end)
+            most_residuals *= LEAVING if asked.bounds else 1
             with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
                 fine = tight.run(system, closer(replace(asked, max_residuals=most_residuals), solver, count, kept))
         except WallClockError as error:

@@ -34,8 +34,9 @@ class Run:
     wall: float
 
     def __str__(self) -> str:
-        return (f"{self.seed:5d} {self.problem:12s} {self.way:28s} seed {self.off:.0e} accuracy {self.accuracy:.0e} "
-                f"{self.verdict:16s} error / accuracy {self.error:9.2g} growth e^{self.growth:.0f} {self.wall:.1f} s {self.said[:90]}")
+        return (f"{self.seed:5d} {self.problem:12s} {self.way:20s} {self.off:.0e} off, accuracy {self.accuracy:.0e}: "
+                f"{self.verdict:16s} error / accuracy {self.error:9.2g} growth e^{self.growth:.0f}, "
+                f"{self.wall:.1f} s {self.said[:90]}")
 
 
 def ways(problem: Problem) -> list[tuple[str, dict[str, Any], float]]:

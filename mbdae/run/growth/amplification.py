@@ -25,10 +25,12 @@ from mbdae.ties import largest
 ROUNDED = 1e-16  #: relative round-off of a coordinate
 #: words are said where round-off, as it grows over the run, may make more than this fraction of the accuracy asked
 DECIDES = 0.3
+LEAST = 10.0  #: growth with frozen coefficients below which round-off decides nothing that can be asked
 COPIES = 2  #: number of disturbances, drawn at random, that are carried along
 MOST = 20_000  #: largest number of steps along which disturbances are carried
 SLACK = 3.0  #: growth (natural logarithm) beyond that asked for after which it is not carried on
 TINY = 1e-300
+PLACES = 50  #: number of times at which the largest coordinate is sought
 
 
 class Disturbances:
@@ -103,8 +105,9 @@ def decided_by_round_off(prepared: Prepared, run: Solution, frozen: float, accur
     """Words about a run in which small disturbances grow so much that round-off decides digits of the accuracy asked. frozen: the
     sum of the growth with frozen coefficients; where it is too small for that, the growth along the run is not computed."""
     system = run.systems[0][1]
-    places = np.abs(run.y[:, np.array(system.kinds) == "q"])
-    enough = math.log(DECIDES * accuracy / (ROUNDED * max(1.0, float(np.max(places, initial=0.0)) / prepared.length)))
+    if frozen < LEAST:
+        return []
+    enough = math.log(DECIDES * accuracy / (ROUNDED * _farthest(prepared, run)))
     found = Disturbances(system, run).growth(enough) if frozen > enough else None
     if found is None or found[0] < enough:
         return []
@@ -113,6 +116,15 @@ def decided_by_round_off(prepared: Prepared, run: Solution, frozen: float, accur
     return [f"small disturbances grow by a factor of {factor} up to t = {found[1]:.4g} s: what is below {decisive:.0e} of the "
             f"scene's length (or rad) at the start, round-off too, decides whether an accuracy of {accuracy:g} is kept; a "
             "shorter run, or a start farther from the unstable rest, can be predicted"]  # fmt: skip
+
+
+def _farthest(prepared: Prepared, run: Solution) -> float:
+    """Largest coordinate of a place of a body in a run over the scene's length, 1 where that is less (angles in rad)."""
+    some = run.t[:: len(run.t) // PLACES + 1]
+    q = prepared.states(some, run(some))[0]
+    places = [np.max(np.abs(q[:, node.q : node.q + node.kind.translations])) for node in prepared.model.nodes
+              if node.unit == "m" and node.kind.translations]  # fmt: skip
+    return max(1.0, float(max(places, default=0.0)) / prepared.length)
 
 
 def _largest(sizes: Array, t: Array) -> tuple[float, float]:

@@ -15,6 +15,8 @@ disturbance grows by e^5. How much disturbances grow is computed along the run (
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
+from math import log
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +39,10 @@ HARMLESS = 1.0
 #: scale. Measured on an upright rod at 40 times the tolerance: two runs took the same long step, with the same error of 2e-5 of
 #: the growth, because only the largest ratio of two steps bounded it
 SEEN, VISIBLE = 1e3, 0.03
+#: a disturbance that is not seen is behind where the logarithm of its growth from one state to the next is below KEEPS times that
+#: of its root less SPARE: methods of low order damp what oscillates and grows slowly, at steps that follow the oscillation
+KEEPS, SPARE = 0.8, 0.5
+CLOSER = 2.0  #: a part of a run in which one is behind gets a bound of this fraction of its step
 #: where bounds by growth are in force, the error is at least this many times the difference of a run from its companion: methods
 #: of varying order follow an unseen disturbance at a low one (measured with IDA, 2.4 times)
 AT_LEAST = 2.0
@@ -52,13 +58,15 @@ ROUNDS, GROWS = 24, 1.5
 
 
 class Growth(NamedTuple):
-    """Growth in a part of a run, from `begin` to `end` (s): rate, 1/s, the largest real part of a root there; magnitude, 1/s, the
-    largest one of a root whose disturbance grows without being seen by the solver's steps, 0 where there is none."""
+    """Growth in a part of a run, from `begin` to `end` (s): rate, 1/s, the largest real part of a root there; unseen: the largest
+    magnitude (1/s) of a root whose disturbance grows without being seen by the solver; behind: the inverse of the steps (s) asked
+    for because they do not follow it; 0 where there is none."""
 
     begin: float
     end: float
     rate: float
-    magnitude: float
+    unseen: float
+    behind: float
 
 
 def growing(system: System, run: Solution, solver: Solver, accuracy: float) -> list[Growth]:
@@ -74,8 +82,11 @@ def growing(system: System, run: Solution, solver: Solver, accuracy: float) -> l
     edges = np.concatenate([[t0], (times[1:] + times[:-1]) / 2, [t1]])
     y, yp = run(times), run.derivative(times)
     looks = [Look(at, float(times[i]), y[i], yp[i], float(h[i]), t1 - t0) for i, at in enumerate(systems_at(run, times, system))]
-    found = _seen_at(looks, min(SEEN * tolerance, VISIBLE))
-    return [Growth(float(a), float(b), *one) for a, b, one in zip(edges[:-1], edges[1:], found, strict=True)]
+    found = _at(looks, min(SEEN * tolerance, VISIBLE))
+    behind = [max(late, one.unseen if one.unseen * look.h > FOLLOWED else 0.0)
+              for look, one, late in zip(looks, found, _behind(looks, found), strict=True)]  # fmt: skip
+    return [Growth(float(a), float(b), one.rate, one.unseen, asked)
+            for a, b, one, asked in zip(edges[:-1], edges[1:], found, behind, strict=True)]  # fmt: skip
 
 
 def total(parts: Sequence[Growth]) -> float:
@@ -95,35 +106,54 @@ class Look(NamedTuple):
     span: float
 
 
-def _seen_at(looks: list[Look], seen: float) -> list[tuple[float, float]]:
-    """For every state the largest real part of a root, and the largest magnitude of one that the step does not follow and whose
-    disturbance is not seen, 0 where there is none. seen: size of a disturbance that is seen, over the scales."""
+class Found(NamedTuple):
+    """What a look finds. rate: the largest real part of a root, 1/s; unseen: the largest magnitude (1/s) of one that grows and
+    whose disturbance is not seen, 0: there is none; size: that of the disturbance that grows fastest, over the scales, where it
+    is not seen, else 0."""
+
+    rate: float = 0.0
+    unseen: float = 0.0
+    size: float = 0.0
+
+
+def _at(looks: list[Look], seen: float) -> list[Found]:
+    """What is found at every state; seen: size of a disturbance that is seen, over the scales."""
     n = looks[0].system.n
     if n > MOST:
-        return [(1 / look.h, 1 / look.h) if _grows_sparse(look) else (0.0, 0.0) for look in looks]
+        return [Found(1 / look.h, 1 / look.h) if _grows_sparse(look) else Found() for look in looks]
     shifted = np.array([_shifted(look) for look in looks])
     if n <= SMALL:
         return [_roots(look, S, values, seen) for look, S, values in zip(looks, shifted, np.linalg.eigvals(shifted), strict=True)]
-    return [_roots(look, S, np.linalg.eigvals(S), seen) if _grows(S) else (0.0, 0.0)
+    return [_roots(look, S, np.linalg.eigvals(S), seen) if _grows(S) else Found()
             for look, S in zip(looks, shifted, strict=True)]  # fmt: skip
 
 
-def _roots(look: Look, S: Array, values: NDArray[np.complex128], seen: float) -> tuple[float, float]:
-    """Largest real part of a root, and largest magnitude of one that hides, from the matrix of `_shifted` and its eigenvalues."""
-    roots = _back(values, look.h)
-    rate = float(np.max(roots.real, initial=0.0))
-    if rate * look.span < HARMLESS or not np.any(_long(roots, look)):
-        return rate, 0.0
+def _roots(look: Look, S: Array, values: NDArray[np.complex128], seen: float) -> Found:
+    """What is found at a state, from the matrix of `_shifted` and its eigenvalues."""
+    rate = float(np.max(_back(values, look.h).real, initial=0.0))
+    if rate * look.span < HARMLESS:
+        return Found(rate)
     values, left, right = eig(S, left=True)
     roots = _back(values, look.h)
-    hidden = [abs(roots[j]) for j in np.flatnonzero(_long(roots, look))
-              if _amplitude(left[:, j], right[:, j], look, abs(roots[j])) < seen]  # fmt: skip
-    return rate, float(max(hidden, default=0.0))
+    growing = np.flatnonzero(roots.real * look.span > HARMLESS)
+    sizes = np.array([_size(left[:, j], right[:, j], look, abs(roots[j])) for j in growing])
+    roots, unseen = roots[growing], sizes < seen
+    fastest = int(np.argmax(roots.real)) if len(roots) else 0
+    size = float(sizes[fastest]) if len(roots) and unseen[fastest] else 0.0
+    return Found(rate, float(np.max(np.abs(roots[unseen]), initial=0.0)), size)
 
 
-def _long(roots: NDArray[np.complex128], look: Look) -> NDArray[np.bool_]:
-    """Which roots grow, in the length of the run, and are not followed by the step."""
-    return (roots.real * look.span > HARMLESS) & (np.abs(roots) * look.h > FOLLOWED)
+def _behind(looks: list[Look], found: list[Found]) -> list[float]:
+    """For every state the inverse of the step (1/s) that is asked for because the disturbance that grows fastest, not seen by the
+    solver, has grown by less until the next state than its roots say; 0 where it has not."""
+    asked = [0.0] * len(looks)
+    for i, (a, b) in enumerate(pairwise(found)):
+        if a.size > 0 and b.size > 0:
+            expected = (a.rate + b.rate) / 2 * (looks[i + 1].t - looks[i].t)
+            if log(b.size / a.size) < KEEPS * expected - SPARE:
+                for k in (i, i + 1):
+                    asked[k] = CLOSER / min(looks[i].h, looks[i + 1].h)
+    return asked
 
 
 def _shifted(look: Look) -> Array:
@@ -151,9 +181,9 @@ def _back(values: NDArray[np.complex128], h: float) -> NDArray[np.complex128]:
     return np.where(finite, (SHIFT / h) * (1 - 1 / np.where(finite, values, 1.0)), -np.inf)
 
 
-def _amplitude(left: Array, right: Array, look: Look, magnitude: float) -> float:
-    """The part of the motion along a growing disturbance, relative to the scales of the unknowns: its rate over the magnitude of
-    its root (1/s)."""
+def _size(left: Array, right: Array, look: Look, magnitude: float) -> float:
+    """Size of a disturbance that grows in a motion, over the scales of the unknowns: the part of its rate along the disturbance
+    over the magnitude of the root (1/s)."""
     system = look.system
     counts = np.array([kind not in ("lambda", "mu", "z") for kind in system.kinds])
     overlap = abs(np.vdot(left, right))
@@ -200,18 +230,23 @@ def _rises(product: Callable[[Array], Array], x: Array) -> bool:
     return max(sizes[-2:]) > GROWS * max(sizes[half - 2 : half])
 
 
-def unfollowed(parts: list[Growth]) -> tuple[Bound, ...]:
-    """The bounds of the steps in the parts of a run with a disturbance that is neither seen nor followed. A run and its
+def unfollowed(parts: Sequence[Growth]) -> tuple[Bound, ...]:
+    """The bounds of the steps in the parts of a run in which they do not follow a disturbance that is not seen. A run and its
     companions keep different shares of them."""
-    return tuple(Bound(part.begin, part.end, 1 / part.magnitude) for part in parts if part.magnitude > 0)
+    return tuple(Bound(part.begin, part.end, 1 / part.behind) for part in parts if part.behind > 0)
+
+
+def unseen(parts: Sequence[Growth]) -> tuple[Bound, ...]:
+    """The bounds of the steps in the parts of a run in which a disturbance grows that is not seen, followed or not."""
+    return tuple(Bound(part.begin, part.end, 1 / part.unseen) for part in parts if part.unseen > 0)
 
 
 def left_behind(parts: Sequence[Growth]) -> list[str]:
     """Words about disturbances that the steps of a run do not follow."""
-    slow = [part for part in parts if part.magnitude > 0]
+    slow = [part for part in parts if part.behind > 0]
     if not slow:
         return []
-    fastest = max(part.magnitude for part in slow)
+    fastest = max(part.behind for part in slow)
     return [f"from about t = {slow[0].begin:.4g} to {slow[-1].end:.4g} s small disturbances grow at {fastest:.3g} 1/s, which the "
             "steps do not follow, so that a disturbance may fade in the run although it grows in the equations; take steps of "
             f"{FOLLOWED / fastest:.2g} s or less, or a solver with error control"]
