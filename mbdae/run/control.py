@@ -42,8 +42,7 @@ from mbdae.values import number, option
 LOOSEST = 1e-2  #: largest rtol of a companion; the other runs have at most half of it
 #: largest number of runs from the last of the first companions on, failed ones included; for batches largest number of estimates
 ATTEMPTS = 5
-#: with contact, number of further runs: impacts multiply small errors, and the first tolerance may be far from the one that serves
-FURTHER = 2
+FURTHER = 2  #: with contact, number of further runs: impacts multiply errors, and the first tolerance may be far too large
 #: from one run to the next the longest step, as a fraction of the time scale of an input of time, is reduced by this factor.
 #: Where only inputs bound the steps of two runs, these must differ, else the difference of the runs is no measure of the error.
 #: It is below 1/2 because the time scales are known up to a factor of 2
@@ -61,8 +60,8 @@ LEAVING = 10
 #: number of residual evaluations that CRAWL allows in addition for every stretch and edge of inputs of time, where steps end
 CUT = 100
 #: with contact: a run is not repeated any more where its estimate, after two or more repeats, is still above the largest earlier
-#: one divided by CHAOTIC, and above LARGE: disturbances have grown to the size of the motion. A smaller estimate that does not fall
-#: is that of one companion with an unlucky step, or of an impact at the edge of its steps, and the next run settles it
+#: one divided by CHAOTIC, and above LARGE, because differences have grown to the size of the motion. Smaller estimates that do
+#: not fall come from one unlucky step of a companion, which the next run does not have
 CHAOTIC, LARGE = 2.0, 1e-2
 CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic and not predictable beyond "
          "some time; rely on energies, forces and statistics, or on a shorter run")  # fmt: skip

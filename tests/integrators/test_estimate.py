@@ -108,7 +108,8 @@ class Shaken(NamedTuple):
 
 
 @pytest.mark.parametrize(("case", "accuracy"), [
-    (Shaken(0.0949, 13.564, 12841.0, 0.677, -0.0847, 0.0239), 1e-3), (Shaken(0.15, 9.0, 3.5e4, 0.0, -0.032, 0.011), 1e-5)])  # fmt: skip
+    (Shaken(0.0949, 13.564, 12841.0, 0.677, -0.0847, 0.0239), 1e-3),
+    (Shaken(0.15, 9.0, 3.5e4, 0.0, -0.032, 0.011), 1e-5)])  # fmt: skip
 def test_stops_that_are_hit_often_need_no_word_about_runs_that_are_right(case, accuracy):
     """Twenty to thirty impacts multiply what the tolerance leaves. The search goes on until the runs agree, and calls nothing
     chaotic."""

@@ -1,4 +1,4 @@
-"""Seeded mechanisms that hit stops: driven, swinging, bouncing, in a chain, and some that hardly touch; their equations by hand."""
+"""Seeded mechanisms that hit stops: driven, swinging, bouncing, in a chain, and some that hardly touch; equations by hand."""
 
 from __future__ import annotations
 
