@@ -9,8 +9,9 @@ import numpy as np
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.result import Result
 from mbdae.run.checks import doubts
-from mbdae.run.control import LARGE, SLOW, Controlled
+from mbdae.run.control import LARGE, Controlled
 from mbdae.run.drift import energy_drift, joint_drift
+from mbdae.run.estimate import SLOW
 from mbdae.run.growth.amplification import decided_by_round_off
 from mbdae.run.growth.growing import left_behind, total
 from mbdae.run.quaternion_lengths import unequal_lengths

@@ -29,7 +29,7 @@ from mbdae.integrators.solution import Solution
 from mbdae.results.reactions import OtherRun
 from mbdae.results.states import states_of
 from mbdae.run.contact_tolerances import largest_tolerance, resolving
-from mbdae.run.estimate import Run, companions, estimated, share_of
+from mbdae.run.estimate import Run, companions, estimated, fall_shown, share_of
 from mbdae.run.excitations import beginning_at, windows
 from mbdae.run.growth.growing import AT_LEAST, Growth, growing, unfollowed, unseen
 from mbdae.run.hidden_contacts import Hidden, hidden_contacts
@@ -65,9 +65,6 @@ CUT = 100
 CHAOTIC, LARGE = 2.0, 1e-2
 CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic and not predictable beyond "
          "some time; rely on energies, forces and statistics, or on a shorter run")  # fmt: skip
-#: FALL: errors are assumed to fall with this power of the tolerance, or with the power that the last two runs showed where that
-#: is smaller; SLOW: smallest power assumed
-FALL, SLOW = 0.9, 0.4
 #: smallest and largest ratio of the tolerance of a repeated run to that of the run before, without and with contacts; a tolerance
 #: that round-off or penetrations bound is not subject to them
 FINER, FINER_WITH_IMPACTS = (1e-3, 0.3), (0.1, 0.3)
@@ -245,7 +242,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         stuck = len(estimates) > 2 and best.estimate > max(LARGE, max(estimates[:-1]) / CHAOTIC)
         if system.guards is not None and stuck:
             return replace(best, notes=(*best.notes, CHAOS.format(max(estimates[:-1]), best.estimate)))
-        least = (0.5 * accuracy / best.estimate) ** (1 / _fall(told))
+        least = (0.5 * accuracy / best.estimate) ** (1 / fall_shown(told))
         wanted = tight.tolerance * float(np.clip(least, *(FINER if system.guards is None else FINER_WITH_IMPACTS)))
         tight = _with_rtol(tight, max(wanted, limit))
     return best
@@ -255,16 +252,6 @@ def closer(asked: Asked, solver: Solver, count: int, kept: int) -> Asked:
     """`asked` for a run that follows `count` others, with shorter longest steps than theirs; kept: how many of these were the
     first companions."""
     return replace(asked, share=CLOSER**count, impacts=solver.impacts * CLOSER_IMPACTS ** (count - kept))
-
-
-def _fall(told: list[tuple[float, float]]) -> float:
-    """The power of the tolerance with which the error is assumed to fall: FALL, or the power that the last two runs showed where
-    that is smaller, as where looser runs leave out vibrations that tighter ones resolve. told: tolerance and estimate of every
-    run."""
-    if len(told) < 2:
-        return FALL
-    (loose, before), (tight, now) = told[-2:]
-    return min(max(math.log(before / now) / math.log(loose / tight), SLOW), FALL) if 0 < now < before else SLOW
 
 
 def _cuts(system: System, solver: Solver, end: float) -> int:

@@ -12,9 +12,8 @@ from scipy.integrate import solve_ivp
 
 import mbdae as mb
 from mbdae.integrators.halving import _order as shown_order
-from mbdae.run.control import FALL, SLOW
-from mbdae.run.control import _fall as fall
-from mbdae.run.estimate import companions, estimated
+from mbdae.run.estimate import FALL, SLOW, companions, estimated
+from mbdae.run.estimate import fall_shown as fall
 
 SMOOTH, TOUCHING = SimpleNamespace(guards=None), SimpleNamespace(guards=object())
 
