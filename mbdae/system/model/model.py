@@ -36,7 +36,7 @@ FLAT = 1e-12  #: distance of a point from the plane z = 0, over the scene's leng
 @dataclass
 class Instance:
     """One law of the scene with the nodes it acts between (None: the ground). numbers: points and axes of its frames and its
-    constant parameters, by name; item: name of the joint, force or body that it belongs to."""
+    constant parameters, by name; signals: of these the values of signals, with their names; item: of the joint, force or body."""
 
     law: Any
     nodes: tuple[Node | None, ...]
@@ -44,6 +44,7 @@ class Instance:
     timed: dict[str, Any]  #: parameter -> expression of time
     item: str
     states: tuple[str, ...] = ()  #: names of other items whose internal state the law reads
+    signals: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass
@@ -304,7 +305,7 @@ def entry_of(scenery: Scenery, law: Any, bodies: tuple[Body, ...], ends: tuple[N
     numbers |= fed.frames | {p: v for p, v in values.items() if p not in timed}
     structure = replace(law.structure(frozenset(timed)), feeds=fed.feeds)
     nodes, sides = (*ends, *own, *fed.nodes), (*sides, *((n.kind, Axes.GENERAL) for n in own), *fed.sides)
-    return (type(law), structure, sides), Instance(law, nodes, numbers, timed, item, tuple(fed.states))
+    return (type(law), structure, sides), Instance(law, nodes, numbers, timed, item, tuple(fed.states), fed.signals)
 
 
 def without_rows(item: str, d: Derived) -> list[str]:
