@@ -97,8 +97,7 @@ class Model:
     stay_kinematic: dict[str, str] = field(default_factory=dict)  #: recursive or rigid joints treated as kinematic -> why
     lines: list[Line] = field(default_factory=list)  #: flexible beams
     attached: dict[tuple[str, str], Body] = field(default_factory=dict)  #: (item, side) on a beam -> the node it is attached to
-    #: names of the vanished rows that are undefined because a point mass has no axes
-    undefined: list[str] = field(default_factory=list)
+    undefined: list[str] = field(default_factory=list)  #: vanished rows that are undefined: a point mass has no axes
     scenery: Any = None  #: nodes by which sensors are found, see `Scenery`
     conditions: ConditionTime = field(default_factory=ConditionTime)
 
