@@ -11,7 +11,7 @@ import numpy as np
 from mbdae.audit import latex
 from mbdae.audit.evaluate import attempt
 from mbdae.audit.fits import places
-from mbdae.audit.notation import Node, bare, made, negated, symbol
+from mbdae.audit.notation import BINDING, Node, bare, made, negated, symbol
 from mbdae.audit.phrases import Env, Scope
 
 Edited = tuple["Edit", Node]
@@ -152,6 +152,10 @@ def _in_product(node: Node) -> Iterator[Edited]:
 def _in_call(node: Node) -> Iterator[Edited]:
     if node.value == "abs":
         yield Edit("{} -> {}", (node, node.parts[0]), size=1.4), node.parts[0]
+    for i, part in enumerate(node.parts if node.value not in BINDING else ()):
+        if part.kind == "sum":  # f(a - b) -> f(b - a)
+            turned = part.with_parts(tuple(sorted(map(negated, part.parts), key=lambda term: term.kind == "neg")))
+            yield Edit("sign of {}", (part,), size=1), node.with_parts((*node.parts[:i], turned, *node.parts[i + 1 :]))
     if node.value in _EXCHANGED:
         yield Edit("{} -> {}", (node.value, _EXCHANGED[node.value]), size=1.1), Node("call", _EXCHANGED[node.value], node.parts)
     if node.value == "atan2":
