@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -40,7 +41,7 @@ class Assumption:
         for a, sign, b in self.parts:
             for side, other, end in ((a, b, 1 if "<" in sign else 0), (b, a, 0 if "<" in sign else 1)):
                 meaning = scope.symbols.get(str(side))
-                value = _constant(other)
+                value = constant(other)
                 if meaning is not None and meaning.phrase.given and value is not None and sign != "!=":
                     found.setdefault(meaning.text, [-np.inf, np.inf])[end] = value
         return found
@@ -81,9 +82,14 @@ def _holds(a: object, sign: str, b: object) -> bool:
     return gap >= 0 if "=" in sign else gap > 0
 
 
-def _constant(node: Node) -> float | None:
+def constant(node: Node) -> float | None:
     """The value of a formula of numbers alone; None where it has symbols."""
     if node.free - {"pi"}:
         return None
-    value = attempt(node, Env(Motion(0), Scope({})))
+    value = attempt(node, _anywhere())
     return None if value is None or np.ndim(value) else float(np.real(value))
+
+
+@lru_cache(maxsize=1)
+def _anywhere() -> Env:
+    return Env(Motion(0), Scope({}))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbdae.audit.assumptions import constant
 from mbdae.audit.compare import SAME, States, difference
 from mbdae.audit.evaluate import NO_VALUE, PARTIAL, OutsideError, attempt, evaluate
 from mbdae.audit.laws import derived
@@ -19,7 +20,7 @@ from mbdae.errors import MbdaeError
 SCANNED = 24  #: random states that are tried for a condition which some of them violate
 FEW = 4  #: violations of a condition up to which it is by accident that they are violations of another one too
 #: functions with several inverses, of which a formula takes one: it then holds on a part of the states only
-BRANCHES = ("sqrt", "asin", "acos", "atan", "atan2", "acosh", "power", "norm")
+BRANCHES = ("sqrt", "asin", "acos", "atan", "atan2", "acosh", "norm")
 LEAST = 3  #: number of states, of 16, in which a formula holds, or does not, so that it holds on a part of them
 
 
@@ -64,6 +65,12 @@ def _apart(violated: dict[str, set[int]]) -> list[str]:
 
 def _partial(node: Node) -> bool:
     return node.kind in PARTIAL or (node.kind == "call" and node.value in PARTIAL)
+
+
+def _branched(node: Node) -> bool:
+    """Whether a piece is one of several branches: such a function, or a power whose exponent is a fraction."""
+    exponent = constant(node.parts[1]) if node.kind == "power" else None
+    return (exponent is not None and not exponent.is_integer()) or (node.kind == "call" and node.value in BRANCHES)
 
 
 def _pieces(equation: Printed) -> Iterator[Node]:
@@ -127,7 +134,7 @@ def _finite(side: Node, env: Env) -> bool | None:
 def in_part(equation: Printed, states: States) -> str:
     """The condition under which a formula with functions of several branches holds, where that is a part of the states tried; ""
     where it holds in none, or in all."""
-    if not any(n.value in BRANCHES or n.kind in BRANCHES for n in _pieces(equation)) or len(equation.statements) > 1:
+    if not any(map(_branched, _pieces(equation))) or len(equation.statements) > 1:
         return ""
     envs = states.many if equation.states == "free" else states.many_joint
     values = [[attempt(side, env) for side in equation.statements[0].sides] for env in envs]

@@ -15,7 +15,8 @@ from mbdae.audit.notation import BINDING, Node, bare, made, negated, symbol
 from mbdae.audit.phrases import Env, Scope
 
 Edited = tuple["Edit", Node]
-_EXCHANGED = {"sin": "cos", "cos": "sin"}
+_EXCHANGED = {a: b for one, other in (("sin", "cos"), ("sinh", "cosh"), ("asin", "acos"), ("asinh", "acosh"))
+              for a, b in ((one, other), (other, one))}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -125,7 +126,8 @@ def _here(node: Node, candidates: Candidates) -> Iterator[Edited]:
 def _in_sum(node: Node) -> Iterator[Edited]:
     parts = node.parts
     for i, term in enumerate(parts):
-        yield Edit("sign of {}", (bare(term),), size=1), node.with_parts((*parts[:i], negated(term), *parts[i + 1 :]))
+        edit = Edit("sign of {}", (bare(term),), size=1 if i else 1.01)  # the first term has hardly ever the wrong sign
+        yield edit, node.with_parts((*parts[:i], negated(term), *parts[i + 1 :]))
         yield Edit("without the term {}", (term,), resizes=True, size=1.8), node.with_parts((*parts[:i], *parts[i + 1 :]))
     for i, term in enumerate(parts):  # a (b) + c -> a (b + c)
         if term.kind == "product" and len(parts) > 1:

@@ -238,8 +238,8 @@ def _fit(node: Node, goal: _Goal, candidates: Candidates) -> tuple[Fit, list[Nod
     columns = [n for n in used if n.value not in numbers]
     columns += [n for n in others if n.value not in numbers] if columns or np.shape(goal.values[0]) else []
     inside = [n for n in dict.fromkeys(node.walk()) if n != node and n.kind in ("product", "sum", "call")]
-    lengths = [Node("call", "norm", (n,)) for n in (*used, *others)]
-    pieces = [n for n in (*used, *inside, *others, *lengths) if n not in goal.banned]
+    here, there = ([Node("call", "norm", (n,)) for n in names if n.value not in numbers] for names in (used, others))
+    pieces = [n for n in (*used, *inside, *here, *others, *there) if n not in goal.banned]
     return Fit(goal.envs, goal.values, pieces), columns[:COLUMNS]
 
 
