@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -60,8 +61,8 @@ def assumptions(text: str, line: int) -> list[Assumption]:
 
 
 def bounds(assumed: Iterable[Assumption], scope: Scope, names: Iterable[str]) -> dict[str, tuple[float, float]]:
-    """The bounds of several assumptions together; those of positive numbers begin at 0, and angles of either sign, among the named
-    quantities, turn by nearly half a turn either way, so that a branch of an inverse function is not taken for all of it."""
+    """The bounds of several assumptions together; those of positive numbers begin at 0. Angles of either sign among the named
+    quantities turn by nearly half a turn either way, so that a branch of an inverse function is not taken for all of it."""
     known = [m for n in sorted(names) if (m := scope.symbols[n]).phrase.given and "rad" in map(str, m.units)]
     found = {m.text: (-TURN, TURN) for m in known if m.phrase.wording in ("number", "angle", "function of time")}
     for one in assumed:
@@ -71,7 +72,7 @@ def bounds(assumed: Iterable[Assumption], scope: Scope, names: Iterable[str]) ->
     return found
 
 
-def _holds(a: object, sign: str, b: object) -> bool:
+def _holds(a: Any, sign: str, b: Any) -> bool:
     if a is None or b is None:
         return False
     if sign == "!=":

@@ -26,8 +26,8 @@ INFINITE = float("inf")
 
 @dataclass
 class States:
-    """The states an equation is compared in: states of two free bodies, then states in which the text's joint connects them. In all
-    of them what the text assumes holds and the formulas have real values."""
+    """The states an equation is compared in: states of two free bodies, then states in which the text's joint connects them. In
+    all of them what the text assumes holds and the formulas have real values."""
 
     equation: Printed
     inner: str = "l"  #: the body that carries the inner race
@@ -38,14 +38,14 @@ class States:
     fill: int = 1  #: number of rows of a literal 0 whose size nothing else gives
 
     def of(self, kind: str, count: int = STATES) -> list[Env]:
-        """Values of the symbols in random states of one kind ("free", "clearance", a joint): the first in which all sides are real.
-        Where there are hardly any, states in which the same sides are; SizeError where no side is."""
+        """Values of the symbols in random states of one kind ("free", "clearance", a joint), the first in which all sides are
+        real. Where there are hardly any, states in which the same sides are; SizeError where no side is."""
         known, wanted = dict[tuple[bool, ...], list[Env]](), set[str]()
         for seed in range(TRIED):
             env = self.env(kind, seed)
             real = self.real(env, wanted)
             known.setdefault(real, []).append(env)
-            if all(real) and len(known[real]) == count or (seed >= WIDE and not any(map(all, known))):
+            if (all(real) and len(known[real]) == count) or (seed >= WIDE and not any(map(all, known))):
                 break
         known = {real: envs for real, envs in known.items() if any(real)}
         for real in sorted(known, key=lambda real: (not all(real), -len(known[real]))):

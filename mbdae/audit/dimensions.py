@@ -20,7 +20,6 @@ from mbdae.audit.phrases import Definition, Env
 from mbdae.errors import MbdaeError
 from mbdae.reports.units import BASIC, law_faults, powers_of, scales, shown, unit
 
-
 PLAIN = dict.fromkeys(BASIC, 1.0)  #: sizes of the basic units; where there are sizes, functions need not be real
 
 

@@ -1,4 +1,4 @@
-"""Where a formula holds: the conditions under which its sides are real and finite, and where it says nothing although it should."""
+"""Where a formula holds: conditions under which its sides are real and finite, and where it says nothing although it should."""
 
 from __future__ import annotations
 
@@ -82,8 +82,8 @@ def _pieces(equation: Printed) -> Iterator[Node]:
 
 
 def _at_zero(equation: Printed, env: Env, name: str) -> str:
-    """What is undefined where a quantity is zero: "" nothing, or the text excludes it; "formula" the formula; "gap" the formula, while
-    what it stands for has a value there."""
+    """What is undefined where a quantity is zero: "" nothing, or the text excludes it; "formula" the formula; "gap" the formula,
+    while what it stands for has a value there."""
     symbols = equation.scope.symbols
     meaning, zero = symbols[name], replace(env, zero=name, store={})
     if isinstance(meaning, Definition) or not may_vanish(meaning, equation.scope.own):
@@ -106,7 +106,7 @@ def _at_zero(equation: Printed, env: Env, name: str) -> str:
 
 
 def _valued(equation: Printed, names: frozenset[str]) -> bool:
-    """Whether one of the named quantities has a value in all positions: a parameter, or one whose law does not say the contrary."""
+    """Whether one of the named quantities has a value in all positions: a parameter, or one whose law says nothing else."""
     found = [m for n in names if (m := equation.scope.symbols.get(n)) and not (isinstance(m, Definition) or m.phrase.given)]
     laws = [{w for w in m.words if isinstance(w, str)} if not PARAMETER.match(m.text) else set() for m in found]
     return bool(found) and not any(_undefined(law, equation) for words in laws for law in words)

@@ -16,8 +16,8 @@ STEP = 1e-30  #: size of the complex step; its error, of order STEP^2, is far be
 FINITE = 0.02  #: spacing of the finite differences for the outer one of two nested derivatives: FINITE^10 is below round-off
 #: coefficients of central differences at 1 to 5 steps, of order 10 and of order 8
 _CENTRAL = np.array([[5 / 6, -5 / 21, 5 / 84, -5 / 504, 1 / 1260], [4 / 5, -1 / 5, 4 / 105, -1 / 280, 0]])
-#: largest relative difference of the two orders: that of order 10 is then below 1e-9, as the error falls by (step / distance of the
-#: next edge)^2 from one to the other
+#: largest relative difference of the two orders: the error of order 10 is then below 1e-9, as it is that of order 8 times
+#: (step / distance of the next edge)^2
 SMOOTH = 1e-8
 Value = Any  #: a complex number, or a matrix (rows, columns) of them
 Source = Any  #: an `Env` (phrases.py): the values of symbols in a state, and states moved from it for derivatives
@@ -37,8 +37,8 @@ class OutsideError(SizeError):
 
     def __init__(self, condition: str = "") -> None:
         self.condition = condition
-        what = f"a side is real for {condition} alone" if condition else "its second derivatives exist away from edges and corners alone"
-        super().__init__(f"{what}, which none of the states tried satisfies with the other sides: say by `assume:` what is assumed")
+        what = f"a side is real for {condition} alone" if condition else "its derivatives exist away from edges and corners alone"
+        super().__init__(f"{what}, where none of the states tried is together with the other sides: say what is assumed")
 
 
 class NestedError(SizeError):
@@ -132,7 +132,8 @@ _PLAIN: dict[str, Callable[..., Value]] = {
     "sqrt": lambda v: np.sqrt(_number(v) + 0j), "sign": lambda v: np.sign(np.real(_number(v))) + 0j,
     "log": lambda v: np.log(_number(v) + 0j), "asin": lambda v: np.arcsin(_number(v)), "acos": lambda v: np.arccos(_number(v)),
     "atan": lambda v: np.arctan(_number(v)), "asinh": lambda v: np.arcsinh(_number(v)),
-    "acosh": lambda v: np.arccosh(_number(v) + 0j), "atanh": lambda v: np.arctanh(_number(v)), "trace": lambda m: np.trace(_square(m)), "det": lambda m: np.linalg.det(_square(m)),
+    "acosh": lambda v: np.arccosh(_number(v) + 0j), "atanh": lambda v: np.arctanh(_number(v)),
+    "trace": lambda m: np.trace(_square(m)), "det": lambda m: np.linalg.det(_square(m)),
 }  # fmt: skip
 #: functions with real values for some arguments alone: whether the real part is one of those, and the condition in words
 _REAL: dict[str, tuple[Callable[[float], bool], str]] = {
@@ -245,8 +246,10 @@ def _call(node: Node, at: Source) -> Value:
     if name == "integral":
         return _integral(node, at)
     values = [evaluate(p, at) for p in parts]
-    if name in _REAL and at.scale is None and not isinstance(values[0], se.Basic) and not _REAL[name][0](np.real(_number(values[0]))):
-        raise OutsideError(_REAL[name][1].format(parts[0]))
+    if name in _REAL and at.scale is None and not isinstance(values[0], se.Basic):
+        real, condition = _REAL[name]
+        if not real(np.real(_number(values[0]))):
+            raise OutsideError(condition.format(parts[0]))
     if name == "tan":
         at.watched(Node("call", "cos", parts), np.cos(np.real(values[0])))
     if name in _PLAIN:

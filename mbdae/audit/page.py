@@ -24,7 +24,8 @@ HOW = (
     "Every formula is evaluated in random states of two bodies and compared with what the laws of mbdae, the virtual rotation "
     r"$\delta a = \delta\psi \times a$ and complex steps give for the quantity it is said to be: first in states of free bodies, "
     "then in states of bodies connected by the joint the text speaks of, always where the formulas are real and what the text "
-    "assumes holds; formulas that are polynomials in free vectors also in symbols. The file of the formulas holds no verdicts and no repairs."
+    "assumes holds; formulas that are polynomials in free vectors also in symbols. The file of the formulas holds no verdicts and "
+    "no repairs."
 )
 
 
@@ -105,8 +106,8 @@ class Audit:
             "title": self.title,
             "equations": [
                 {"equation": r.equation, "printed": r.printed.text, "derived": r.derived, "verdict": r.verdict,
-                 "repair": r.repair or None, "residual": _finite(r.residual), "remark": r.remark or None, "where": r.where or None,
-                 "section": r.printed.section, "repaired": r.repaired.text if r.repaired else None,
+                 "repair": r.repair or None, "residual": _finite(r.residual), "remark": r.remark or None,
+                 "where": r.where or None, "section": r.printed.section, "repaired": r.repaired.text if r.repaired else None,
                  "residual_repaired": _finite(r.repaired_residual), "symbolic": r.symbolic} for r in self.equations],
             "claims": [
                 {"claim": c.claimed.words, "printed": c.claimed.count, "derived": c.counted, "verdict": c.verdict,

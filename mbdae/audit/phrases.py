@@ -186,7 +186,7 @@ class Env:
     zero: str | None = None  #: a symbol that is set to zero
     #: for derivatives: meanings of symbols in words, each with the index of one of its entries and the increment added to it
     shifts: tuple[tuple[str, int, Value], ...] = ()
-    watch: dict[str, set[bool]] | None = None  #: where signs of divisors are kept: whether the divisor was positive, by its formula
+    watch: dict[str, set[bool]] | None = None  #: where it is kept by the formula of a divisor whether this was positive
     complete: bool = False  #: whether a force on a body that the text does not list raises an error
     #: wordings declared outside of this scope, which the formula of an earlier `let` may need
     stated: frozenset[str] = frozenset()
@@ -283,8 +283,7 @@ class Env:
         if isinstance(meaning, Definition):
             raise SizeError(f"diff is by '{name}', which `let` defines by other symbols: differentiate by one of those")
         factors = 1.0 if self.scale is None else scaled(meaning.units, self.plain.value(name), self.scale)
-        size = float(np.real(np.ravel(factors)[0]))
-        shifts = (*self.shifts, (meaning.text, entry, amount / size))
+        shifts = (*self.shifts, (meaning.text, entry, amount / float(np.real(np.ravel(factors)[0]))))
         return replace(self, shifts=shifts, store=self._inner(name, entry, amount))
 
     def _shifted(self, value: Value, text: str) -> Value:

@@ -8,7 +8,7 @@
     forces: applied                  (or left) side of the equations of motion of the forces that follow in the section
     NAME [UNIT]: MEANING             a symbol, from here on; NAME [UNIT] $TEX$: MEANING says how the text prints it
     let NAME [UNIT] = FORMULA        a symbol that the text defines; [?] where its entries have several units
-    NUMBER: STATEMENT                an equation; further statements and lines are indented; `for x > 0` at its end is an assumption
+    NUMBER: STATEMENT                an equation; further statements and lines are indented; it may end in `for x > 0, ...`
     NUMBER (MEANING): STATEMENT      an equation for a quantity that has no symbol
     claims:                          from here on `NAME: NUMBER = WORDS`
 
