@@ -41,8 +41,8 @@ class ClosedForms(SceneEquations, Page):
         )
         how = (
             "Force balances give one multiplier each, without a division. The other rows are split into the smallest blocks that"
-            " can be solved one after the other, by determinants; where a block has more rows than multipliers, every choice of as"
-            " many counts by the square of its determinant. A block has no solution where its divisor, marked $\\ne 0$, is 0:"
+            " can be solved one after the other, by determinants; where a block has more rows than multipliers, every choice of"
+            " as many counts by the square of its determinant. A block has no solution where its divisor, marked $\\ne 0$, is 0:"
         )
         told += "".join(f" The name {escaped(name)} is written {words}." for name, words in self.names.renamed.items())
         on_l = "The force $F$ (N) on body l of each joint, and the moment $T$ (N m) about its point there:"
