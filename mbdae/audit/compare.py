@@ -45,7 +45,7 @@ class States:
             env = self.env(kind, seed)
             real = self.real(env, wanted)
             known.setdefault(real, []).append(env)
-            if (all(real) and len(known[real]) == count) or (seed >= WIDE and not any(map(all, known))):
+            if all(real) and len(known[real]) == count:
                 break
         known = {real: envs for real, envs in known.items() if any(real)}
         for real in sorted(known, key=lambda real: (not all(real), -len(known[real]))):

@@ -12,7 +12,7 @@ from mbdae.audit.compare import SAME, States, difference
 from mbdae.audit.evaluate import NO_VALUE, PARTIAL, OutsideError, attempt, evaluate
 from mbdae.audit.laws import derived
 from mbdae.audit.left_out import may_vanish
-from mbdae.audit.notation import Node, is_zero
+from mbdae.audit.notation import Node, is_zero, symbol
 from mbdae.audit.phrases import PARAMETER, Definition, Env
 from mbdae.audit.reading import Printed
 from mbdae.errors import MbdaeError
@@ -145,7 +145,8 @@ def in_part(equation: Printed, states: States) -> str:
         return ""
     pieces = {*_pieces(equation)}
     pieces |= {Node("call", name, n.parts) for n in pieces if n.value in ("sin", "cos", "tan") for name in ("sin", "cos")}
-    for node in (*equation.statements[0].sides, *sorted(pieces, key=lambda n: (len(str(n)), str(n)))):
+    other = [symbol(name) for name in equation.scope.symbols]
+    for node in (*equation.statements[0].sides, *sorted(pieces, key=lambda n: (len(str(n)), str(n))), *other):
         found = [attempt(node, env) for env in envs] if node.kind != "row" else [None]
         if all(v is not None and np.ndim(v) == 0 for v in found):
             above = np.real(np.array(found, dtype=complex)) > 0

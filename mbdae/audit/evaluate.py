@@ -13,12 +13,11 @@ from mbdae.errors import MbdaeError
 from mbdae.symbolic.functions import complex_atan2
 
 STEP = 1e-30  #: size of the complex step; its error, of order STEP^2, is far below round-off, and nothing is subtracted
-FINITE = 0.02  #: spacing of the finite differences for the outer one of two nested derivatives: FINITE^10 is below round-off
+FINITE = 0.01  #: spacing of the finite differences for the outer one of two nested derivatives: FINITE^10 is below round-off
 #: coefficients of central differences at 1 to 5 steps, of order 10 and of order 8
 _CENTRAL = np.array([[5 / 6, -5 / 21, 5 / 84, -5 / 504, 1 / 1260], [4 / 5, -1 / 5, 4 / 105, -1 / 280, 0]])
-#: largest relative difference of the two orders: the error of order 10 is then below 1e-9, as it is that of order 8 times
-#: (step / distance of the next edge)^2
-SMOOTH = 1e-8
+#: largest relative difference of the two orders: the error of order 10 was then below 2e-10 next to edges of roots
+SMOOTH = 1e-9
 Value = Any  #: a complex number, or a matrix (rows, columns) of them
 Source = Any  #: an `Env` (phrases.py): the values of symbols in a state, and states moved from it for derivatives
 

@@ -23,9 +23,9 @@ from mbdae.values import path as path_of
 HOW = (
     "Every formula is evaluated in random states of two bodies and compared with what the laws of mbdae, the virtual rotation "
     r"$\delta a = \delta\psi \times a$ and complex steps give for the quantity it is said to be: first in states of free bodies, "
-    "then in states of bodies connected by the joint the text speaks of, always where the formulas are real and what the "
-    "text assumes holds; formulas that are polynomials in free vectors also in symbols. The file of the formulas holds no verdicts and "
-    "no repairs."
+    "then in states of bodies connected by the joint the text speaks of, always where the formulas are real and what the text "
+    "assumes holds; formulas that are polynomials in free vectors also in symbols. The file of the formulas holds no "
+    "verdicts and no repairs."
 )
 
 

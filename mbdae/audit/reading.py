@@ -41,7 +41,7 @@ _LETTER = r"(?:\$([^$]*)\$\s*)?"
 _SYMBOL = re.compile(r"([^\W\d]\w*)\s*\[([^\]]*)\]\s*" + _LETTER + r":\s*(.+)$", re.S)
 _LET = re.compile(r"let\s+([^\W\d]\w*)\s*\[([^\]]*)\]\s*" + _LETTER + r"=\s*(.+)$", re.S)
 _EQUATION = re.compile(r"([\w.]+)\s*(?:\((.*?)\))?\s*:\s*(.+)$")
-_WITHIN = re.compile(r"(.*?)(?:,? (in ?[(\[].*))?")  #: a meaning, and an interval after it
+_WITHIN = re.compile(r"(.*?)(?:,? ((?:in ?[(\[]|[<>!]).*))?")  #: a meaning, and an interval or bound after it
 _ASSUMING = re.compile(r"\s(?:for|where|if)\s+")  #: between an equation and what it assumes
 _CONSTANTS = {"I", "pi"}
 RULES = (rules_contact, rules_laws, rules_motion)  #: named here so that they are imported, which registers their phrases

@@ -249,6 +249,7 @@ def lacking(node: Node, goal: _Goal, candidates: Candidates) -> Iterator[tuple[E
     for piece, monomial, new in factors(node, fit):
         sign = monomial.c == -1 and not monomial.powers
         size = 1.0 if sign else 1.3 + 0.5 * len(monomial.powers) + 0.02 * (abs(monomial.c.numerator) + monomial.c.denominator)
+        size -= 0.05 * (piece.kind == "number" and not monomial.powers)  # a number for another is likelier than one left out
         edit = Edit("sign of {}", (piece,)) if sign else Edit("the factor {} at {}", (monomial.times(), piece))
         yield replace(edit, size=size), new
     for piece, wrap, new in wrapped(node, goal.envs[0]):

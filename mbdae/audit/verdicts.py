@@ -241,7 +241,8 @@ def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool
         return Row(equation, INCOMPLETE, residual, f"say that it holds for {part}", f"or {found}" if found else "",
                    repaired=found.equation if found else None)  # fmt: skip
     if found is not None:
-        return _repaired(Row(equation, MISPRINT, residual, str(found), told(units, doubt), tex=found.tex), found, states)
+        why = told(*dict.fromkeys((units, doubt)))
+        return _repaired(Row(equation, MISPRINT, residual, str(found), why, tex=found.tex), found, states)
     free = _free_numbers(equation) if search else ""
     if doubt or free:
         return _cannot(equation, doubt or f"the text gives {free} as a number and does not say which: the formula may define it")

@@ -125,8 +125,8 @@ def unconditioned(block):
 
 @pytest.mark.parametrize("scene", [rotor, four_bar, gearbox])
 def test_a_divisor_without_its_condition_is_seen_where_it_vanishes(scene):
-    """By the print alone, and by states next to its zero, where the formulas are off. (In the gearbox they are not: the multipliers
-    of a run grow there as the formulas do.)"""
+    """By the print alone, and by states next to its zero, where the formulas are off. (In the gearbox they are not: the
+    multipliers of a run grow there as the formulas do.)"""
     page = ClosedForms(prepare(scene()))
     blocks = numbered(page.blocks())
     assert all(check.holds for check in page.printed(blocks))
