@@ -129,6 +129,9 @@ def _in_sum(node: Node) -> Iterator[Edited]:
         edit = Edit("sign of {}", (bare(term),), size=1 if i else 1.01)  # the first term has hardly ever the wrong sign
         yield edit, node.with_parts((*parts[:i], negated(term), *parts[i + 1 :]))
         yield Edit("without the term {}", (term,), resizes=True, size=1.8), node.with_parts((*parts[:i], *parts[i + 1 :]))
+    if len(parts) == 2:  # a + b -> a b
+        new = made("product", *parts)
+        yield Edit("{} -> {}", (node, new), resizes=True, size=1.9), new
     for i, term in enumerate(parts):  # a (b) + c -> a (b + c)
         if term.kind == "product" and len(parts) > 1:
             for cut in range(1, len(term.parts)):

@@ -215,9 +215,9 @@ class Env:
         return self.store.setdefault(key, {})
 
     def _value(self, name: str) -> Value:
-        if name == "I":
+        if name == "I" and name not in self.scope.symbols:  # a text may mean a second moment of area by it
             return np.eye(3, dtype=int).astype(object) if self.motion.symbolic else np.eye(3) + 0j
-        if name == "pi":
+        if name == "pi" and name not in self.scope.symbols:
             return se.pi if self.motion.symbolic else complex(np.pi)
         meaning = self._meaning(name)
         if isinstance(meaning, Definition):

@@ -96,6 +96,12 @@ def test_what_cannot_be_judged_says_why(lines: tuple[str, ...], told: str) -> No
     assert any(r.verdict == "CANNOT JUDGE" and told in r.remark for r in rows), rows
 
 
+def test_a_text_may_declare_the_letter_of_the_identity() -> None:
+    lines = ("I [m^4]: positive number", "P [N]: positive number", "E [N/m^2]: positive number", "let k [1/m] = sqrt(P/(E*I))")
+    assert row(*lines, "1: diff(tan(k*l)/k, l) = 1/cos(k*l)^2").where == "cos(k*l) != 0"
+    assert row("1: n'*I*n = 1").verdict == "RIGHT"
+
+
 def test_repairs_keep_units() -> None:
     """No repair adds metres to a unit vector, although the sum would make the sides equal: the rate of n has no part along n."""
     found = row("1: 2*n'*rate(n) = n'*rate(u)")
