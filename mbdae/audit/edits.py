@@ -68,6 +68,11 @@ class Candidates:
             self.sizes[name] = (0,) if value is None else np.shape(value)
         return self.sizes[name]
 
+    def is_number(self, node: Node) -> bool:
+        """Whether a piece has a value in this state that is a number."""
+        value = attempt(node, self.env)
+        return value is not None and np.ndim(value) == 0
+
     def of(self, name: str) -> Iterator[tuple[str, float]]:
         """Names that may replace `name`, each with its rank: lowest for the same letter, highest for another unit."""
         if name not in self.scope.symbols:
@@ -121,6 +126,13 @@ def _here(node: Node, candidates: Candidates) -> Iterator[Edited]:
         yield from _in_product(node)
     if kind == "call":
         yield from _in_call(node)
+    if kind in ("sum", "product") and len(parts) == 2 and all(_plain(p) and candidates.is_number(p) for p in parts):  # a + b, a b
+        new = made("sum" if kind == "product" else "product", *parts)
+        yield Edit("{} -> {}", (node, new), size=1.9), new
+
+
+def _plain(node: Node) -> bool:
+    return node.kind in ("symbol", "power", "call")
 
 
 def _in_sum(node: Node) -> Iterator[Edited]:
@@ -129,9 +141,6 @@ def _in_sum(node: Node) -> Iterator[Edited]:
         edit = Edit("sign of {}", (bare(term),), size=1 if i else 1.01)  # the first term has hardly ever the wrong sign
         yield edit, node.with_parts((*parts[:i], negated(term), *parts[i + 1 :]))
         yield Edit("without the term {}", (term,), resizes=True, size=1.8), node.with_parts((*parts[:i], *parts[i + 1 :]))
-    if len(parts) == 2:  # a + b -> a b
-        new = made("product", *parts)
-        yield Edit("{} -> {}", (node, new), resizes=True, size=1.9), new
     for i, term in enumerate(parts):  # a (b) + c -> a (b + c)
         if term.kind == "product" and len(parts) > 1:
             for cut in range(1, len(term.parts)):
