@@ -25,6 +25,7 @@ from mbdae.deferred import distinct
 from mbdae.inputs.resolution import Bound
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
+from mbdae.run.checkpoint import kept_value
 from mbdae.run.growth.amplification import Disturbances
 from mbdae.run.growth.roots import SMALL, Found, Look, found_at, vibrating
 from mbdae.system.base import System
@@ -61,7 +62,24 @@ class Growth(NamedTuple):
 
 
 def growing(system: System, run: Solution, solver: Solver, accuracy: float, closely: bool = False) -> list[Growth]:
-    """The growth of small disturbances along a run, in parts that cover it; closely: in more parts."""
+    """The growth of small disturbances along a run, in parts that cover it; closely: in more parts. It is stored with a run
+    that is kept on disk, and what the system remembers of the run is as before."""
+    memory = system.memory()
+    try:
+        return kept_value(lambda: _growing(system, run, solver, accuracy, closely), _plain, _read)
+    finally:
+        system.remember(memory)
+
+
+def _plain(parts: list[Growth]) -> list[list[float]]:
+    return [list(part) for part in parts]
+
+
+def _read(stored: list[list[float]]) -> list[Growth]:
+    return [Growth(*part) for part in stored]
+
+
+def _growing(system: System, run: Solution, solver: Solver, accuracy: float, closely: bool) -> list[Growth]:
     t0, t1 = float(run.t[0]), float(run.t[-1])
     if len(run.t) < 2 or not t1 > t0:
         return []
