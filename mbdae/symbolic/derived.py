@@ -10,15 +10,15 @@ import symengine as se
 
 from mbdae.disk.entries import keep, key_of, recall
 from mbdae.errors import LawError
-from mbdae.symbolic.frames import Axes, Frame, NodeKind
+from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.rebuild import symbols_of
-from mbdae.symbolic.statement import NO_FEEDS, Feeds
+from mbdae.symbolic.stated import Stated
+from mbdae.symbolic.statement import Feeds
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
-Side = tuple[NodeKind, Axes]
 Pair = tuple[Vec, Vec]  #: (force, moment) on a node, a generalised force by its inertial components
 _ZERO = se.Integer(0)
 
@@ -63,7 +63,8 @@ class Facts(NamedTuple):
 class Derived:
     """A law for given kinds of nodes with its `Facts`, and its `Terms`, which are derived when they are first asked for.
 
-    key: digest of the statement, with which its keys in the cache on disk begin; None: not cached. feeds: sensors it reads."""
+    stated: what the law states, see `derive`; key: digest of it, with which its keys in the cache on disk begin, None: not
+    cached; run: derives. It answers later questions from the statement that was derived, whatever the class states by then."""
 
     rows: tuple[str, ...]
     vanished: tuple[str, ...]
@@ -71,9 +72,11 @@ class Derived:
     states: tuple[str, ...]
     forced: bool
 
-    def __init__(self, law: Any, frames: tuple[Frame, ...], key: str | None,
-                 run: Callable[[], tuple[Facts, Terms, Variation]], feeds: Feeds = NO_FEEDS) -> None:  # fmt: skip
-        self.law, self.frames, self.key, self._run, self.feeds = law, frames, key, run, feeds
+    def __init__(self, stated: Stated, key: str | None, run: Callable[[], tuple[Facts, Terms, Variation]]) -> None:
+        self.stated, self.key, self._run = stated, key, run
+        self.law: Any = stated.law
+        self.frames: tuple[Frame, ...] = stated.frames
+        self.feeds: Feeds = stated.feeds
         found = recall(key)
         if found is None:
             try:
@@ -83,8 +86,11 @@ class Derived:
                 keep(key, refused.what)
                 raise
         if isinstance(found, str):
-            raise NotPlanarError.of(law, found)
+            raise NotPlanarError.of(self.law, found)
         vars(self).update(Facts(*found)._asdict())
+
+    def __deepcopy__(self, memo: Any) -> Derived:
+        return self  # what was derived does not change
 
     @cached_property
     def _derivation(self) -> tuple[Facts, Terms, Variation]:
@@ -174,6 +180,7 @@ class Derived:
         resistance by itself."""
         if not isinstance(self.law, Joint) or self.law.friction is None:
             return None
+        self.stated.refuse_change()
         return self.law.pressing(self.sides[0], self.sides[1], reaction_on_l(self.law, self.frames, self.rows, self.G))
 
     @property
@@ -181,6 +188,7 @@ class Derived:
         """The coordinate against which a joint's own friction acts, and the friction on it (N or N m); None without friction."""
         if not isinstance(self.law, Joint):
             return None
+        self.stated.refuse_change()
         return self.law.rubbing(reaction_on_l(self.law, self.frames, self.rows, self.G), *self.sides)
 
     @property

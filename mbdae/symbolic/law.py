@@ -33,7 +33,7 @@ import symengine as se
 from mbdae.errors import LawError, unknown_name
 from mbdae.symbolic.class_checks import check_class
 from mbdae.symbolic.frames import Frame
-from mbdae.symbolic.part import Parameter, Part, PartStructure, params
+from mbdae.symbolic.part import Exactly, Parameter, Part, PartStructure, params
 from mbdae.symbolic.statement import NO_FEEDS, Feeds
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.values import shown
@@ -44,8 +44,8 @@ __all__ = ["AUGMENTED", "Element", "Force", "Law", "Parameter", "Structure", "Tw
 AUGMENTED = params(scaling=("1", "factor of the rows and their multipliers"), penalty=("N m", "factor of the squared rows"))
 
 
-@dataclass(frozen=True)
-class Structure:
+@dataclass(frozen=True, eq=False)
+class Structure(Exactly):
     """What distinguishes two statements of one law class apart from numbers: options, parameters that are
     absent or depend on time, feedback."""
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import keyword
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
@@ -55,8 +56,50 @@ def checked_value(item: str, key: str, value: Any, read: Callable[..., T], remed
         raise LawError(f"{item}: {key} = {value_and_fault}; {remedy}") from None
 
 
-@dataclass(frozen=True)
-class PartStructure:
+class Identity:
+    """An object that is equal to itself alone, whatever it says of its equality."""
+
+    __slots__ = ("value",)
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Identity) and self.value is other.value
+
+    def __hash__(self) -> int:
+        return id(self.value)
+
+
+def exact(value: Any) -> Any:
+    """A value as a key: plain values by type and value, because 1, 1.0 and True are equal, other objects by identity, because
+    what they say of their equality need not be all that a law reads of them."""
+    kind = type(value)
+    if kind in (type(None), bool, int, str):
+        return kind, value
+    if kind is float:
+        return kind, value.hex()
+    if kind in (tuple, frozenset):
+        return kind, kind(map(exact, value))
+    return value if isinstance(value, Exactly | se.Basic) else Identity(value)
+
+
+class Exactly:
+    """Base of frozen data classes that are equal where all their fields are equal as `exact` tells."""
+
+    @cached_property
+    def _exact(self) -> Any:
+        return type(self), *(exact(getattr(self, f.name)) for f in fields(self))  # type: ignore[arg-type]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Exactly) and self._exact == other._exact
+
+    def __hash__(self) -> int:
+        return hash(self._exact)
+
+
+@dataclass(frozen=True, eq=False)
+class PartStructure(Exactly):
     """What distinguishes two statements of one part apart from numbers."""
 
     cls: type[Part]

@@ -17,6 +17,7 @@ import symengine as se
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame, NodeKind, make_frame
 from mbdae.symbolic.motion import symbolic_steps
+from mbdae.symbolic.part import Exactly
 from mbdae.symbolic.rebuild import nodes
 from mbdae.symbolic.variation import Variation, rate
 from mbdae.symbolic.vectors import Expr, Vec
@@ -27,8 +28,8 @@ QUESTIONS = ("rows", "read", "positives", "energy", "dissipation", "wrench", "th
              "rates", "initial", "kinetic_energy")  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Reading:
+@dataclass(frozen=True, eq=False)
+class Reading(Exactly):
     """A quantity that a feedback reads. symbol: its name in expressions; frames: number of frames from which it is computed;
     quantity: "state" (no frame), "coordinate" (of a joint that has it as an unknown), "joint" (the coordinate of a joint computed
     from its frames k, l), or of a body "position", "velocity", "angular_velocity", "rotation"; entry: which component of these;
@@ -66,8 +67,8 @@ def foreign(symbol: str) -> str:
     return f"foreign_{symbol}"
 
 
-@dataclass(frozen=True)
-class Feeds:
+@dataclass(frozen=True, eq=False)
+class Feeds(Exactly):
     """The sensors that a law reads: readings, and names with their expressions in the symbols of readings, of earlier names, of
     numbers and of values prescribed in time. Names that are parameters of the law are the parameters that follow from sensors."""
 
@@ -156,11 +157,10 @@ class Statement:
         """All that the law says of itself and on its frames: two laws with the same answers have the same equations, but for
         forces that follow from a joint's own reactions."""
         law, cls = self.law, type(self.law)
-        plain = {name: getattr(cls, name) for name in dir(cls) if not name.startswith("_")}
         parameters = [{name: entry.unit for name, entry in table.items()}
                       for table in (law.params, law.states, getattr(law, "coordinates", {}))]  # fmt: skip
         return {
-            "of the class": {name: value for name, value in plain.items() if _is_plain(value)},
+            "of the class": {name: value for name in dir(cls) if name[0] != "_" and _is_plain(value := getattr(cls, name))},
             "declared": [list(map(list, table.items())) for table in parameters],
             "present": [name for name in law.params if getattr(law, name) is not None],
             "chosen": {name: _chosen(getattr(law, name)) for name in law.options},
@@ -206,10 +206,12 @@ class Statement:
             self.refuse_speeds(what, e)
 
 
+_PLAIN = (bool, int, float, str, type(None))
+
+
 def _is_plain(value: Any) -> bool:
     """Whether the value of a class attribute is plain data, which a derivation may depend on and a digest can contain."""
-    return value is None or isinstance(value, bool | int | float | str) or (
-        isinstance(value, tuple) and all(isinstance(v, str) for v in value))  # fmt: skip
+    return isinstance(value, _PLAIN) or (type(value) is tuple and all(isinstance(v, str) for v in value))
 
 
 def _chosen(value: Any) -> Any:

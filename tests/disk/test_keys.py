@@ -12,14 +12,14 @@ import sympy
 
 import mbdae as mb
 from mbdae.disk import surroundings as around
+from mbdae.disk.entries import key_of as entry_key
 from mbdae.disk.exact import Digests, NoDigestError
 from mbdae.disk.store import Store
 from mbdae.kernels import tree_plan
 from mbdae.kernels.plan import _key
 from mbdae.laws.forces import PointSpring
 from mbdae.laws.joints import Revolute
-from mbdae.symbolic import derive as deriving
-from mbdae.symbolic.derive import derive
+from mbdae.symbolic.derive import _known, derive
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.law import Element, Force, Structure
 from mbdae.symbolic.outputs import dynamics, position
@@ -40,13 +40,13 @@ def digest(value):
 def kept(tmp_path, monkeypatch):
     """A store in use."""
     store = Store(tmp_path / "kept")
-    for module in ("mbdae.symbolic.derive", "mbdae.disk.entries", "mbdae.kernels.tree_plan", "mbdae.disk.exact",
+    for module in ("mbdae.symbolic.stated", "mbdae.disk.entries", "mbdae.kernels.tree_plan", "mbdae.disk.exact",
                    "mbdae.disk.surroundings"):  # fmt: skip
         monkeypatch.setattr(f"{module}.store", lambda: store)
     around.surroundings.cache_clear()
-    derive.cache_clear()
+    _known.cache_clear()
     yield store
-    derive.cache_clear()
+    _known.cache_clear()
     around.surroundings.cache_clear()
 
 
@@ -102,7 +102,7 @@ def spring(**changes):
 
 
 def key_of(cls, structure=None, sides=SPATIAL, outputs=dynamics):
-    derive.cache_clear()
+    _known.cache_clear()
     return _key(derive(cls, structure or Structure(), sides), outputs, "Plan")
 
 
@@ -247,4 +247,4 @@ def test_releases_and_processor_are_in_every_key(kept, monkeypatch):
     around.surroundings.cache_clear()
     assert around.surroundings() == first
     assert se.__version__ in around.releases()
-    assert deriving.key_of("law", "a") != deriving.key_of("law", "b")
+    assert entry_key("law", "a") != entry_key("law", "b")
