@@ -13,6 +13,7 @@ from mbdae.compare.problem import Problem
 from mbdae.compare.run import Run
 from mbdae.run.environment import environment
 from mbdae.scene.record import encode
+from mbdae.scene.scene import stated_laws
 from mbdae.system.base import Array, System
 
 PROBES = 7  #: number of states at which the equations of a System are evaluated to recognise them
@@ -31,7 +32,9 @@ def _scene(problem: Problem) -> dict[str, Any]:
     s = problem.scene
     if s is None:
         return _equations(problem.system(None), problem.t_end)
-    return {"name": s.name, "gravity": s.gravity.tolist(), "space": s.space, "statements": s.statements}
+    laws = stated_laws(s)
+    return {"name": s.name, "gravity": s.gravity.tolist(), "space": s.space, "statements": s.statements, **({"laws": laws} if laws
+            else {})}  # fmt: skip
 
 
 def _run(run: Run) -> dict[str, Any]:

@@ -31,6 +31,7 @@ from mbdae.scene.record import encode, stored_name, without_module
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.fingerprint import fingerprint
+from mbdae.symbolic.stated import own
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model
 from mbdae.system.model.numbering import constraint_rows
@@ -154,8 +155,9 @@ def _rank(rank: RankReport) -> dict[str, Any]:
 def own_laws(model: Model) -> dict[str, str]:
     """Fingerprints of the equations of the user's own laws, by name of the class and number of the group of laws with these
     equations in the model."""
-    own = [group for group in model.groups if not group.key[0].__module__.startswith("mbdae.")]
-    return {f"{group.key[0].__qualname__} {i}": fingerprint(group.derived) for i, group in enumerate(own)}
+    found = [group for group in model.groups if own(group.derived.law)]
+    found.sort(key=lambda group: group.key[0].__module__.startswith("mbdae."))  # laws of mbdae with parts of the user's come last
+    return {f"{group.key[0].__qualname__} {i}": fingerprint(group.derived) for i, group in enumerate(found)}
 
 
 def _check_laws(stored: dict[str, str], found: dict[str, str]) -> None:

@@ -5,10 +5,13 @@ Statements are collected as they come; every mistake found is kept in `problems`
 
 from __future__ import annotations
 
+import os
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 
+from mbdae.errors import LawError
 from mbdae.inputs.tables import from_data
 from mbdae.laws.forces import AppliedForce, AppliedTorque, Bushing, PointSpring, RotationalBushing
 from mbdae.scene import inertia as mass_properties
@@ -23,10 +26,27 @@ from mbdae.scene.joints import JointStatements
 from mbdae.scene.reading import FEEDS, reads
 from mbdae.scene.record import statement, tables_in
 from mbdae.scene.variants import replaced, with_recursive_tree
+from mbdae.symbolic.derive import digest_of
 from mbdae.symbolic.law import Force, TwoBodyLaw
+from mbdae.symbolic.stated import own
 
 MASS, SPEED, TURNING = reading.quantity("kg", "not negative"), reading.vector("m/s"), reading.vector("rad/s")
 FRAME = reading.one_of("inertial", "body")
+
+
+_TOKEN = uuid4().hex
+
+
+def _process() -> tuple[str, int]:
+    """What tells this process from others, forked ones included."""
+    return _TOKEN, os.getpid()
+
+
+def stated_laws(scene: SceneData) -> dict[str, str]:
+    """What the laws of a scene state now that are not mbdae's, as texts by item: equal in all processes where they state the
+    same."""
+    return {f"{c.name}.{i}" if i else c.name: digest_of(law)
+            for c in scene.connections for i, law in enumerate(c.laws) if own(law)}  # fmt: skip
 
 
 class SceneData(BeamStatements, JointStatements, ContactStatements, ControlStatements):
@@ -34,11 +54,31 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
 
     A mistake in a statement raises nothing at once: `check`, `simulate` and the other analyses raise SceneError with all."""
 
+    #: what its own laws stated in the process that sent it to this one, until the first model of it is made; None: not sent
+    _sent: dict[str, str] | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle, with the process and what its own laws state here: code is sent by name, so that they may state something else
+        where the scene arrives."""
+        return vars(self) | {"_sent": (_process(), stated_laws(self))}
+
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Unpickle: the tables of its expressions are registered first, because another process does not know them."""
         for stored in tables_in(state["statements"]):
             from_data(*stored)
         vars(self).update(state)
+        process, stated = state["_sent"]
+        self._sent = None if process == _process() else stated
+
+    def refuse_other_laws(self) -> None:
+        """Raise LawError where a law of the scene states something else than in the process that sent the scene to this one."""
+        sent, self._sent = self._sent, None
+        for item, digest in stated_laws(self).items() if sent else ():
+            if sent is not None and sent.get(item) != digest:
+                self._sent = sent
+                raise LawError(f"'{item}' states something else in this process than where the scene comes from: a process reads its "
+                               f"class from the file, without what was changed elsewhere after the import; give what varies as a "
+                               f"parameter (params = mb.params(...)), or pass executor=ThreadPoolExecutor()")  # fmt: skip
 
     # -- bodies
 

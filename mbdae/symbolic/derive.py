@@ -15,7 +15,7 @@ from mbdae.costs import made_once, spends
 from mbdae.errors import LawError
 from mbdae.symbolic.derived import Derived as Derived
 from mbdae.symbolic.derived import Facts, NotPlanarError, Pair, Terms, reaction_on_l, reactions
-from mbdae.symbolic.frames import Frame
+from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Law, Structure
 from mbdae.symbolic.motion import refuse_amounts, value_of
@@ -39,6 +39,16 @@ def derive(cls: type[Law], structure: Structure, sides: tuple[Side, ...]) -> Der
     time."""
     stated = Stated(cls, structure, sides, _Derivation)
     return _derived(stated) if stated.key is None else _known(stated)
+
+
+def digest_of(law: Law) -> str:
+    """What a law states, as text: the same in every process for the same statement between bodies in space and in the plane."""
+    named, structure = getattr(law, "coordinates", {}), law.structure()
+    turns = [name in named and named[name].unit == "rotation" for name in law.own_coordinates]
+    own = [(NodeKind.ROTATION if turn else NodeKind.COORDINATE, Axes.GENERAL) for turn in turns]
+    found = [Stated(type(law), structure, (*[side] * len(law.frames), *own), _Derivation)
+             for side in ((NodeKind.SPATIAL, Axes.GENERAL), (NodeKind.PLANAR, Axes.NORMAL))]  # fmt: skip
+    return " ".join(stated.digest() for stated in found)
 
 
 @made_once("derive", 512)

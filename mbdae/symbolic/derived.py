@@ -180,7 +180,7 @@ class Derived:
         resistance by itself."""
         if not isinstance(self.law, Joint) or self.law.friction is None:
             return None
-        self.stated.refuse_change()
+        self.stated.refuse_other_reactions()
         return self.law.pressing(self.sides[0], self.sides[1], reaction_on_l(self.law, self.frames, self.rows, self.G))
 
     @property
@@ -188,7 +188,7 @@ class Derived:
         """The coordinate against which a joint's own friction acts, and the friction on it (N or N m); None without friction."""
         if not isinstance(self.law, Joint):
             return None
-        self.stated.refuse_change()
+        self.stated.refuse_other_reactions()
         return self.law.rubbing(reaction_on_l(self.law, self.frames, self.rows, self.G), *self.sides)
 
     @property

@@ -130,15 +130,26 @@ class Stated:
 
     def derivation(self) -> tuple[Any, Any, Variation]:
         """Facts and terms of the law."""
-        self.refuse_change()
+        self.refuse_other_reactions()
         made = self._derivation()
         return (*made.run(), made.variation)
 
     def refuse_change(self) -> None:
-        """Raise LawError where the law answers by its reactions, which are known in derivations only, and states something else
-        than it did."""
-        if self.key is not None and self.by_reactions is not None and self.again() != self:
+        """Raise LawError where the law states something else than it did."""
+        if self.key is not None and self.again() != self:
             raise changed(self.asked[0])
+
+    def refuse_other_reactions(self) -> None:
+        """The same, for a law that answers by its reactions, which are known in derivations only."""
+        if self.key is not None and self.by_reactions is not None:
+            self.refuse_change()
+
+    def digest(self) -> str:
+        """The same text for the same statement in every process; "" where it cannot be told."""
+        try:
+            return Digests().of([self.answers, self.by_reactions, self.fed]) if self.key is not None else ""
+        except Exception:  # a value that has no digest
+            return ""
 
     def entry_key(self) -> str | None:
         """Key of the law in the cache on disk, a digest of all that it states, forces by its own reactions included; None where
@@ -149,6 +160,16 @@ class Stated:
             return key_of("law", Digests().of([self.answers, self._derivation().by_reactions(), self.fed]))
         except Exception:  # a value that has no digest
             return None
+
+
+def own(law: Any) -> bool:
+    """Whether a law is not only mbdae's: its class, a part of it, or a method put into one of these."""
+    return any(map(_own_class, (type(law), *map(type, law.parts))))
+
+
+def _own_class(cls: type[Any]) -> bool:
+    return any(not (getattr(f, "__module__", None) or "mbdae.").startswith(("mbdae.", "typing", "abc"))
+               for base in cls.__mro__[:-1] for f in (base, *vars(base).values()) if callable(f))
 
 
 def _answer(answer: Any, *_: Any, **__: Any) -> Any:

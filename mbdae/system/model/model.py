@@ -113,6 +113,7 @@ def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
     """The model of a scene; space="auto" tries the plane first and stores the reason where that is not possible.
 
     kept: joints stated as recursive that are treated as kinematic, and why."""
+    scene.refuse_other_laws()
     kept = _changing(scene) | dict(kept or {})
     if scene.space != "spatial":
         reason = out_of_plane(scene)
