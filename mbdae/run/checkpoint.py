@@ -24,8 +24,7 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.checkpoints.keeper import Keeper, Stopping, active, keeping_runs
 from mbdae.integrators.checkpoints.trees import DamagedError
 from mbdae.results.result import Result
-from mbdae.results.storable import by_item, statements
-from mbdae.results.storage import own_laws
+from mbdae.results.storable import by_item, own_laws, statements
 from mbdae.run.environment import environment
 from mbdae.scene.scene import SceneData
 from mbdae.system.prepare import modelled

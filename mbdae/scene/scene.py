@@ -76,9 +76,9 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
         for item, digest in stated_laws(self).items() if sent else ():
             if sent is not None and sent.get(item) != digest:
                 self._sent = sent
-                raise LawError(f"'{item}' states something else in this process than where the scene comes from: a process reads its "
-                               f"class from the file, without what was changed elsewhere after the import; give what varies as a "
-                               f"parameter (params = mb.params(...)), or pass executor=ThreadPoolExecutor()")  # fmt: skip
+                raise LawError(f"'{item}' states something else in this process than where the scene comes from: a process reads "
+                               f"its class from the file, without what was changed elsewhere after the import; give what varies "
+                               f"as a parameter (params = mb.params(...)), or pass executor=ThreadPoolExecutor()")  # fmt: skip
 
     # -- bodies
 

@@ -64,7 +64,8 @@ class SceneJob:
     @cached_property
     def key(self) -> str:
         """A hash of the job, the same for equal jobs in every process."""
-        options = stated_laws(self.scene), self.names, self.t_end, self.accuracy, self.outputs.tobytes(), self.middle, repr(self.lines)
+        options = self.names, self.t_end, self.accuracy, self.outputs.tobytes(), self.middle, repr(self.lines), \
+            stated_laws(self.scene)
         return hashlib.sha256(pickle.dumps((self.scene.name, self.scene.statements, *options))).hexdigest()
 
     def __getstate__(self) -> dict[str, Any]:
