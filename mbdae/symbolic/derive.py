@@ -6,7 +6,7 @@ Sign: residual = M u' + G^T lambda + (internal, gyroscopic) - applied.
 from __future__ import annotations
 
 import random
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import symengine as se
@@ -58,6 +58,7 @@ def _known(stated: Stated) -> Derived:
 
 def _derived(stated: Stated) -> Derived:
     if stated.key is not None and any(stated.again() != stated for _ in range(LOOKS - 1)):
+        stated.derivation()  # what is no number is no equal of itself either: the derivation says so
         raise unsteady(stated.asked[0])
     return Derived(stated, stated.entry_key(), stated.derivation)
 
@@ -122,6 +123,7 @@ class _Derivation(Statement):
     def run(self) -> tuple[Facts, Terms]:
         self.refuse_clashes()
         self.refuse_undefined()
+        self._refuse_others()
         self._define_feeds()
         if isinstance(self.law, Joint):
             refuse_amounts(self.law)
@@ -134,6 +136,18 @@ class _Derivation(Statement):
         self.variation.release()
         facts = Facts(tuple(rows), tuple(vanished), tuple(undefined), states, bool(force))
         return facts, Terms(tuple(g), tuple(G), force, energy, dissipated, work, self._coordinates(), rates, starts)
+
+    def _refuse_others(self) -> None:
+        """Raise LawError where an answer that no equation contains, or a kinetic energy, cannot be used."""
+        law, sides = self.law, self.sides
+        if isinstance(law, Element):
+            self.refuse_unusable("the kinetic energy", law.kinetic_energy(*sides))
+        if isinstance(law, Force):
+            stated = [("the gaps", law.gaps(*sides)), ("the approach", law.approach(*sides)), ("the losses", law.losses(*sides)),
+                      ("what is observed", law.observed(*sides))]  # fmt: skip
+            for term, answer in stated:
+                for e in _leaves(answer):
+                    self.refuse_unusable(term, e)
 
     @property
     def read_frames(self) -> tuple[Frame, ...]:
@@ -279,6 +293,15 @@ class _Derivation(Statement):
                 self.refuse(f"{rate_or_start} of state '{n}'", table[n])
         ready = [tuple(self.variation.resolve(self.variation.name(table[n])) for n in names) for table in (rates, starts)]
         return names, ready[0], ready[1]
+
+
+def _leaves(answer: Any) -> Iterator[Expr]:
+    """The expressions in lists, pairs and dictionaries."""
+    parts = answer.values() if isinstance(answer, Mapping) else answer if isinstance(answer, tuple | list) else None
+    if parts is None:
+        yield answer
+    for part in parts or ():
+        yield from _leaves(part)
 
 
 def _power(pair: Pair, f: Frame) -> Expr:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import symengine as se
 
 from mbdae.disk.entries import keep, key_of, recall
-from mbdae.errors import LawError
+from mbdae.errors import LawError, MbdaeError
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element
@@ -94,7 +94,13 @@ class Derived:
 
     @cached_property
     def _derivation(self) -> tuple[Facts, Terms, Variation]:
-        return self._run()
+        try:
+            return self._run()
+        except (MbdaeError, NotImplementedError):
+            raise
+        except Exception as error:
+            raise LawError(f"{type(self.law).__name__} cannot be derived: {type(error).__name__}: {error}; state it by functions "
+                           f"that symengine differentiates") from error  # fmt: skip
 
     def noted(self, what: str, find: Callable[[], Any]) -> Any:
         """A plain value that follows from the terms: from the cache on disk, or computed by `find` and cached. what: its name

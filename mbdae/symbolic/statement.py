@@ -16,6 +16,7 @@ import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame, NodeKind, make_frame
+from mbdae.symbolic.functions import unusable
 from mbdae.symbolic.motion import symbolic_steps
 from mbdae.symbolic.part import Exactly
 from mbdae.symbolic.rebuild import nodes
@@ -135,7 +136,9 @@ class Statement:
                            f"the points r and the axes x, y, z of its frames, not v and w")  # fmt: skip
 
     def refuse(self, term: str, e: Any) -> None:
-        """Raise LawError where an expression contains the time, an undeclared symbol, or a quantity its nodes do not have."""
+        """Raise LawError where an expression contains the time, an undeclared symbol, a quantity its nodes do not have, or what
+        cannot be differentiated or compiled."""
+        self.refuse_unusable(term, e)
         symbols = set().union(*(se.sympify(c).free_symbols for c in (e if isinstance(e, Vec) else (e,))))
         if _TIME in symbols and str(_TIME) not in self.law.params:
             raise LawError(f"{term} of {type(self.law).__name__} contains mb.t: state a parameter (params = mb.params(...)) and "
@@ -152,6 +155,13 @@ class Statement:
                                f"space='planar'")  # fmt: skip
             raise LawError(f"{law} needs axes on both sides; a point mass has none: {term} reads the {quantity} of {frame.side}; "
                            f"use s.rigid_body for that body")  # fmt: skip
+
+    def refuse_unusable(self, term: str, e: Any) -> None:
+        """Raise LawError where an expression (or vector) contains what cannot be differentiated or compiled."""
+        fixed = {se.Symbol(name) for name in self.law.params} - self.variation.clock.keys()
+        for part in e if isinstance(e, Vec) else (e,):
+            if why := unusable(part, fixed):
+                raise LawError(f"{term} of {type(self.law).__name__} contains {why}")
 
     def answers(self) -> dict[str, Any]:
         """All that the law says of itself and on its frames: two laws with the same answers have the same equations, but for
