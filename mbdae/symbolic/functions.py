@@ -33,7 +33,7 @@ USABLE = {*KINDS, "Symbol", "Add", "Mul", "Pow", "atan2", "floor", "ceiling", "M
           "acsch", "acoth", "UnevaluatedExpr"}  # fmt: skip
 #: functions of mbdae's own: names of intermediate results, time derivatives, tables
 OWN = ("let", "rate", "table_")
-OTHER_FUNCTIONS = "state it by other functions, such as se.sin, se.exp or se.sqrt, or by cases: se.Piecewise((a, x > 0), (b, True))"
+OTHER_FUNCTIONS = "state it by other functions, such as se.sin, se.exp, se.sqrt, or by cases: se.Piecewise((a, x > 0), (b, True))"
 
 
 def unusable(e: Any, fixed: Collection[Any] = ()) -> str:
