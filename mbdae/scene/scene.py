@@ -83,19 +83,20 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
     # -- bodies
 
     @reads(name=reading.name, mass=MASS, inertia=reading.inertia, at=reading.point, rotation=reading.rotation,
-           velocity=SPEED, angular_velocity=TURNING, shape=shapes, color=color)  # fmt: skip
+           velocity=SPEED, angular_velocity=TURNING, shape=shapes, color=color, as_given=reading.switch)  # fmt: skip
     @statement
     def rigid_body(self, name: str, mass: float, inertia: Any, at: Any = (0, 0, 0), rotation: Any = None,
                    velocity: Any = (0, 0, 0), angular_velocity: Any = (0, 0, 0), shape: Any = None,
-                   color: Any = None) -> Body:  # fmt: skip
+                   color: Any = None, as_given: bool = False) -> Body:  # fmt: skip
         """A rigid body: `mass` kg; `inertia` about its centre of mass in body axes, kg m^2 (one number: about z; 3
         principal values; or 3x3); `at` centre of mass, m; `rotation` 3x3 (body to inertial); `velocity` m/s and
         `angular_velocity` rad/s in the inertial frame. In pictures: `shape`, one of mb.Box, mb.Sphere, mb.Cylinder, mb.Plane,
-        mb.Point as drawn, or a list of them, and `color` as matplotlib names it; neither changes the motion."""
+        mb.Point as drawn, or a list of them, and `color` as matplotlib names it; neither changes the motion. as_given: True
+        takes an inertia whose principal moments violate the triangle inequality, as no body's do, as it is."""
         R = np.eye(3) if rotation is None else rotation
         v, w, where = (np.array(a, dtype=float) for a in (velocity, angular_velocity, at))
         matrix, planar = mass_properties.matrix(np.asarray(inertia)), np.ndim(inertia) == 0
-        self.problems += mass_properties.problems(name, matrix, planar)
+        self.problems += mass_properties.problems(name, matrix, planar, as_given)
         body = Body(name, mass, matrix, where, R, v, w, given_velocity=bool(np.any(v) or np.any(w)), outline=where[None],
                     principal_plane=planar)  # fmt: skip
         return self._add_body(looking(body, shape, color))
