@@ -49,6 +49,18 @@ def stated_laws(scene: SceneData) -> dict[str, str]:
             for c in scene.connections for i, law in enumerate(c.laws) if own(law)}  # fmt: skip
 
 
+def refuse_other_laws(scene: SceneData) -> None:
+    """Raise LawError where a law of a scene states something else than in the process that sent the scene to this one."""
+    if scene._sent is None:
+        return
+    stated = stated_laws(scene)
+    if other := next((item for item, sent in scene._sent.items() if stated.get(item) != sent), None):
+        raise LawError(f"'{other}' states something else in this process than where the scene comes from: a process reads its "
+                       f"class from the file, without what was changed elsewhere after the import; give what varies as a "
+                       f"parameter (params = mb.params(...)), or pass executor=ThreadPoolExecutor()")  # fmt: skip
+    scene._sent = None
+
+
 class SceneData(BeamStatements, JointStatements, ContactStatements, ControlStatements):
     """Bodies, joints and forces by name. Lengths in m, angles in rad, SI throughout; inertial frame, right-handed.
 
@@ -69,16 +81,6 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
         vars(self).update(state)
         process, stated = state["_sent"]
         self._sent = None if process == _process() else stated
-
-    def refuse_other_laws(self) -> None:
-        """Raise LawError where a law of the scene states something else than in the process that sent the scene to this one."""
-        sent, self._sent = self._sent, None
-        for item, digest in stated_laws(self).items() if sent else ():
-            if sent is not None and sent.get(item) != digest:
-                self._sent = sent
-                raise LawError(f"'{item}' states something else in this process than where the scene comes from: a process reads "
-                               f"its class from the file, without what was changed elsewhere after the import; give what varies "
-                               f"as a parameter (params = mb.params(...)), or pass executor=ThreadPoolExecutor()")  # fmt: skip
 
     # -- bodies
 

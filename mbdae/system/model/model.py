@@ -15,7 +15,7 @@ from mbdae.laws.elements import BeamNode, JointCoordinate, PointMass, RigidBody
 from mbdae.laws.forces import Gravity
 from mbdae.scene.beams import mesh_of
 from mbdae.scene.components import Beam, Body, Clearance, Connection, Station
-from mbdae.scene.scene import SceneData
+from mbdae.scene.scene import SceneData, refuse_other_laws
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
@@ -113,7 +113,7 @@ def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
     """The model of a scene; space="auto" tries the plane first and stores the reason where that is not possible.
 
     kept: joints stated as recursive that are treated as kinematic, and why."""
-    scene.refuse_other_laws()
+    refuse_other_laws(scene)
     kept = _changing(scene) | dict(kept or {})
     if scene.space != "spatial":
         reason = out_of_plane(scene)
