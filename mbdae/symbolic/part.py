@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import keyword
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
@@ -74,28 +74,26 @@ class Identity:
 def exact(value: Any) -> Any:
     """A value as a key: plain values by type and value, because 1, 1.0 and True are equal, other objects by identity, because
     what they say of their equality need not be all that a law reads of them."""
-    kind = type(value)
-    if kind in (type(None), bool, int, str):
-        return kind, value
-    if kind is float:
-        return kind, value.hex()
-    if kind in (tuple, frozenset):
-        return kind, kind(map(exact, value))
-    return value if isinstance(value, Exactly | se.Basic) else Identity(value)
+    if value is None or isinstance(value, str | Exactly):
+        return value
+    if isinstance(value, bool | int | float):
+        return type(value), repr(value)
+    return tuple(map(exact, value)) if type(value) is tuple else Identity(value)
 
 
 class Exactly:
-    """Base of frozen data classes that are equal where all their fields are equal as `exact` tells."""
+    """Base of structures, which are equal where all that distinguishes statements is equal as `exact` tells."""
 
     @cached_property
-    def _exact(self) -> Any:
-        return type(self), *(exact(getattr(self, f.name)) for f in fields(self))  # type: ignore[arg-type]
+    def key(self) -> tuple[Any, ...]:
+        """What distinguishes it from others."""
+        raise NotImplementedError
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Exactly) and self._exact == other._exact
+        return isinstance(other, Exactly) and self.key == other.key
 
     def __hash__(self) -> int:
-        return hash(self._exact)
+        return hash(self.key)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +103,11 @@ class PartStructure(Exactly):
     cls: type[Part]
     absent: frozenset[str]
     options: tuple[tuple[str, Any], ...]
+
+    @cached_property
+    def key(self) -> tuple[Any, ...]:
+        """Its class, absent parameters, options."""
+        return self.cls, self.absent, exact(self.options)
 
     def symbolic(self, prefix: str) -> Part:
         """The part with symbols for its values; prefix: name of the law's option, with which the symbols of parameters begin."""

@@ -18,7 +18,6 @@ from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame, NodeKind, make_frame
 from mbdae.symbolic.functions import unusable
 from mbdae.symbolic.motion import symbolic_steps
-from mbdae.symbolic.part import Exactly
 from mbdae.symbolic.rebuild import nodes
 from mbdae.symbolic.variation import Variation, rate
 from mbdae.symbolic.vectors import Expr, Vec
@@ -29,8 +28,8 @@ QUESTIONS = ("rows", "read", "positives", "energy", "dissipation", "wrench", "th
              "rates", "initial", "kinetic_energy")  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class Reading(Exactly):
+@dataclass(frozen=True)
+class Reading:
     """A quantity that a feedback reads. symbol: its name in expressions; frames: number of frames from which it is computed;
     quantity: "state" (no frame), "coordinate" (of a joint that has it as an unknown), "joint" (the coordinate of a joint computed
     from its frames k, l), or of a body "position", "velocity", "angular_velocity", "rotation"; entry: which component of these;
@@ -68,8 +67,8 @@ def foreign(symbol: str) -> str:
     return f"foreign_{symbol}"
 
 
-@dataclass(frozen=True, eq=False)
-class Feeds(Exactly):
+@dataclass(frozen=True)
+class Feeds:
     """The sensors that a law reads: readings, and names with their expressions in the symbols of readings, of earlier names, of
     numbers and of values prescribed in time. Names that are parameters of the law are the parameters that follow from sensors."""
 

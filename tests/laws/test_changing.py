@@ -1,4 +1,4 @@
-"""A law means what it states now: what was derived of it before, in this process, on disk, in a worker or a file, is no matter."""
+"""A law means what it states now: what was derived of it before, in a process, on disk, in a worker or a file, does not count."""
 
 from __future__ import annotations
 
