@@ -291,7 +291,8 @@ class _Derivation(Statement):
                     raise LawError(f"{type(self.law).__name__} states no value for {rate_or_start} of its state '{n}'; "
                                    f"return {{'{n}': expression}} from {'rates' if table is rates else 'initial'}(self, k, l)")
                 self.refuse(f"{rate_or_start} of state '{n}'", table[n])
-        ready = [tuple(self.variation.resolve(self.variation.name(table[n])) for n in names) for table in (rates, starts)]
+        ready = [tuple(self.variation.resolve(self.variation.name(without_overflow(one_sided(table[n])))) for n in names)
+                 for table in (rates, starts)]  # fmt: skip
         return names, ready[0], ready[1]
 
 

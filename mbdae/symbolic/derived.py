@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -94,8 +95,14 @@ class Derived:
 
     @cached_property
     def _derivation(self) -> tuple[Facts, Terms, Variation]:
-        try:
+        with self.naming_errors():
             return self._run()
+
+    @contextmanager
+    def naming_errors(self) -> Iterator[None]:
+        """Context in which errors of the symbolic engine become a LawError with the name of the law."""
+        try:
+            yield
         except (MbdaeError, NotImplementedError):
             raise
         except Exception as error:

@@ -22,6 +22,7 @@ import symengine as se
 from mbdae.errors import LawError
 from mbdae.notation import counted
 from mbdae.symbolic.frames import Frame
+from mbdae.symbolic.functions import unusable
 from mbdae.symbolic.quaternions import rotation_columns
 from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
@@ -156,7 +157,12 @@ def _axis(axis: Any) -> Vec:
 
 def _amount(amount: Any) -> Expr:
     try:
-        return se.sympify(amount)
+        found = se.sympify(amount)
+        if found.args and (why := unusable(found)):
+            raise LawError(f"motion: amount = {shown(amount)} contains {why}")
+        return found
+    except LawError:
+        raise
     except Exception as error:
         raise LawError(f"motion: amount = {shown(amount)} is no expression of coordinates and parameters, such as "
                        f"self.angle") from error  # fmt: skip
@@ -227,6 +233,8 @@ def _is_known(e: Expr, at: dict[Expr, Expr]) -> bool:
 
 def value_of(e: Expr) -> complex | None:
     """The value of an expression without symbols, complex or infinite where it is so; None where symengine cannot evaluate it."""
+    if e.args and any(type(node).__name__ == "PyFunction" for node in nodes(e)):
+        return None  # to evaluate a function of SymPy that has no value ends the process
     for read in (complex, float):  # each of these fails for some functions of symengine
         try:
             return complex(read(e))

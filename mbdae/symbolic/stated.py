@@ -7,7 +7,7 @@ found by the statement, never by the class.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cached_property, lru_cache, partial
@@ -60,13 +60,13 @@ def frozen(value: Any) -> Any:
     return se.sympify(value) if hasattr(value, "free_symbols") else frozen(tuple(value))
 
 
-def has_zero(key: Any) -> bool:
-    """Whether a floating-point zero is in a key."""
-    if isinstance(key, tuple):
-        return any(map(has_zero, key))
-    if not isinstance(key, se.Basic):
-        return False
-    return any(type(node).__name__ == "RealDouble" and float(node) == 0 for node in nodes(key))
+def zeros(key: Any) -> Iterator[str]:
+    """The floating-point zeros in a key, with their signs."""
+    for part in key if isinstance(key, tuple) else ():
+        yield from zeros(part)
+    for node in nodes(key) if isinstance(key, se.Basic) else ():
+        if type(node).__name__ == "RealDouble" and float(node) == 0:
+            yield float(node).hex()
 
 
 def changed(law: type[Any]) -> LawError:
@@ -113,17 +113,16 @@ class Stated:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Stated) or self.key != other.key:
             return False
-        # expressions with 0.0 and with -0.0 are equal, but not the same
-        return not self.has_zeros or repr(self.key) == repr(other.key)
+        return not self.zeros or self.zeros == other.zeros
 
     def again(self) -> Stated:
         """What the law states now."""
         return Stated(*self.asked, self._made_by)
 
     @cached_property
-    def has_zeros(self) -> bool:
-        """Whether a floating-point zero is in what it states."""
-        return has_zero(self.key)
+    def zeros(self) -> tuple[str, ...]:
+        """The floating-point zeros in what it states, with their signs, which equal expressions do not tell apart."""
+        return tuple(zeros(self.key))
 
     def _derivation(self) -> Any:
         return self._made_by(self.law, Variation(self.frames, clock_of(self.asked[1].timed)), self.feeds)

@@ -60,7 +60,7 @@ class CVODE(Solver):
     #: names of methods in other programs -> the name of their counterpart here
     counterparts: ClassVar[dict[str, str]] = {
         **dict.fromkeys(("lsoda", "vode", "zvode", "odeint"), "cvode"), **dict.fromkeys(("adams", "ode113"), "cvodeadams"),
-        **dict.fromkeys(("bdf", "gear", "ode15s"), "cvodebdf")}  # fmt: skip
+        **dict.fromkeys(("bdf", "ode15s"), "cvodebdf")}  # fmt: skip
     highest_index: ClassVar[int] = 0
 
     def __post_init__(self) -> None:
