@@ -36,9 +36,9 @@ OWN = ("let", "rate", "table_")
 OTHER_FUNCTIONS = "state it by other functions, such as se.sin, se.exp, se.sqrt, or by cases: se.Piecewise((a, x > 0), (b, True))"
 
 
-def unusable(e: Any, fixed: Collection[Any] = ()) -> str:
+def unusable(e: Any, fixed: Collection[Any] | None = ()) -> str:
     """Why an expression cannot be differentiated and compiled, in words, with a remedy; "" where it can. fixed: symbols by which
-    it is not differentiated."""
+    it is not differentiated; None: it is not differentiated at all, and not compiled."""
     for node in nodes(se.sympify(e)):
         kind = type(node).__name__
         if not is_condition(node) and kind != "Piecewise" and any(is_condition(part) for part in node.args):
@@ -50,7 +50,7 @@ def unusable(e: Any, fixed: Collection[Any] = ()) -> str:
         elif isinstance(node, se.FunctionSymbol) and kind == "FunctionSymbol":
             if not node.get_name().startswith(OWN):
                 return f"{shown(node)}, a function that is only a name; {OTHER_FUNCTIONS}"
-        elif kind not in USABLE and not is_condition(node) and not _works(node, node.free_symbols <= set(fixed)):
+        elif kind not in USABLE and not is_condition(node) and not _works(node, fixed):
             return f"{shown(node)}, a function whose derivatives cannot be compiled; {OTHER_FUNCTIONS}"
     return ""
 
@@ -62,12 +62,13 @@ def _is_finite(number: Any) -> bool:
         return False
 
 
-def _works(node: Any, fixed: bool) -> bool:
-    if type(node).__name__ in ("PyFunction", "Derivative", "Subs"):
-        return False
+def _works(node: Any, fixed: Collection[Any] | None) -> bool:
+    foreign = type(node).__name__ in ("PyFunction", "Derivative", "Subs")
+    if foreign or fixed is None:
+        return not foreign
     symbols = [se.Symbol(f"x{i}") for i in range(len(node.args))]
     try:
-        return _compiles(joined(node, symbols), fixed)
+        return _compiles(joined(node, symbols), node.free_symbols <= set(fixed))
     except Exception:  # the function takes numbers of one kind only
         return False
 

@@ -158,7 +158,7 @@ def _axis(axis: Any) -> Vec:
 def _amount(amount: Any) -> Expr:
     try:
         found = se.sympify(amount)
-        if found.args and (why := unusable(found)):
+        if found.args and (why := unusable(found, None)):
             raise LawError(f"motion: amount = {shown(amount)} contains {why}")
         return found
     except LawError:
