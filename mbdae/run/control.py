@@ -31,7 +31,7 @@ from mbdae.results.states import states_of
 from mbdae.run.contact_tolerances import largest_tolerance, resolving
 from mbdae.run.estimate import Run, companions, estimated, share_of
 from mbdae.run.excitations import beginning_at, windows
-from mbdae.run.growth.roots import AT_LEAST, Growth, growing, unfollowed, unseen
+from mbdae.run.growth.growing import AT_LEAST, Growth, growing, unfollowed, unseen
 from mbdae.run.hidden_contacts import Hidden, hidden_contacts
 from mbdae.system.base import Array, System
 from mbdae.system.distance import distance
@@ -75,6 +75,7 @@ COARSE = 3.0
 #: SHALLOW: a contact inside a step counts if its penetration is above this fraction of the accuracy times the scene's length (m;
 #: for gaps that are angles, rad); REPEATS: largest number of times that a run is repeated because of such contacts
 SHALLOW, REPEATS = 0.1, 5
+FOLLOWING = 3  #: largest number of times that a run is repeated because its steps do not follow a disturbance that grows
 #: largest number of times at which reactions of two runs are compared, and of steps whose speeds a comparison of motions relates
 #: to
 SAMPLES = 200
@@ -159,14 +160,14 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
     they do not, the run is repeated with shorter steps there, at most REPEATS times. A run that misses the accuracy is also
     repeated because of such contacts in its companions."""
     depth, runs, cpu = SHALLOW * accuracy * (1.0 if prepared is None else prepared.length), 0, 0.0
-    for _ in range(REPEATS + 1):
+    for repeats in range(REPEATS + 1):
         made: list[Run] = []
         run = _controlled(system, prepared, solver, accuracy, asked, outputs, made).after(runs, cpu)
         hidden = hidden_contacts(system, run.solution, depth)
         of_companions = [] if hidden or run.estimate <= accuracy else [
             one for _, other in made for one in hidden_contacts(system, other, depth)]  # fmt: skip
-        growth = growing(system, run.solution, run.solver, accuracy)
-        bounds = unfollowed(growth)
+        growth = growing(system, run.solution, run.solver, accuracy, bool(asked.bounds))
+        bounds = unfollowed(growth) if repeats < FOLLOWING else ()
         if not bounds and not asked.bounds and made and unseen(growth):  # else such an estimate was made
             measure = measure_of(system, prepared)
             run = replace(run, estimate=max(run.estimate, estimated(system, solver, made, measure, outputs, AT_LEAST)))
