@@ -31,7 +31,7 @@ from mbdae.results.states import states_of
 from mbdae.run.contact_tolerances import largest_tolerance, resolving
 from mbdae.run.estimate import Run, companions, estimated, share_of
 from mbdae.run.excitations import beginning_at, windows
-from mbdae.run.growth.growing import AT_LEAST, Growth, growing, unfollowed, unseen
+from mbdae.run.growth.growing import Growth, at_least, growing, unfollowed, unseen
 from mbdae.run.hidden_contacts import Hidden, hidden_contacts
 from mbdae.system.base import Array, System
 from mbdae.system.distance import distance
@@ -162,7 +162,13 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
     depth, runs, cpu = SHALLOW * accuracy * (1.0 if prepared is None else prepared.length), 0, 0.0
     for repeats in range(REPEATS + 1):
         made: list[Run] = []
-        run = _controlled(system, prepared, solver, accuracy, asked, outputs, made).after(runs, cpu)
+        try:
+            run = _controlled(system, prepared, solver, accuracy, asked, outputs, made).after(runs, cpu)
+        except SolverError as error:
+            if not asked.bounds or isinstance(error, FINAL):
+                raise
+            run = run.after(1 + len(made), cpu_of(error) + sum(other.stats.cpu_s for _, other in made))
+            return replace(run, estimate=math.inf, others=(), notes=(*run.notes, f"a run with shorter steps failed: {error}"))
         hidden = hidden_contacts(system, run.solution, depth)
         of_companions = [] if hidden or run.estimate <= accuracy else [
             one for _, other in made for one in hidden_contacts(system, other, depth)]  # fmt: skip
@@ -170,7 +176,7 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
         bounds = unfollowed(growth) if repeats < FOLLOWING else ()
         if not bounds and not asked.bounds and made and unseen(growth):  # else such an estimate was made
             measure = measure_of(system, prepared)
-            run = replace(run, estimate=max(run.estimate, estimated(system, solver, made, measure, outputs, AT_LEAST)))
+            run = replace(run, estimate=max(run.estimate, estimated(system, solver, made, measure, outputs, at_least(solver))))
             bounds = () if run.estimate <= accuracy else unseen(growth)
         if not hidden and not of_companions and not bounds:
             return replace(run, growth=tuple(growth))
@@ -221,7 +227,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
         made[:], count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are dropped: they take much memory
-        told.append((tight.tolerance, estimated(system, solver, made, measure, outputs, AT_LEAST if asked.bounds else 0.0)))
+        least = at_least(solver) if asked.bounds else 0.0
+        told.append((tight.tolerance, estimated(system, solver, made, measure, outputs, least)))
         estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(
             system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before)))  # fmt: skip
@@ -235,8 +242,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             continue
         if system.guards is not None and len(estimates) > 2 and best.estimate > max(estimates[:-1]) / CHAOTIC:
             return replace(best, notes=(*best.notes, CHAOS.format(max(estimates[:-1]), best.estimate)))
-        least = (0.5 * accuracy / best.estimate) ** (1 / _fall(told))
-        wanted = tight.tolerance * float(np.clip(least, *(FINER if system.guards is None else FINER_WITH_IMPACTS)))
+        falls = (0.5 * accuracy / best.estimate) ** (1 / _fall(told))
+        wanted = tight.tolerance * float(np.clip(falls, *(FINER if system.guards is None else FINER_WITH_IMPACTS)))
         tight = _with_rtol(tight, max(wanted, limit))
     return best
 

@@ -16,9 +16,9 @@ from mbdae.integrators.matrices.iteration import IterationMatrix, as_csc
 from mbdae.native.sparse import SingularMatrixError
 from mbdae.system.base import Array, System
 
-#: growth (natural logarithm of the factor) over the whole run below which steps are not bounded: a disturbance that the tolerance
-#: hides, which is a third of the accuracy at most, does not reach three times the accuracy by it
-HARMLESS = 1.0
+#: growth (natural logarithm of the factor) over the whole run below which steps are not bounded: a disturbance below a third of
+#: the accuracy does not reach three times the accuracy by it
+HARMLESS = 2.0
 SMALL = 60  #: with more unknowns, all roots are computed only where `_rises` finds that something grows
 MOST = 300  #: largest number of unknowns for which all roots are computed
 #: roots are found best near SHIFT over the step; those beyond RESOLVED times that are left out: constraints have infinite roots,
