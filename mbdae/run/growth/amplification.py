@@ -24,7 +24,7 @@ from mbdae.ties import largest
 
 ROUNDED = 1e-16  #: relative round-off of a coordinate
 #: words are said where round-off, as it grows over the run, may make more than this fraction of the accuracy asked
-DECIDES = 0.3
+DECIDES = 1.0
 LEAST = 10.0  #: growth with frozen coefficients below which round-off decides nothing that can be asked
 COPIES = 2  #: number of disturbances, drawn at random, that are carried along
 MOST = 20_000  #: largest number of steps along which disturbances are carried
