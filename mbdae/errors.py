@@ -24,6 +24,7 @@ was computed until then: a Result of `simulate`, a Sweep of `sweep`.
 
 from __future__ import annotations
 
+import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -32,7 +33,7 @@ from difflib import get_close_matches
 from functools import wraps
 from inspect import signature
 from pathlib import Path
-from types import FunctionType
+from types import FunctionType, TracebackType
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
@@ -252,6 +253,28 @@ def _bound(function: Callable[..., Any]) -> bool:
     return next(iter(signature(function).parameters), "") in ("self", "cls")
 
 
+def of_user(found: TracebackType | None) -> TracebackType | None:
+    """A traceback without the lines of mbdae, which say nothing of what the user did; with them where MBDAE_TRACEBACK is set."""
+    if "MBDAE_TRACEBACK" in os.environ:
+        return found
+    package, kept = str(Path(__file__).parent), list[TracebackType]()
+    while found is not None:
+        kept += [found] if not found.tb_frame.f_code.co_filename.startswith(package) else []
+        found = found.tb_next
+    made: TracebackType | None = None
+    for part in reversed(kept):
+        made = TracebackType(made, part.tb_frame, part.tb_lasti, part.tb_lineno)
+    return made
+
+
+def of_user_alone(cause: BaseException | None) -> BaseException | None:
+    """The cause of an error where lines of the user's own led to it, such as those of a law, without those of mbdae."""
+    if cause is None or "MBDAE_TRACEBACK" in os.environ:
+        return cause
+    own = of_user(cause.__traceback__)
+    return None if own is None else cause.with_traceback(own)
+
+
 def naming_arguments(function: Callable[P, T]) -> Callable[P, T]:
     """Decorator: a call with wrong arguments raises TypeError with the text of `call_refused`. Signature and docstring stay."""
 
@@ -259,6 +282,8 @@ def naming_arguments(function: Callable[P, T]) -> Callable[P, T]:
     def told(*args: P.args, **kwargs: P.kwargs) -> T:
         try:
             return function(*args, **kwargs)
+        except MbdaeError as error:
+            raise error.with_traceback(of_user(error.__traceback__)) from of_user_alone(error.__cause__)
         except TypeError:
             owner = (args[0] if isinstance(args[0], type) else type(args[0])).__name__ if args and _bound(function) else ""
             name = owner if function.__name__ == "__init__" else ".".join(filter(None, (owner, function.__name__)))
@@ -288,13 +313,18 @@ class NamesArguments:
         methods_naming_arguments(cls)
 
 
-class ListsAttributes(NamesArguments):
-    """Base of results: the error for an attribute that does not exist lists those that do."""
+class NamesAttributes:
+    """Base of what users hold: the error for an attribute that does not exist names the closest one, and all there are. Objects
+    are printed by their kind and name."""
 
     @property
     def _called(self) -> str:
-        """Name of the object in messages, such as "a Result"."""
-        return f"a {type(self).__name__}"
+        """Name of the object in messages, such as "revolute 'hinge'" or "a Result"."""
+        own, kind = vars(self), type(self).__name__
+        return f"{own.get('kind', kind.lower())} '{own['name']}'" if "name" in own else f"a {kind}"
+
+    def __repr__(self) -> str:
+        return f"<{self._called}>"
 
     if not TYPE_CHECKING:  # a type checker would take every attribute to exist
 
@@ -305,3 +335,11 @@ class ListsAttributes(NamesArguments):
                 raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
             known = [n for n in dir(self) if not n.startswith("_")]
             raise AttributeError(f"{self._called} has no '{name}': {meant(name, known)}it has {', '.join(known)}")
+
+
+class ListsAttributes(NamesAttributes, NamesArguments):
+    """Base of results; objects without a text of their own are printed with the names of what they have."""
+
+    def __repr__(self) -> str:
+        known = [n for n in dir(self) if not n.startswith("_")]
+        return f"<{self._called.removeprefix('the ')}: {', '.join(known)}>"

@@ -15,6 +15,7 @@ from mbdae.audit.notation import GIVE_OWN_CLASS
 from mbdae.laws import joints
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.stated import motion_key
 from mbdae.symbolic.tree import tree_program
 from mbdae.symbolic.tree_motion import Link, TreeStructure
 
@@ -29,11 +30,15 @@ def joint_class(word: str, own: Any = ()) -> Any:
     return cls if isinstance(cls, type) and issubclass(cls, Joint) and cls.coordinates else None
 
 
+def _stated(cls: Any) -> Any:
+    return cls("audited", None, None, **dict.fromkeys(cls.params, 1.0))
+
+
 @lru_cache(maxsize=16)
-def _program(cls: Any) -> tuple[list[tuple[Any, ...]], Callable[..., list[Any]]]:
+def _program(cls: Any, stated: object) -> tuple[list[tuple[Any, ...]], Callable[..., list[Any]]]:
     """The recursion that moves l by the joint from a free body k, as a compiled function: the inputs it takes, each by its place
-    (see `TreeProgram`), and the function from their values to the 19 numbers q, u, u' of l."""
-    law = cls("audited", None, None, **dict.fromkeys(cls.params, 1.0))
+    (see `TreeProgram`), and the function from their values to the 19 numbers q, u, u' of l. stated: see `motion_key`."""
+    law = _stated(cls)
     of_side = [*("p1", "p2", "p3"), *(f"Q{a}{i}" for a in "xyz" for i in (1, 2, 3)), *(f"P{i}" for i in range(4))]
     structure, names = law.structure(), tuple(cls.coordinates)
     numbers = [f"{side}_{n}" for side in "kl" for n in of_side] + [n for n in cls.params if n not in law.derived()]
@@ -58,7 +63,7 @@ class Carried:
             raise SizeError(f"the joint '{word}' turns freely, which an audit cannot use: name one whose coordinates are "
                             f"angles and displacements")  # fmt: skip
         self.coordinates = tuple(cls.coordinates)
-        self.inputs, self.function = _program(cls)
+        self.inputs, self.function = _program(cls, motion_key(cls, _stated(cls).structure()))
 
     def motion(self, k: dict[str, Value], state: Any) -> dict[str, Value]:
         """Attitude "Q", Euler parameters "P" and motion vectors of l, from those of k and the coordinates of the state."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -46,7 +45,6 @@ def part_class(name: str, own: Own = ()) -> type[Part] | None:
     return found if isinstance(found, type) and issubclass(found, Part) else None
 
 
-@lru_cache(maxsize=64)
 def derived(name: str, own: Own = (), declared: frozenset[str] = frozenset()) -> Derived:
     """A law derived between two bodies in space with all of its parameters; declared: parameters that the text names; own: the
     user's laws."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
 from mbdae.audit.compare import States, compared, vanishing
@@ -20,7 +19,6 @@ from mbdae.symbolic.part import Part
 OF_ROWS = {"scaling": 1.0, "penalty": 0.0}
 
 
-@lru_cache(maxsize=256)
 def refuses_zero(parameter: str, of: str, own: Own = ()) -> bool:
     """Whether the law named `of` accepts 1 but not 0 as a value of a parameter. own: the user's laws."""
     cls: Any = part_class(of, own) or law_class(of, own)

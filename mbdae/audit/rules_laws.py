@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -197,7 +196,6 @@ register({
 # -- laws on a line (beams), evaluated at the section
 
 
-@lru_cache(maxsize=8)
 def _line(cls: Any) -> tuple[LineDerived, Any]:
     structure = Structure(absent=frozenset({"damping"} & set(cls.params)))
     return derive_line(cls, structure, NodeKind.SPATIAL), cls.symbolic(structure)

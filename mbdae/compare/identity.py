@@ -13,7 +13,7 @@ import numpy as np
 from mbdae.compare.problem import Problem
 from mbdae.compare.run import Run
 from mbdae.results.reads import own_classes, own_of, reads
-from mbdae.results.storage import own_laws
+from mbdae.results.storable import own_laws
 from mbdae.run.environment import environment
 from mbdae.scene.record import encode
 from mbdae.system.base import Array, System

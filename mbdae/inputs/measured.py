@@ -31,6 +31,7 @@ FACTORS: dict[str, dict[str, float]] = {
 }  # fmt: skip
 SI = {other: si for si, factors in FACTORS.items() for other in factors}
 _HEAD = re.compile(r"\s*(?P<name>.*?)\s*(?:[\[(](?P<unit>[^\])]*)[\])])?\s*")
+FORMULAS = ("=", "+", "-", "@")  #: first signs of names that spreadsheets take for formulas
 LONGEST_LIST = 12  #: most columns that a message lists
 
 
@@ -94,7 +95,12 @@ def _rows(place: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     split = [row if sign else " ".join(row).split() for row in csv.reader((line for _, line in kept), delimiter=sign or " ")]
     if not sign:
         split[0] = _with_units(split[0])
-    return [h.strip() for h in split[0]], [(i, row) for (i, _), row in zip(kept[1:], split[1:], strict=True)]
+    return [_plain(h.strip()) for h in split[0]], [(i, row) for (i, _), row in zip(kept[1:], split[1:], strict=True)]
+
+
+def _plain(head: str) -> str:
+    """A name without the apostrophe by which it is no formula to spreadsheets (`Result.to_csv` writes it)."""
+    return head[1:] if head[:1] == "'" and head[1:2] in FORMULAS else head
 
 
 def _with_units(words: list[str]) -> list[str]:

@@ -166,7 +166,7 @@ def _numbers(name: str, x: Any) -> Array:
 def _not_finite(x: Any) -> int | None:
     try:
         wrong = np.argwhere(~np.isfinite(np.asarray(x, dtype=float)))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return None
     return int(wrong[0, 0]) if wrong.shape[1] == 1 and len(wrong) else None
 

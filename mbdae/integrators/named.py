@@ -5,13 +5,14 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
+from mbdae.errors import OptionError
 from mbdae.integrators.alpha.generalized_alpha import HHT, GeneralizedAlpha
 from mbdae.integrators.base import Solver
 from mbdae.integrators.runge_kutta.dop853 import DOP853
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.sundials.cvode import CVODE
 from mbdae.integrators.sundials.ida import IDA
-from mbdae.values import instance, option, plain
+from mbdae.values import instance, option, plain, shown
 
 SOLVERS: tuple[type[Solver], ...] = (IDA, CVODE, DOP853, RadauIIA, GeneralizedAlpha, HHT)
 REMEDY = "give a solver such as mb.IDA(), mb.RadauIIA(3) or 'radau3'"
@@ -36,8 +37,20 @@ def _full_names() -> dict[str, Solver]:
     return {plain(made.__name__): made() for made in SOLVERS} | by_label
 
 
+@cache
+def _elsewhere() -> dict[str, list[str]]:
+    """Names of methods in other programs, with the names of their counterparts among the solvers."""
+    found: dict[str, list[str]] = {}
+    for made in SOLVERS:
+        for name, own in vars(made).get("counterparts", {}).items():
+            found.setdefault(name, []).append(f"'{own}'")
+    return found
+
+
 def solver_of(value: Any, name: str = "solver", remedy: str = REMEDY) -> Solver:
     """The solver that an object, a class (the user's own too) or a name stands for; OptionError with the known names."""
     meant = _full_names().get(plain(value), value) if isinstance(value, str) else value
+    if isinstance(meant, str) and (own := _elsewhere().get(plain(meant))):
+        raise OptionError(f"{name} = {shown(value)} is a method of other programs; its counterpart here is {' or '.join(own)}")
     found: Solver = option(name, meant, instance, remedy, base=Solver, known=solver_words())
     return found

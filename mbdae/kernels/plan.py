@@ -194,10 +194,12 @@ def _inputs(unknowns: tuple[Target, ...], parameters: tuple[str, ...], symbols: 
 @made_once("derive", 512)
 def plan(d: Derived, outputs: Outputs) -> Plan:
     """The plan of a derived law for some outputs; made once per process."""
-    return Plan(d, outputs)
+    with d.naming_errors():
+        return Plan(d, outputs)
 
 
 @made_once("derive", 512)
 def linearised_plan(d: Derived, outputs: Outputs, sort: bool = True) -> LinearisedPlan:
     """The plan of a derived law for some outputs, with their derivatives; made once per process. sort: see `LinearisedPlan`."""
-    return LinearisedPlan(d, outputs, sort)
+    with d.naming_errors():
+        return LinearisedPlan(d, outputs, sort)

@@ -14,7 +14,6 @@ from mbdae.disk.entries import keep, key_of, part_key, recall
 from mbdae.disk.exact import Digests
 from mbdae.disk.store import store
 from mbdae.kernels.compile import Kernel
-from mbdae.symbolic.derive import derive
 from mbdae.symbolic.motion import symbolic_steps
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.rebuild import symbols_of
@@ -231,7 +230,7 @@ def structure_key(structure: TreeStructure) -> str | None:
     if not store().used:
         return None
     try:
-        laws = [derive(*member.law).key for member in structure.members]
+        laws = [member.law.key for member in structure.members]
         if None in laws:
             return None
         shape = [structure.root, structure.loaded, [(m.nodes, m.numbers) for m in structure.members]]
@@ -242,7 +241,7 @@ def structure_key(structure: TreeStructure) -> str | None:
 
 def _link(link: Link) -> list[Any]:
     law = link.law.symbolic(link.structure)
-    stated = {f.name: getattr(link, f.name) for f in fields(link) if f.name not in ("law", "structure")}
+    stated = {f.name: getattr(link, f.name) for f in fields(link) if f.name not in ("law", "structure", "motion")}
     units = [(name, entry.unit) for name, entry in link.law.coordinates.items()]
     return [stated, units, list(link.law.params), symbolic_steps(law)]
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from mbdae.errors import OptionError
 from mbdae.files import write_file
+from mbdae.inputs.measured import FORMULAS
 from mbdae.results.quantities import Quantity, named, unit_of, value
 from mbdae.scene.components import BeamLoad, Controller, Signal
 from mbdae.system.base import Array
@@ -102,6 +103,8 @@ def to_csv(result: Any, path: Any, sensors: Sequence[Quantity], further: dict[st
 
 
 def _quoted(name: str) -> str:
+    # spreadsheets take a head that begins so for a formula, and an apostrophe before it for the sign of a text
+    name = f"'{name}" if name.startswith(FORMULAS) else name
     return '"' + name.replace('"', '""') + '"' if any(sign in name for sign in ',"\n') else name
 
 

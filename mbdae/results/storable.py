@@ -11,6 +11,10 @@ from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.scene.record import STATEMENTS, item_name
 from mbdae.scene.replay import Known, refuse_losses, replay
 from mbdae.scene.scene import SceneData
+from mbdae.symbolic.fingerprint import fingerprint
+from mbdae.symbolic.stated import own
+from mbdae.system.model.model import Model
+from mbdae.values import BadValueError
 
 
 def statements(scene: SceneData) -> dict[str, Any]:
@@ -66,3 +70,20 @@ def _check_own(scene: SceneData, data: dict[str, Any]) -> None:
         reason = "; ".join(error.problems) if isinstance(error, SceneError) else error
         raise OptionError(f"this scene could not be built again from what would be stored of it: {reason}; keep "
                           f"the script that states it, and its results by r.to_csv") from error
+
+
+def own_laws(model: Model) -> dict[str, str]:
+    """Fingerprints of the equations of the user's own laws, by name of the class and number of the group of laws with these
+    equations in the model."""
+    found = [group for group in model.groups if own(group.derived.law)]
+    found.sort(key=lambda group: group.key[0].__module__.startswith("mbdae."))  # laws of mbdae with parts of the user's come last
+    return {f"{group.key[0].__qualname__} {i}": fingerprint(group.derived) for i, group in enumerate(found)}
+
+
+def check_laws(stored: dict[str, str], found: dict[str, str]) -> None:
+    """BadValueError where a law given to `load` states other equations than those that were integrated. stored, found: by law the
+    fingerprints in the file and those of the laws given."""
+    for name in stored:
+        if found.get(name) != stored[name]:
+            raise BadValueError(f"the law {name.split()[0]} states other equations than when the file was written; hand over the "
+                                f"class as it was: pass laws=[...]")  # fmt: skip

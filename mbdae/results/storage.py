@@ -30,9 +30,7 @@ from mbdae.results.stored_start import start_header, start_of
 from mbdae.scene.record import encode, stored_name, without_module
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
-from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.system.base import Array
-from mbdae.system.model.model import Model
 from mbdae.system.model.numbering import constraint_rows
 from mbdae.system.motion.all_bodies import AllBodies
 from mbdae.system.motion.ordered_motion import bodies_of
@@ -60,7 +58,7 @@ def save(result: Result, path: Any) -> None:
     header = {
         "format": FORMAT, "version": VERSION, "scene": storable.statements(prepared.model.scene), "rank": _rank(prepared.rank),
         "start": start_header(prepared.start),
-        "laws": own_laws(prepared.model), "time": prepared.time, "info": _info(result.info),
+        "laws": storable.own_laws(prepared.model), "time": prepared.time, "info": _info(result.info),
         "run": {"names": list(solution.names), "complete": solution.complete, "dense": _dense(solution.interpolant)},
     }  # fmt: skip
     arrays = {f"start_{name}": getattr(prepared.start, name) for name in _START}
@@ -151,22 +149,6 @@ def _rank(rank: RankReport) -> dict[str, Any]:
     return names | {"doubtful": doubtful, "degrees_of_freedom": rank.degrees_of_freedom, "smallest": rank.smallest}
 
 
-def own_laws(model: Model) -> dict[str, str]:
-    """Fingerprints of the equations of the user's own laws, by name of the class and number of the group of laws with these
-    equations in the model."""
-    own = [group for group in model.groups if not group.key[0].__module__.startswith("mbdae.")]
-    return {f"{group.key[0].__qualname__} {i}": fingerprint(group.derived) for i, group in enumerate(own)}
-
-
-def _check_laws(stored: dict[str, str], found: dict[str, str]) -> None:
-    """BadValueError where a law given to `load` states other equations than those that were integrated. stored, found: by law the
-    fingerprints in the file and those of the laws given."""
-    for name in stored:
-        if found.get(name) != stored[name]:
-            raise BadValueError(f"the law {name.split()[0]} states other equations than when the file was written; hand over the "
-                                f"class as it was: pass laws=[...]")  # fmt: skip
-
-
 def _scene(header: dict[str, Any], known: Known) -> SceneData:
     _check_elements(header["scene"]["statements"], len(header["run"]["names"]))
     scene: SceneData = replay(header["scene"], SceneData, known)
@@ -179,7 +161,7 @@ def _scene(header: dict[str, Any], known: Known) -> SceneData:
 def _prepared(header: dict[str, Any], scene: SceneData, start: Start) -> Prepared:
     unknowns = header["run"]["names"]
     model, moved = modelled(scene)
-    _check_laws(header.get("laws", {}), own_laws(model))
+    storable.check_laws(header.get("laws", {}), storable.own_laws(model))
     if list(AllBodies(model, moved).numbering.names()) != unknowns[: AllBodies(model, moved).numbering.n]:
         model, moved = modelled(scene, by_rows={c.name: "stored with its rows" for c in scene.joints if c.rigid})
     rows, stored = {row.name: row for row in constraint_rows(model)}, header["rank"]

@@ -25,8 +25,7 @@ from mbdae.integrators.checkpoints.keeper import Keeper, Stopping, active, keepi
 from mbdae.integrators.checkpoints.trees import DamagedError
 from mbdae.results.reads import own_classes, own_of
 from mbdae.results.result import Result
-from mbdae.results.storable import by_item, statements
-from mbdae.results.storage import own_laws
+from mbdae.results.storable import by_item, own_laws, statements
 from mbdae.run.environment import versions
 from mbdae.scene.scene import SceneData
 from mbdae.system.prepare import modelled

@@ -10,7 +10,7 @@ import symengine as se
 
 from mbdae.inputs.timed import TIME
 from mbdae.kernels import plan
-from mbdae.symbolic.derive import derive
+from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import loads, position
 from mbdae.system.assembled.right_hand_side import state_rate_outputs
 from mbdae.system.prepare import Prepared
@@ -37,13 +37,12 @@ def _inputs(prepared: Prepared, system: SceneSystem) -> bool:
 
 def _laws(prepared: Prepared) -> bool:
     watched = {contact.place[0] for contact in prepared.contacts}
-    return any(_switches(*group.key) for g, group in enumerate(prepared.model.groups) if g not in watched)
+    return any(_switches(group.derived) for g, group in enumerate(prepared.model.groups) if g not in watched)
 
 
 @lru_cache(maxsize=512)
-def _switches(law: Any, structure: Any, sides: Any) -> bool:
-    """Whether a law, with the given structure and kinds of nodes (`sides`), contains a steep function."""
-    derived = derive(law, structure, sides)
+def _switches(derived: Derived) -> bool:
+    """Whether a law contains a steep function."""
     return bool(derived.noted("short_events.steep", lambda: any(
         _steep(e) for outputs in STATED for e in _subexpressions(plan(derived, outputs).kernel.expressions))))  # fmt: skip
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.errors import NamesArguments, OptionError
+from mbdae.errors import NamesArguments, NamesAttributes, OptionError
 from mbdae.inputs.sensed import paths
 from mbdae.laws.contact import Normal
 from mbdae.laws.forces.line_load import LineLoad
@@ -37,8 +37,8 @@ class Drawn:
     angular_velocity: Array
 
 
-@dataclass(eq=False)
-class Body(NamesArguments):
+@dataclass(eq=False, repr=False)
+class Body(NamesAttributes, NamesArguments):
     """A body as drawn. `inertia` (3, 3) about the centre of mass in body axes, None for a point mass or the ground; `drawn`: see
     `Drawn`. The motion in a run is no attribute of it: a load would silently use the value as drawn."""
 
@@ -66,7 +66,7 @@ class Body(NamesArguments):
 
         def __getattr__(self, name: str) -> Any:
             if name not in MOVING:
-                raise AttributeError(f"a body has no '{name}'; dir(body) lists what it has")
+                return super().__getattr__(name)
             path = f"{self.name}.{name}[{'0, 0' if name == 'rotation' else 0}]"
             raise AttributeError(f"'{self.name}' has no {name} before it moves: as drawn it is .drawn.{name}, in a load "
                                  f"s.sensor('{path}'), in a result r['{self.name}'].{name}")  # fmt: skip
@@ -103,7 +103,7 @@ class Body(NamesArguments):
         return np.array([np.interp(s * lengths[-1], lengths, points[:, i]) for i in range(3)])
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Beam(Body):
     """A flexible beam along its outline, or along `curve` (position by a parameter from 0 to 1)."""
 
@@ -128,7 +128,7 @@ class Beam(Body):
         return self.scene.line_load(f"load on {self.name}" if name is None else name, self, per_length, frame)
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Station(Body):
     """A node of a beam, as a body without mass to which joints and forces attach."""
 
@@ -276,8 +276,8 @@ def _as_floats(model: Any, *fields: str) -> None:
             object.__setattr__(model, key, number(getattr(model, key)))
 
 
-@dataclass(eq=False)
-class Connection:
+@dataclass(eq=False, repr=False)
+class Connection(NamesAttributes):
     """A joint or force element: its laws, and the start values the user stated."""
 
     name: str

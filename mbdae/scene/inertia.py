@@ -28,8 +28,8 @@ def matrix(value: Array) -> Array:
     return np.diag(value) if value.shape == (3,) else np.asarray(value, dtype=float)
 
 
-def problems(name: str, J: Array, planar: bool) -> list[str]:
-    """Why an inertia matrix is impossible, one sentence each."""
+def problems(name: str, J: Array, planar: bool, as_given: bool) -> list[str]:
+    """Why an inertia matrix is impossible, one sentence each. as_given: whether one that no body has is taken all the same."""
     if not np.allclose(J, J.T, atol=1e-12 * (1 + np.abs(J).max())):
         return [f"body '{name}': inertia matrix is not symmetric (differs by {np.abs(J - J.T).max():.3g} kg m^2); "
                 f"give equal products of inertia above and below the diagonal"]  # fmt: skip
@@ -37,7 +37,8 @@ def problems(name: str, J: Array, planar: bool) -> list[str]:
     if moments[0] < -1e-12 * max(moments[-1], 1e-300):
         return [f"body '{name}': inertia has the negative principal moment {moments[0]:.6g} kg m^2; give that of a "
                 f"body, whose principal moments are 0 or positive"]  # fmt: skip
-    if not planar and moments[0] + moments[1] < moments[2] * (1 - 1e-9):
+    if not (planar or as_given) and moments[0] + moments[1] < moments[2] * (1 - 1e-9):
         return [f"body '{name}': principal moments {moments[0]:.6g}, {moments[1]:.6g}, {moments[2]:.6g} kg m^2 violate the "
-                f"triangle inequality (the two smaller must add up to at least the largest); correct them"]  # fmt: skip
+                f"triangle inequality (the two smaller must add up to at least the largest); correct them, or pass as_given=True "
+                f"to have them taken as they are"]  # fmt: skip
     return []

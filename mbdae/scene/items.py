@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import SceneError
+from mbdae.errors import NamesAttributes, SceneError
 from mbdae.scene import reading
 from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Controller, Signal
 from mbdae.scene.reading import Argument
@@ -15,7 +15,7 @@ from mbdae.scene.record import Own, Statement
 from mbdae.scene.sensed import keep_read_coordinates, keep_wanted, read_by
 
 
-class SceneItems:
+class SceneItems(NamesAttributes):
     """The items of a scene by name (bodies, joints, forces, loads, signals, controllers), the statements made, the mistakes
     found."""
 

@@ -18,7 +18,7 @@ from mbdae.inputs import timed
 from mbdae.inputs.sensed import symbol
 from mbdae.scene.components import Array, Body, Place
 from mbdae.symbolic.joint import Joint
-from mbdae.values import BadValueError, array, entries, number, shown, text, whole, word
+from mbdae.values import BadValueError, array, entries, flag, number, shown, text, whole, word
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
@@ -239,6 +239,11 @@ def one_of(*words: str) -> Reader:
             return words[0]
 
     return read
+
+
+def switch(arg: Argument, value: Any) -> bool:
+    """Reader of True or False; False where the value is neither."""
+    return _read(arg, value, flag, "give True or False", False)
 
 
 def counts(arg: Argument, value: Any) -> Any:

@@ -5,10 +5,13 @@ Statements are collected as they come; every mistake found is kept in `problems`
 
 from __future__ import annotations
 
+import os
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 
+from mbdae.errors import LawError
 from mbdae.inputs.tables import from_data
 from mbdae.laws.forces import AppliedForce, AppliedTorque, Bushing, PointSpring, RotationalBushing
 from mbdae.scene import inertia as mass_properties
@@ -23,10 +26,39 @@ from mbdae.scene.joints import JointStatements
 from mbdae.scene.reading import FEEDS, reads
 from mbdae.scene.record import statement, tables_in
 from mbdae.scene.variants import replaced, with_recursive_tree
+from mbdae.symbolic.derive import digest_of
 from mbdae.symbolic.law import Force, TwoBodyLaw
+from mbdae.symbolic.stated import own
 
 MASS, SPEED, TURNING = reading.quantity("kg", "not negative"), reading.vector("m/s"), reading.vector("rad/s")
 FRAME = reading.one_of("inertial", "body")
+
+
+_TOKEN = uuid4().hex
+
+
+def _process() -> tuple[str, int]:
+    """What tells this process from others, forked ones included."""
+    return _TOKEN, os.getpid()
+
+
+def stated_laws(scene: SceneData) -> dict[str, str]:
+    """What the laws of a scene state now that are not mbdae's, as texts by item: equal in all processes where they state the
+    same."""
+    return {f"{c.name}.{i}" if i else c.name: digest_of(law)
+            for c in scene.connections for i, law in enumerate(c.laws) if own(law)}  # fmt: skip
+
+
+def refuse_other_laws(scene: SceneData) -> None:
+    """Raise LawError where a law of a scene states something else than in the process that sent the scene to this one."""
+    if scene._sent is None:
+        return
+    stated = stated_laws(scene)
+    if other := next((item for item, sent in scene._sent.items() if stated.get(item) != sent), None):
+        raise LawError(f"'{other}' states something else in this process than where the scene comes from: a process reads its "
+                       f"class from the file, without what was changed elsewhere after the import; give what varies as a "
+                       f"parameter (params = mb.params(...)), or pass executor=ThreadPoolExecutor()")  # fmt: skip
+    scene._sent = None
 
 
 class SceneData(BeamStatements, JointStatements, ContactStatements, ControlStatements):
@@ -34,28 +66,39 @@ class SceneData(BeamStatements, JointStatements, ContactStatements, ControlState
 
     A mistake in a statement raises nothing at once: `check`, `simulate` and the other analyses raise SceneError with all."""
 
+    #: what its own laws stated in the process that sent it to this one, until the first model of it is made; None: not sent
+    _sent: dict[str, str] | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle, with the process and what its own laws state here: code is sent by name, so that they may state something else
+        where the scene arrives."""
+        return vars(self) | {"_sent": (_process(), stated_laws(self))}
+
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Unpickle: the tables of its expressions are registered first, because another process does not know them."""
         for stored in tables_in(state["statements"]):
             from_data(*stored)
         vars(self).update(state)
+        process, stated = state["_sent"]
+        self._sent = None if process == _process() else stated
 
     # -- bodies
 
     @reads(name=reading.name, mass=MASS, inertia=reading.inertia, at=reading.point, rotation=reading.rotation,
-           velocity=SPEED, angular_velocity=TURNING, shape=shapes, color=color)  # fmt: skip
+           velocity=SPEED, angular_velocity=TURNING, shape=shapes, color=color, as_given=reading.switch)  # fmt: skip
     @statement
     def rigid_body(self, name: str, mass: float, inertia: Any, at: Any = (0, 0, 0), rotation: Any = None,
                    velocity: Any = (0, 0, 0), angular_velocity: Any = (0, 0, 0), shape: Any = None,
-                   color: Any = None) -> Body:  # fmt: skip
+                   color: Any = None, as_given: bool = False) -> Body:  # fmt: skip
         """A rigid body: `mass` kg; `inertia` about its centre of mass in body axes, kg m^2 (one number: about z; 3
         principal values; or 3x3); `at` centre of mass, m; `rotation` 3x3 (body to inertial); `velocity` m/s and
         `angular_velocity` rad/s in the inertial frame. In pictures: `shape`, one of mb.Box, mb.Sphere, mb.Cylinder, mb.Plane,
-        mb.Point as drawn, or a list of them, and `color` as matplotlib names it; neither changes the motion."""
+        mb.Point as drawn, or a list of them, and `color` as matplotlib names it; neither changes the motion. as_given: True
+        takes an inertia whose principal moments violate the triangle inequality, as no body's do, as it is."""
         R = np.eye(3) if rotation is None else rotation
         v, w, where = (np.array(a, dtype=float) for a in (velocity, angular_velocity, at))
         matrix, planar = mass_properties.matrix(np.asarray(inertia)), np.ndim(inertia) == 0
-        self.problems += mass_properties.problems(name, matrix, planar)
+        self.problems += mass_properties.problems(name, matrix, planar, as_given)
         body = Body(name, mass, matrix, where, R, v, w, given_velocity=bool(np.any(v) or np.any(w)), outline=where[None],
                     principal_plane=planar)  # fmt: skip
         return self._add_body(looking(body, shape, color))

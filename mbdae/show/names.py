@@ -86,8 +86,11 @@ class Namer:
     def _text(self, label: Label, height: float) -> Any:
         from matplotlib.patheffects import withStroke
 
-        look = {"color": INK, "style": "italic"} if label.of_body else {"color": "#555555", "style": "normal"}
-        text = self.figure.text(0, 0, fitting(label.text, WIDE), fontsize=height, ha="center", va="center", zorder=20, **look)
+        from mbdae.show.figure import readable
+
+        look: dict[str, Any] = {"color": INK, "style": "italic"} if label.of_body else {"color": "#555555", "style": "normal"}
+        look |= {"fontsize": height, "ha": "center", "va": "center"}
+        text = readable(self.figure.text(0, 0, fitting(label.text, WIDE), zorder=20, **look))
         text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
         return text
 

@@ -23,8 +23,7 @@ from mbdae.files import first_difference, path_of, read_file, write_file
 from mbdae.integrators.base import end_after, output_times
 from mbdae.integrators.checkpoints.trees import DamagedError, read_tree, write_tree
 from mbdae.results.reads import own_of
-from mbdae.results.storable import by_item
-from mbdae.results.storage import own_laws
+from mbdae.results.storable import by_item, own_laws
 from mbdae.run.control import plausible
 from mbdae.run.environment import versions
 from mbdae.scene.scene import SceneData

@@ -21,7 +21,7 @@ import numpy as np
 
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SceneError
 from mbdae.run.batch import Batches
-from mbdae.scene.scene import SceneData
+from mbdae.scene.scene import SceneData, stated_laws
 from mbdae.scene.variants import with_open_tree
 from mbdae.sweep.statements import changed
 from mbdae.system.base import Array
@@ -64,7 +64,8 @@ class SceneJob:
     @cached_property
     def key(self) -> str:
         """A hash of the job, the same for equal jobs in every process."""
-        options = self.names, self.t_end, self.accuracy, self.outputs.tobytes(), self.middle, repr(self.lines)
+        options = self.names, self.t_end, self.accuracy, self.outputs.tobytes(), self.middle, repr(self.lines), \
+            stated_laws(self.scene)
         return hashlib.sha256(pickle.dumps((self.scene.name, self.scene.statements, *options))).hexdigest()
 
     def __getstate__(self) -> dict[str, Any]:

@@ -208,7 +208,11 @@ def _checked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
         class_and_method = f"{type(self).__name__}.{name}"
         try:
             found = method(self, *args, **kwargs)
-        except (MbdaeError, NotImplementedError):
+        except NotImplementedError:
+            raise
+        except MbdaeError as error:
+            if str(error).startswith(f"{name}: "):  # of a tool that the method uses, as the motion of a joint does
+                raise LawError(f"{class_and_method}{str(error).removeprefix(name)}{_line(error)}") from None
             raise
         except Exception as error:
             raise LawError(f"{class_and_method} fails: {type(error).__name__}: {error}{_hint(self, error)}"

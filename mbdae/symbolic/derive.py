@@ -6,24 +6,22 @@ Sign: residual = M u' + G^T lambda + (internal, gyroscopic) - applied.
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import symengine as se
 
-from mbdae.costs import made_once
-from mbdae.disk.entries import key_of
-from mbdae.disk.exact import Digests
-from mbdae.disk.store import store
+from mbdae.costs import made_once, spends
 from mbdae.errors import LawError
 from mbdae.symbolic.derived import Derived as Derived
 from mbdae.symbolic.derived import Facts, NotPlanarError, Pair, Terms, reaction_on_l, reactions
-from mbdae.symbolic.derived import Side as Side
-from mbdae.symbolic.frames import Frame, NodeKind, make_frame
+from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Law, Structure
-from mbdae.symbolic.motion import Rotation, refuse_amounts, value_of
+from mbdae.symbolic.motion import refuse_amounts, value_of
 from mbdae.symbolic.rebuild import one_sided, without_overflow
+from mbdae.symbolic.stated import Side as Side
+from mbdae.symbolic.stated import Stated, unsteady
 from mbdae.symbolic.statement import Feeds, Statement
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
@@ -31,42 +29,41 @@ from mbdae.symbolic.vectors import ZERO, Expr, Vec
 _ZERO = se.Integer(0)
 
 
-@made_once("derive", 512)
+LOOKS = 4  #: how often a law that is derived is asked what it states: one that chooses between two answers by chance shows both
+
+
+@spends("derive")
 def derive(cls: type[Law], structure: Structure, sides: tuple[Side, ...]) -> Derived:
-    """Derive a law class for given nodes: sides has, for every frame of the law, the kind of its node and the structure of the
-    axes on it. structure: options, absent parameters and those that depend on time."""
-    law = cls.symbolic(structure)
-    names = (*side_names(law), *structure.feeds.sides)
-    frames = tuple(make_frame(s, *side) for s, side in zip(names, sides, strict=True))
-    if structure.timed and cls.timeless:
-        raise LawError(f"{cls.__name__}: {min(structure.timed)} is a parameter that cannot depend on time, sensors or "
-                       "controllers; give a number")  # fmt: skip
-    for name, frame in zip(law.own_coordinates, frames[len(law.frames) :], strict=False):
-        setattr(law, name, frame.q[0] if frame.kind is NodeKind.COORDINATE else Rotation(tuple(frame.q), frame.body, frame.spin))
-    clock = _clock(structure.timed)
-
-    def run() -> tuple[Facts, Terms, Variation]:
-        made = _Derivation(law, Variation(frames, clock), structure.feeds)
-        return (*made.run(), made.variation)
-
-    return Derived(law, frames, _Derivation(law, Variation(frames, clock), structure.feeds).key(), run, structure.feeds)
+    """Derive a law class for given nodes, or find what was derived by what the law states now. sides has, for every frame of the
+    law, the kind of its node and the structure of the axes on it. structure: options, absent parameters and those that depend on
+    time."""
+    stated = Stated(cls, structure, sides, _Derivation)
+    return _derived(stated) if stated.key is None else _known(stated)
 
 
-def side_names(law: Law) -> tuple[str, ...]:
-    """Names of the frames of a law: those of bodies, then "c", "c2", ... of the coordinates that are its unknowns."""
-    return (*law.frames, *("c" if n == 0 else f"c{n + 1}" for n in range(len(law.own_coordinates))))
+def digest_of(law: Law) -> str:
+    """What a law states, as text: the same in every process for the same statement between bodies in space and in the plane."""
+    named, structure = getattr(law, "coordinates", {}), law.structure()
+    turns = [name in named and named[name].unit == "rotation" for name in law.own_coordinates]
+    own = [(NodeKind.ROTATION if turn else NodeKind.COORDINATE, Axes.GENERAL) for turn in turns]
+    found = [Stated(type(law), structure, (*[side] * len(law.frames), *own), _Derivation)
+             for side in ((NodeKind.SPATIAL, Axes.GENERAL), (NodeKind.PLANAR, Axes.NORMAL))]  # fmt: skip
+    return " ".join(stated.digest() for stated in found)
+
+
+@made_once("derive", 512)
+def _known(stated: Stated) -> Derived:
+    return _derived(stated)
+
+
+def _derived(stated: Stated) -> Derived:
+    if stated.key is not None and any(stated.again() != stated for _ in range(LOOKS - 1)):
+        stated.derivation()  # what is no number is no equal of itself either: the derivation says so
+        raise unsteady(stated.asked[0])
+    return Derived(stated, stated.entry_key(), stated.derivation)
 
 
 FORCES = ("energy", "dissipation", "wrench", "thrust")  #: a force law states one of them at least
-
-
-def _clock(timed: Iterable[str]) -> dict[Expr, Expr]:
-    """Symbol -> symbol of its time derivative, for time-dependent parameters and their rates."""
-    clock: dict[Expr, Expr] = {}
-    for name in sorted(timed):
-        p, d, dd = (se.Symbol(name + suffix) for suffix in ("", "_dot", "_ddot"))
-        clock |= {p: d, d: dd}
-    return clock
 
 
 class _Stated(NamedTuple):
@@ -93,34 +90,40 @@ class _Derivation(Statement):
         super().__init__(law, variation)
         self.feeds = feeds
 
-    def key(self) -> str | None:
-        """Key of the law in the cache on disk, a digest of all that it states, forces by its own reactions included; None where
-        it cannot be cached."""
-        if not store().used:
-            return None
-        try:
-            return key_of("law", Digests().of([self.answers(), self._by_reactions(), self._fed()]))
-        except Exception:  # a mistake in the law, which `run` reports, or a value that has no digest
-            return None
-
-    def _fed(self) -> list[Any]:
+    def fed(self) -> list[Any]:
         """The sensors that the law reads: every name with its statement on the frames that are read, and states of other laws."""
         return [[list(pair) for pair in self.feeds.stated(self.read_frames)], self.feeds.foreign]
 
-    def _by_reactions(self) -> list[Any] | None:
-        law, cls = self.law, type(self.law)
-        own = [name for name in ("resistance", "rubbing", "pressing", "normal_force", "sliding", "lever")
-               if getattr(cls, name, None) is not getattr(Joint, name)]  # fmt: skip
-        if not isinstance(law, Joint) or (law.friction is None and not own):
+    def by_reactions(self) -> list[Any] | None:
+        """What a joint states by its own reactions; None where it states nothing by them."""
+        if not self._reacts():
             return None
         rows, vanished, _, _, G = self._constraints()
-        force = reaction_on_l(law, self.frames, rows, G)
+        return self._by(reactions(self.law, rows, vanished), reaction_on_l(self.law, self.frames, rows, G))
+
+    def by_any_reactions(self) -> list[Any] | None:
+        """The same with symbols for the reactions, which takes no derivatives."""
+        if not self._reacts():
+            return None
+        x, y, z = se.symbols("reaction_1:4")
+        force = Vec(x, y, 0 if any(f.kind.flat for f in self.frames) else z)
+        return self._by(reactions(self.law, self.rows, ()), force)
+
+    def _reacts(self) -> bool:
+        law, cls = self.law, type(self.law)
+        own = ("resistance", "rubbing", "pressing", "normal_force", "sliding", "lever")
+        return isinstance(law, Joint) and (
+            law.friction is not None or any(getattr(cls, name, None) is not getattr(Joint, name) for name in own))
+
+    def _by(self, reactions: Mapping[str, Expr], force: Vec) -> list[Any]:
+        law = self.law
         pressing = None if law.friction is None else law.pressing(self.sides[0], self.sides[1], force)
-        return [law.resistance(*self.sides, reactions(law, rows, vanished)), law.rubbing(force, *self.sides), pressing]
+        return [law.resistance(*self.sides, reactions), law.rubbing(force, *self.sides), pressing]
 
     def run(self) -> tuple[Facts, Terms]:
         self.refuse_clashes()
         self.refuse_undefined()
+        self._refuse_others()
         self._define_feeds()
         if isinstance(self.law, Joint):
             refuse_amounts(self.law)
@@ -133,6 +136,18 @@ class _Derivation(Statement):
         self.variation.release()
         facts = Facts(tuple(rows), tuple(vanished), tuple(undefined), states, bool(force))
         return facts, Terms(tuple(g), tuple(G), force, energy, dissipated, work, self._coordinates(), rates, starts)
+
+    def _refuse_others(self) -> None:
+        """Raise LawError where an answer that no equation contains, or a kinetic energy, cannot be used."""
+        law, sides = self.law, self.sides
+        if isinstance(law, Element):
+            self.refuse_unusable("the kinetic energy", law.kinetic_energy(*sides))
+        if isinstance(law, Force):
+            stated = [("the gaps", law.gaps(*sides)), ("the approach", law.approach(*sides)), ("the losses", law.losses(*sides)),
+                      ("what is observed", law.observed(*sides))]  # fmt: skip
+            for term, answer in stated:
+                for e in _leaves(answer):
+                    self.refuse_unusable(term, e)
 
     @property
     def read_frames(self) -> tuple[Frame, ...]:
@@ -276,8 +291,18 @@ class _Derivation(Statement):
                     raise LawError(f"{type(self.law).__name__} states no value for {rate_or_start} of its state '{n}'; "
                                    f"return {{'{n}': expression}} from {'rates' if table is rates else 'initial'}(self, k, l)")
                 self.refuse(f"{rate_or_start} of state '{n}'", table[n])
-        ready = [tuple(self.variation.resolve(self.variation.name(table[n])) for n in names) for table in (rates, starts)]
+        ready = [tuple(self.variation.resolve(self.variation.name(without_overflow(one_sided(table[n])))) for n in names)
+                 for table in (rates, starts)]  # fmt: skip
         return names, ready[0], ready[1]
+
+
+def _leaves(answer: Any) -> Iterator[Expr]:
+    """The expressions in lists, pairs and dictionaries."""
+    parts = answer.values() if isinstance(answer, Mapping) else answer if isinstance(answer, tuple | list) else None
+    if parts is None:
+        yield answer
+    for part in parts or ():
+        yield from _leaves(part)
 
 
 def _power(pair: Pair, f: Frame) -> Expr:

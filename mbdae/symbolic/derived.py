@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import symengine as se
 
 from mbdae.disk.entries import keep, key_of, recall
-from mbdae.errors import LawError
-from mbdae.symbolic.frames import Axes, Frame, NodeKind
+from mbdae.errors import LawError, MbdaeError
+from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.rebuild import symbols_of
-from mbdae.symbolic.statement import NO_FEEDS, Feeds
+from mbdae.symbolic.stated import Stated
+from mbdae.symbolic.statement import Feeds
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
-Side = tuple[NodeKind, Axes]
 Pair = tuple[Vec, Vec]  #: (force, moment) on a node, a generalised force by its inertial components
 _ZERO = se.Integer(0)
 
@@ -63,7 +64,8 @@ class Facts(NamedTuple):
 class Derived:
     """A law for given kinds of nodes with its `Facts`, and its `Terms`, which are derived when they are first asked for.
 
-    key: digest of the statement, with which its keys in the cache on disk begin; None: not cached. feeds: sensors it reads."""
+    stated: what the law states, see `derive`; key: digest of it, with which its keys in the cache on disk begin, None: not
+    cached; run: derives. It answers later questions from the statement that was derived, whatever the class states by then."""
 
     rows: tuple[str, ...]
     vanished: tuple[str, ...]
@@ -71,9 +73,11 @@ class Derived:
     states: tuple[str, ...]
     forced: bool
 
-    def __init__(self, law: Any, frames: tuple[Frame, ...], key: str | None,
-                 run: Callable[[], tuple[Facts, Terms, Variation]], feeds: Feeds = NO_FEEDS) -> None:  # fmt: skip
-        self.law, self.frames, self.key, self._run, self.feeds = law, frames, key, run, feeds
+    def __init__(self, stated: Stated, key: str | None, run: Callable[[], tuple[Facts, Terms, Variation]]) -> None:
+        self.stated, self.key, self._run = stated, key, run
+        self.law: Any = stated.law
+        self.frames: tuple[Frame, ...] = stated.frames
+        self.feeds: Feeds = stated.feeds
         found = recall(key)
         if found is None:
             try:
@@ -83,12 +87,27 @@ class Derived:
                 keep(key, refused.what)
                 raise
         if isinstance(found, str):
-            raise NotPlanarError.of(law, found)
+            raise NotPlanarError.of(self.law, found)
         vars(self).update(Facts(*found)._asdict())
+
+    def __deepcopy__(self, memo: Any) -> Derived:
+        return self  # what was derived does not change
 
     @cached_property
     def _derivation(self) -> tuple[Facts, Terms, Variation]:
-        return self._run()
+        with self.naming_errors():
+            return self._run()
+
+    @contextmanager
+    def naming_errors(self) -> Iterator[None]:
+        """Context in which errors of the symbolic engine become a LawError with the name of the law."""
+        try:
+            yield
+        except (MbdaeError, NotImplementedError):
+            raise
+        except Exception as error:
+            raise LawError(f"{type(self.law).__name__} cannot be derived: {type(error).__name__}: {error}; state it by functions "
+                           f"that symengine differentiates") from error  # fmt: skip
 
     def noted(self, what: str, find: Callable[[], Any]) -> Any:
         """A plain value that follows from the terms: from the cache on disk, or computed by `find` and cached. what: its name
@@ -174,6 +193,7 @@ class Derived:
         resistance by itself."""
         if not isinstance(self.law, Joint) or self.law.friction is None:
             return None
+        self.stated.refuse_other_reactions()
         return self.law.pressing(self.sides[0], self.sides[1], reaction_on_l(self.law, self.frames, self.rows, self.G))
 
     @property
@@ -181,6 +201,7 @@ class Derived:
         """The coordinate against which a joint's own friction acts, and the friction on it (N or N m); None without friction."""
         if not isinstance(self.law, Joint):
             return None
+        self.stated.refuse_other_reactions()
         return self.law.rubbing(reaction_on_l(self.law, self.frames, self.rows, self.G), *self.sides)
 
     @property

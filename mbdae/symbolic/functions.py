@@ -1,4 +1,4 @@
-"""Numerical properties of the functions in statements and inputs: how fast they vary, and atan2 of complex numbers.
+"""Properties of the functions in statements and inputs: how fast they vary, which can be used, and atan2 of complex numbers.
 
 A steep function has a width: the change of its argument u over which the function changes by a substantial part of itself. PHI(u)
 is u on a scale where one width has length 1, so that a change of PHI counts widths; it is constant where the function is flat.
@@ -6,10 +6,16 @@ is u on a scale where one width has length 1, so that a change of PHI counts wid
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Collection
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import symengine as se
+
+from mbdae.symbolic.rebuild import is_condition, joined, nodes
+from mbdae.values import shown
 
 Scale = Callable[[Any], Any]
 
@@ -20,6 +26,63 @@ KINDS = {
     "sin": "periodic", "cos": "periodic", "tan": "periodic", "cot": "periodic", "sec": "periodic", "csc": "periodic",
     "sinh": "growing", "cosh": "growing", "log": "power", "abs": "kink", "Abs": "kink", "sign": "kink",
 }  # fmt: skip
+
+
+#: kinds of expressions that symengine differentiates and compiles; others are tried, see `unusable`
+USABLE = {*KINDS, "Symbol", "Add", "Mul", "Pow", "atan2", "floor", "ceiling", "Max", "Min", "Piecewise", "asec", "acsc", "asech",
+          "acsch", "acoth", "UnevaluatedExpr"}  # fmt: skip
+#: functions of mbdae's own: names of intermediate results, time derivatives, tables
+OWN = ("let", "rate", "table_")
+OTHER_FUNCTIONS = "state it by other functions, such as se.sin, se.exp, se.sqrt, or by cases: se.Piecewise((a, x > 0), (b, True))"
+
+
+def unusable(e: Any, fixed: Collection[Any] | None = ()) -> str:
+    """Why an expression cannot be differentiated and compiled, in words, with a remedy; "" where it can. fixed: symbols by which
+    it is not differentiated; None: it is not differentiated at all, and not compiled."""
+    for node in nodes(se.sympify(e)):
+        kind = type(node).__name__
+        if not is_condition(node) and kind != "Piecewise" and any(is_condition(part) for part in node.args):
+            return f"the condition {next(filter(is_condition, node.args))} where a number is needed; state cases by " \
+                   f"se.Piecewise((a, x > 0), (b, True))"  # fmt: skip
+        if node.is_Number or not (node.args or kind in USABLE or is_condition(node)):
+            if not _is_finite(node):
+                return f"{node}, which is no real, finite number; look for a division by 0, or for numbers that are too large"
+        elif isinstance(node, se.FunctionSymbol) and kind == "FunctionSymbol":
+            if not node.get_name().startswith(OWN):
+                return f"{shown(node)}, a function that is only a name; {OTHER_FUNCTIONS}"
+        elif kind not in USABLE and not is_condition(node) and not _works(node, fixed):
+            return f"{shown(node)}, a function whose derivatives cannot be compiled; {OTHER_FUNCTIONS}"
+    return ""
+
+
+def _is_finite(number: Any) -> bool:
+    try:
+        return math.isfinite(float(number))
+    except Exception:  # complex numbers and infinities of symengine
+        return False
+
+
+def _works(node: Any, fixed: Collection[Any] | None) -> bool:
+    foreign = type(node).__name__ in ("PyFunction", "Derivative", "Subs")
+    if foreign or fixed is None:
+        return not foreign
+    symbols = [se.Symbol(f"x{i}") for i in range(len(node.args))]
+    try:
+        return _compiles(joined(node, symbols), node.free_symbols <= set(fixed))
+    except Exception:  # the function takes numbers of one kind only
+        return False
+
+
+@lru_cache(maxsize=256)
+def _compiles(e: Any, fixed: bool) -> bool:
+    """Whether LLVM compiles a function and, where its arguments are not fixed, its first and second derivatives."""
+    symbols = sorted(e.free_symbols, key=str)
+    slopes = [] if fixed else [se.diff(e, s) for s in symbols]
+    try:
+        se.Lambdify(symbols, [e, *slopes, *(se.diff(d, s) for d in slopes for s in symbols)], backend="llvm")
+    except Exception:  # symengine says by errors of all kinds that it does not know a function
+        return False
+    return True
 
 
 def limited(low: float, high: float) -> Scale:

@@ -19,9 +19,8 @@ import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame, angle
-from mbdae.symbolic.free_axes import across, free_axes
 from mbdae.symbolic.law import TwoBodyLaw
-from mbdae.symbolic.motion import Motion, symbolic_motion
+from mbdae.symbolic.motion import Motion, across, free_axes, symbolic_motion
 from mbdae.symbolic.part import Parameter, checked_value
 from mbdae.symbolic.variation import let, rate
 from mbdae.symbolic.vectors import Expr, Vec

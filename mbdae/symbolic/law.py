@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from inspect import signature
 from math import inf, pi
 from types import MappingProxyType
@@ -33,7 +34,7 @@ import symengine as se
 from mbdae.errors import LawError, unknown_name
 from mbdae.symbolic.class_checks import check_class
 from mbdae.symbolic.frames import Frame
-from mbdae.symbolic.part import Parameter, Part, PartStructure, params
+from mbdae.symbolic.part import Exactly, Parameter, Part, PartStructure, exact, params
 from mbdae.symbolic.statement import NO_FEEDS, Feeds
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.values import shown
@@ -44,8 +45,8 @@ __all__ = ["AUGMENTED", "Element", "Force", "Law", "Parameter", "Structure", "Tw
 AUGMENTED = params(scaling=("1", "factor of the rows and their multipliers"), penalty=("N m", "factor of the squared rows"))
 
 
-@dataclass(frozen=True)
-class Structure:
+@dataclass(frozen=True, eq=False)
+class Structure(Exactly):
     """What distinguishes two statements of one law class apart from numbers: options, parameters that are
     absent or depend on time, feedback."""
 
@@ -53,6 +54,11 @@ class Structure:
     timed: frozenset[str] = frozenset()
     options: tuple[tuple[str, Any], ...] = ()
     feeds: Feeds = NO_FEEDS
+
+    @cached_property
+    def key(self) -> tuple[Any, ...]:
+        """Absent and timed parameters, options, feedback."""
+        return self.absent, self.timed, exact(self.options), self.feeds
 
 
 class Law:

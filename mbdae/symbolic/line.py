@@ -20,17 +20,18 @@ fields, the elements keep energy and angular momentum.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import symengine as se
 
-from mbdae.costs import made_once
+from mbdae.costs import made_once, spends
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Law, Structure
 from mbdae.symbolic.quaternions import body_spin, rotation_columns
 from mbdae.symbolic.rebuild import symbols_of
+from mbdae.symbolic.stated import frozen, unsteady
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
 _ZERO = se.Integer(0)
@@ -65,6 +66,7 @@ class LinePoint:
     fields: tuple[Field, ...]
 
 
+@lru_cache(maxsize=8)
 def make_point(kind: NodeKind) -> LinePoint:
     """The point of a line between nodes of one kind, SPATIAL or PLANAR."""
     if not kind.turns:
@@ -140,9 +142,22 @@ class LineDerived:
         return {place: e for place, e in found.items() if e != 0}
 
 
-@made_once("derive", 64)
+@spends("derive")
 def derive_line(cls: type[LineLaw], structure: Structure, kind: NodeKind, mixed: bool = True) -> LineDerived:
-    """Derive a law on a line; `mixed` keeps the stresses as unknowns, otherwise their compliance eliminates them."""
+    """Derive a law on a line, or find what was derived by what it states now; `mixed` keeps the stresses as unknowns, otherwise
+    their compliance eliminates them."""
+    return _derived(cls, structure, kind, mixed, _stated(cls, structure, kind))
+
+
+def _stated(cls: type[LineLaw], structure: Structure, kind: NodeKind) -> Any:
+    law, x = cls.symbolic(structure), make_point(kind)
+    return frozen([law.strains(x), law.load(x), law.kinetic_energy(x)])
+
+
+@made_once("derive", 64)
+def _derived(cls: type[LineLaw], structure: Structure, kind: NodeKind, mixed: bool, known: Any) -> LineDerived:
+    if _stated(cls, structure, kind) != known:
+        raise unsteady(cls)
     law, x = cls.symbolic(structure), make_point(kind)
     stated = {name: se.sympify(e) for name, e in law.strains(x).items()}
     s = _Strains(law, x, {name: e for name, e in stated.items() if e != 0})

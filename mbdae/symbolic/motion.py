@@ -20,6 +20,9 @@ from typing import Any
 import symengine as se
 
 from mbdae.errors import LawError
+from mbdae.notation import counted
+from mbdae.symbolic.frames import Frame
+from mbdae.symbolic.functions import unusable
 from mbdae.symbolic.quaternions import rotation_columns
 from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
@@ -154,7 +157,12 @@ def _axis(axis: Any) -> Vec:
 
 def _amount(amount: Any) -> Expr:
     try:
-        return se.sympify(amount)
+        found = se.sympify(amount)
+        if found.args and (why := unusable(found, None)):
+            raise LawError(f"motion: amount = {shown(amount)} contains {why}")
+        return found
+    except LawError:
+        raise
     except Exception as error:
         raise LawError(f"motion: amount = {shown(amount)} is no expression of coordinates and parameters, such as "
                        f"self.angle") from error  # fmt: skip
@@ -225,6 +233,8 @@ def _is_known(e: Expr, at: dict[Expr, Expr]) -> bool:
 
 def value_of(e: Expr) -> complex | None:
     """The value of an expression without symbols, complex or infinite where it is so; None where symengine cannot evaluate it."""
+    if e.args and any(type(node).__name__ == "PyFunction" for node in nodes(e)):
+        return None  # to evaluate a function of SymPy that has no value ends the process
     for read in (complex, float):  # each of these fails for some functions of symengine
         try:
             return complex(read(e))
@@ -242,3 +252,69 @@ def real_value(e: Expr) -> float:
 def no_rotation() -> Rotation:
     """The identity, as a free rotation."""
     return Rotation.of([se.Integer(i == 0) for i in range(4)], ZERO)
+
+
+# ---- axes along and about which a joint lets l move: its reactions do no work along and about them ---------------------------
+
+
+def free_axes(law: Any, k: Frame, l: Frame, coordinate: str) -> list[Vec]:
+    """Unit vectors, inertial, along which reactions do not press the rubbing surfaces together: the axis of the coordinate with
+    friction, and the directions in which any coordinate slides l, each once. An axis of rotation is left out where all of them
+    together would span space."""
+    motion = symbolic_motion(law)
+    assert motion is not None
+    own = [i for i, step in enumerate(motion.steps) if se.Symbol(coordinate) in step.amount.free_symbols]
+    if len(own) != 1:
+        raise LawError(f"friction on '{coordinate}' of a {type(law).__name__}: {counted(len(own), 'step')} of its motion "
+                       f"{'contains' if len(own) == 1 else 'contain'} this coordinate, where one is needed to tell which part of "
+                       f"the joint's force presses the surfaces together: state `pressing(self, k, l, force)` in its class, or "
+                       f"give normal_force=... (N)")  # fmt: skip
+    slides = [i for i, step in enumerate(motion.steps) if not step.turns and step.amount.free_symbols & _names(law)]
+    found: list[Vec] = []
+    for i in (own[0], *slides):
+        axis = _axis_of(law, k, l, motion.steps, i)
+        if not any(all(a == b for a, b in zip(axis, other, strict=True)) for other in found):
+            found.append(axis)
+    # a planar joint is pressed by the reaction along its axis of rotation
+    return found[1:] if len(found) > 2 and motion.steps[own[0]].turns else found
+
+
+def _names(law: Any) -> set[Any]:
+    return {se.Symbol(c) for c in law.scalars()}
+
+
+def _axis_of(law: Any, k: Frame, l: Frame, steps: Sequence[Step], i: int) -> Vec:
+    """Axis of elementary motion i, inertial: from the axes of k where no motion before it turns, from those of l where no motion
+    after it turns, else from the joint's coordinates, which must then be unknowns."""
+
+    def turn(some: Sequence[Step]) -> bool:
+        return any(s.rotation is not None or (s.turns and s.amount.free_symbols & _names(law)) for s in some)
+
+    if not turn(steps[:i]):
+        return steps[i].direction(_axes_after(steps[:i], k))
+    if not turn(steps[i + 1 :]):
+        return steps[i].direction(_axes_after(Motion(steps[i + 1 :]).inverse().steps, l))
+    if not law.kept:
+        raise LawError(f"{type(law).__name__}: friction needs the force that presses the joint together, across each of its "
+                       f"axes of motion; one of them lies between two rotations whose angles are no unknowns of this joint "
+                       f"model: use model=mb.Classical(), or give normal_force=... (N)")  # fmt: skip
+    own: tuple[Step, ...] = law.motion(Motion()).steps
+    return own[i].direction(_axes_after(own[:i], k))
+
+
+def _axes_after(steps: Sequence[Step], f: Frame) -> Triad:
+    """The axes of a frame after some elementary motions."""
+    axes: Triad = Motion(steps).pose((f.x, f.y, f.z))[1]
+    return axes
+
+
+def across(force: Vec, axes: Sequence[Vec]) -> Vec:
+    """The part of a vector that is normal to one or two axes; for three axes 0."""
+    if len(axes) == 1:
+        along: Vec = axes[0] * (axes[0] @ force)
+        return force - along
+    if len(axes) > 2:
+        return ZERO
+    normal: Vec = axes[0].cross(axes[1])
+    part: Vec = normal * ((normal @ force) / (normal @ normal))
+    return part

@@ -9,6 +9,7 @@ from __future__ import annotations
 import keyword
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
@@ -55,13 +56,58 @@ def checked_value(item: str, key: str, value: Any, read: Callable[..., T], remed
         raise LawError(f"{item}: {key} = {value_and_fault}; {remedy}") from None
 
 
-@dataclass(frozen=True)
-class PartStructure:
+class Identity:
+    """An object that is equal to itself alone, whatever it says of its equality."""
+
+    __slots__ = ("value",)
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Identity) and self.value is other.value
+
+    def __hash__(self) -> int:
+        return id(self.value)
+
+
+def exact(value: Any) -> Any:
+    """A value as a key: plain values by type and value, because 1, 1.0 and True are equal, other objects by identity, because
+    what they say of their equality need not be all that a law reads of them."""
+    if value is None or isinstance(value, str | Exactly):
+        return value
+    if isinstance(value, bool | int | float):
+        return type(value), repr(value)
+    return tuple(map(exact, value)) if type(value) is tuple else Identity(value)
+
+
+class Exactly:
+    """Base of structures, which are equal where all that distinguishes statements is equal as `exact` tells."""
+
+    @cached_property
+    def key(self) -> tuple[Any, ...]:
+        """What distinguishes it from others."""
+        raise NotImplementedError
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Exactly) and self.key == other.key
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+
+@dataclass(frozen=True, eq=False)
+class PartStructure(Exactly):
     """What distinguishes two statements of one part apart from numbers."""
 
     cls: type[Part]
     absent: frozenset[str]
     options: tuple[tuple[str, Any], ...]
+
+    @cached_property
+    def key(self) -> tuple[Any, ...]:
+        """Its class, absent parameters, options."""
+        return self.cls, self.absent, exact(self.options)
 
     def symbolic(self, prefix: str) -> Part:
         """The part with symbols for its values; prefix: name of the law's option, with which the symbols of parameters begin."""

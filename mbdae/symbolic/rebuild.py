@@ -13,7 +13,7 @@ LOGIC = ("And", "Or", "Not", "Xor")  #: connectives of conditions
 #: name of a relation or connective -> function that makes it
 CONDITIONS: dict[str, Any] = {"StrictLessThan": se.Lt, "LessThan": se.Le, "Equality": se.Eq, "Unequality": se.Ne,
                                **{name: getattr(se, name) for name in LOGIC}}  # fmt: skip
-ONE_SIDED = ("Abs", "Max", "Min", "sign", "ceiling")  #: functions that are rewritten with Piecewise and floor
+ONE_SIDED = ("Abs", "Max", "Min", "sign", "ceiling", "UnevaluatedExpr")  #: functions that are rewritten with Piecewise and floor
 STEPPED = ("floor", "ceiling", "sign", "Piecewise")  #: functions that jump where their derivatives do not show it
 LARGEST = 300.0  #: bound of exponents in denominators: exp(-300) = 5e-131 is as good as 0, and exp(300)^2 does not overflow
 
@@ -75,7 +75,8 @@ def jumps_with(e: Expr, symbols: set[Expr]) -> bool:
 
 
 def one_sided(e: Expr) -> Expr:
-    """The expression with Piecewise for Abs, sign, Max and Min, and floor for ceiling: functions that have derivatives."""
+    """The expression with Piecewise for Abs, sign, Max and Min, and floor for ceiling: functions that have derivatives. Brackets
+    (UnevaluatedExpr) are left out."""
 
     def rule(node: Expr, args: list[Expr]) -> Expr | None:
         name = type(node).__name__
@@ -85,6 +86,8 @@ def one_sided(e: Expr) -> Expr:
             return se.Piecewise((args[0], args[0] >= 0), (-args[0], True))
         if name == "sign":
             return se.Piecewise((se.Integer(1), args[0] > 0), (se.Integer(-1), args[0] < 0), (se.Integer(0), True))
+        if name == "UnevaluatedExpr":
+            return args[0]
         return -se.floor(-args[0]) if name == "ceiling" else None
 
     e = se.sympify(e)

@@ -16,6 +16,7 @@ import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame, NodeKind, make_frame
+from mbdae.symbolic.functions import unusable
 from mbdae.symbolic.motion import symbolic_steps
 from mbdae.symbolic.rebuild import nodes
 from mbdae.symbolic.variation import Variation, rate
@@ -134,7 +135,9 @@ class Statement:
                            f"the points r and the axes x, y, z of its frames, not v and w")  # fmt: skip
 
     def refuse(self, term: str, e: Any) -> None:
-        """Raise LawError where an expression contains the time, an undeclared symbol, or a quantity its nodes do not have."""
+        """Raise LawError where an expression contains the time, an undeclared symbol, a quantity its nodes do not have, or what
+        cannot be differentiated or compiled."""
+        self.refuse_unusable(term, e)
         symbols = set().union(*(se.sympify(c).free_symbols for c in (e if isinstance(e, Vec) else (e,))))
         if _TIME in symbols and str(_TIME) not in self.law.params:
             raise LawError(f"{term} of {type(self.law).__name__} contains mb.t: state a parameter (params = mb.params(...)) and "
@@ -152,15 +155,21 @@ class Statement:
             raise LawError(f"{law} needs axes on both sides; a point mass has none: {term} reads the {quantity} of {frame.side}; "
                            f"use s.rigid_body for that body")  # fmt: skip
 
+    def refuse_unusable(self, term: str, e: Any) -> None:
+        """Raise LawError where an expression (or vector) contains what cannot be differentiated or compiled."""
+        fixed = {se.Symbol(name) for name in self.law.params} - self.variation.clock.keys()
+        for part in e if isinstance(e, Vec) else (e,):
+            if why := unusable(part, fixed):
+                raise LawError(f"{term} of {type(self.law).__name__} contains {why}")
+
     def answers(self) -> dict[str, Any]:
         """All that the law says of itself and on its frames: two laws with the same answers have the same equations, but for
         forces that follow from a joint's own reactions."""
         law, cls = self.law, type(self.law)
-        plain = {name: getattr(cls, name) for name in dir(cls) if not name.startswith("_")}
         parameters = [{name: entry.unit for name, entry in table.items()}
                       for table in (law.params, law.states, getattr(law, "coordinates", {}))]  # fmt: skip
         return {
-            "of the class": {name: value for name, value in plain.items() if _is_plain(value)},
+            "of the class": {name: value for name in dir(cls) if name[0] != "_" and _is_plain(value := getattr(cls, name))},
             "declared": [list(map(list, table.items())) for table in parameters],
             "present": [name for name in law.params if getattr(law, name) is not None],
             "chosen": {name: _chosen(getattr(law, name)) for name in law.options},
@@ -206,10 +215,12 @@ class Statement:
             self.refuse_speeds(what, e)
 
 
+_PLAIN = (bool, int, float, str, type(None))
+
+
 def _is_plain(value: Any) -> bool:
     """Whether the value of a class attribute is plain data, which a derivation may depend on and a digest can contain."""
-    return value is None or isinstance(value, bool | int | float | str) or (
-        isinstance(value, tuple) and all(isinstance(v, str) for v in value))  # fmt: skip
+    return isinstance(value, _PLAIN) or (type(value) is tuple and all(isinstance(v, str) for v in value))
 
 
 def _chosen(value: Any) -> Any:

@@ -16,7 +16,7 @@ from typing import Any
 import symengine as se
 
 from mbdae.costs import made_once
-from mbdae.symbolic.derive import Derived, derive
+from mbdae.symbolic.derived import Derived
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, axes_pattern
 from mbdae.symbolic.motion import Motion, Rotation, Step, half_turn, motion_of, refuse_amounts
 from mbdae.symbolic.outputs import Target, dynamics
@@ -29,6 +29,7 @@ from mbdae.symbolic.quaternions import (
     rotation_per_component,
 )
 from mbdae.symbolic.rebuild import substituted
+from mbdae.symbolic.stated import changed, motion_key
 from mbdae.symbolic.tree_motion import Coordinate, Link, Member, Moved, Numbers, State, TreeStructure, Way, moved, way
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
@@ -114,6 +115,8 @@ class TreeProgram:
                 value, rate, second = (self._input(*place) for place in places)
                 scalars.append(Coordinate(value, rate, second, None if driven else c))
                 values[name] = scalars[-1].value
+        if motion_key(link.law, link.structure) is not link.motion:
+            raise changed(link.law)
         law: Any = link.law.symbolic(link.structure)
         refuse_amounts(law)
         motion = motion_of(law, values) if link.moves else Motion()
@@ -184,7 +187,7 @@ class TreeProgram:
         """Forces of the laws of the program on every node."""
         total: dict[int, Wrench] = {}
         for m, member in enumerate(self.structure.members):
-            d = derive(*member.law)
+            d = member.law
             table = self._meaning(m, member, d)
             for name, value in d.variation.values.items():
                 table[name] = self.program.let(substituted(d.variation.resolve(value), table))

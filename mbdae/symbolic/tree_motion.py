@@ -4,16 +4,17 @@ elementary motion by elementary motion, with its rates."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import symengine as se
 
-from mbdae.symbolic.derived import Side
+from mbdae.symbolic.derived import Derived
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Structure
 from mbdae.symbolic.motion import Step, Triad, turned
 from mbdae.symbolic.program import Program
+from mbdae.symbolic.stated import motion_key
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
 NONE = se.Integer(0)
@@ -35,13 +36,18 @@ class Link:
     coordinates: tuple[str, ...]
     prescribed: tuple[bool, ...]  #: whether each coordinate is prescribed
     first: int  #: number of its first coordinate among those of the tree, from 1
+    motion: object = None  #: what stands for the motion that the joint states, see `motion_key`; None: it is asked now
+
+    def __post_init__(self) -> None:
+        if self.motion is None:
+            object.__setattr__(self, "motion", motion_key(self.law, self.structure))
 
 
 @dataclass(frozen=True)
 class Member:
-    """A law between nodes of the tree (None: the ground) that is part of the tree's program. law: class, structure, sides."""
+    """A law between nodes of the tree (None: the ground) that is part of the tree's program."""
 
-    law: tuple[Any, Structure, tuple[Side, ...]]
+    law: Derived
     nodes: tuple[int | None, ...]
     numbers: Numbers
 

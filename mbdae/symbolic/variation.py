@@ -91,6 +91,8 @@ class Variation:
         if isinstance(e, se.Piecewise):
             args = [self.name(a) for a in e.args]
             return se.Piecewise(*zip(args[::2], args[1::2], strict=True))
+        if isinstance(e, se.UnevaluatedExpr):  # a bracket
+            return self.name(e.args[0])
         if not hasattr(e, "func"):  # a comparison has none
             return e.subs({a: self.name(a) for a in e.args})
         function = se.Function(e.get_name()) if isinstance(e, se.FunctionSymbol) else e.func

@@ -67,6 +67,8 @@ class Prepared:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For copies and pickles, which contain the scene: the model and its kernels are made from it again."""
+        for group in self.model.groups:
+            group.derived.stated.refuse_change()
         of_model = self.model.scene, self.model.stay_kinematic, self.model.conditions.end
         return _made_again, (*of_model, self.rank, self.start, self.time, self.contacts)
 

@@ -9,10 +9,10 @@ import pytest
 import sympy as sp
 
 import mbdae as mb
-from mbdae.audit import carried, laws
+from mbdae.audit import carried
 from mbdae.audit.motion import VECTORS, Motion
 from mbdae.laws.contact import JournalContact
-from mbdae.symbolic import derive, tree
+from mbdae.symbolic import tree
 
 BODIES = """
 b1k [1]: axis 1 of k
@@ -173,7 +173,7 @@ forces: applied
 
 
 def _forget() -> None:
-    for cache in (laws.derived, derive.derive, carried._program, tree.tree_program):
+    for cache in (carried._program, tree.tree_program):
         cache.cache_clear()
 
 
@@ -185,9 +185,8 @@ def anew():
     _forget()
 
 
-def test_friction_is_judged_by_the_contact_law(anew, monkeypatch) -> None:
+def test_friction_is_judged_by_the_contact_law(monkeypatch) -> None:
     assert verdict(FRICTION)[0] == "RIGHT"
-    _forget()
     braking = JournalContact._friction
     monkeypatch.setattr(JournalContact, "_friction", lambda self, *args: braking(self, *args) * -1)
     assert verdict(FRICTION)[0] == "MISPRINT"

@@ -35,7 +35,7 @@ def test_a_motion_that_is_defined_nowhere_asks_for_parameters() -> None:
 @pytest.mark.parametrize(("amount", "words"), [
     (se.Abs, r"Own.motion contains abs\(q\), whose derivatives are not known: .*se.Piecewise"),
     (lambda q: se.Max(q, 0), r"Own.motion contains max\(0, q\)"),
-    (lambda q: se.gamma(q + 2), r"Own.motion contains gamma\(2 \+ q\)"),
+    (lambda q: se.gamma(q + 2), r"contains gamma\(2 \+ "),
     (lambda q: mb.t * q, r"contains mb.t: state a parameter"),
     (lambda q: se.Symbol("other") * q, r"contains the symbol other, which it does not declare"),
 ])  # fmt: skip

@@ -52,7 +52,8 @@ class Own(mb.Force):
 #: good values of every argument of every statement: those that are always given, and those given one at a time
 STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "rigid_body": ({"name": "x", "mass": 1.0, "inertia": (1.0, 1.0, 1.0)},
-                   {"at": (0, 0, 1), "rotation": np.eye(3), "velocity": (1, 0), "angular_velocity": (0, 0, 1), **LOOK}),
+                   {"at": (0, 0, 1), "rotation": np.eye(3), "velocity": (1, 0), "angular_velocity": (0, 0, 1), "as_given": False,
+                    **LOOK}),
     "point_mass": ({"name": "x", "mass": 1.0, "at": (0, 1)}, {"velocity": (1, 0), **LOOK}),
     "link": ({"name": "x", "points": [(0, 1), (1, 1)]}, {"mass": 1.0, "mass_per_length": 1.0, **LOOK}),
     "contact": ({"name": "x", "k": "ground", "l": "rod", "shape_k": mb.Plane(at=(0, -9), normal=(0, 1)), "shape_l": mb.Point(),
@@ -135,7 +136,7 @@ LEGITIMATE: dict[tuple[str, str], str] = (
     | {("kept", kind): "a switch" for kind in ("a truth value", "numpy's")} | {("of", "a dict"): "its key is named"}
     | {("points", kind): "coordinates of the first point" for kind in PLANE}
     | {(f"bushing.{argument}", "a range"): "three numbers" for argument in ("stiffness", "damping")}
-    | {("damping_decay", kind): "a switch" for kind in ("a truth value", "numpy's")}
+    | {(option, kind): "a switch" for option in ("damping_decay", "as_given") for kind in ("a truth value", "numpy's")}
     | {("elements", "a list"): "elements of two segments, which is told of this beam of one"}
     | {("rotary_inertia", "a range"): "three values, the first of which is refused as rotary_inertia[0]"}
     | {("inertia", "a range"): "three principal moments", ("elements", "one entry"): "the elements of one segment"}

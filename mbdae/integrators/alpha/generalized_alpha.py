@@ -108,6 +108,8 @@ class GeneralizedAlpha(_Alpha):
     accuracy: float | None = None
     rtol: float | None = field(default=None, init=False, repr=False)
     word: ClassVar[str] = "genalpha"
+    #: names of methods in other programs -> the name of their counterpart here
+    counterparts: ClassVar[dict[str, str]] = dict.fromkeys(("newmark", "newmarkbeta", "chunghulbert"), "genalpha")
 
     def __post_init__(self) -> None:
         set_option(self, "rho", number, "give the spectral radius for high frequencies, 0 to 1 (0.6 to 0.8 serve most)",

@@ -48,6 +48,9 @@ class DOP853(Solver):
     #: tolerance, and runs that are equally wrong would agree
     impacts: ClassVar[float] = 0.25
     tightest: ClassVar[dict[str, float]] = {"": 1e-14}
+    #: names of methods in other programs -> the name of their counterpart here
+    counterparts: ClassVar[dict[str, str]] = dict.fromkeys(
+        ("rk45", "rk23", "rk4", "dopri5", "dopri853", "ode45", "ode23", "ode78", "ode89", "tsit5", "rungekutta"), "dop853")
     highest_index: ClassVar[int] = 0
     restarts: ClassVar[bool] = False
 

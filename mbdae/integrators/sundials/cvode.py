@@ -57,6 +57,10 @@ class CVODE(Solver):
     error_fall: ClassVar[float] = 0.4  # measured with rtol 30 times smaller; with 10 times smaller errors of Adams sometimes rose
     companion: ClassVar[float] = 30.0
     tightest: ClassVar[dict[str, float]] = {"": 1e-14}
+    #: names of methods in other programs -> the name of their counterpart here
+    counterparts: ClassVar[dict[str, str]] = {
+        **dict.fromkeys(("lsoda", "vode", "zvode", "odeint"), "cvode"), **dict.fromkeys(("adams", "ode113"), "cvodeadams"),
+        **dict.fromkeys(("bdf", "ode15s"), "cvodebdf")}  # fmt: skip
     highest_index: ClassVar[int] = 0
 
     def __post_init__(self) -> None:

@@ -45,6 +45,8 @@ class IDA(Solver):
     atol: Any = None
     max_order: int = 5
 
+    #: names of methods in other programs -> the name of their counterpart here
+    counterparts: ClassVar[dict[str, str]] = dict.fromkeys(("bdf", "dassl", "daspk", "ddaspk", "ode15i"), "ida")
     factors: ClassVar[dict[str, dict[str, float]]] = {"IDA": {"GGL": 2e-3, "ODE": 5e-3, "DAE": 2e-3}}
     error_fall: ClassVar[float] = 0.4  # small, since errors of variable-order runs at similar rtol differ by a factor of 5
     companion: ClassVar[float] = 30.0

@@ -8,7 +8,8 @@ from functools import lru_cache
 from mbdae.reports.letters import unit_on
 from mbdae.reports.units import Unit, dimensions, unit, unit_in
 from mbdae.symbolic.derive import Derived
-from mbdae.system.model.model import Instance, Model
+from mbdae.system.model.groups import Instance
+from mbdae.system.model.model import Model
 from mbdae.system.model.numbering import Row
 
 

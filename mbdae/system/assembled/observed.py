@@ -13,7 +13,8 @@ from mbdae.laws.control.observed import Observed, observed_value
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembled.switches import values_at_states
 from mbdae.system.base import Array
-from mbdae.system.model.model import Group, Model, entry_of
+from mbdae.system.model.groups import Groups
+from mbdae.system.model.model import Model, entry_of
 from mbdae.system.model.moved_bodies import MovedBodies
 
 
@@ -23,12 +24,12 @@ class Observer:
 
     def __init__(self, model: Model, moved: MovedBodies, expressions: Sequence[Expr]) -> None:
         self.model, self.moved = model, moved
-        groups: dict[Any, Group] = {}
+        groups = Groups()
         self._at: list[tuple[Any, int]] = []
         for n, e in enumerate(expressions):
             law = Observed(f"observed {n + 1}", value=e)
             key, instance = entry_of(model.scenery, law, (), (), law.name)
-            groups.setdefault(key, Group(key)).instances.append(instance)
+            groups.of(key).instances.append(instance)
             self._at.append((key, len(groups[key].instances) - 1))
         first = len(model.groups)
         self._numbers = {key: first + n for n, key in enumerate(groups)}

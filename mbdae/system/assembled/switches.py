@@ -13,7 +13,8 @@ from mbdae.kernels import plan
 from mbdae.symbolic.switches import switch_kinds, switch_outputs
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array, Switches
-from mbdae.system.model.model import Instance, Model
+from mbdae.system.model.groups import Instance
+from mbdae.system.model.model import Model
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.numbering import Numbering
 from mbdae.system.motion.ordered_motion import OrderedBodies

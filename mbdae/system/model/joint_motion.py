@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,8 @@ class JointMotion:
             return float(values.get(str(e), 0.0))
         numbers = {s: values.get(str(s), 0.0) for s in e.free_symbols if str(s) != "t"}
         found = e.subs(numbers)
-        return timed.value_at(found, self._t) if found.free_symbols else real_value(found)
+        number = timed.value_at(found, self._t) if found.free_symbols else real_value(found)
+        return number if math.isfinite(number) else math.nan
 
     def drawn(self, values: dict[str, float], outwards: bool) -> tuple[Array, Array]:
         """Rigid motion (quaternion, displacement, m) of l from its drawn place, relative to k, at values of the coordinates;

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import nan
 from typing import Any
 
 import numpy as np
@@ -15,15 +14,16 @@ from mbdae.errors import LawError, SceneError
 from mbdae.laws.elements import BeamNode, JointCoordinate, PointMass, RigidBody
 from mbdae.laws.forces import Gravity
 from mbdae.scene.beams import mesh_of
-from mbdae.scene.components import Array, Beam, Body, Clearance, Connection, Station
-from mbdae.scene.scene import SceneData
-from mbdae.symbolic.derive import Derived, Side, derive
+from mbdae.scene.components import Beam, Body, Clearance, Connection, Station
+from mbdae.scene.scene import SceneData, refuse_other_laws
+from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Structure
 from mbdae.system.model.beams import Line, meshed
 from mbdae.system.model.condition_time import ConditionTime
 from mbdae.system.model.feedback import Scenery, fed_into
+from mbdae.system.model.groups import Group, Groups, Instance, Key
 from mbdae.system.model.joint_motion import JointMotion, out_of_plane_motions
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import rotation_matrices
@@ -31,55 +31,6 @@ from mbdae.system.model.sides import sides_of
 
 ALL = 6  #: degrees of freedom of a rigid body in space
 FLAT = 1e-12  #: distance of a point from the plane z = 0, over the scene's length, up to which it counts as lying in the plane
-
-
-@dataclass
-class Instance:
-    """One law of the scene with the nodes it acts between (None: the ground). numbers: points and axes of its frames and its
-    constant parameters, by name; signals: of these the values of signals, with their names; item: of the joint, force or body."""
-
-    law: Any
-    nodes: tuple[Node | None, ...]
-    numbers: dict[str, float]
-    timed: dict[str, Any]  #: parameter -> expression of time
-    item: str
-    states: tuple[str, ...] = ()  #: names of other items whose internal state the law reads
-    signals: Mapping[str, str] = field(default_factory=dict)
-
-
-@dataclass
-class Group:
-    """All laws of one class and structure between nodes of the same kinds: one kernel evaluates them."""
-
-    key: tuple[Any, Structure, tuple[Side, ...]]  #: law class, its structure, its frames
-    instances: list[Instance] = field(default_factory=list)
-
-    @property
-    def derived(self) -> Derived:
-        """The expressions derived from the law, which all instances share."""
-        return derive(*self.key)
-
-    @cached_property
-    def side_numbers(self) -> dict[str, int]:
-        """Name of a frame -> position of its node in `Instance.nodes`."""
-        return {f.side: n for n, f in enumerate(self.derived.frames)}
-
-    @cached_property
-    def names_of_numbers(self) -> dict[str, int]:
-        """Name of a number of the laws -> its column in `numbers`."""
-        return {name: n for n, name in enumerate(dict.fromkeys(name for i in self.instances for name in i.numbers))}
-
-    @cached_property
-    def numbers(self) -> Array:
-        """(instances, names) numbers of its laws; NaN where a law has none of that name."""
-        names = self.names_of_numbers
-        rows = [[i.numbers.get(name, nan) for name in names] for i in self.instances]
-        return np.array(rows, dtype=float).reshape(len(rows), len(names))
-
-    def side(self, name: str) -> list[Node]:
-        """Of every instance the node of the frame `name`."""
-        n = self.side_numbers[name]
-        return [i.nodes[n] for i in self.instances]  # type: ignore[misc]
 
 
 @dataclass(frozen=True)
@@ -161,6 +112,7 @@ def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
     """The model of a scene; space="auto" tries the plane first and stores the reason where that is not possible.
 
     kept: joints stated as recursive that are treated as kinematic, and why."""
+    refuse_other_laws(scene)
     kept = _changing(scene) | dict(kept or {})
     if scene.space != "spatial":
         reason = out_of_plane(scene)
@@ -257,7 +209,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
     by_coordinate = {(n.joint, n.coordinate): n for n in nodes if n.body is None}
     scenery = Scenery(scene, planar, by_body, by_coordinate, meshes, attached, lambda c: laws_of(c, kept)[0])
     joints = {c.name: c for c in scene.joints}
-    groups: dict[Any, Group] = {}
+    groups = Groups()
     vanished: list[str] = []
     undefined: list[str] = []
     refused: list[str] = []
@@ -265,7 +217,9 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
         ends = tuple(by_body.get(b) for b in bodies)
         key, instance = entry_of(scenery, law, bodies, ends, item)
         try:
-            derived = derive(*key)
+            group = groups.of(key)
+            group.instances.append(instance)
+            derived = group.derived
             vanished += [f"{item}.{row}" for row in derived.vanished]
             undefined += [f"{item}.{row}" for row in derived.undefined]
             if isinstance(law, Joint) and not joints[item].loose:
@@ -277,19 +231,18 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
             if planar:
                 raise LawError(f"'{item}': {error}") from error
             refused.append(f"'{item}': {error}")
-        groups.setdefault(key, Group(key)).instances.append(instance)
     length = scene_length(scene)
     refused += [f"{c.kind} '{c.name}': {off}" for c in scene.joints if (off := JointMotion(c).not_as_drawn(length))]
     if refused:
         raise SceneError(refused)
     for n in by_coordinate.values():
         key = (JointCoordinate, Structure(), ((n.kind, Axes.GENERAL),))
-        groups.setdefault(key, Group(key)).instances.append(Instance(JointCoordinate(n.name), (n,), {}, {}, n.name))
+        groups.of(key).instances.append(Instance(JointCoordinate(n.name), (n,), {}, {}, n.name))
     return Model(scene, planar, why, nodes, list(groups.values()), length, vanished, kept, lines, attached, undefined, scenery)
 
 
 def entry_of(scenery: Scenery, law: Any, bodies: tuple[Body, ...], ends: tuple[Node | None, ...],
-             item: str) -> tuple[tuple[Any, Structure, tuple[Side, ...]], Instance]:  # fmt: skip
+             item: str) -> tuple[Key, Instance]:  # fmt: skip
     """The key of the group that a law belongs to, and its instance in the group. bodies, ends: the bodies of its frames and their
     nodes (None: ground); item: name of its item."""
     try:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from mbdae.kernels.tree_plan import MOST_SOLVED, Piece, TreePlan, tree_plan
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.tree import OPERATIONS
-from mbdae.system.model.model import Instance, Model
+from mbdae.system.model.groups import Instance
+from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.model.shared_nodes import Sharing, shared_displacements

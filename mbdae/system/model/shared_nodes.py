@@ -17,7 +17,8 @@ from mbdae.scene.components import Array
 from mbdae.scene.topology import leader
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.model.beams import drawn_quaternion
-from mbdae.system.model.model import Instance, Model
+from mbdae.system.model.groups import Instance
+from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node
 
 ON = 1e-13  #: a joint counts as lying on a node where no coordinate differs by more, over the scene's length

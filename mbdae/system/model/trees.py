@@ -17,7 +17,8 @@ from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Structure
 from mbdae.symbolic.tree_motion import Link, Member, Numbers, TreeStructure
 from mbdae.system.model.beams import drawn_quaternion
-from mbdae.system.model.model import Instance, Model
+from mbdae.system.model.groups import Instance
+from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import quaternion, quaternion_product
 
@@ -196,7 +197,8 @@ def _link(model: Model, parent: int, child: Node | None, place: Place, numbers: 
     prescribed = tuple(name in instance.law.prescribed for name in coordinates)
     moves = bool(coordinates) or instance.law.welds
     rounded = _rounded(numbers, model.length)
-    return Link(law, structure, parent, "k" if outward else "l", child.kind, axes, rounded, moves, coordinates, prescribed, first)
+    return Link(law, structure, parent, "k" if outward else "l", child.kind, axes, rounded, moves, coordinates, prescribed, first,
+                group.motion)
 
 
 def _with_quaternions(instance: Instance, sides: Any) -> dict[str, float]:
@@ -244,4 +246,4 @@ def _member(model: Model, g: int, i: int, numbered: dict[Node, int]) -> Member:
     values = {name: v for name, v in instance.numbers.items() if name not in frames}
     whole = tuple((name, int(v) if v in (0.0, 1.0, -1.0) else None) for name, v in values.items())
     nodes = tuple(None if n is None else numbered[n] for n in instance.nodes)
-    return Member(group.key, nodes, _rounded(frames, model.length) + whole)
+    return Member(group.derived, nodes, _rounded(frames, model.length) + whole)
