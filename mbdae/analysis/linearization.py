@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from functools import cached_property, partial
+from collections.abc import Callable
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 
 from mbdae.analysis.elastic import dynamics, stresses_of
 from mbdae.analysis.equilibrium import Equilibrium
 from mbdae.analysis.frame import RotatingFrame, advanced, body_of, frame_at, motion_in_words
 from mbdae.analysis.mesh import OnMesh, finer
-from mbdae.analysis.modes import DEFAULT, Complex, lowest, softest_beam
-from mbdae.analysis.pencil import Pencil, Reduced, complete_system, free_basis, pencil, reduced
+from mbdae.analysis.modes import DEFAULT, lowest, softest_beam
+from mbdae.analysis.energy import Laws
+from mbdae.analysis.pencil import Pencil, basis, complete_system, pencil, with_errors
+from mbdae.analysis.reduced import Reduced, errors_of, free_basis, reduced
 from mbdae.analysis.shapes import Mode, Modes, motion, participants, scaled, shares
+from mbdae.analysis.spectrum import spectrum
 from mbdae.analysis.steady import STEADY, reason_not_steady, times_to_compare
 from mbdae.errors import OptionError, SteadyError, naming_arguments
 from mbdae.formulations.index3 import Index3
@@ -32,9 +35,11 @@ from mbdae.threads import single_threaded
 from mbdae.ties import largest
 from mbdae.values import optional, shown, whole
 
-#: largest number of states for which all eigenvalues are computed; with more, `count` has to be given, and only the lowest are
-LARGEST = 1600
-RESOLVED = 1e-7  #: eigenvalues below this part of the largest count as 0: rounding errors split a double eigenvalue 0 that far
+#: relative changes of the state by which the rounding of its numbers is carried to the equations, and how often
+ULP, SAMPLES = float(np.finfo(float).eps), 2
+
+
+State = tuple[float, Array, Array, Array, Array]  #: t, q, u, s, z
 
 
 class Linearization(OnMesh, Modes[Mode]):
@@ -46,16 +51,20 @@ class Linearization(OnMesh, Modes[Mode]):
     With beams `mesh` names the mesh, and `mesh_error` (modes,) is the error of the eigenvalues that this mesh causes.
     """
 
-    def __init__(self, prepared: Prepared, frame: RotatingFrame, t: float, pencil: Pencil, count: int | None) -> None:
+    def __init__(self, prepared: Prepared, frame: RotatingFrame, t: float, pencil: Pencil, count: int | None,
+                 surely: Callable[[str, Array], bool]) -> None:  # fmt: skip
         self.prepared, self.frame, self.t, self.pencil = prepared, frame.name, t, pencil
         self.axes = frame.rotation
         model = prepared.model
         if model.lines:
-            values, shapes = lowest(pencil, count or DEFAULT, softest_beam(model))
+            found = lowest(pencil, count or DEFAULT, softest_beam(model))
+            shapes = found.vectors
         else:
-            values, vectors = eigenpairs(self.equations, count)
-            shapes = self.basis @ vectors[: len(self.M)]
-        self.modes = [Mode(complex(v), scaled(x), self) for v, x in zip(values, shapes.T, strict=True)]
+            errors = errors_of(pencil, self.equations, prepared.mechanics.velocity_units)
+            found = spectrum(self.equations, errors, count, surely)
+            shapes = self.basis @ found.vectors[: len(self.M)]
+        self.errors, self.stable = found.errors, found.stable
+        self.modes = [Mode(complex(v), scaled(x), self) for v, x in zip(found.values, shapes.T, strict=True)]
 
     @cached_property
     def equations(self) -> Reduced:
@@ -94,12 +103,6 @@ class Linearization(OnMesh, Modes[Mode]):
         """Damping ratios (modes,)."""
         return np.array([mode.damping for mode in self.modes])
 
-    @property
-    def stable(self) -> bool:
-        """Whether no mode grows (by more than rounding)."""
-        size = np.max(np.abs(self.eigenvalues), initial=0.0)
-        return bool(np.all(self.growth <= 1e-9 * size))
-
     @cached_property
     def _metric(self) -> Any:
         """(nu, nu) mass matrix in the frame's components, from M of the nodes."""
@@ -123,42 +126,6 @@ class Linearization(OnMesh, Modes[Mode]):
                 f"{counted(len(self.modes), 'mode')}{', ' * bool(self.mesh)}{self._on_mesh}>")  # fmt: skip
 
 
-def eigenpairs(equations: Reduced, count: int | None) -> tuple[Complex, Complex]:
-    """Eigenvalues with imaginary part >= 0 by rising frequency, and the vectors (states, modes)."""
-    E, A = equations.first_order()
-    size = len(E)
-    if size == 0:
-        return np.zeros(0, dtype=complex), np.zeros((0, 0), dtype=complex)
-    if size > LARGEST and count is None:
-        raise OptionError(f"the linearised scene has {size} states, and all modes are computed up to {LARGEST} states only; ask "
-                          f"for the lowest ones, such as s.linearize(count=20)")  # fmt: skip
-    if size <= LARGEST:
-        S = np.linalg.solve(E, -A)
-        values, vectors = np.linalg.eig(S)
-        largest = float(np.max(np.abs(values)))
-    else:
-        values, vectors, largest = _lowest(E, A, int(count or 1))
-    values = np.where(np.abs(values) <= RESOLVED * largest, 0.0, values)
-    values = np.where(np.abs(values.imag) <= 1e-9 * np.abs(values), values.real + 0j, values)
-    keep = np.flatnonzero(values.imag >= 0)
-    keep = keep[np.lexsort((values[keep].real, np.round(values[keep].imag / max(largest, 1e-300), 12)))][:count]
-    return values[keep], vectors[:, keep]
-
-
-def _lowest(E: Array, A: Array, count: int) -> tuple[Complex, Complex, float]:
-    """The eigenpairs nearest to zero by inverse iteration (Arnoldi), and the largest magnitude among them."""
-    from scipy.sparse.linalg import LinearOperator, eigs
-
-    size = float(np.linalg.norm(A) / np.linalg.norm(E)) or 1.0
-    shift = 1e-6 * size
-    factors = scipy.linalg.lu_factor(A + shift * E)
-    inverse = LinearOperator(A.shape, matvec=lambda x: scipy.linalg.lu_solve(factors, E @ x))
-    begin = np.random.default_rng(3).normal(size=len(A))
-    values, vectors = eigs(inverse, k=min(2 * count + 2, len(A) - 2), which="LM", v0=begin)
-    values = shift - 1 / values
-    return values, vectors, float(np.max(np.abs(values)))
-
-
 @naming_arguments
 @single_threaded
 def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | None = None) -> Linearization:
@@ -177,8 +144,9 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     axes = frame_at(prepared.model, body, start.q, start.u)
     system = complete_system(m, Index3().spec())
     z = _stresses(at, m, start)
-    p = _pencil(system, m, axes, (start.t, start.q, start.u, start.s, z))
-    found = Linearization(prepared, axes, start.t, p, count)
+    state = (start.t, start.q, start.u, start.s, z)
+    p = _pencil_with_errors(system, m, axes, state)
+    found = Linearization(prepared, axes, start.t, p, count, _law_by_law(system, m, axes, state))
     found._finer = finer(partial(linearize, frame=axes.name, count=count), prepared.model.scene, at)
     beams = (system, z) if m.model.lines else None
     change = reason_not_steady(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
@@ -212,19 +180,46 @@ def _stresses(at: Any, m: Mechanics, start: Start) -> Array:
     return stresses_of(m, start.q, start.u)
 
 
-def _pencil(system: Assembly, m: Mechanics, frame: RotatingFrame, state: tuple[float, Array, Array, Array, Array]) -> Pencil:
-    """The pencil at a state (t, q, u, s, z), with its accelerations and multipliers."""
+def _state(system: Assembly, m: Mechanics, state: State) -> tuple[Array, Array]:
+    """y and y' (n,) of a state (t, q, u, s, z), with its accelerations and multipliers."""
     t, q, u, s, z = state
     if m.model.lines:
         found = dynamics(system, m, t, q, u, s, z)
-        return pencil(system, m, frame, t, found.y, found.yp)
+        return found.y, found.yp
     kinds = np.array(system.kinds)
     a, multipliers = m.accelerations(np.array([t]), q[None], u[None], s[None])
     y, yp = np.zeros(system.n), np.zeros(system.n)
     y[kinds == "q"], y[kinds == "v"], y[kinds == "s"] = q, u, s
     y[kinds == "lambda"] = multipliers[0] / system.numbering.scaling()
     yp[kinds == "q"], yp[kinds == "v"], yp[kinds == "s"] = m.rates(q, u), a[0], state_rates(m, t, q, u, s)
-    return pencil(system, m, frame, t, y, yp)
+    return y, yp
+
+
+def _pencil(system: Assembly, m: Mechanics, frame: RotatingFrame, state: State) -> Pencil:
+    """The pencil at a state."""
+    return pencil(system, m, frame, state[0], *_state(system, m, state))
+
+
+def _pencil_with_errors(system: Assembly, m: Mechanics, frame: RotatingFrame, state: State) -> Pencil:
+    """The pencil at a state with bounds of its errors, those of the state's numbers among them: positions, and the reactions that
+    follow from them, are known up to rounding."""
+    rng = np.random.default_rng(11)
+    beside = [_pencil(system, m, frame, (state[0], *(x * (1 + ULP * rng.choice([-1.0, 1.0], len(x))) for x in state[1:])))
+              for _ in range(SAMPLES)]  # fmt: skip
+    return with_errors(system, m, frame, state[0], *_state(system, m, state), beside)
+
+
+def _law_by_law(system: Assembly, m: Mechanics, frame: RotatingFrame, state: State) -> Callable[[str, Array], bool]:
+    """Whether a stiffness or damping is positive on some motions, by the laws one by one (`Laws.surely`)."""
+    @cache
+    def laws() -> Laws:
+        y, yp = _state(system, m, state)
+        terms = [fy for fy, _ in system.evaluation.jacobian_by_law(state[0], y, yp)]
+        weights = np.asarray(m.weight.diagonal())
+        return Laws(terms, basis(system, m, frame, y[: m.nq], y[m.nq : m.nq + m.nu]), m.nu, weights)
+
+    still = not frame.turns and not np.any(state[2]) and not m.model.lines
+    return lambda name, N: still and laws().surely(name, N)
 
 
 def _varies(system: Assembly, found: Linearization, frame: RotatingFrame, z: Array) -> str | None:

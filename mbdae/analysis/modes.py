@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, eigs, eigsh, splu
 
 from mbdae.analysis.pencil import Pencil, acting_states
+from mbdae.analysis.spectrum import Spectrum
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model
 
@@ -74,7 +75,7 @@ def softest_beam(model: Model) -> float:
     return float(min(found))
 
 
-def lowest(p: Pencil, count: int, scale: float) -> tuple[Complex, Complex]:
+def lowest(p: Pencil, count: int, scale: float) -> Spectrum:
     """The smallest eigenvalues (k,) with imaginary part >= 0 by rising frequency, and displacements (nu, k) of their modes.
     scale: the lowest frequency of the softest beam, rad/s, near which eigenvalues are expected."""
     equations = quadratic(p)
@@ -86,7 +87,7 @@ def lowest(p: Pencil, count: int, scale: float) -> tuple[Complex, Complex]:
     keep = np.flatnonzero(values.imag >= 0)
     keep = keep[np.argsort(np.abs(values[keep]), kind="stable")][:count]
     keep = keep[np.lexsort((values[keep].real, values[keep].imag))]
-    return values[keep], vectors[:, keep]
+    return Spectrum(values[keep], vectors[:, keep], np.zeros(len(keep)), None)
 
 
 def _conservative(q: Quadratic, count: int, scale: float) -> tuple[Complex, Complex]:

@@ -14,7 +14,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu, spsolve
 
-from mbdae.analysis.pencil import Pencil, free_basis
+from mbdae.analysis.pencil import Pencil
+from mbdae.analysis.reduced import free_basis
 from mbdae.errors import EquilibriumError
 from mbdae.system.base import Array
 
