@@ -36,7 +36,3 @@ def sign(S: Array, dS: Array) -> int:
         S, dS, left = S[np.ix_(keep, keep)], dS[np.ix_(keep, keep)], left[keep]
     return 1
 
-
-def negative_directions(S: Array, dS: Array) -> int:
-    """Least number of directions with x^T S x < 0 in spite of the errors dS of the entries."""
-    raise NotImplementedError

@@ -10,14 +10,14 @@ import numpy as np
 
 from mbdae.analysis.elastic import dynamics, stresses_of
 from mbdae.analysis.equilibrium import Equilibrium
-from mbdae.analysis.frame import RotatingFrame, advanced, body_of, frame_at, motion_in_words
+from mbdae.analysis.frame import RotatingFrame, advanced, body_of, frame_at, free_shifts, motion_in_words
 from mbdae.analysis.mesh import OnMesh, finer
 from mbdae.analysis.modes import DEFAULT, lowest, softest_beam
 from mbdae.analysis.energy import Laws
 from mbdae.analysis.pencil import Pencil, basis, complete_system, pencil, with_errors
 from mbdae.analysis.reduced import Reduced, errors_of, free_basis, reduced
 from mbdae.analysis.shapes import Mode, Modes, motion, participants, scaled, shares
-from mbdae.analysis.spectrum import spectrum
+from mbdae.analysis.spectrum import Structure, spectrum
 from mbdae.analysis.steady import STEADY, reason_not_steady, times_to_compare
 from mbdae.errors import OptionError, SteadyError, naming_arguments
 from mbdae.formulations.index3 import Index3
@@ -37,6 +37,8 @@ from mbdae.values import optional, shown, whole
 
 #: relative changes of the state by which the rounding of its numbers is carried to the equations, and how often
 ULP, SAMPLES = float(np.finfo(float).eps), 2
+#: a motion counts as one of the scene as a whole where it differs from it by at most this part
+SHIFT = 1e-5
 
 
 State = tuple[float, Array, Array, Array, Array]  #: t, q, u, s, z
@@ -52,16 +54,16 @@ class Linearization(OnMesh, Modes[Mode]):
     """
 
     def __init__(self, prepared: Prepared, frame: RotatingFrame, t: float, pencil: Pencil, count: int | None,
-                 surely: Callable[[str, Array], bool]) -> None:  # fmt: skip
+                 known: Structure) -> None:  # fmt: skip
         self.prepared, self.frame, self.t, self.pencil = prepared, frame.name, t, pencil
         self.axes = frame.rotation
         model = prepared.model
         if model.lines:
-            found = lowest(pencil, count or DEFAULT, softest_beam(model))
+            found = lowest(pencil, count or DEFAULT, softest_beam(model), known)
             shapes = found.vectors
         else:
             errors = errors_of(pencil, self.equations, prepared.mechanics.velocity_units)
-            found = spectrum(self.equations, errors, count, surely)
+            found = spectrum(self.equations, errors, count, known)
             shapes = self.basis @ found.vectors[: len(self.M)]
         self.errors, self.stable = found.errors, found.stable
         self.modes = [Mode(complex(v), scaled(x), self) for v, x in zip(found.values, shapes.T, strict=True)]
@@ -146,7 +148,7 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     z = _stresses(at, m, start)
     state = (start.t, start.q, start.u, start.s, z)
     p = _pencil_with_errors(system, m, axes, state)
-    found = Linearization(prepared, axes, start.t, p, count, _law_by_law(system, m, axes, state))
+    found = Linearization(prepared, axes, start.t, p, count, _structure(system, m, axes, state))
     found._finer = finer(partial(linearize, frame=axes.name, count=count), prepared.model.scene, at)
     beams = (system, z) if m.model.lines else None
     change = reason_not_steady(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
@@ -209,17 +211,38 @@ def _pencil_with_errors(system: Assembly, m: Mechanics, frame: RotatingFrame, st
     return with_errors(system, m, frame, state[0], *_state(system, m, state), beside)
 
 
-def _law_by_law(system: Assembly, m: Mechanics, frame: RotatingFrame, state: State) -> Callable[[str, Array], bool]:
-    """Whether a stiffness or damping is positive on some motions, by the laws one by one (`Laws.surely`)."""
+def _structure(system: Assembly, m: Mechanics, frame: RotatingFrame, state: State) -> Structure:
+    """What the laws one by one, and the motions of the scene as a whole, say of the equations at a state."""
+    t, q, u = state[:3]
+    weights = np.asarray(m.weight.diagonal())
+
     @cache
     def laws() -> Laws:
         y, yp = _state(system, m, state)
-        terms = [fy for fy, _ in system.evaluation.jacobian_by_law(state[0], y, yp)]
-        weights = np.asarray(m.weight.diagonal())
-        return Laws(terms, basis(system, m, frame, y[: m.nq], y[m.nq : m.nq + m.nu]), m.nu, weights)
+        terms = [fy for fy, _ in system.evaluation.jacobian_by_law(t, y, yp)]
+        return Laws(terms, basis(system, m, frame, q, u), m.nu, weights)
 
-    still = not frame.turns and not np.any(state[2]) and not m.model.lines
-    return lambda name, N: still and laws().surely(name, N)
+    @cache
+    def shifts() -> Array:
+        turned = basis(system, m, frame, q, u).C.T @ u
+        return free_shifts(m.model, frame, q, turned) * np.sqrt(weights)[:, None]
+
+    def free(p: Any) -> bool:
+        p = p * np.sqrt(weights)
+        moving = np.repeat(*_moving(m, p))  # what stands still, as a driven hub in its own axes, is not shifted
+        some = shifts() * moving[:, None]
+        off = p - some @ np.linalg.lstsq(some, p, rcond=None)[0]
+        return bool(np.linalg.norm(off) <= SHIFT * np.linalg.norm(p))
+
+    still = not frame.turns and not np.any(u) and not m.model.lines
+    return Structure(lambda name, N: still and laws().surely(name, N), free, float(np.linalg.norm(frame.rate)))
+
+
+def _moving(m: Mechanics, p: Any) -> tuple[Array, Array]:
+    """Of every node whether it takes part in a motion p (nu,), and the number of its displacements."""
+    sizes = np.array([node.kind.sizes[1] for node in m.model.nodes])
+    parts = [np.max(np.abs(p[node.u : node.u + size])) for node, size in zip(m.model.nodes, sizes, strict=True)]
+    return np.asarray(parts > SHIFT**2 * np.max(np.abs(p))), sizes
 
 
 def _varies(system: Assembly, found: Linearization, frame: RotatingFrame, z: Array) -> str | None:

@@ -74,7 +74,7 @@ def _coupled(E: Array, A: Array, dE: Array, dA: Array) -> Roots:
     """`roots` of equations that are all coupled. Where roots coincide exactly, so that vectors are missing, the entries are changed
     within their errors."""
     found = _as_given(E, A, dE, dA)
-    if np.all(np.isfinite(found.errors)):
+    if np.all(found.errors <= np.max(np.abs(found.values))):
         return found
     rng, more = np.random.default_rng(2), [np.maximum(d, 4 * EPS * np.abs(a)) for a, d in ((E, dE), (A, dA))]
     E, A = (a + d * rng.uniform(-1, 1, d.shape) for a, d in zip((E, A), more, strict=True))
@@ -85,7 +85,7 @@ def _as_given(E: Array, A: Array, dE: Array, dA: Array) -> Roots:
     values, V, kept = _by_stages(E, A)
     apart = np.abs(values[:, None] - values) / np.maximum(np.abs(values)[:, None], np.abs(values) + 1e-300)
     np.fill_diagonal(apart, np.inf)
-    simple = np.min(apart, axis=1, initial=np.inf) > APART
+    simple = (np.min(apart, axis=1, initial=np.inf) > APART) & (values != 0)
     W = _left(E, V)
     if len(E) > FEW:  # only those where the error of the first solution is larger than that of the data
         F = _carried(E, values, V, W, dE, dA)
@@ -190,7 +190,7 @@ def _improved(E: Array, A: Array, values: Complex, V: Complex, W: Complex, chose
         lam, v, w = values[group], V[:, group].T, rng.normal(size=(len(group), n)) + 0j
         begin = lam.copy()
         for _ in range(3):
-            Z = (lam * (1 + 2 * EPS) + 1e-290)[:, None, None] * E + A
+            Z = (lam * (1 + 2 * EPS))[:, None, None] * E + A
             v = _normed(_solve(Z, (v @ E.T)[..., None])[..., 0])
             w = _normed(_solve(Z.conj().transpose(0, 2, 1), (w @ E)[..., None])[..., 0])
             below = np.einsum("kn,kn->k", w.conj(), v @ E.T)
@@ -242,7 +242,7 @@ def _discs(values: Complex, F: Array) -> tuple[Array, NDArray[np.bool_]]:
     group = connected_components(csr_matrix(near), directed=False)[1]
     same = group[:, None] == group
     with np.errstate(divide="ignore", invalid="ignore"):
-        far = np.where(same, 0.0, 2 * beside**2 / gap)
+        far = np.where(same, 0.0, 2 * beside / gap * beside)
     radius = own + np.nansum(far, axis=1) + np.sum(np.where(same, beside, 0.0), axis=1)
     reach = np.where(same, np.where(np.isfinite(gap), gap, 0.0) + radius, 0.0)
     return np.max(reach, axis=1, initial=0.0), np.sum(same, axis=1) == 1
