@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
-from mbdae.analysis.elastic import dynamics, stresses_of
+from mbdae.analysis.elastic import stresses_of
 from mbdae.analysis.equilibrium import Equilibrium
-from mbdae.analysis.frame import RotatingFrame, advanced, body_of, frame_at, free_shifts, motion_in_words
+from mbdae.analysis.frame import RotatingFrame, advanced, body_of, frame_at, motion_in_words
 from mbdae.analysis.mesh import OnMesh, finer
 from mbdae.analysis.modes import DEFAULT, lowest, softest_beam
-from mbdae.analysis.energy import Laws
-from mbdae.analysis.pencil import Pencil, basis, complete_system, pencil, with_errors
+from mbdae.analysis.pencil import Pencil, complete_system
+from mbdae.analysis.plane import LOOK, OUT_OF_PLANE, looked_at
 from mbdae.analysis.reduced import Reduced, errors_of, free_basis, reduced
 from mbdae.analysis.shapes import Mode, Modes, motion, participants, scaled, shares
 from mbdae.analysis.spectrum import Structure, spectrum
+from mbdae.analysis.state import pencil_at, pencil_with_errors, structure
 from mbdae.analysis.steady import STEADY, reason_not_steady, times_to_compare
 from mbdae.errors import OptionError, SteadyError, naming_arguments
 from mbdae.formulations.index3 import Index3
@@ -33,15 +33,7 @@ from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.start.start import Start
 from mbdae.threads import single_threaded
 from mbdae.ties import largest
-from mbdae.values import optional, shown, whole
-
-#: relative changes of the state by which the rounding of its numbers is carried to the equations, and how often
-ULP, SAMPLES = float(np.finfo(float).eps), 2
-#: a motion counts as one of the scene as a whole where it differs from it by at most this part
-SHIFT = 1e-5
-
-
-State = tuple[float, Array, Array, Array, Array]  #: t, q, u, s, z
+from mbdae.values import flag, option, optional, shown, whole
 
 
 class Linearization(OnMesh, Modes[Mode]):
@@ -51,7 +43,17 @@ class Linearization(OnMesh, Modes[Mode]):
     `growth` (1/s). One mode per conjugate pair, one per real eigenvalue. `M`, `C`, `K` (freedoms, freedoms): the equations
     M x'' + C x' + K x = 0 of the displacements p = `basis` x that the constraints allow, p (nu,) along the frame's axes.
     With beams `mesh` names the mesh, and `mesh_error` (modes,) is the error of the eigenvalues that this mesh causes.
+
+    errors (modes,): bounds of the errors of the eigenvalues that rounding causes, 1/s. stable: False where a real part exceeds its
+    error, or a motion lowers the energy; True where all are at most 0, by their numbers or by the structure of the equations (energy,
+    pairs of roots on the imaginary axis, free motions); None where rounding leaves it open. It speaks of the motions that the scene
+    has: of a planar one, those in its plane. out_of_plane: "stable" or "unstable" for those that leave the plane, None where these
+    were not looked at.
     """
+
+    errors: Array
+    stable: bool | None
+    out_of_plane: str | None = None
 
     def __init__(self, prepared: Prepared, frame: RotatingFrame, t: float, pencil: Pencil, count: int | None,
                  known: Structure) -> None:  # fmt: skip
@@ -116,30 +118,35 @@ class Linearization(OnMesh, Modes[Mode]):
         return shares(m, self._metric, motion(m, vector))
 
     def __str__(self) -> str:
-        head = f"scene '{self.prepared.model.scene.name}', t = {self.t:g} s, small motions in the axes of '{self.frame}'"
-        lines = [head, f"{'mode':>4}  {'Hz':>11}  {'rad/s':>11}  {'damping':>10}  {'growth 1/s':>11}  bodies"]
+        head = f"scene '{self.prepared.model.scene.name}'{self._plane}, t = {self.t:g} s, small motions in the axes of '{self.frame}'"
+        lines = [head, f"{'mode':>4}  {'Hz':>11}  {'rad/s':>11}  {'damping':>10}  {'growth 1/s':>11}  {'error':>8}  bodies"]
         for i, mode in enumerate(self.modes):
             lines.append(f"{i + 1:>4}  {mode.frequency:>11.5g}  {mode.angular_frequency:>11.5g}  {mode.damping:>10.3g}  "
-                         f"{mode.growth:>11.4g}  {participants(mode)}")  # fmt: skip
+                         f"{mode.growth:>11.4g}  {self.errors[i]:>8.1e}  {participants(mode)}")  # fmt: skip
+        lines.append(f"errors: of the roots, 1/s, by rounding; stable: {'not decided' if self.stable is None else self.stable}")
+        lines += [OUT_OF_PLANE[self.out_of_plane]] if self._plane else []
         return "\n".join(lines + ([self._on_mesh] if self.mesh else []))
 
     def __repr__(self) -> str:
-        return (f"<Linearization of '{self.prepared.model.scene.name}' in the frame of '{self.frame}': "
+        return (f"<Linearization of '{self.prepared.model.scene.name}'{self._plane}, in the frame of '{self.frame}': "
                 f"{counted(len(self.modes), 'mode')}{', ' * bool(self.mesh)}{self._on_mesh}>")  # fmt: skip
 
 
 @naming_arguments
 @single_threaded
-def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | None = None) -> Linearization:
+def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | None = None,
+              out_of_plane: bool = True) -> Linearization:  # fmt: skip
     """The equations linearised about a steady motion, in a frame: s.ground (default), or a body that turns steadily.
 
     at: a Result (its end), (Result, t), an equilibrium, or None for the start of the scene. Departures are resolved along
     the frame's axes: the ground for a shaft in anisotropic bearings, a rotating body for blades on a hub. count: lowest
-    modes only (default: all; with beams the lowest 20). Raises SteadyError, with the equations of that instant as `.frozen`,
+    modes only (default: all; with beams the lowest 20). out_of_plane: whether the stability of a planar scene with beams or
+    free bodies against motions out of its plane is looked at, once; an AccuracyWarning tells where these grow. Raises SteadyError, with the equations of that instant as `.frozen`,
     where they depend on time in that frame.
     """
     refuse_sampled(scene, "linearize")
     count = optional("count", count, whole, "give the number of lowest modes, 1 or more, or None for all", least=1)
+    look = option("out_of_plane", out_of_plane, flag, LOOK)
     body = body_of(scene, frame if frame is not None else scene.ground)
     prepared = prepare(scene, start_at(scene, at))
     start, m = prepared.start, prepared.mechanics
@@ -147,15 +154,18 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     system = complete_system(m, Index3().spec())
     z = _stresses(at, m, start)
     state = (start.t, start.q, start.u, start.s, z)
-    p = _pencil_with_errors(system, m, axes, state)
-    found = Linearization(prepared, axes, start.t, p, count, _structure(system, m, axes, state))
-    found._finer = finer(partial(linearize, frame=axes.name, count=count), prepared.model.scene, at)
+    p = pencil_with_errors(system, m, axes, state, not isinstance(at, Equilibrium))
+    found = Linearization(prepared, axes, start.t, p, count, structure(system, m, axes, state))
+    found._finer = finer(partial(linearize, frame=axes.name, count=count, out_of_plane=False), prepared.model.scene, at)
     beams = (system, z) if m.model.lines else None
     change = reason_not_steady(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
     if change:
         raise SteadyError(f"the linearised equations change with time in the frame of '{axes.name}': {change}; where they are "
                           f"periodic, use s.floquet(period); otherwise give the body that turns steadily as frame=, or start "
                           f"from a steady motion, at=s.equilibrium(frame=...)", found)  # fmt: skip
+    if look:
+        known = at.out_of_plane if isinstance(at, Equilibrium) and at.frame == axes.name else None
+        found.out_of_plane = known or looked_at(prepared, axes.name)
     return found
 
 
@@ -182,69 +192,6 @@ def _stresses(at: Any, m: Mechanics, start: Start) -> Array:
     return stresses_of(m, start.q, start.u)
 
 
-def _state(system: Assembly, m: Mechanics, state: State) -> tuple[Array, Array]:
-    """y and y' (n,) of a state (t, q, u, s, z), with its accelerations and multipliers."""
-    t, q, u, s, z = state
-    if m.model.lines:
-        found = dynamics(system, m, t, q, u, s, z)
-        return found.y, found.yp
-    kinds = np.array(system.kinds)
-    a, multipliers = m.accelerations(np.array([t]), q[None], u[None], s[None])
-    y, yp = np.zeros(system.n), np.zeros(system.n)
-    y[kinds == "q"], y[kinds == "v"], y[kinds == "s"] = q, u, s
-    y[kinds == "lambda"] = multipliers[0] / system.numbering.scaling()
-    yp[kinds == "q"], yp[kinds == "v"], yp[kinds == "s"] = m.rates(q, u), a[0], state_rates(m, t, q, u, s)
-    return y, yp
-
-
-def _pencil(system: Assembly, m: Mechanics, frame: RotatingFrame, state: State) -> Pencil:
-    """The pencil at a state."""
-    return pencil(system, m, frame, state[0], *_state(system, m, state))
-
-
-def _pencil_with_errors(system: Assembly, m: Mechanics, frame: RotatingFrame, state: State) -> Pencil:
-    """The pencil at a state with bounds of its errors, those of the state's numbers among them: positions, and the reactions that
-    follow from them, are known up to rounding."""
-    rng = np.random.default_rng(11)
-    beside = [_pencil(system, m, frame, (state[0], *(x * (1 + ULP * rng.choice([-1.0, 1.0], len(x))) for x in state[1:])))
-              for _ in range(SAMPLES)]  # fmt: skip
-    return with_errors(system, m, frame, state[0], *_state(system, m, state), beside)
-
-
-def _structure(system: Assembly, m: Mechanics, frame: RotatingFrame, state: State) -> Structure:
-    """What the laws one by one, and the motions of the scene as a whole, say of the equations at a state."""
-    t, q, u = state[:3]
-    weights = np.asarray(m.weight.diagonal())
-
-    @cache
-    def laws() -> Laws:
-        y, yp = _state(system, m, state)
-        terms = [fy for fy, _ in system.evaluation.jacobian_by_law(t, y, yp)]
-        return Laws(terms, basis(system, m, frame, q, u), m.nu, weights)
-
-    @cache
-    def shifts() -> Array:
-        turned = basis(system, m, frame, q, u).C.T @ u
-        return free_shifts(m.model, frame, q, turned) * np.sqrt(weights)[:, None]
-
-    def free(p: Any) -> bool:
-        p = p * np.sqrt(weights)
-        moving = np.repeat(*_moving(m, p))  # what stands still, as a driven hub in its own axes, is not shifted
-        some = shifts() * moving[:, None]
-        off = p - some @ np.linalg.lstsq(some, p, rcond=None)[0]
-        return bool(np.linalg.norm(off) <= SHIFT * np.linalg.norm(p))
-
-    still = not frame.turns and not np.any(u) and not m.model.lines
-    return Structure(lambda name, N: still and laws().surely(name, N), free, float(np.linalg.norm(frame.rate)))
-
-
-def _moving(m: Mechanics, p: Any) -> tuple[Array, Array]:
-    """Of every node whether it takes part in a motion p (nu,), and the number of its displacements."""
-    sizes = np.array([node.kind.sizes[1] for node in m.model.nodes])
-    parts = [np.max(np.abs(p[node.u : node.u + size])) for node, size in zip(m.model.nodes, sizes, strict=True)]
-    return np.asarray(parts > SHIFT**2 * np.max(np.abs(p))), sizes
-
-
 def _varies(system: Assembly, found: Linearization, frame: RotatingFrame, z: Array) -> str | None:
     """What in the equations differs at later times of the steady motion; None where they are constant."""
     m, start = found.prepared.mechanics, found.prepared.start
@@ -252,7 +199,7 @@ def _varies(system: Assembly, found: Linearization, frame: RotatingFrame, z: Arr
     for tau in times_to_compare(m, frame, start.t, start.q, start.u, start.s):
         q, u = advanced(m, frame, start.q, start.u, tau)
         later = frame_at(m.model, frame.name, q, u) if frame.node is not None else frame
-        p = _pencil(system, m, later, (start.t + tau, q, u, start.s + tau * rates, z))
+        p = pencil_at(system, m, later, (start.t + tau, q, u, start.s + tau * rates, z))
         change = _changed(m, found.pencil, p) if m.model.lines else _changed_on_basis(m, found, p, frame)
         if change:
             return f"{change} after {tau:.3g} s"

@@ -109,7 +109,7 @@ class Floquet(OnMesh, Modes[FloquetMode]):
         return shares(m, m.mass, self._frames.T @ motion(m, vector))
 
     def __str__(self) -> str:
-        head = (f"scene '{self.prepared.model.scene.name}', period {self.period:.9g} s from t = {self.t:g} s, {self.steps} "
+        head = (f"scene '{self.prepared.model.scene.name}'{self._plane}, period {self.period:.9g} s from t = {self.t:g} s, {self.steps} "
                 f"steps; errors are those of the multipliers, relative; frequencies are known up to multiples of "
                 f"{2 * np.pi / self.period:.5g} rad/s")  # fmt: skip
         lines = [head, f"{'mode':>4}  {'growth 1/s':>11}  {'error':>8}  {'rad/s':>11}  {'multiplier':>24}  bodies"]
@@ -122,7 +122,7 @@ class Floquet(OnMesh, Modes[FloquetMode]):
         return "\n".join(lines + ([self._on_mesh] if self.mesh else []))
 
     def __repr__(self) -> str:
-        return (f"<Floquet of '{self.prepared.model.scene.name}', period {self.period:.9g} s: "
+        return (f"<Floquet of '{self.prepared.model.scene.name}'{self._plane}, period {self.period:.9g} s: "
                 f"{counted(len(self.multipliers), 'multiplier')}{', ' * bool(self.mesh)}{self._on_mesh}>")  # fmt: skip
 
 
