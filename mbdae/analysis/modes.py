@@ -25,6 +25,7 @@ from mbdae.system.model.model import Model
 Complex = NDArray[np.complex128]
 
 SYMMETRIC = 1e-9  #: asymmetry that counts as rounding, relative to the largest entry of the block
+LOWEST = 6  #: number of eigenvalues of the stiffness that are looked at for a negative one
 BESIDE = 1e3  #: factor for roots near the one in question, in the error that is of second order in that of the vector
 APART = 1e-5  #: roots nearer to each other than this, relative to their size, are improved together
 FEW = 60  #: largest number of freedoms for which all eigenvalues are computed; with more, only as many as are asked for
@@ -139,7 +140,7 @@ def _passive(q: Quadratic, e: Quadratic, count: int, scale: float, known: Struct
         return False
     if not _beyond(q.K[: q.nu, : q.nu], e.K[: q.nu, : q.nu]):
         return True
-    values, vectors, off = _conservative(q, e, count, scale)
+    values, vectors, off = _conservative(q, e, min(count, LOWEST), scale)
     zero = np.abs(values) <= off
     exact = exact_zeros(np.where(zero, 0.0, values), off, vectors[: q.nu], known)
     return bool(np.all((values.imag > off) | exact))
@@ -180,7 +181,7 @@ def _conservative(q: Quadratic, e: Quadratic, count: int, scale: float) -> tuple
     residual = q.K @ vectors - (q.M @ vectors) * squares
     # what Rayleigh's quotient leaves, of second order in the error of the vector; larger where other roots are near
     bound = bound + BESIDE * np.abs(np.einsum("nk,nk->k", residual, factors.solve(residual)) / mass)
-    bound = bound * np.sum(np.abs(squares[:, None] - squares) <= 4 * np.sqrt(bound[:, None] * bound), axis=1)
+    bound = bound * np.sum(np.abs(squares[:, None] - squares) <= 100 * np.minimum(bound[:, None], bound), axis=1)
     roots = np.where(squares >= 0, 1j, 1.0) * np.sqrt(np.abs(squares))
     error = np.where(np.abs(squares) > 2 * bound, bound / np.maximum(np.abs(roots), 1e-300), 2 * np.sqrt(bound))
     double = squares <= bound  # such a square stands for two real roots: twice 0, or one growing and one decaying motion
