@@ -325,8 +325,8 @@ class _Path:
             unit = max(abs(values[0]), abs(values[-1]), pull)
         else:
             shift, unit = 0.0, 1e3 * pull
-            while found.negative(shift * W):
-                shift = max(4 * shift, 1e-4 * pull)
+        while found.negative(shift * W):
+            shift = max(4 * shift, 1e-4 * pull)
         inertia = sp.block_diag([W, sp.csr_matrix((T.K.shape[0] - nu,) * 2)], format="csr")
         for _ in range(40):
             x = s.solve(T.K + shift * inertia if shift else T.K, T.right)

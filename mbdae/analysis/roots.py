@@ -194,7 +194,9 @@ def _improved(E: Array, A: Array, values: Complex, V: Complex, W: Complex, chose
             v = _normed(_solve(Z, (v @ E.T)[..., None])[..., 0])
             w = _normed(_solve(Z.conj().transpose(0, 2, 1), (w @ E)[..., None])[..., 0])
             below = np.einsum("kn,kn->k", w.conj(), v @ E.T)
-            step = -np.einsum("kn,kn->k", w.conj(), v @ A.T + lam[:, None] * (v @ E.T)) / np.where(below, below, np.inf)
+            step = -np.einsum("kn,kn->k", w.conj(), v @ A.T + lam[:, None] * (v @ E.T))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                step = step / below
             lam = np.where(np.isfinite(step), lam + step, lam)
             lam = np.where(begin.imag == 0, lam.real, lam)
         good = np.abs(lam - begin) <= 1e-2 * np.abs(begin)

@@ -282,7 +282,7 @@ def test_stiffness_is_symmetric_about_a_conservative_equilibrium() -> None:
 
 def test_table_names_frequency_damping_growth_and_bodies() -> None:
     text = str(pendulum(damper=0.2).linearize())
-    assert text.splitlines()[1].split() == ["mode", "Hz", "rad/s", "damping", "growth", "1/s", "bodies"]
+    assert text.splitlines()[1].split() == ["mode", "Hz", "rad/s", "damping", "growth", "1/s", "error", "bodies"]
     assert "rod 100%" in text
 
 
