@@ -30,8 +30,8 @@ class Laws:
 
     @cached_property
     def _split(self) -> dict[str, list[tuple[Array, Array]]]:
-        """For "K" and "C", of every instance with an influence: its displacements (k,), and its matrix (k, k) divided by the roots
-        of the weights."""
+        """For "K" and "C", of every instance with an influence: its displacements (k,), and its matrix (k, k) divided by the
+        roots of the weights."""
         found: dict[str, list[tuple[Array, Array]]] = {"K": [], "C": []}
         at, root = slice(self.nu, 2 * self.nu), np.sqrt(self.weights)
         for term in self.terms:
@@ -42,6 +42,11 @@ class Laws:
                     S = S.tocsr()[own][:, own].toarray() / root[own, None] / root[own]
                     found[name].append((own, S))
         return found
+
+    def none_resists(self, p: Any) -> bool:
+        """Whether no law has a stiffness against the motion p (nu,), divided by the roots of the weights."""
+        return all(np.max(np.abs(S @ p[own])) <= NOISE * np.max(np.abs(S)) * np.max(np.abs(p[own]))
+                   for own, S in self._split["K"])  # fmt: skip
 
     def surely(self, name: str, N: Array) -> bool:
         """Whether x^T S x >= 0 is certain for S = "K" or "C" on the motions N x.

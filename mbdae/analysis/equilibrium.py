@@ -64,8 +64,8 @@ class Equilibrium(Result):
     It starts a run (`s.simulate(..., start=e)`) and is a state to linearise about (`s.linearize(at=e)`).
     frame: name of the frame's body; load_factor: 1 for the scene as stated; residual: largest unbalanced force over the
     largest force; iterations: Newton corrections in all; unstable: number of directions in which the stiffness is
-    negative (a rotating state may be stable all the same: `s.linearize` decides); out_of_plane: "stable" or "unstable" for motions
-    that leave the plane of a planar scene, None where these were not looked at.
+    negative (a rotating state may be stable all the same: `s.linearize` decides); out_of_plane: "stable" or "unstable" for
+    motions that leave the plane of a planar scene, None where these were not looked at.
     """
 
     frame: str
@@ -126,7 +126,8 @@ def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None =
     way. Where the scene has no stiffness without its loads, or they lead to a state whose stiffness is negative, a stable
     state is searched under the full loads.
     progress(load_factor, iterations) is called after every step. out_of_plane: whether the stability of a planar scene with beams
-    or free bodies against motions out of its plane is looked at; an AccuracyWarning tells where these grow. Raises EquilibriumError where there is no such state.
+    or free bodies against motions out of its plane is looked at; an AccuracyWarning tells where these grow. Raises
+    EquilibriumError where there is no such state.
     """
     refuse_sampled(scene, "equilibrium")
     body = body_of(scene, frame if frame is not None else scene.ground)

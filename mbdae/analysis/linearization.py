@@ -44,11 +44,11 @@ class Linearization(OnMesh, Modes[Mode]):
     M x'' + C x' + K x = 0 of the displacements p = `basis` x that the constraints allow, p (nu,) along the frame's axes.
     With beams `mesh` names the mesh, and `mesh_error` (modes,) is the error of the eigenvalues that this mesh causes.
 
-    errors (modes,): bounds of the errors of the eigenvalues that rounding causes, 1/s. stable: False where a real part exceeds its
-    error, or a motion lowers the energy; True where all are at most 0, by their numbers or by the structure of the equations (energy,
-    pairs of roots on the imaginary axis, free motions); None where rounding leaves it open. It speaks of the motions that the scene
-    has: of a planar one, those in its plane. out_of_plane: "stable" or "unstable" for those that leave the plane, None where these
-    were not looked at.
+    errors (modes,): bounds of the errors of the eigenvalues that rounding causes, 1/s. stable: False where a real part exceeds
+    its error, or a motion lowers the energy; True where all are at most 0, by their numbers or by the structure of the
+    equations (energy, pairs of roots on the imaginary axis, free motions); None where rounding leaves it open. It speaks of the
+    motions that the scene has: of a planar one, those in its plane. out_of_plane: "stable" or "unstable" for those that leave
+    the plane, None where these were not looked at.
     """
 
     errors: Array
@@ -118,7 +118,8 @@ class Linearization(OnMesh, Modes[Mode]):
         return shares(m, self._metric, motion(m, vector))
 
     def __str__(self) -> str:
-        head = f"scene '{self.prepared.model.scene.name}'{self._plane}, t = {self.t:g} s, small motions in the axes of '{self.frame}'"
+        name = f"'{self.prepared.model.scene.name}'{self._plane}"
+        head = f"scene {name}, t = {self.t:g} s, small motions in the axes of '{self.frame}'"
         lines = [head, f"{'mode':>4}  {'Hz':>11}  {'rad/s':>11}  {'damping':>10}  {'growth 1/s':>11}  {'error':>8}  bodies"]
         for i, mode in enumerate(self.modes):
             lines.append(f"{i + 1:>4}  {mode.frequency:>11.5g}  {mode.angular_frequency:>11.5g}  {mode.damping:>10.3g}  "
@@ -141,8 +142,8 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     at: a Result (its end), (Result, t), an equilibrium, or None for the start of the scene. Departures are resolved along
     the frame's axes: the ground for a shaft in anisotropic bearings, a rotating body for blades on a hub. count: lowest
     modes only (default: all; with beams the lowest 20). out_of_plane: whether the stability of a planar scene with beams or
-    free bodies against motions out of its plane is looked at, once; an AccuracyWarning tells where these grow. Raises SteadyError, with the equations of that instant as `.frozen`,
-    where they depend on time in that frame.
+    free bodies against motions out of its plane is looked at, once; an AccuracyWarning tells where these grow. Raises
+    SteadyError, with the equations of that instant as `.frozen`, where they depend on time in that frame.
     """
     refuse_sampled(scene, "linearize")
     count = optional("count", count, whole, "give the number of lowest modes, 1 or more, or None for all", least=1)

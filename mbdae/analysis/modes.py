@@ -115,8 +115,17 @@ def lowest(p: Pencil, count: int, scale: float, known: Structure) -> Spectrum:
     return Spectrum(values, vectors, off, stable)
 
 
+def growth(p: Pencil, scale: float, known: Structure) -> Spectrum:
+    """The lowest roots of a pencil as far as they are needed to see whether a motion grows: none where the energy excludes it."""
+    assert p.errors is not None
+    if _passive(quadratic(p, p), quadratic(p.errors, p), LOWEST, scale, known):
+        return Spectrum(np.zeros(0, dtype=complex), np.zeros((len(p.places["p"]), 0), dtype=complex), np.zeros(0), True)
+    return lowest(p, LOWEST, scale, known)
+
+
 def _in_pairs(q: Quadratic, e: Quadratic) -> bool:
-    """Whether with every root z there is a root -z: without forces of velocity, or with gyroscopic ones in symmetric equations."""
+    """Whether with every root z there is a root -z: no force depends on velocities, or gyroscopic ones alone in symmetric
+    equations."""
     if not _beyond(q.C, e.C):
         return True
     C, d = q.C[:, : q.nu], e.C[:, : q.nu]
@@ -133,7 +142,7 @@ def _passive(q: Quadratic, e: Quadratic, count: int, scale: float, known: Struct
     """Whether the energy shows that no motion grows: damping and stiffness are not negative. The stiffness of the beams alone is
     not; with stressed beams and loads its lowest eigenvalues are found."""
     C, d = q.C[: q.nu, : q.nu].tocsr(), e.C[: q.nu, : q.nu]
-    if not q.symmetric or _beyond(q.C[q.nu :], e.C[q.nu :]) or q.C[:, q.nu :].count_nonzero():
+    if not q.symmetric or not _damped_as_strained(q, e) or q.C[:, q.nu :].count_nonzero():
         return False
     damping = (C + C.T).tocsr()
     if _beyond(damping, d + d.T) and not _not_negative(damping):
@@ -144,6 +153,15 @@ def _passive(q: Quadratic, e: Quadratic, count: int, scale: float, known: Struct
     zero = np.abs(values) <= off
     exact = exact_zeros(np.where(zero, 0.0, values), off, vectors[: q.nu], known)
     return bool(np.all((values.imag > off) | exact))
+
+
+def _damped_as_strained(q: Quadratic, e: Quadratic) -> bool:
+    """Whether each stress depends on the rate of its strain in a proportion to the strain that is not negative."""
+    rates, strains = q.C[q.nu :, : q.nu].tocsr(), q.K[q.nu :, : q.nu].tocsr()
+    size = np.asarray(strains.multiply(strains).sum(axis=1)).ravel()
+    d = np.asarray(rates.multiply(strains).sum(axis=1)).ravel() / np.where(size > 0, size, 1.0)
+    off = sp.diags(d) @ abs(strains) * SYMMETRIC + e.C[q.nu :, : q.nu]
+    return bool(np.all(d >= 0)) and not _beyond(rates - sp.diags(d) @ strains, off)
 
 
 def _not_negative(S: Any) -> bool:

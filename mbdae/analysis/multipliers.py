@@ -89,9 +89,9 @@ class Floquet(OnMesh, Modes[FloquetMode]):
 
     @property
     def stable(self) -> bool | None:
-        """False where a multiplier found is larger than 1 by more than its error; True where none is: by the numbers, or because
-        multipliers lie in pairs mu, 1 / mu, and one alone on the unit circle cannot leave it, nor 1 that of a motion shifted along
-        itself; None where the errors leave it open."""
+        """False where a multiplier found is larger than 1 by more than its error; True where none is: by the numbers, or
+        because multipliers lie in pairs mu, 1 / mu, and one alone on the unit circle cannot leave it, nor 1 that of a motion
+        shifted along itself; None where the errors leave it open."""
         growth, off = self.exponents.real, self.errors
         if np.any(growth > off):
             return False
@@ -114,8 +114,9 @@ class Floquet(OnMesh, Modes[FloquetMode]):
         return shares(m, m.mass, self._frames.T @ motion(m, vector))
 
     def __str__(self) -> str:
-        head = (f"scene '{self.prepared.model.scene.name}'{self._plane}, period {self.period:.9g} s from t = {self.t:g} s, {self.steps} "
-                f"steps; errors are those of the multipliers, relative; frequencies are known up to multiples of "
+        name = f"'{self.prepared.model.scene.name}'{self._plane}"
+        head = (f"scene {name}, period {self.period:.9g} s from t = {self.t:g} s, {self.steps} steps; errors are those of "
+                f"the multipliers, relative; frequencies are known up to multiples of "
                 f"{2 * np.pi / self.period:.5g} rad/s")  # fmt: skip
         lines = [head, f"{'mode':>4}  {'growth 1/s':>11}  {'error':>8}  {'rad/s':>11}  {'multiplier':>24}  bodies"]
         for i, mode in enumerate(self.modes):
@@ -132,8 +133,8 @@ class Floquet(OnMesh, Modes[FloquetMode]):
 
 
 def on_circle(multipliers: Complex, errors: Array) -> NDArray[np.bool_]:
-    """Which multipliers (k,), relative errors given, certainly have the size 1: where to each there is one of the reciprocal size,
-    those that are alone there, and those that are 1."""
+    """Which multipliers (k,), relative errors given, certainly have the size 1: where to each there is one of the reciprocal
+    size, those that are alone there, and those that are 1."""
     mu = multipliers
     with np.errstate(divide="ignore", invalid="ignore"):
         mates = np.abs(mu[:, None] * mu.conj() - 1) <= 4 * (errors[:, None] + errors)

@@ -194,11 +194,11 @@ def pencil(system: Assembly, mechanics: Mechanics, frame: RotatingFrame, t: floa
 
 def with_errors(system: Assembly, mechanics: Mechanics, frame: RotatingFrame, t: float, y: Array, yp: Array,
                 beside: list[Pencil]) -> Pencil:  # fmt: skip
-    """`pencil` with bounds of the errors of its entries: `ROUNDED` times the sums of the absolute values of their terms, and twice
-    the largest difference from pencils `beside` it, made from numbers that differ by rounding."""
+    """`pencil` with bounds of the errors of its entries: `ROUNDED` times the sums of the absolute values of their terms, and
+    twice the largest difference from pencils `beside` it, made from numbers that differ by rounding."""
     p = pencil(system, mechanics, frame, t, y, yp)
     b = basis(system, mechanics, frame, y[: mechanics.nq], y[mechanics.nq : mechanics.nq + mechanics.nu])
-    (Fy, Fyp), (T, rate, L) = map(abs, derivatives(system, t, y, yp)), map(abs, (b.T, b.rate, b.L))
+    (Fy, Fyp), (T, rate, L) = system.evaluation.jacobian_sizes(t, y, yp), map(abs, (b.T, b.rate, b.L))
     E, A = ROUNDED * (L @ Fyp @ T), ROUNDED * (L @ (Fy @ T + Fyp @ rate))
     for other in beside:
         E, A = E.maximum(2 * abs(other.E - p.E)), A.maximum(2 * abs(other.A - p.A))

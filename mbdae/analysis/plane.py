@@ -16,26 +16,26 @@ from scipy.sparse.csgraph import connected_components
 
 from mbdae.analysis.elastic import stresses_of
 from mbdae.analysis.frame import IDENTITY, attitude, body_of, frame_at
-from mbdae.analysis.modes import DEFAULT, lowest, softest_beam
+from mbdae.analysis.modes import growth, softest_beam
 from mbdae.analysis.pencil import Pencil, complete_system
 from mbdae.analysis.reduced import errors_of, free_basis, reduced
 from mbdae.analysis.spectrum import Spectrum, spectrum
 from mbdae.analysis.state import pencil_with_errors, structure
 from mbdae.errors import MbdaeError, warn
 from mbdae.formulations.index3 import Index3
+from mbdae.scene.components import Beam
 from mbdae.scene.scene import SceneData
 from mbdae.scene.topology import not_joined
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
 from mbdae.system.model.beams import drawn_quaternion
-from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node
-
 from mbdae.system.model.rotations import quaternion_product, turned
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared, modelled, prepare
 from mbdae.system.start.start import Start
 
+LEAST = 1e-9  #: a moment of inertia of at most this part of the largest of a body counts as none
 LOOK = "give True to have the stability of a planar scene against motions out of its plane looked at, or False"
 #: what a print of a planar scene says, by what was found
 OUT_OF_PLANE = {"stable": "planar: motions out of the plane are stable", "unstable": "planar: motions out of the plane grow",
@@ -51,14 +51,14 @@ def looked_at(prepared: Prepared, frame: str) -> str | None:
         return None
     try:
         found = _spectrum(prepared, frame)
-    except (MbdaeError, np.linalg.LinAlgError, RuntimeError):  # in space the scene lacks what the plane does not ask for
-        return None
+    except (MbdaeError, ArithmeticError, RuntimeError, TypeError, ValueError):
+        return None  # in space the scene lacks what the plane does not ask for, or it contains what cannot be copied
     if found is None or found.stable is None:
         return None
     if not found.stable:
         worst = int(np.argmax(found.values.real))
-        growth = f" by {found.values[worst].real:.4g}/s" if found.values[worst].real > found.errors[worst] else ""
-        warn(f"scene '{model.scene.name}' is planar, and small motions out of its plane grow{growth} here: what it says of this "
+        rate = f" by {found.values[worst].real:.4g}/s" if found.values[worst].real > found.errors[worst] else ""
+        warn(f"scene '{model.scene.name}' is planar, and small motions out of its plane grow{rate} here: what it says of this "
              "state holds while something keeps it in the plane; Scene(..., space='spatial') has these motions")  # fmt: skip
     return "stable" if found.stable else "unstable"
 
@@ -82,7 +82,7 @@ def _spectrum(planar: Prepared, frame: str) -> Spectrum | None:
               and np.isin(np.arange(n.u + 3, n.u + 5), places).any()]  # fmt: skip
     known = structure(system, m, axes, state, places)
     if m.model.lines:
-        found = lowest(p, DEFAULT, softest_beam(m.model), known)
+        found = growth(p, softest_beam(m.model), known)
     else:
         units = m.velocity_units[places]
         equations = reduced(p, free_basis(p.constraints, units))
@@ -94,13 +94,14 @@ def _spectrum(planar: Prepared, frame: str) -> Spectrum | None:
 
 
 def _in_space(scene: SceneData) -> tuple[SceneData, set[str]]:
-    """A copy of the scene in space, and the bodies whose inertia about x and y is not stated: there it is taken as that about z.
-    At rest it does not decide what is stable."""
+    """A copy of the scene in space, and the bodies that have no inertia about some axis, because one about z alone is stated or
+    they are slender: there they are given that of their largest. At rest it does not decide what is stable."""
     found, unknown = copy.deepcopy(scene), set()
     found.space = "spatial"
-    for body in found.bodies:
-        if body.principal_plane and body.inertia is not None:
-            body.inertia = np.asarray(body.inertia) + np.diag([1.0, 1.0, 0.0]) * body.inertia[2, 2]
+    for body in (b for b in found.bodies if b.inertia is not None and not b.is_point and not isinstance(b, Beam)):
+        moments, axes = np.linalg.eigh(np.asarray(body.inertia))
+        if moments[-1] > 0 and moments[0] <= LEAST * moments[-1]:
+            body.inertia = (axes * np.where(moments <= LEAST * moments[-1], moments[-1], moments)) @ axes.T
             unknown.add(body.name)
     return found, unknown
 
@@ -129,6 +130,7 @@ def _node_in_space(node: Node, flat: Node, q: Array, u: Array) -> tuple[Array, A
     found, speed = np.zeros(node.kind.sizes[0]), np.zeros(node.kind.sizes[1])
     found[: min(n, 2)], speed[: min(n, 2)] = q[:2], u[:2]
     if node.kind is NodeKind.SPATIAL:
+        assert flat.body is not None
         angle = np.arctan2(*attitude(replace(flat, q=0), q)[1::-1, 0]) - np.arctan2(*flat.body.drawn.rotation[1::-1, 0])
         found[3:] = quaternion_product(turned(IDENTITY, np.array([0.0, 0.0, angle])), drawn_quaternion(node.body))
         speed[3:] = attitude(replace(node, q=0), found).T @ np.array([0.0, 0.0, u[2]])
@@ -143,6 +145,7 @@ def _across(m: Mechanics, p: Pencil) -> NDArray[np.bool_]:
         if node.kind is not NodeKind.COORDINATE:
             size, n = node.kind.sizes[1], node.kind.translations
             first[node.u + np.array([2, *range(n, size - 1)] if n == 3 else [], dtype=int)] = True
+    assert p.errors is not None
     joined = (abs(p.A) > p.errors.A) + (abs(p.E) > p.errors.E)
     label = connected_components(joined, directed=False)[1]
     return np.isin(label, np.unique(label[first]))
@@ -150,6 +153,7 @@ def _across(m: Mechanics, p: Pencil) -> NDArray[np.bool_]:
 
 def _cut(p: Pencil, keep: NDArray[np.bool_]) -> tuple[Pencil, NDArray[np.intp]]:
     """The pencil of some of its unknowns, and the displacements (of all) among them."""
+    assert p.errors is not None
     at = np.flatnonzero(keep)
     new = np.cumsum(keep) - 1
     places = {kind: new[own[keep[own]]] for kind, own in p.places.items()}

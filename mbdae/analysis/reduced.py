@@ -86,7 +86,7 @@ def reduced(p: Pencil, N: Array) -> Reduced:
     return _reduced(p, N, N, acting_states(p), p.kinematics)
 
 
-def _reduced(p: Pencil, N: Array, left: Array, s: NDArray[np.intp], kinematics: Any) -> Reduced:
+def _reduced(p: Pencil, N: Array, left: Array, s: Any, kinematics: Any) -> Reduced:
     """`reduced` with the internal states s and the matrix of `Pencil.kinematics`; left: the motions along which the forces are
     resolved."""
     z = p.places["z"]

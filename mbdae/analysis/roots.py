@@ -9,6 +9,7 @@ W^H E V = 1 the perturbed roots are those of diag(roots) + F, |F| <= |W|^H dP |V
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -27,8 +28,8 @@ BAND = 1e-10
 #: the first stage, without a shift, keeps the roots down to this part of the largest
 FIRST = 1e-6
 STAGES = 4  #: stages of `BAND` each; what is smaller than 1e-36 of the largest root is not told from 0
-#: roots nearer to each other than this, relative to their size, are taken as they were found: inverse iteration would lead both to
-#: the same vector
+#: roots nearer to each other than this, relative to their size, are taken as they were found: inverse iteration would lead both
+#: to the same vector
 APART = 1e-5
 #: number of states up to which every root is improved; with more only those whose errors the first solution dominates, while
 #: that costs less than `WORK` multiplications
@@ -71,8 +72,8 @@ def parts(*matrices: Array) -> list[NDArray[np.intp]]:
 
 
 def _coupled(E: Array, A: Array, dE: Array, dA: Array) -> Roots:
-    """`roots` of equations that are all coupled. Where roots coincide exactly, so that vectors are missing, the entries are changed
-    within their errors."""
+    """`roots` of equations that are all coupled. Where roots coincide exactly, so that vectors are missing, the entries are
+    changed within their errors."""
     found = _as_given(E, A, dE, dA)
     if np.all(found.errors <= np.max(np.abs(found.values))):
         return found
@@ -141,7 +142,7 @@ def _solved(E: Array, A: Array, shift: float | None) -> tuple[Complex, Complex, 
     return values.astype(complex), V.astype(complex), error
 
 
-def _solve(Z: Array, right: Array) -> Array:
+def _solve(Z: Any, right: Any) -> Any:
     """Z^-1 right with rows and columns scaled to largest entries of 1; a singular Z is changed by rounding."""
     rows, columns = _scales(Z)
     scaled = Z * rows[..., :, None] * columns[..., None, :]
@@ -153,10 +154,10 @@ def _solve(Z: Array, right: Array) -> Array:
             return np.asarray(columns[..., :, None] * found)
         except np.linalg.LinAlgError:
             continue
-    return np.full(np.broadcast_shapes(scaled.shape, right.shape[:-2] + (1, 1))[:-1] + right.shape[-1:], np.nan, dtype=right.dtype)
+    return np.full((*np.broadcast_shapes(scaled.shape[:-2], right.shape[:-2]), Z.shape[-1], right.shape[-1]), np.nan)
 
 
-def _scales(Z: Array) -> tuple[Array, Array]:
+def _scales(Z: Any) -> tuple[Array, Array]:
     """Scales of rows and columns of Z (..., n, n), powers of 2, that make the entries as equal as two rounds can."""
     size = np.abs(Z)
     rows, columns = np.ones(Z.shape[:-1]), np.ones(Z.shape[:-1])
@@ -166,7 +167,7 @@ def _scales(Z: Array) -> tuple[Array, Array]:
         columns = columns / _root_of_largest(scaled, -2)
     scaled = size * rows[..., :, None] * columns[..., None, :]
     rows = rows / _root_of_largest(scaled, -1) ** 2
-    return 2.0 ** np.round(np.log2(rows)), 2.0 ** np.round(np.log2(columns))
+    return np.asarray(2.0 ** np.round(np.log2(rows))), np.asarray(2.0 ** np.round(np.log2(columns)))
 
 
 def _root_of_largest(scaled: Array, axis: int) -> Array:
@@ -177,8 +178,8 @@ def _root_of_largest(scaled: Array, axis: int) -> Array:
 # -- inverse iteration
 
 
-def _improved(E: Array, A: Array, values: Complex, V: Complex, W: Complex, chosen: NDArray[np.intp]) -> tuple[Complex, Complex,
-                                                                                                              Complex]:  # fmt: skip
+def _improved(E: Array, A: Array, values: Complex, V: Complex, W: Complex,
+              chosen: NDArray[np.intp]) -> tuple[Complex, Complex, Complex]:  # fmt: skip
     """Chosen roots (imaginary part >= 0) with both vectors after two steps of inverse iteration; conjugates follow."""
     n = len(E)
     values, V, W = values.copy(), V.copy(), W.copy()

@@ -34,9 +34,9 @@ NEXT = 1e-3
 class Structure:
     """What is known of the equations beside their numbers.
 
-    surely(name, N): whether x^T S x >= 0 on the motions N x, for S = "K" or "C", is known law by law; asked where the sum of the laws
-    does not show it. free(p): whether a motion p (nu,) is one that the whole scene, or its steady motion, may be shifted along. rate: of the
-    frame's axes, rad/s."""
+    surely(name, N): whether x^T S x >= 0 on the motions N x, for S = "K" or "C", is known law by law; asked where the sum of the
+    laws does not show it. free(p): whether a motion p (nu,) is one that the whole scene, or its steady motion, may be shifted
+    along. rate: of the frame's axes, rad/s."""
 
     surely: Callable[[str, Array], bool]
     free: Callable[[Complex], bool]
@@ -106,8 +106,8 @@ def _without_noise(r: Reduced, e: Reduced) -> tuple[Reduced, Reduced]:
 
 def _cut(r: Reduced, x: NDArray[np.intp], s: NDArray[np.intp]) -> Reduced:
     """The equations of some displacements x and internal states s."""
-    rows = {"M": (x, x), "C": (x, x), "K": (x, x), "B": (x, s), "D": (x, s), "Es": (s, s), "As": (s, s), "S2": (s, x), "S1": (s, x),
-            "S0": (s, x)}  # fmt: skip
+    rows = {"M": (x, x), "C": (x, x), "K": (x, x), "B": (x, s), "D": (x, s), "Es": (s, s), "As": (s, s), "S2": (s, x),
+            "S1": (s, x), "S0": (s, x)}  # fmt: skip
     return replace(r, N=r.N[:, x], **{name: getattr(r, name)[np.ix_(*at)] for name, at in rows.items()})
 
 
@@ -145,12 +145,12 @@ def _of_part(r: Reduced, e: Reduced, known: Structure) -> tuple[Roots, bool | No
 
 
 def exact_zeros(values: Complex, errors: Array, motions: Complex, known: Structure) -> NDArray[np.bool_]:
-    """Which roots 0 of equations with pairs of roots z, -z are exact: those of motions (nu, k) that no force can resist. In axes that
-    turn with `known.rate` shifts along fixed directions have the root i rate."""
+    """Which roots 0 of equations with pairs of roots z, -z are exact: those of motions (nu, k) that no force can resist. In axes
+    that turn with `known.rate` shifts along fixed directions have the root i rate."""
     turning = np.abs(np.abs(values.imag) - known.rate) + np.abs(values.real) <= errors
     least = float(np.min(np.abs(values), where=values != 0, initial=np.inf))
     small = ((values == 0) | (turning & (known.rate > 0))) & (errors <= NEXT * least)
-    return small & np.array([bool(small[i]) and known.free(motions[:, i]) for i in range(len(values))], dtype=bool)
+    return np.array([bool(small[i]) and known.free(motions[:, i]) for i in range(len(values))], dtype=bool)
 
 
 def _with_free(some: Roots, free: NDArray[np.intp], kept: NDArray[np.intp], n: int) -> Roots:
@@ -161,10 +161,12 @@ def _with_free(some: Roots, free: NDArray[np.intp], kept: NDArray[np.intp], n: i
     vectors = np.zeros((size, size), dtype=complex)
     vectors[free, np.arange(k)] = 1.0
     vectors[np.ix_(kept, k + np.arange(len(kept)))] = some.vectors
+    speed = some.vectors[np.searchsorted(kept, n + free)]
     with np.errstate(divide="ignore", invalid="ignore"):
-        moved = some.vectors[np.searchsorted(kept, n + free)] / some.values  # x' = root * x; a drift x' alone where the root is 0
-    vectors[np.ix_(free, k + np.arange(len(kept)))] = np.where(np.isfinite(moved), moved, some.vectors[np.searchsorted(kept, n + free)])
-    return Roots(np.r_[np.zeros(k), some.values], vectors, np.r_[np.zeros(k), some.errors], np.r_[np.ones(k, dtype=bool), some.alone])
+        moved = speed / some.values  # x' = root * x; a drift x' alone where the root is 0
+    vectors[np.ix_(free, k + np.arange(len(kept)))] = np.where(np.isfinite(moved), moved, speed)
+    values, errors = np.r_[np.zeros(k), some.values], np.r_[np.zeros(k), some.errors]
+    return Roots(values, vectors, errors, np.r_[np.ones(k, dtype=bool), some.alone])
 
 
 def _by_energy(r: Reduced, e: Reduced, known: Structure) -> tuple[bool | None, bool, bool]:
@@ -186,7 +188,8 @@ def _but_for_shifts(r: Reduced, e: Reduced, known: Structure) -> bool:
     """Whether the stiffness is positive but for motions that no force can resist."""
     squares, X = scipy.linalg.eigh((r.K + r.K.T) / 2, (r.M + r.M.T) / 2)
     size = np.abs(X)
-    off = 2 * np.einsum("nk,nk->k", size, e.K @ size + (e.M @ size) * np.abs(squares)) + EPS * np.max(np.abs(squares)) * len(squares)
+    off = 2 * np.einsum("nk,nk->k", size, e.K @ size + (e.M @ size) * np.abs(squares))
+    off += EPS * np.max(np.abs(squares)) * len(squares)
     zero = np.abs(squares) <= off
     exact = exact_zeros(np.where(zero, 0.0, np.sqrt(np.abs(squares)) + 0j), np.sqrt(2 * off), r.N @ X, known)
     return bool(np.all((squares > off) | exact))

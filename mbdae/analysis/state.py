@@ -14,6 +14,7 @@ from mbdae.analysis.energy import Laws
 from mbdae.analysis.frame import RotatingFrame, free_shifts
 from mbdae.analysis.pencil import Pencil, basis, pencil, with_errors
 from mbdae.analysis.spectrum import Structure
+from mbdae.scene.topology import not_joined
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.right_hand_side import state_rates
 from mbdae.system.base import Array
@@ -66,13 +67,17 @@ def structure(system: Assembly, m: Mechanics, frame: RotatingFrame, state: State
 
     @cache
     def laws() -> Laws:
-        terms = [fy for fy, _ in system.evaluation.jacobian_by_law(t, *unknowns_at(system, m, state))]
+        terms = system.evaluation.jacobian_by_law(t, *unknowns_at(system, m, state))
         return Laws(terms, basis(system, m, frame, q, u), m.nu, weights)
 
     @cache
     def shifts() -> Array:
         turned = basis(system, m, frame, q, u).C.T @ u
-        return free_shifts(m.model, frame, q, turned) * np.sqrt(weights)[:, None]
+        free = free_shifts(m.model, frame, q, turned)
+        if frame.turns or np.any(u):  # rotations about the axis alone, with which the whole scene turns
+            free[:, 3] = free[:, 3:6] @ (frame.rotation.T @ frame.rate)
+            free[:, 4:6] = 0.0
+        return np.asarray(free * np.sqrt(weights)[:, None])
 
     def whole(x: Any) -> Any:
         found = np.zeros((m.nu, *x.shape[1:]), dtype=x.dtype)
@@ -81,11 +86,14 @@ def structure(system: Assembly, m: Mechanics, frame: RotatingFrame, state: State
 
     def free(p: Any) -> bool:
         p = whole(p) * np.sqrt(weights)
+        if (still and not laws().none_resists(p)) or (resting and not still and not not_joined(m.model.scene)):
+            return False
         moves = shifts() * _moving(m, p)[:, None]  # what stands still, as a driven hub in its own axes, is not shifted
         off = p - moves @ np.linalg.lstsq(moves, p, rcond=None)[0]
         return bool(np.linalg.norm(off) <= SHIFT * np.linalg.norm(p))
 
-    still = not frame.turns and not np.any(u) and not m.model.lines
+    resting = not frame.turns and not np.any(u)
+    still = resting and not m.model.lines
     return Structure(lambda name, N: still and laws().surely(name, whole(N)), free, float(np.linalg.norm(frame.rate)))
 
 

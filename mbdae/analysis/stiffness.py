@@ -89,8 +89,8 @@ class DenseStiffness:
 
     @cached_property
     def scales(self) -> Array:
-        """(freedoms,) roots of the sizes of the stiffnesses, so that one spring does not hide another; where one has none, the root of
-        what rounding of the largest leaves."""
+        """(freedoms,) roots of the sizes of the stiffnesses, so that one spring does not hide another; where one has none, the
+        root of what rounding of the largest leaves."""
         size = np.abs(self.T.N).T @ np.abs(self.full) @ np.abs(self.T.N)
         largest = float(np.max(size, initial=0.0))
         return np.sqrt(np.maximum(np.diagonal(size), ROUND_OFF**2 * largest)) if largest else np.ones(len(size))

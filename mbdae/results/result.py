@@ -325,8 +325,8 @@ class Result(RunStates, ListsAttributes):
         warned = (", not reliable" if self.reliable is False else "") + (
             f", {counted(len(self.warnings), 'warning')}" if self.warnings else "")  # fmt: skip
         return (f"<Result '{self.prepared.model.scene.name}': t = {self.t[0]:g}..{self.t[-1]:g} s, {self.info.solver.label} "
-                f"{self.info.form}, {counted(s.steps, 'step')}{shorter}{self._plane}, {self.info.cpu_s:.2f} s CPU, accuracy asked {asked}, "
-                f"estimated error {known}, {a.brief}{warned}>")
+                f"{self.info.form}, {counted(s.steps, 'step')}{shorter}{self._plane}, {self.info.cpu_s:.2f} s CPU, "
+                f"accuracy asked {asked}, estimated error {known}, {a.brief}{warned}>")
 
 
 def _sensor(run: RunStates, item: Body | Connection) -> Any:

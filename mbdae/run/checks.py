@@ -151,8 +151,8 @@ class Check(ListsAttributes):
 
     def __repr__(self) -> str:
         scene = self.prepared.model.scene
-        return (f"<Check of '{scene.name}': {'planar' if self.planar else 'spatial'}, bodies {len(scene.bodies)}, joints {len(scene.joints)}, "
-                f"degrees of freedom {self.degrees_of_freedom}; print it for more>")  # fmt: skip
+        return (f"<Check of '{scene.name}': {'planar' if self.planar else 'spatial'}, bodies {len(scene.bodies)}, "
+                f"joints {len(scene.joints)}, degrees of freedom {self.degrees_of_freedom}; print it for more>")  # fmt: skip
 
     def _repr_html_(self) -> str:
         title, _, rest = str(self).partition("\n")

@@ -365,9 +365,9 @@ def test_algebraic_stress_is_eliminated(compliance: float, rate: float) -> None:
     """m1 x1'' + z = 0, m2 x2'' - z = 0, compliance z = x1 - x2 + rate (x1' - x2'): the root of the relative motion."""
     import scipy.sparse as sp
 
-    from mbdae.analysis.spectrum import spectrum
     from mbdae.analysis.pencil import Pencil
     from mbdae.analysis.reduced import free_basis, reduced
+    from mbdae.analysis.spectrum import spectrum
 
     d, mass = np.array([[1.0, -1.0]]), np.diag([2.0, 3.0])
     one, zero = np.eye(2), np.zeros((2, 2))

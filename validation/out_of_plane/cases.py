@@ -80,8 +80,8 @@ def between_springs(preload: float) -> mb.Scene:
 
 
 def blade(rate: float, section: mb.Section, inwards: bool = False) -> mb.Scene:
-    """A blade on a hub that turns: outwards it flaps about the plane, stiffened by its own pull; inwards its weight in the turning
-    axes pushes it."""
+    """A blade on a hub that turns: outwards it flaps about the plane, stiffened by its own pull; inwards its weight in the
+    turning axes pushes it."""
     s = mb.Scene(f"blade {'inwards' if inwards else 'outwards'} at {rate:g} rad/s")
     hub = s.rigid_body("hub", 1.0, (1.0, 1.0, 1.0))
     s.revolute("shaft", s.ground, hub, at=(0, 0), angle=rate * mb.t)
@@ -110,8 +110,10 @@ def cases() -> list[Planar]:
     """All scenes."""
     thin = strip(0.03, 0.002)
     limit = inwards_limit(thin)
-    found: list[Any] = [(lambda a=a: on_edge(*a), a[0] < 1) for a in
-                        ((0.9, 0.05, 0.002, 1.0), (1.1, 0.05, 0.002, 1.0), (1.5, 0.05, 0.002, 1.0), (0.6, 0.08, 0.002, 1.5), (1.02, 0.06, 0.0015, 0.7))]  # fmt: skip
+    found: list[Any] = [
+        (lambda a=a: on_edge(*a), a[0] < 1) for a in
+        ((0.9, 0.05, 0.002, 1.0), (1.1, 0.05, 0.002, 1.0), (1.5, 0.05, 0.002, 1.0), (0.6, 0.08, 0.002, 1.5),
+         (1.02, 0.06, 0.0015, 0.7))]  # fmt: skip
     found += [(lambda a=a, d=d: column(a, d), a < 1) for a, d in ((0.97, 0.0), (1.03, 0.0), (0.8, 1.1), (2.0, 0.7))]
     found += [(lambda a=a: under_its_weight(a), a < 1) for a in (0.95, 1.05)]
     found += [(lambda a=a: spinning(a), a != 1) for a in range(3)]

@@ -95,8 +95,8 @@ class Entries:
 class Pattern:
     """The entries of the Jacobian as arrays. cells: number of the matrix entry (see `_cells`) of every value of kernels of laws,
     then of kernels of trees, then of products left * value * right; dotted: which belong to dF/dy'. fixed_cells, fixed_dotted,
-    fixed: the same of constants, with their values; terms: the instances of laws, numbered, that these belong to; chained: constants
-    that are values of products."""
+    fixed: the same of constants, with their values; terms: the instances of laws, numbered, that these belong to; chained:
+    constants that are values of products."""
 
     def __init__(self, n: int, rows: Index, columns: Index, factors: Index, chained: Array, fixed_rows: Index,
                  fixed_columns: Index, fixed: Array, terms: Index) -> None:  # fmt: skip
