@@ -309,6 +309,7 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
        for c in ("IDA", "CVODE", "DOP853", "RadauIIA")},
     **{(c, "waves"): (FLAGS, "a switch") for c in ("GGL", "Index1", "Index3", "ODE")},
     ("GGL", "algebraic"): (FLAGS, "a switch"), ("ODE", "mixed"): (FLAGS, "a switch"), ("sweep", "again"): (FLAGS, "a switch"),
+    **{(f"Scene.{name}", "out_of_plane"): (FLAGS, "a switch") for name in ("equilibrium", "linearize")},
     ("Scene.simulate", "verify"): (FLAGS, "a switch"), ("Scene.simulate", "progress"): (FLAGS, "a bar, or none"),
     ("audit", "quantities"): ({"a dict"}, "quantities that are numbers"),
     ("Index1", "baumgarte"): ({"a list"}, "a pair"), ("compare", "reference"): ({"a lambda"}, "a function of time"),
