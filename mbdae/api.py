@@ -75,18 +75,20 @@ class Scene(SceneData):
         except SceneError as error:
             return titled(f"scene '{self.name}'", rows([("problem", text) for text in error.problems]), table)
 
-    def equilibrium(self, frame: Any = None, progress: Callable[[float, int], None] | None = None) -> Equilibrium:
+    def equilibrium(self, frame: Any = None, progress: Callable[[float, int], None] | None = None,
+                    out_of_plane: bool = True) -> Equilibrium:  # fmt: skip
         """A state at rest in a frame: s.ground (default), or a body that turns steadily; see `mbdae.analysis.equilibrium`. Raises
         EquilibriumError where none is found. progress: a function, called as progress(load_factor, iterations)."""
         from mbdae.analysis import equilibrium
 
-        return equilibrium(self, frame, progress)
+        return equilibrium(self, frame, progress, out_of_plane)
 
-    def linearize(self, at: Any = None, frame: Any = None, count: int | None = None) -> Linearization:
+    def linearize(self, at: Any = None, frame: Any = None, count: int | None = None,
+                  out_of_plane: bool = True) -> Linearization:  # fmt: skip
         """Modes, frequencies, damping and growth of small departures from a steady motion; see `mbdae.analysis.linearize`."""
         from mbdae.analysis import linearize
 
-        return linearize(self, at, frame, count)
+        return linearize(self, at, frame, count, out_of_plane)
 
     def floquet(self, period: float, at: Any = None, count: int | None = None, accuracy: float = 1e-8) -> Floquet:
         """Floquet multipliers, growth and modes of small departures from a periodic motion; see `mbdae.analysis.floquet`."""

@@ -12,6 +12,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from mbdae.analysis.frame import body_of, motion_in_words
+from mbdae.analysis.plane import LOOK, looked_at
 from mbdae.analysis.statics import CONVERGED, Point, Statics
 from mbdae.analysis.steady import Rest, acceleration_scale, reason_not_steady
 from mbdae.analysis.stiffness import DenseStiffness, Tangent
@@ -29,7 +30,7 @@ from mbdae.system.motion.constrained import least_norm
 from mbdae.system.prepare import prepare
 from mbdae.system.start.start import Start
 from mbdae.threads import single_threaded
-from mbdae.values import array, function, option, optional, shown
+from mbdae.values import array, flag, function, option, optional, shown
 
 #: smallest step of the load factor, relative to the load factor reached (or to 1e-4 where that is larger); where a shorter one
 #: would be needed, raising the loads ends with an EquilibriumError
@@ -63,7 +64,8 @@ class Equilibrium(Result):
     It starts a run (`s.simulate(..., start=e)`) and is a state to linearise about (`s.linearize(at=e)`).
     frame: name of the frame's body; load_factor: 1 for the scene as stated; residual: largest unbalanced force over the
     largest force; iterations: Newton corrections in all; unstable: number of directions in which the stiffness is
-    negative (a rotating state may be stable all the same: `s.linearize` decides).
+    negative (a rotating state may be stable all the same: `s.linearize` decides); out_of_plane: "stable" or "unstable" for
+    motions that leave the plane of a planar scene, None where these were not looked at.
     """
 
     frame: str
@@ -73,6 +75,7 @@ class Equilibrium(Result):
     residual: float
     iterations: int
     unstable: int
+    out_of_plane: str | None = None
 
     def __call__(self, t: Any) -> Equilibrium:
         """The state itself, which is the same at any time."""
@@ -108,28 +111,36 @@ class Equilibrium(Result):
         return (f"<Equilibrium of '{self.prepared.model.scene.name}' in the frame of '{self.frame}': load factor "
                 f"{self.load_factor:.6g}, residual {self.residual:.1e}, {counted(self.iterations, 'iteration')}"
                 f"{f', stiffness negative in {self.unstable} direction(s)' if self.unstable else ''}"
+                f"{self._plane}{', motions out of the plane grow' if self.out_of_plane == 'unstable' else ''}"
                 f"{', mesh: not covered' if self.accuracy.has_mesh else ''}>")  # fmt: skip
 
 
 @naming_arguments
 @single_threaded
-def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None = None) -> Equilibrium:
+def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None = None,
+                out_of_plane: bool = True) -> Equilibrium:  # fmt: skip
     """A state at rest in a frame: s.ground (default), or a body that turns steadily about a fixed axis.
 
     The frame's rate is the one the scene's start or its prescribed angle gives that body; prescribed motions keep their
     values and rates at the start, other joints are at rest. Loads are raised from 0 to their values in steps found on the
     way. Where the scene has no stiffness without its loads, or they lead to a state whose stiffness is negative, a stable
     state is searched under the full loads.
-    progress(load_factor, iterations) is called after every step. Raises EquilibriumError where there is no such state.
+    progress(load_factor, iterations) is called after every step. out_of_plane: whether the stability of a planar scene with beams
+    or free bodies against motions out of its plane is looked at; an AccuracyWarning tells where these grow. Raises
+    EquilibriumError where there is no such state.
     """
     refuse_sampled(scene, "equilibrium")
     body = body_of(scene, frame if frame is not None else scene.ground)
     told = optional("progress", progress, function, "give a function progress(load_factor, iterations), or None",
                     takes="load_factor, iterations")  # fmt: skip
+    look = option("out_of_plane", out_of_plane, flag, LOOK)
     statics = Statics(Rest(prepare(scene), body))
     statics.check_steady(statics.begin)
     path = _Path(statics, told or (lambda factor, iterations: None))
-    return path.run()
+    found = path.run()
+    if look:
+        found.out_of_plane = looked_at(found.prepared, found.frame)
+    return found
 
 
 def confirmed(statics: Statics, point: Point) -> Equilibrium:
@@ -315,8 +326,8 @@ class _Path:
             unit = max(abs(values[0]), abs(values[-1]), pull)
         else:
             shift, unit = 0.0, 1e3 * pull
-            while found.negative(shift * W):
-                shift = max(4 * shift, 1e-4 * pull)
+        while found.negative(shift * W):
+            shift = max(4 * shift, 1e-4 * pull)
         inertia = sp.block_diag([W, sp.csr_matrix((T.K.shape[0] - nu,) * 2)], format="csr")
         for _ in range(40):
             x = s.solve(T.K + shift * inertia if shift else T.K, T.right)

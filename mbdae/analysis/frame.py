@@ -118,6 +118,20 @@ def steady_acceleration(model: Model, frame: RotatingFrame, q: Array, u: Array) 
     return up
 
 
+def free_shifts(model: Model, frame: RotatingFrame, q: Array, w: Array) -> Array:
+    """(nu, 7) motions along the frame's axes that a scene may be shifted along without forces: three translations and three
+    rotations of everything, and its own motion w (nu,)."""
+    found = np.zeros((model.nu, 7))
+    for node in nodes_in_space(model):
+        n, size = node.kind.translations, node.kind.sizes[1]
+        arm = frame.rotation.T @ position(node, q)
+        found[node.u : node.u + n, :3] = np.eye(3)[:n]
+        found[node.u : node.u + n, 3:6] = -skew(arm)[:n]
+        found[node.u + n : node.u + size, 3:6] = np.eye(3)[3 - (size - n) :]
+    found[:, 6] = w
+    return found
+
+
 def advanced(mechanics: Mechanics, frame: RotatingFrame, q: Array, u: Array, tau: float) -> tuple[Array, Array]:
     """Positions and velocities a time tau (s) later on the motion that is steady in the frame."""
     q, u = q.copy(), u.copy()

@@ -6,15 +6,18 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 
-from mbdae.analysis.elastic import dynamics, stresses_of
+from mbdae.analysis.elastic import stresses_of
 from mbdae.analysis.equilibrium import Equilibrium
 from mbdae.analysis.frame import RotatingFrame, advanced, body_of, frame_at, motion_in_words
 from mbdae.analysis.mesh import OnMesh, finer
-from mbdae.analysis.modes import DEFAULT, Complex, lowest, softest_beam
-from mbdae.analysis.pencil import Pencil, Reduced, complete_system, free_basis, pencil, reduced
+from mbdae.analysis.modes import DEFAULT, lowest, softest_beam
+from mbdae.analysis.pencil import Pencil, complete_system
+from mbdae.analysis.plane import LOOK, OUT_OF_PLANE, looked_at
+from mbdae.analysis.reduced import Reduced, errors_of, free_basis, reduced
 from mbdae.analysis.shapes import Mode, Modes, motion, participants, scaled, shares
+from mbdae.analysis.spectrum import Structure, spectrum
+from mbdae.analysis.state import pencil_at, pencil_with_errors, structure
 from mbdae.analysis.steady import STEADY, reason_not_steady, times_to_compare
 from mbdae.errors import OptionError, SteadyError, naming_arguments
 from mbdae.formulations.index3 import Index3
@@ -30,11 +33,7 @@ from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.start.start import Start
 from mbdae.threads import single_threaded
 from mbdae.ties import largest
-from mbdae.values import optional, shown, whole
-
-#: largest number of states for which all eigenvalues are computed; with more, `count` has to be given, and only the lowest are
-LARGEST = 1600
-RESOLVED = 1e-7  #: eigenvalues below this part of the largest count as 0: rounding errors split a double eigenvalue 0 that far
+from mbdae.values import flag, option, optional, shown, whole
 
 
 class Linearization(OnMesh, Modes[Mode]):
@@ -44,18 +43,32 @@ class Linearization(OnMesh, Modes[Mode]):
     `growth` (1/s). One mode per conjugate pair, one per real eigenvalue. `M`, `C`, `K` (freedoms, freedoms): the equations
     M x'' + C x' + K x = 0 of the displacements p = `basis` x that the constraints allow, p (nu,) along the frame's axes.
     With beams `mesh` names the mesh, and `mesh_error` (modes,) is the error of the eigenvalues that this mesh causes.
+
+    errors (modes,): bounds of the errors of the eigenvalues that rounding causes, 1/s. stable: False where a real part exceeds
+    its error, or a motion lowers the energy; True where all are at most 0, by their numbers or by the structure of the
+    equations (energy, pairs of roots on the imaginary axis, free motions); None where rounding leaves it open. It speaks of the
+    motions that the scene has: of a planar one, those in its plane. out_of_plane: "stable" or "unstable" for those that leave
+    the plane, None where these were not looked at.
     """
 
-    def __init__(self, prepared: Prepared, frame: RotatingFrame, t: float, pencil: Pencil, count: int | None) -> None:
+    errors: Array
+    stable: bool | None
+    out_of_plane: str | None = None
+
+    def __init__(self, prepared: Prepared, frame: RotatingFrame, t: float, pencil: Pencil, count: int | None,
+                 known: Structure) -> None:  # fmt: skip
         self.prepared, self.frame, self.t, self.pencil = prepared, frame.name, t, pencil
         self.axes = frame.rotation
         model = prepared.model
         if model.lines:
-            values, shapes = lowest(pencil, count or DEFAULT, softest_beam(model))
+            found = lowest(pencil, count or DEFAULT, softest_beam(model), known)
+            shapes = found.vectors
         else:
-            values, vectors = eigenpairs(self.equations, count)
-            shapes = self.basis @ vectors[: len(self.M)]
-        self.modes = [Mode(complex(v), scaled(x), self) for v, x in zip(values, shapes.T, strict=True)]
+            errors = errors_of(pencil, self.equations, prepared.mechanics.velocity_units)
+            found = spectrum(self.equations, errors, count, known)
+            shapes = self.basis @ found.vectors[: len(self.M)]
+        self.errors, self.stable = found.errors, found.stable
+        self.modes = [Mode(complex(v), scaled(x), self) for v, x in zip(found.values, shapes.T, strict=True)]
 
     @cached_property
     def equations(self) -> Reduced:
@@ -94,12 +107,6 @@ class Linearization(OnMesh, Modes[Mode]):
         """Damping ratios (modes,)."""
         return np.array([mode.damping for mode in self.modes])
 
-    @property
-    def stable(self) -> bool:
-        """Whether no mode grows (by more than rounding)."""
-        size = np.max(np.abs(self.eigenvalues), initial=0.0)
-        return bool(np.all(self.growth <= 1e-9 * size))
-
     @cached_property
     def _metric(self) -> Any:
         """(nu, nu) mass matrix in the frame's components, from M of the nodes."""
@@ -111,81 +118,55 @@ class Linearization(OnMesh, Modes[Mode]):
         return shares(m, self._metric, motion(m, vector))
 
     def __str__(self) -> str:
-        head = f"scene '{self.prepared.model.scene.name}', t = {self.t:g} s, small motions in the axes of '{self.frame}'"
-        lines = [head, f"{'mode':>4}  {'Hz':>11}  {'rad/s':>11}  {'damping':>10}  {'growth 1/s':>11}  bodies"]
+        name = f"'{self.prepared.model.scene.name}'{self._plane}"
+        head = f"scene {name}, t = {self.t:g} s, small motions in the axes of '{self.frame}'"
+        lines = [head, f"{'mode':>4}  {'Hz':>11}  {'rad/s':>11}  {'damping':>10}  {'growth 1/s':>11}  {'error':>8}  bodies"]
         for i, mode in enumerate(self.modes):
             lines.append(f"{i + 1:>4}  {mode.frequency:>11.5g}  {mode.angular_frequency:>11.5g}  {mode.damping:>10.3g}  "
-                         f"{mode.growth:>11.4g}  {participants(mode)}")  # fmt: skip
+                         f"{mode.growth:>11.4g}  {self.errors[i]:>8.1e}  {participants(mode)}")  # fmt: skip
+        lines.append(f"errors: of the roots, 1/s, by rounding; stable: {'not decided' if self.stable is None else self.stable}")
+        lines += [OUT_OF_PLANE[self.out_of_plane]] if self._plane else []
         return "\n".join(lines + ([self._on_mesh] if self.mesh else []))
 
     def __repr__(self) -> str:
-        return (f"<Linearization of '{self.prepared.model.scene.name}' in the frame of '{self.frame}': "
+        return (f"<Linearization of '{self.prepared.model.scene.name}'{self._plane}, in the frame of '{self.frame}': "
                 f"{counted(len(self.modes), 'mode')}{', ' * bool(self.mesh)}{self._on_mesh}>")  # fmt: skip
-
-
-def eigenpairs(equations: Reduced, count: int | None) -> tuple[Complex, Complex]:
-    """Eigenvalues with imaginary part >= 0 by rising frequency, and the vectors (states, modes)."""
-    E, A = equations.first_order()
-    size = len(E)
-    if size == 0:
-        return np.zeros(0, dtype=complex), np.zeros((0, 0), dtype=complex)
-    if size > LARGEST and count is None:
-        raise OptionError(f"the linearised scene has {size} states, and all modes are computed up to {LARGEST} states only; ask "
-                          f"for the lowest ones, such as s.linearize(count=20)")  # fmt: skip
-    if size <= LARGEST:
-        S = np.linalg.solve(E, -A)
-        values, vectors = np.linalg.eig(S)
-        largest = float(np.max(np.abs(values)))
-    else:
-        values, vectors, largest = _lowest(E, A, int(count or 1))
-    values = np.where(np.abs(values) <= RESOLVED * largest, 0.0, values)
-    values = np.where(np.abs(values.imag) <= 1e-9 * np.abs(values), values.real + 0j, values)
-    keep = np.flatnonzero(values.imag >= 0)
-    keep = keep[np.lexsort((values[keep].real, np.round(values[keep].imag / max(largest, 1e-300), 12)))][:count]
-    return values[keep], vectors[:, keep]
-
-
-def _lowest(E: Array, A: Array, count: int) -> tuple[Complex, Complex, float]:
-    """The eigenpairs nearest to zero by inverse iteration (Arnoldi), and the largest magnitude among them."""
-    from scipy.sparse.linalg import LinearOperator, eigs
-
-    size = float(np.linalg.norm(A) / np.linalg.norm(E)) or 1.0
-    shift = 1e-6 * size
-    factors = scipy.linalg.lu_factor(A + shift * E)
-    inverse = LinearOperator(A.shape, matvec=lambda x: scipy.linalg.lu_solve(factors, E @ x))
-    begin = np.random.default_rng(3).normal(size=len(A))
-    values, vectors = eigs(inverse, k=min(2 * count + 2, len(A) - 2), which="LM", v0=begin)
-    values = shift - 1 / values
-    return values, vectors, float(np.max(np.abs(values)))
 
 
 @naming_arguments
 @single_threaded
-def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | None = None) -> Linearization:
+def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | None = None,
+              out_of_plane: bool = True) -> Linearization:  # fmt: skip
     """The equations linearised about a steady motion, in a frame: s.ground (default), or a body that turns steadily.
 
     at: a Result (its end), (Result, t), an equilibrium, or None for the start of the scene. Departures are resolved along
     the frame's axes: the ground for a shaft in anisotropic bearings, a rotating body for blades on a hub. count: lowest
-    modes only (default: all; with beams the lowest 20). Raises SteadyError, with the equations of that instant as `.frozen`,
-    where they depend on time in that frame.
+    modes only (default: all; with beams the lowest 20). out_of_plane: whether the stability of a planar scene with beams or
+    free bodies against motions out of its plane is looked at, once; an AccuracyWarning tells where these grow. Raises
+    SteadyError, with the equations of that instant as `.frozen`, where they depend on time in that frame.
     """
     refuse_sampled(scene, "linearize")
     count = optional("count", count, whole, "give the number of lowest modes, 1 or more, or None for all", least=1)
+    look = option("out_of_plane", out_of_plane, flag, LOOK)
     body = body_of(scene, frame if frame is not None else scene.ground)
     prepared = prepare(scene, start_at(scene, at))
     start, m = prepared.start, prepared.mechanics
     axes = frame_at(prepared.model, body, start.q, start.u)
     system = complete_system(m, Index3().spec())
     z = _stresses(at, m, start)
-    p = _pencil(system, m, axes, (start.t, start.q, start.u, start.s, z))
-    found = Linearization(prepared, axes, start.t, p, count)
-    found._finer = finer(partial(linearize, frame=axes.name, count=count), prepared.model.scene, at)
+    state = (start.t, start.q, start.u, start.s, z)
+    p = pencil_with_errors(system, m, axes, state, not isinstance(at, Equilibrium))
+    found = Linearization(prepared, axes, start.t, p, count, structure(system, m, axes, state))
+    found._finer = finer(partial(linearize, frame=axes.name, count=count, out_of_plane=False), prepared.model.scene, at)
     beams = (system, z) if m.model.lines else None
     change = reason_not_steady(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
     if change:
         raise SteadyError(f"the linearised equations change with time in the frame of '{axes.name}': {change}; where they are "
                           f"periodic, use s.floquet(period); otherwise give the body that turns steadily as frame=, or start "
                           f"from a steady motion, at=s.equilibrium(frame=...)", found)  # fmt: skip
+    if look:
+        known = at.out_of_plane if isinstance(at, Equilibrium) and at.frame == axes.name else None
+        found.out_of_plane = known or looked_at(prepared, axes.name)
     return found
 
 
@@ -212,21 +193,6 @@ def _stresses(at: Any, m: Mechanics, start: Start) -> Array:
     return stresses_of(m, start.q, start.u)
 
 
-def _pencil(system: Assembly, m: Mechanics, frame: RotatingFrame, state: tuple[float, Array, Array, Array, Array]) -> Pencil:
-    """The pencil at a state (t, q, u, s, z), with its accelerations and multipliers."""
-    t, q, u, s, z = state
-    if m.model.lines:
-        found = dynamics(system, m, t, q, u, s, z)
-        return pencil(system, m, frame, t, found.y, found.yp)
-    kinds = np.array(system.kinds)
-    a, multipliers = m.accelerations(np.array([t]), q[None], u[None], s[None])
-    y, yp = np.zeros(system.n), np.zeros(system.n)
-    y[kinds == "q"], y[kinds == "v"], y[kinds == "s"] = q, u, s
-    y[kinds == "lambda"] = multipliers[0] / system.numbering.scaling()
-    yp[kinds == "q"], yp[kinds == "v"], yp[kinds == "s"] = m.rates(q, u), a[0], state_rates(m, t, q, u, s)
-    return pencil(system, m, frame, t, y, yp)
-
-
 def _varies(system: Assembly, found: Linearization, frame: RotatingFrame, z: Array) -> str | None:
     """What in the equations differs at later times of the steady motion; None where they are constant."""
     m, start = found.prepared.mechanics, found.prepared.start
@@ -234,7 +200,7 @@ def _varies(system: Assembly, found: Linearization, frame: RotatingFrame, z: Arr
     for tau in times_to_compare(m, frame, start.t, start.q, start.u, start.s):
         q, u = advanced(m, frame, start.q, start.u, tau)
         later = frame_at(m.model, frame.name, q, u) if frame.node is not None else frame
-        p = _pencil(system, m, later, (start.t + tau, q, u, start.s + tau * rates, z))
+        p = pencil_at(system, m, later, (start.t + tau, q, u, start.s + tau * rates, z))
         change = _changed(m, found.pencil, p) if m.model.lines else _changed_on_basis(m, found, p, frame)
         if change:
             return f"{change} after {tau:.3g} s"

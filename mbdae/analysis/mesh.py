@@ -19,12 +19,17 @@ from mbdae.system.prepare import Prepared
 
 
 class OnMesh:
-    """Base of analyses of scenes with beams: the mesh of the beams, and the error that it causes."""
+    """Base of analyses of a scene: whether it is planar; with beams their mesh, and the error that it causes."""
 
     prepared: Prepared
     #: makes the same analysis on a finer mesh; None where the state analysed is one of a run, which exists on the mesh of the run
     #: only
     _finer: Callable[[], Any] | None = None
+
+    @property
+    def _plane(self) -> str:
+        """What a print says of a planar scene, whose equations have no motion out of the plane; "" in space."""
+        return ", planar" if self.prepared.model.planar else ""
 
     @property
     def mesh(self) -> dict[str, tuple[tuple[int, ...], int]]:
@@ -79,4 +84,4 @@ def finer(again: Callable[..., Any], scene: SceneData, at: Any) -> Callable[[], 
 def _with_finer_beams(again: Callable[..., Any], scene: SceneData, frame: str | None) -> Any:
     """The analysis on a finer mesh, at the equilibrium in `frame`, or at the start of the scene where frame is None."""
     fine = with_finer_beams(scene)
-    return again(fine, at=None if frame is None else equilibrium(fine, frame))
+    return again(fine, at=None if frame is None else equilibrium(fine, frame, out_of_plane=False))

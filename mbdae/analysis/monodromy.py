@@ -13,7 +13,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from mbdae.analysis.orbit import Orbit, Return
-from mbdae.analysis.pencil import derivatives, free_basis
+from mbdae.analysis.pencil import derivatives
+from mbdae.analysis.reduced import free_basis
 from mbdae.errors import OptionError
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared

@@ -12,8 +12,8 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 from scipy.optimize import linear_sum_assignment
 
 from mbdae.analysis.frame import attitude
@@ -88,9 +88,14 @@ class Floquet(OnMesh, Modes[FloquetMode]):
         return self.multipliers
 
     @property
-    def stable(self) -> bool:
-        """Whether no multiplier found is larger than 1 (by more than its error)."""
-        return bool(np.all(self.exponents.real <= np.maximum(2 * self.errors, 1e-9 / self.period)))
+    def stable(self) -> bool | None:
+        """False where a multiplier found is larger than 1 by more than its error; True where none is: by the numbers, or
+        because multipliers lie in pairs mu, 1 / mu, and one alone on the unit circle cannot leave it, nor 1 that of a motion
+        shifted along itself; None where the errors leave it open."""
+        growth, off = self.exponents.real, self.errors
+        if np.any(growth > off):
+            return False
+        return True if np.all((growth + off <= 0) | on_circle(self.multipliers, off * self.period)) else None
 
     @cached_property
     def _frames(self) -> Array:
@@ -101,7 +106,7 @@ class Floquet(OnMesh, Modes[FloquetMode]):
             blocks.append(np.eye(node.kind.translations if node.kind is NodeKind.SPATIAL else node.kind.sizes[1]))
             if node.kind is NodeKind.SPATIAL:
                 blocks.append(attitude(node, start.q))
-        return np.asarray(block_diag(*blocks))
+        return np.asarray(scipy.linalg.block_diag(*blocks))
 
     def shares(self, vector: Array) -> dict[str, float]:
         """Share of every body in the kinetic energy of a motion (nu,), by falling share."""
@@ -109,8 +114,9 @@ class Floquet(OnMesh, Modes[FloquetMode]):
         return shares(m, m.mass, self._frames.T @ motion(m, vector))
 
     def __str__(self) -> str:
-        head = (f"scene '{self.prepared.model.scene.name}', period {self.period:.9g} s from t = {self.t:g} s, {self.steps} "
-                f"steps; errors are those of the multipliers, relative; frequencies are known up to multiples of "
+        name = f"'{self.prepared.model.scene.name}'{self._plane}"
+        head = (f"scene {name}, period {self.period:.9g} s from t = {self.t:g} s, {self.steps} steps; errors are those of "
+                f"the multipliers, relative; frequencies are known up to multiples of "
                 f"{2 * np.pi / self.period:.5g} rad/s")  # fmt: skip
         lines = [head, f"{'mode':>4}  {'growth 1/s':>11}  {'error':>8}  {'rad/s':>11}  {'multiplier':>24}  bodies"]
         for i, mode in enumerate(self.modes):
@@ -122,8 +128,21 @@ class Floquet(OnMesh, Modes[FloquetMode]):
         return "\n".join(lines + ([self._on_mesh] if self.mesh else []))
 
     def __repr__(self) -> str:
-        return (f"<Floquet of '{self.prepared.model.scene.name}', period {self.period:.9g} s: "
+        return (f"<Floquet of '{self.prepared.model.scene.name}'{self._plane}, period {self.period:.9g} s: "
                 f"{counted(len(self.multipliers), 'multiplier')}{', ' * bool(self.mesh)}{self._on_mesh}>")  # fmt: skip
+
+
+def on_circle(multipliers: Complex, errors: Array) -> NDArray[np.bool_]:
+    """Which multipliers (k,), relative errors given, certainly have the size 1: where to each there is one of the reciprocal
+    size, those that are alone there, and those that are 1."""
+    mu = multipliers
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mates = np.abs(mu[:, None] * mu.conj() - 1) <= 4 * (errors[:, None] + errors)
+        beside = np.abs(mu[:, None] / mu - 1) <= 4 * (errors[:, None] + errors)
+    if not np.all(mates.any(axis=1)):
+        return np.zeros(len(mu), dtype=bool)
+    one = np.abs(mu - 1) <= 2 * errors
+    return np.asarray((np.abs(np.abs(mu) - 1) <= errors) & ((np.sum(beside, axis=1) == 1) | one))
 
 
 def exponents(multipliers: Complex, period: float) -> Array:
@@ -135,7 +154,8 @@ def exponents(multipliers: Complex, period: float) -> Array:
 @dataclass(frozen=True)
 class Found:
     """The monodromy matrix (k, k) and its eigenvalues by falling size. change: their relative change from half as many steps,
-    divided by GAIN; errors: the same plus, for multiple roots, their scatter."""
+    divided by GAIN; rounding: the part of the errors that rounding of the matrix causes, by left and right vectors; errors: the
+    sum, and for multiple roots their scatter."""
 
     matrix: Array
     steps: int
@@ -143,6 +163,7 @@ class Found:
     vectors: Complex
     change: Array
     errors: Array
+    rounding: Array
     unresolved: int = 0
 
 
@@ -225,10 +246,12 @@ def _converged(system: SceneSystem, directions: Departures, period: float, steps
 
 def _in_steps(system: SceneSystem, directions: Departures, period: float, steps: int) -> Found:
     matrix = directions.read(propagated(system, followed(system, period, steps), directions.start))
-    values, vectors = np.linalg.eig(matrix)
+    values, left, vectors = scipy.linalg.eig(matrix, left=True)
+    overlap = np.maximum(np.abs(np.einsum("nk,nk->k", left.conj(), vectors)), np.finfo(float).eps)
+    rounding = 4 * np.finfo(float).eps * np.linalg.norm(matrix) / overlap / np.maximum(np.abs(values), np.finfo(float).tiny)
     order = np.lexsort((-values.imag, -np.round(np.abs(values), 12)))
     unknown = np.full(len(values), np.inf)
-    return Found(matrix, steps, values[order] + 0j, vectors[:, order] + 0j, unknown, unknown)
+    return Found(matrix, steps, values[order] + 0j, vectors[:, order] + 0j, unknown, unknown, rounding[order])
 
 
 def _compared(fine: Found, coarse: Found) -> Found:
@@ -240,7 +263,7 @@ def _compared(fine: Found, coarse: Found) -> Found:
     number = np.maximum(np.sum(group, axis=1), 1)
     size = np.maximum(np.abs(a), np.finfo(float).tiny)
     change = np.abs(group @ (a - b)) / number / size / GAIN
-    return replace(fine, change=change, errors=change + np.abs(a - group @ a / number) / size)
+    return replace(fine, change=change, errors=change + np.abs(a - group @ a / number) / size + fine.rounding)
 
 
 def _judged(found: Found, asked: Array, worst: float, accuracy: float) -> Found:
@@ -253,4 +276,5 @@ def _judged(found: Found, asked: Array, worst: float, accuracy: float) -> Found:
     all_asked = bool(np.all(asked | decayed))
     keep = np.logical_or(asked, found.change <= max(worst, accuracy)) | (decayed & all_asked)
     left = int(np.sum(~keep))
-    return replace(found, values=found.values[keep], vectors=found.vectors[:, keep], errors=found.errors[keep], unresolved=left)
+    return replace(found, values=found.values[keep], vectors=found.vectors[:, keep], errors=found.errors[keep],
+                   rounding=found.rounding[keep], unresolved=left)  # fmt: skip

@@ -8,12 +8,11 @@ motion is steady both are constant.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
@@ -28,9 +27,9 @@ from mbdae.system.model.rotations import rotation_matrices
 from mbdae.system.model.shared_nodes import Sharing
 from mbdae.system.motion.mechanics import Mechanics
 
-#: a constraint row counts as dependent on others where its part independent of them is at most this times that of the most
-#: independent row (rows of length 1)
-DEPENDENT = 1e-9
+#: bound of the rounding error of an entry, relative to the sum of the absolute values of its terms: a kernel, the turn into the
+#: frame's axes and the basis of the free motions round about ten times each, seldom all in one direction
+ROUNDED = 8 * float(np.finfo(float).eps)
 
 
 class _Blocks:
@@ -158,6 +157,7 @@ class Pencil:
     A: Any
     places: dict[str, Array]
     C: Any
+    errors: Pencil | None = None  #: bounds of the errors of the entries that rounding causes, where they were asked for
 
     def part(self, matrix: Any, rows: str, columns: str) -> Any:
         """The block of E or A between two kinds, sparse."""
@@ -192,6 +192,19 @@ def pencil(system: Assembly, mechanics: Mechanics, frame: RotatingFrame, t: floa
     return Pencil(E.tocsr(), A.tocsr(), _places(system, mechanics, A.tocsr()), b.C)
 
 
+def with_errors(system: Assembly, mechanics: Mechanics, frame: RotatingFrame, t: float, y: Array, yp: Array,
+                beside: list[Pencil]) -> Pencil:  # fmt: skip
+    """`pencil` with bounds of the errors of its entries: `ROUNDED` times the sums of the absolute values of their terms, and
+    twice the largest difference from pencils `beside` it, made from numbers that differ by rounding."""
+    p = pencil(system, mechanics, frame, t, y, yp)
+    b = basis(system, mechanics, frame, y[: mechanics.nq], y[mechanics.nq : mechanics.nq + mechanics.nu])
+    (Fy, Fyp), (T, rate, L) = system.evaluation.jacobian_sizes(t, y, yp), map(abs, (b.T, b.rate, b.L))
+    E, A = ROUNDED * (L @ Fyp @ T), ROUNDED * (L @ (Fy @ T + Fyp @ rate))
+    for other in beside:
+        E, A = E.maximum(2 * abs(other.E - p.E)), A.maximum(2 * abs(other.A - p.A))
+    return replace(p, errors=Pencil(E.tocsr(), A.tocsr(), p.places, b.C))
+
+
 def derivatives(system: Assembly | System, t: float, y: Array, yp: Array) -> tuple[Any, Any]:
     """dF/dy and dF/dy' (n, n), sparse."""
     pattern = system.sparsity
@@ -211,71 +224,6 @@ def _places(system: Assembly, mechanics: Mechanics, A: Any) -> dict[str, Array]:
     own = abs(A[z][:, z]) if len(z) else None
     rigid = np.zeros(len(z), dtype=bool) if own is None else np.asarray(own.sum(axis=1)).ravel() == 0
     return {"p": np.arange(nu), "w": nu + np.arange(nu), "s": at["s"], "z": z[~rigid], "c": np.r_[at["lambda"], z[rigid]]}
-
-
-def free_basis(G: Array, units: Array) -> Array:
-    """(nu, freedoms) basis of the displacements that rows G (m, nu) allow; orthonormal after division by `units` (nu,)."""
-    B = G * units
-    if not len(B):
-        return np.diag(units)
-    norms = np.linalg.norm(B, axis=1, keepdims=True)
-    Q, R, _ = scipy.linalg.qr((B / np.where(norms > 0, norms, 1.0)).T, pivoting=True)
-    d = np.abs(np.diag(R))
-    return np.asarray(units[:, None] * Q[:, int(np.sum(d > DEPENDENT * d[0])) :])
-
-
-@dataclass(frozen=True)
-class Reduced:
-    """M x'' + C x' + K x + B s' + D s = 0, Es s' + As s + S2 x'' + S1 x' + S0 x = 0; displacements p = N x.
-
-    K is symmetric where the loads are conservative.
-    """
-
-    N: Array
-    M: Array
-    C: Array
-    K: Array
-    B: Array
-    D: Array
-    Es: Array
-    As: Array
-    S2: Array
-    S1: Array
-    S0: Array
-
-    def first_order(self) -> tuple[Array, Array]:
-        """E, A of E X' + A X = 0 with X = (x, x', s)."""
-        n, k = len(self.M), len(self.Es)
-        one, zero, side = np.eye(n), np.zeros((n, n)), np.zeros((n, k))
-        E = np.block([[one, zero, side], [zero, self.M, self.B], [side.T, self.S2, self.Es]])
-        A = np.block([[zero, -one, side], [self.K, self.C, self.D], [self.S0, self.S1, self.As]])
-        return E, A
-
-
-def reduced(p: Pencil, N: Array) -> Reduced:
-    """The pencil on the displacements N x: constraint forces drop out, algebraic unknowns are eliminated."""
-    z, s = p.places["z"], acting_states(p)
-    out: dict[str, list[Array]] = {}
-    for rows, at in (("w", p.places["w"]), ("s", s), ("z", z)):
-        left = N.T if rows == "w" else np.eye(len(at))
-        E, A = p.E[at], p.A[at]
-        Ep, Ew, Ap, Aw = (m[:, p.places[k]] for m in (E, A) for k in "pw")
-        second, first = Ew @ N, Ep @ N + Ew @ (p.kinematics @ N) + Aw @ N
-        zeroth = Ap @ N + Aw @ (p.kinematics @ N)
-        others = (m.toarray() for m in (E[:, s], A[:, s], A[:, z]))
-        out[rows] = [np.asarray(left @ m) for m in (second, first, zeroth, *others)]
-    if len(z):
-        _eliminate(out)
-    (M, C, K, B, D, _), (S2, S1, S0, Es, As, _) = out["w"], out["s"]
-    return Reduced(N, M, C, K, B, D, Es, As, S2, S1, S0)
-
-
-def _eliminate(out: dict[str, list[Array]]) -> None:
-    """Solve the rows of the algebraic unknowns z for z, and insert z into the other rows."""
-    *others, own = out["z"]
-    for rows in ("w", "s"):
-        for i, block in enumerate(others):
-            out[rows][i] = out[rows][i] - out[rows][5] @ np.linalg.solve(own, block)
 
 
 def acting_states(p: Pencil) -> Array:

@@ -17,7 +17,8 @@ from scipy.sparse.linalg import splu
 
 from mbdae.analysis.frame import motion_in_words, steady_acceleration
 from mbdae.analysis.modes import softest_beam
-from mbdae.analysis.pencil import Pencil, complete_system, derivatives, free_basis, pencil
+from mbdae.analysis.pencil import Pencil, complete_system, derivatives, pencil
+from mbdae.analysis.reduced import free_basis
 from mbdae.analysis.steady import Rest, acceleration_scale
 from mbdae.analysis.stiffness import DenseStiffness, SparseStiffness, Tangent, stiffness
 from mbdae.errors import EquilibriumError

@@ -14,12 +14,13 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu, spsolve
 
-from mbdae.analysis.pencil import Pencil, free_basis
+from mbdae.analysis.pencil import Pencil
+from mbdae.analysis.reduced import free_basis
 from mbdae.errors import EquilibriumError
 from mbdae.system.base import Array
 
-#: a stiffness of at most this part of the largest counts as none in scenes with dense matrices; a negative one beyond it counts
-#: as a direction in which the state is unstable
+#: a stiffness of at most this part of the sizes of its terms counts as none in scenes with dense matrices; a negative one beyond
+#: it counts as a direction in which the state is unstable
 SOFT = 1e-11
 #: rounding error of a stiffness, relative to the largest entry of the tangent; a stiffness up to it counts as none
 ROUND_OFF = 1e-14
@@ -86,24 +87,34 @@ class DenseStiffness:
         self.T, self.full = T, T.condensed.toarray()
         self.reduced = T.N.T @ self.full @ T.N
 
+    @cached_property
+    def scales(self) -> Array:
+        """(freedoms,) roots of the sizes of the stiffnesses, so that one spring does not hide another; where one has none, the
+        root of what rounding of the largest leaves."""
+        size = np.abs(self.T.N).T @ np.abs(self.full) @ np.abs(self.T.N)
+        largest = float(np.max(size, initial=0.0))
+        return np.sqrt(np.maximum(np.diagonal(size), ROUND_OFF**2 * largest)) if largest else np.ones(len(size))
+
     def softest(self) -> tuple[Array, Array, float]:
         """Stiffnesses in rising order, their motions (nu, k), and the size up to which a stiffness counts as none."""
         if not len(self.reduced):
             return np.zeros(0), np.zeros((self.T.nu, 0)), 0.0
-        units = self.T.units
+        _, sizes, right = np.linalg.svd(self.reduced / self.scales / self.scales[:, None])
+        if sizes[-1] <= SOFT:
+            return sizes[::-1], self.T.N @ (right[::-1] / self.scales).T, SOFT
         _, sizes, right = np.linalg.svd(self.reduced)
-        floor = SOFT * sizes[0] + ROUND_OFF * float(np.max(np.abs(self.full * units * units[:, None])))
-        return sizes[::-1], self.T.N @ right[::-1].T, max(floor, 1e-300)
+        return sizes[::-1], self.T.N @ right[::-1].T, 0.0
 
     @property
     def symmetric(self) -> bool:
         """True without a test: it only decides whether a stable state is searched for, which costs little for small scenes."""
         return True
 
-    def negative(self) -> int:
-        """Number of directions in which the symmetric part is negative."""
-        values = np.linalg.eigvalsh((self.reduced + self.reduced.T) / 2) if len(self.reduced) else np.zeros(0)
-        return int(np.sum(values < -SOFT * np.max(np.abs(values), initial=0.0)))
+    def negative(self, inertia: Any = None) -> int:
+        """Number of directions in which the symmetric part, or that of K + inertia, is negative."""
+        K = self.reduced if inertia is None else self.reduced + self.T.N.T @ inertia @ self.T.N
+        scaled = (K + K.T) / 2 / self.scales / self.scales[:, None]
+        return int(np.sum(np.linalg.eigvalsh(scaled) < -SOFT)) if len(scaled) else 0
 
 
 class SparseStiffness:

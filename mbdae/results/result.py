@@ -305,12 +305,17 @@ class Result(RunStates, ListsAttributes):
     def _repr_html_(self) -> str:
         a, s, scene = self.accuracy, self.stats, self.prepared.model.scene
         said = [("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {counted(len(self.t), 'output')}"),
-                ("solver", f"{self.info.solver.label}, {self.info.form}: {counted(s.steps, 'step')}, "
+                ("solver", f"{self.info.solver.label}, {self.info.form}: {counted(s.steps, 'step')}{self._plane}, "
                            f"{self.info.cpu_s:.2f} s CPU"),
                 ("accuracy", f"asked {a.asked if a.asked is not None else 'none'}, estimated error "
                              f"{'unknown' if a.estimated is None else f'{a.estimated:.1e}'}; {a.brief}"),
                 ("sensors", ", ".join(item.name for item in scene._items))]  # fmt: skip
         return titled(f"result of '{scene.name}'", rows(said + [("warning", w) for w in self.warnings]))
+
+    @property
+    def _plane(self) -> str:
+        """What a print says of a planar scene, whose equations have no motion out of the plane; "" in space."""
+        return ", planar" if self.prepared.model.planar else ""
 
     def __repr__(self) -> str:
         a, s = self.accuracy, self.stats
@@ -320,8 +325,8 @@ class Result(RunStates, ListsAttributes):
         warned = (", not reliable" if self.reliable is False else "") + (
             f", {counted(len(self.warnings), 'warning')}" if self.warnings else "")  # fmt: skip
         return (f"<Result '{self.prepared.model.scene.name}': t = {self.t[0]:g}..{self.t[-1]:g} s, {self.info.solver.label} "
-                f"{self.info.form}, {counted(s.steps, 'step')}{shorter}, {self.info.cpu_s:.2f} s CPU, accuracy asked {asked}, "
-                f"estimated error {known}, {a.brief}{warned}>")
+                f"{self.info.form}, {counted(s.steps, 'step')}{shorter}{self._plane}, {self.info.cpu_s:.2f} s CPU, "
+                f"accuracy asked {asked}, estimated error {known}, {a.brief}{warned}>")
 
 
 def _sensor(run: RunStates, item: Body | Connection) -> Any:

@@ -18,6 +18,7 @@ from mbdae.run.choice import Choice, choose, with_recursive_joints
 from mbdae.run.reductions import Reduction, reductions
 from mbdae.scene.components import Array, Beam, Classical, Connection, Recursive
 from mbdae.scene.scene import SceneData
+from mbdae.scene.topology import not_joined
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
 from mbdae.system.model.inputs import expressions_of, timeline
@@ -131,13 +132,7 @@ class Check(ListsAttributes):
     @property
     def not_joined(self) -> tuple[str, ...]:
         """Names of bodies that no chain of joints connects with the ground: free bodies, or ones whose joint was forgotten."""
-        scene = self.prepared.model.scene
-        pairs = [{side.name for side in (c.k, c.l, *c.others.values())} for c in scene.joints]
-        joined, size = {scene.ground.name}, 0
-        while size < len(joined):
-            size = len(joined)
-            joined.update(*(pair for pair in pairs if pair & joined))
-        return tuple(b.name for b in scene.bodies if b.name not in joined and b is not scene.ground)
+        return not_joined(self.prepared.model.scene)
 
     @property
     def off_links(self) -> dict[str, dict[str, float]]:
@@ -156,8 +151,8 @@ class Check(ListsAttributes):
 
     def __repr__(self) -> str:
         scene = self.prepared.model.scene
-        return (f"<Check of '{scene.name}': bodies {len(scene.bodies)}, joints {len(scene.joints)}, "
-                f"degrees of freedom {self.degrees_of_freedom}; print it for more>")  # fmt: skip
+        return (f"<Check of '{scene.name}': {'planar' if self.planar else 'spatial'}, bodies {len(scene.bodies)}, "
+                f"joints {len(scene.joints)}, degrees of freedom {self.degrees_of_freedom}; print it for more>")  # fmt: skip
 
     def _repr_html_(self) -> str:
         title, _, rest = str(self).partition("\n")

@@ -96,3 +96,13 @@ def _rank(c: Connection) -> tuple[bool, ...]:
 def is_held(joint: Connection) -> bool:
     """Whether the start of the joint's coordinate is fixed by the user."""
     return bool(joint.prescribed or joint.hold or joint.hold_rate)
+
+
+def not_joined(scene: SceneItems) -> tuple[str, ...]:
+    """Names of bodies that no chain of joints connects with the ground: free bodies, or ones whose joint was forgotten."""
+    pairs = [{side.name for side in (c.k, c.l, *c.others.values())} for c in scene.joints]
+    joined, size = {scene.ground.name}, 0
+    while size < len(joined):
+        size = len(joined)
+        joined.update(*(pair for pair in pairs if pair & joined))
+    return tuple(b.name for b in scene.bodies if b.name not in joined and b is not scene.ground)

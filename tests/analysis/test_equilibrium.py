@@ -295,8 +295,8 @@ def test_rest_on_a_turntable() -> None:
 def test_a_mode_evolves_as_its_eigenvalue_says() -> None:
     """Two nonlinear runs from rest plus and minus a small mode on the turntable differ by exp(lambda t)."""
     from mbdae.analysis.frame import frame_at
-    from mbdae.analysis.linearization import _pencil
     from mbdae.analysis.pencil import complete_system
+    from mbdae.analysis.state import pencil_at
     from mbdae.formulations import GGL, Index3
     from mbdae.formulations.build import system_for
     from mbdae.system.start.start import Start, Starter
@@ -305,7 +305,7 @@ def test_a_mode_evolves_as_its_eigenvalue_says() -> None:
     modes = s.linearize(at=s.equilibrium(frame="table"), frame="table")
     m, start = modes.prepared.mechanics, modes.prepared.start
     axes = frame_at(m.model, "table", start.q, start.u)
-    pencil = _pencil(complete_system(m, Index3().spec()), m, axes, (0.0, start.q, start.u, start.s, np.zeros(0)))
+    pencil = pencil_at(complete_system(m, Index3().spec()), m, axes, (0.0, start.q, start.u, start.s, np.zeros(0)))
     mode, size, t = modes.modes[2], 1e-4, np.linspace(0, 0.3, 7)
     dq = pencil.C @ mode.vector
     du = pencil.C @ (mode.eigenvalue * mode.vector + pencil.kinematics @ mode.vector)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.deferred import sp
 from mbdae.native.equations import Equations, Table
 from mbdae.native.program import Operations, address_of, core
 from mbdae.system.assembled.jacobian_entries import Pattern
@@ -85,6 +86,7 @@ class EquationsOfScene(Workspace):
         self.fy = operations.slots(2 * self.nnz)
         self.residual_part = self._residual()
         self.jacobian_part = self._jacobian(terms_of_jacobian, pattern, place, c)
+        self._by_law = terms_of_jacobian, pattern
         self.rates = operations.slots(self.n)
         self.rates_part: Operations | None = None
         self._steady: tuple[Operations, slice] | None = None  # operations that factorise a constant mass matrix, its slots
@@ -111,7 +113,7 @@ class EquationsOfScene(Workspace):
         trees = np.concatenate([none, *(piece.kernel.emit(part, gather).ravel() for piece, gather in self._stages[2])])
         part.load(self.fy, np.concatenate([c[0][:-1], c[1][:-1]]))
         to = np.where(place < nnz, self.fy + place + np.where(pattern.dotted, nnz, 0), -1)
-        single = np.concatenate([kernels, trees])
+        single = self._single = np.concatenate([kernels, trees])
         kept = np.flatnonzero(to[: len(single)] >= 0)
         part.add(to[kept], single[kept])
         if staged:
@@ -238,6 +240,32 @@ class EquationsOfScene(Workspace):
         self._y[:], self._yp[:] = y, yp
         self._c.scene_jacobian(self.address, t, self._at_y, self._at_yp, self._at_fy, self._at_fyp)
         return self._fy.copy(), self._fyp.copy()
+
+    def jacobian_by_law(self, t: float, y: Array, yp: Array) -> list[Any]:
+        """dF/dy (n, n), sparse, of every instance of a law by itself, its constant entries apart from those that vary; the sum is
+        dF/dy. For equations without recursive joints."""
+        (terms, p), n = self._by_law, self.n
+        instances = [np.arange(places.size) // places.shape[1] for places in terms.places if places.size]
+        first = np.cumsum([0, *(int(k[-1]) + 1 for k in instances)])
+        number = np.concatenate([*(k + i for k, i in zip(instances, first, strict=False)), first[-1] + p.terms]).astype(np.intp)
+        values, cells, dotted = self._terms_of_jacobian(t, y, yp)
+        own = [(number == k) & (cells < n * n) & ~dotted for k in range(int(number.max(initial=-1)) + 1)]
+        return [sp.csr_matrix((values[at], (cells[at] % n, cells[at] // n)), shape=(n, n)) for at in own]
+
+    def jacobian_sizes(self, t: float, y: Array, yp: Array) -> tuple[Any, Any]:
+        """Sums of the absolute values of the terms of the entries of dF/dy and dF/dy' (n, n), sparse: rounding errors are in
+        proportion to them. For equations without recursive joints."""
+        n, (values, cells, dotted) = self.n, self._terms_of_jacobian(t, y, yp)
+        fy, fyp = (sp.csr_matrix((np.abs(values[at]), (cells[at] % n, cells[at] // n)), shape=(n, n))
+                   for at in ((cells < n * n) & ~dotted, (cells < n * n) & dotted))  # fmt: skip
+        return fy, fyp
+
+    def _terms_of_jacobian(self, t: float, y: Array, yp: Array) -> tuple[Array, Index, Any]:
+        """Values of the terms of all entries of the Jacobian, their cells (`Pattern`), and whether they belong to dF/dy'."""
+        self.jacobian(t, y, yp)
+        count, p = len(self._single), self._by_law[1]
+        return (np.r_[self.W[self._single], p.fixed], np.r_[p.cells[:count], p.fixed_cells],
+                np.r_[p.dotted[:count], p.fixed_dotted])  # fmt: skip
 
     def right_hand_side(self, t: float, y: Array, out: Array) -> int:
         """out[:] = y'. Returns the number of a velocity unknown without inertia, for which y' is not determined; -1: there is

@@ -28,6 +28,7 @@ class Entries:
         none = np.zeros(0, np.intp)
         self._varying: list[tuple[Index, Index]] = [(none, none)]
         self._fixed: list[tuple[Index, Index, Array]] = [(none, none, np.zeros(0))]
+        self._instances, self._terms = 0, [none]  # of every constant the number of the instance of a law that it belongs to
         #: (row, column) of every value of the kernels of trees; (n, -1) for a value that only is a factor in the chain rule
         self._tree_cells: list[tuple[int, int]] = []
         #: row of a loaded node (a force on it) -> rows of F that contain this force, each with the number of its factor among the
@@ -42,8 +43,10 @@ class Entries:
         self._varying.append((rows.ravel(), columns.ravel()))
 
     def constant(self, rows: Index, columns: Index, values: Array) -> None:
-        """Add entries of the Jacobian with constant values."""
+        """Add entries of the Jacobian with constant values; every row of the arrays is one instance of a law."""
         self._fixed.append((rows.ravel(), columns.ravel(), values.ravel()))
+        self._terms.append(self._instances + np.repeat(np.arange(len(rows)), rows.shape[1]))
+        self._instances += len(rows)
 
     def chain(self, piece: Piece, trees: int, slot: Callable[[int, tuple[object, ...]], int]) -> None:
         """Add the values of a kernel of derivatives for this number of trees of one structure; slot(tree, place): slot of a row,
@@ -74,6 +77,7 @@ class Entries:
         return Pattern(
             n, np.r_[np.where(direct, rows, n), cells[:, 0], placed[:, 0]], np.r_[columns, cells[:, 1], placed[:, 1]],
             placed[:, 2:].T.copy(), values[chained], fixed_rows[~chained], fixed_columns[~chained], values[~chained],
+            np.concatenate(self._terms)[~chained],
         )  # fmt: skip
 
     def _products(self, rows: Index, columns: Index) -> list[tuple[int, int, int, int, int]]:
@@ -91,13 +95,14 @@ class Entries:
 class Pattern:
     """The entries of the Jacobian as arrays. cells: number of the matrix entry (see `_cells`) of every value of kernels of laws,
     then of kernels of trees, then of products left * value * right; dotted: which belong to dF/dy'. fixed_cells, fixed_dotted,
-    fixed: the same of constants, with their values; chained: constants that are values of products."""
+    fixed: the same of constants, with their values; terms: the instances of laws, numbered, that these belong to; chained:
+    constants that are values of products."""
 
     def __init__(self, n: int, rows: Index, columns: Index, factors: Index, chained: Array, fixed_rows: Index,
-                 fixed_columns: Index, fixed: Array) -> None:  # fmt: skip
+                 fixed_columns: Index, fixed: Array, terms: Index) -> None:  # fmt: skip
         self.cells, self.dotted = _cells(n, rows, columns), columns >= n
         self.left, self.value, self.right = factors
-        self.chained = chained
+        self.chained, self.terms = chained, terms
         self.fixed_cells, self.fixed_dotted, self.fixed = _cells(n, fixed_rows, fixed_columns), fixed_columns >= n, fixed
 
 

@@ -1,0 +1,228 @@
+"""The roots of the second-order equations of a scene, the bounds of their errors, and what their signs say.
+
+The signs of real parts are taken from the roots where these are larger than their errors, and from the structure of the equations
+where it decides more: energy (mass positive, stiffness not negative, damping not negative: nothing grows), and the symmetry of
+conservative and gyroscopic equations, whose roots lie in pairs beside the imaginary axis or alone on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from mbdae.analysis.definite import EPS, sign
+from mbdae.analysis.reduced import Reduced
+from mbdae.analysis.roots import Roots, parts, roots
+from mbdae.errors import OptionError
+from mbdae.system.base import Array
+
+Complex = NDArray[np.complex128]
+
+#: largest number of states for which all eigenvalues are computed; with more, `count` has to be given, and only the lowest are
+LARGEST = 1600
+
+
+#: a root 0 of a motion that no force can resist counts as exact where its error is below this part of the smallest other root
+NEXT = 1e-3
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What is known of the equations beside their numbers.
+
+    surely(name, N): whether x^T S x >= 0 on the motions N x, for S = "K" or "C", is known law by law; asked where the sum of the
+    laws does not show it. free(p): whether a motion p (nu,) is one that the whole scene, or its steady motion, may be shifted
+    along. rate: of the frame's axes, rad/s."""
+
+    surely: Callable[[str, Array], bool]
+    free: Callable[[Complex], bool]
+    rate: float = 0.0
+
+
+UNKNOWN = Structure(lambda name, N: False, lambda p: False)  #: nothing is known
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Roots (k,) with imaginary part >= 0 by rising frequency, vectors (states, k), bounds of the errors of the roots (k,), and
+    whether the motion is stable; None where the errors leave it open."""
+
+    values: Complex
+    vectors: Complex
+    errors: Array
+    stable: bool | None
+
+
+def spectrum(r: Reduced, e: Reduced, count: int | None, known: Structure = UNKNOWN) -> Spectrum:
+    """The spectrum of equations r with bounds e of the errors of their entries."""
+    n, k = len(r.M), len(r.Es)
+    if 2 * n + k > LARGEST and count is None:
+        raise OptionError(f"the linearised scene has {2 * n + k} states, and all modes are computed up to {LARGEST} states only; "
+                          f"ask for the lowest ones, such as s.linearize(count=20)")  # fmt: skip
+    r, e = _without_noise(r, e)
+    if 2 * n + k > LARGEST:
+        return _lowest(r, e, int(count or 1))
+    values, vectors = np.zeros(2 * n + k, dtype=complex), np.zeros((2 * n + k,) * 2, dtype=complex)
+    errors, verdicts, at = np.zeros(2 * n + k), list[bool | None](), 0
+    size = np.block([[np.abs(r.M) + np.abs(r.C) + np.abs(r.K), np.abs(r.B) + np.abs(r.D)],
+                     [np.abs(r.S2) + np.abs(r.S1) + np.abs(r.S0), np.abs(r.Es) + np.abs(r.As)]])  # fmt: skip
+    for part in parts(size):
+        x, s = part[part < n], part[part >= n] - n
+        found, verdict = _of_part(_cut(r, x, s), _cut(e, x, s), known)
+        own = slice(at, at + len(found.values))
+        values[own], errors[own] = found.values, found.errors
+        vectors[np.r_[x, n + x, 2 * n + s], own] = found.vectors
+        verdicts.append(verdict)
+        at = own.stop
+    keep = np.flatnonzero(values.imag >= 0)
+    keep = keep[np.lexsort((values[keep].real, digits(values[keep].imag)))][:count]
+    return Spectrum(values[keep], vectors[:, keep], errors[keep], together(verdicts))
+
+
+def together(verdicts: list[bool | None]) -> bool | None:
+    """The verdict on motions that do not influence each other."""
+    return False if False in verdicts else None if None in verdicts else True
+
+
+def digits(x: Array) -> Array:
+    """x to twelve digits, so that rounding does not decide an order."""
+    size = 10.0 ** np.floor(np.log10(np.maximum(np.abs(x), 1e-300)))
+    return np.asarray(np.round(x / size, 12) * size)
+
+
+def _without_noise(r: Reduced, e: Reduced) -> tuple[Reduced, Reduced]:
+    """The equations with entries that are not larger than their errors set to 0, which adds to the errors."""
+    values, errors = {}, {}
+    for f in fields(Reduced):
+        a, d = getattr(r, f.name), getattr(e, f.name)
+        noise = (np.abs(a) <= d) if f.name != "N" else np.zeros(a.shape, dtype=bool)
+        values[f.name], errors[f.name] = np.where(noise, 0.0, a), np.where(noise, d + np.abs(a), d)
+    return Reduced(**values), Reduced(**errors)
+
+
+def _cut(r: Reduced, x: NDArray[np.intp], s: NDArray[np.intp]) -> Reduced:
+    """The equations of some displacements x and internal states s."""
+    rows = {"M": (x, x), "C": (x, x), "K": (x, x), "B": (x, s), "D": (x, s), "Es": (s, s), "As": (s, s), "S2": (s, x),
+            "S1": (s, x), "S0": (s, x)}  # fmt: skip
+    return replace(r, N=r.N[:, x], **{name: getattr(r, name)[np.ix_(*at)] for name, at in rows.items()})
+
+
+def _of_part(r: Reduced, e: Reduced, known: Structure) -> tuple[Roots, bool | None]:
+    """All roots of motions that are coupled, and the verdict on them."""
+    n = len(r.M)
+    # displacements that no force depends on at all: each adds a root 0, exactly, and leaves its velocity as an unknown
+    free = np.flatnonzero(~np.any(r.K, axis=0) & ~np.any(e.K, axis=0) & ~np.any(r.S0, axis=0) & ~np.any(e.S0, axis=0))
+    (E, A), (dE, dA) = r.first_order(), e.first_order()
+    dE[:n, :n], dA[:n, n : 2 * n] = 0.0, 0.0  # x' is x', without error
+    kept = np.delete(np.arange(len(E)), free)
+    inner = np.ix_(kept, kept)
+    some = roots(E[inner], A[inner], dE[inner], dA[inner])
+    found = _with_free(some, free, kept, n)
+    verdict, undamped, paired = _by_energy(r, e, known)
+    paired |= not len(r.Es) and bool(np.all(np.abs(r.C) <= e.C))
+    values, errors = found.values.copy(), found.errors
+    if undamped:
+        values.real = 0.0
+    elif verdict:
+        values.real = np.minimum(values.real, 0.0)
+    elif paired:
+        values.real[found.alone & (np.abs(values.real) <= errors)] = 0.0
+    zero = (np.abs(values) <= errors) & (values != 0)
+    errors = np.where(zero, errors + np.abs(values), errors)
+    settled = (values.real + errors <= 0) | (paired & found.alone & (values.real == 0)) | (errors == 0) & (values == 0)
+    values = np.where(zero, 0.0, values)
+    if paired and verdict is None:
+        exact = exact_zeros(values, errors, r.N @ found.vectors[:n], known)
+        settled |= exact
+        values.real[exact] = 0.0
+    if verdict is None:
+        verdict = False if np.any(values.real > errors) else True if np.all(settled) else None
+    return replace(found, values=values, errors=errors), verdict
+
+
+def exact_zeros(values: Complex, errors: Array, motions: Complex, known: Structure) -> NDArray[np.bool_]:
+    """Which roots 0 of equations with pairs of roots z, -z are exact: those of motions (nu, k) that no force can resist. In axes
+    that turn with `known.rate` shifts along fixed directions have the root i rate."""
+    turning = np.abs(np.abs(values.imag) - known.rate) + np.abs(values.real) <= errors
+    least = float(np.min(np.abs(values), where=values != 0, initial=np.inf))
+    small = ((values == 0) | (turning & (known.rate > 0))) & (errors <= NEXT * least)
+    return np.array([bool(small[i]) and known.free(motions[:, i]) for i in range(len(values))], dtype=bool)
+
+
+def _with_free(some: Roots, free: NDArray[np.intp], kept: NDArray[np.intp], n: int) -> Roots:
+    """The roots with those of free displacements, which are 0."""
+    if not len(free):
+        return some
+    size, k = len(kept) + len(free), len(free)
+    vectors = np.zeros((size, size), dtype=complex)
+    vectors[free, np.arange(k)] = 1.0
+    vectors[np.ix_(kept, k + np.arange(len(kept)))] = some.vectors
+    speed = some.vectors[np.searchsorted(kept, n + free)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        moved = speed / some.values  # x' = root * x; a drift x' alone where the root is 0
+    vectors[np.ix_(free, k + np.arange(len(kept)))] = np.where(np.isfinite(moved), moved, speed)
+    values, errors = np.r_[np.zeros(k), some.values], np.r_[np.zeros(k), some.errors]
+    return Roots(values, vectors, errors, np.r_[np.ones(k, dtype=bool), some.alone])
+
+
+def _by_energy(r: Reduced, e: Reduced, known: Structure) -> tuple[bool | None, bool, bool]:
+    """What the energy of coupled motions without internal states says of their growth (None: nothing), whether they neither grow
+    nor decay, and whether their roots lie in pairs z, -z (conservative and gyroscopic forces)."""
+    if len(r.Es) or not (_symmetric(r.M, e.M) and _symmetric(r.K, e.K) and sign(r.M, e.M) > 0):
+        return None, False, False
+    damping, error = (r.C + r.C.T) / 2, (e.C + e.C.T) / 2
+    undamped, turning = bool(np.all(np.abs(damping) <= error)), not _symmetric(r.C, e.C)
+    passive = undamped or sign(damping, error) > 0 or known.surely("C", r.N)
+    stiff = sign(r.K, e.K) if passive else 0
+    if passive and (stiff > 0 or (stiff == 0 and (known.surely("K", r.N) or _but_for_shifts(r, e, known)))):
+        return True, undamped, undamped
+    # without gyroscopic forces nothing holds a motion that lowers the potential energy
+    return False if passive and stiff < 0 and not turning else None, False, undamped
+
+
+def _but_for_shifts(r: Reduced, e: Reduced, known: Structure) -> bool:
+    """Whether the stiffness is positive but for motions that no force can resist."""
+    squares, X = scipy.linalg.eigh((r.K + r.K.T) / 2, (r.M + r.M.T) / 2)
+    size = np.abs(X)
+    off = 2 * np.einsum("nk,nk->k", size, e.K @ size + (e.M @ size) * np.abs(squares))
+    off += EPS * np.max(np.abs(squares)) * len(squares)
+    zero = np.abs(squares) <= off
+    exact = exact_zeros(np.where(zero, 0.0, np.sqrt(np.abs(squares)) + 0j), np.sqrt(2 * off), r.N @ X, known)
+    return bool(np.all((squares > off) | exact))
+
+
+def _symmetric(S: Array, dS: Array) -> bool:
+    return bool(np.all(np.abs(S - S.T) <= dS + dS.T))
+
+
+def _lowest(r: Reduced, e: Reduced, count: int) -> Spectrum:
+    """The roots nearest to zero by inverse iteration (Arnoldi), from both sides."""
+    from scipy.sparse.linalg import LinearOperator, eigs
+
+    (E, A), (dE, dA) = r.first_order(), e.first_order()
+    shift = 1e-6 * (float(np.linalg.norm(A) / np.linalg.norm(E)) or 1.0)
+    factors = scipy.linalg.lu_factor(A + shift * E)
+    begin, k = np.random.default_rng(3).normal(size=len(A)), min(2 * count + 2, len(A) - 2)
+    found = []
+    for transposed in (0, 1):
+        matrix = E.T if transposed else E
+        inverse = LinearOperator(A.shape, matvec=lambda x, m=matrix, t=transposed: scipy.linalg.lu_solve(factors, m @ x, trans=t))
+        found.append(eigs(inverse, k=k, which="LM", v0=begin))
+    (values, V), (others, W) = found
+    W = W[:, np.argmin(np.abs(values[:, None] - others), axis=1)]
+    values = shift - 1 / values
+    left = np.abs(W).T
+    below = np.abs(np.einsum("nk,nk->k", W, E @ V))
+    bound = np.einsum("kn,nk->k", left, dA @ np.abs(V) + dE @ (np.abs(V) * np.abs(values)))
+    off = np.abs(np.einsum("nk,nk->k", W, A @ V + (E @ V) * values))
+    errors = (bound + off) / np.maximum(below, 1e-300)
+    values = np.where(np.abs(values.imag) <= np.minimum(errors, 1e-9 * np.abs(values)), values.real + 0j, values)
+    keep = np.flatnonzero(values.imag >= 0)
+    keep = keep[np.lexsort((values[keep].real, digits(values[keep].imag)))][:count]
+    grows = bool(np.any(values.real > errors))
+    return Spectrum(values[keep], V[:, keep], errors[keep],
+                    False if grows else True if np.all(values.real + errors <= 0) else None)  # fmt: skip

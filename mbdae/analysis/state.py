@@ -1,0 +1,106 @@
+"""The equations linearised at a state, with the errors that the rounding of its numbers causes, and what is known of them beside
+their numbers."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.analysis.elastic import dynamics, stresses_of
+from mbdae.analysis.energy import Laws
+from mbdae.analysis.frame import RotatingFrame, free_shifts
+from mbdae.analysis.pencil import Pencil, basis, pencil, with_errors
+from mbdae.analysis.spectrum import Structure
+from mbdae.scene.topology import not_joined
+from mbdae.system.assembled.assembly import Assembly
+from mbdae.system.assembled.right_hand_side import state_rates
+from mbdae.system.base import Array
+from mbdae.system.motion.mechanics import Mechanics
+
+#: relative changes of the state by which the rounding of its numbers is carried to the equations, and how often
+ULP, SAMPLES = float(np.finfo(float).eps), 2
+SHIFT = 1e-5  #: a motion counts as one of the scene as a whole where it differs from it by at most this part
+STILL = 1e-10  #: a node that moves by at most this part of the largest motion stands still
+
+State = tuple[float, Array, Array, Array, Array]  #: t, q, u, s and the stresses z of beams
+
+
+def unknowns_at(system: Assembly, m: Mechanics, state: State) -> tuple[Array, Array]:
+    """y and y' (n,) of a complete index-3 system at a state, with its accelerations and multipliers."""
+    t, q, u, s, z = state
+    if m.model.lines:
+        found = dynamics(system, m, t, q, u, s, z)
+        return found.y, found.yp
+    kinds = np.array(system.kinds)
+    a, multipliers = m.accelerations(np.array([t]), q[None], u[None], s[None])
+    y, yp = np.zeros(system.n), np.zeros(system.n)
+    y[kinds == "q"], y[kinds == "v"], y[kinds == "s"] = q, u, s
+    y[kinds == "lambda"] = multipliers[0] / system.numbering.scaling()
+    yp[kinds == "q"], yp[kinds == "v"], yp[kinds == "s"] = m.rates(q, u), a[0], state_rates(m, t, q, u, s)
+    return y, yp
+
+
+def pencil_at(system: Assembly, m: Mechanics, frame: RotatingFrame, state: State) -> Pencil:
+    """The pencil at a state."""
+    return pencil(system, m, frame, state[0], *unknowns_at(system, m, state))
+
+
+def pencil_with_errors(system: Assembly, m: Mechanics, frame: RotatingFrame, state: State, strained: bool) -> Pencil:
+    """The pencil at a state with bounds of its errors, those of the state's numbers among them: positions, and the reactions that
+    follow from them, are known up to rounding. strained: whether the stresses follow from the positions too."""
+    rng, beside = np.random.default_rng(11), []
+    for _ in range(SAMPLES):
+        q, u, s, z = (x * (1 + ULP * rng.choice([-1.0, 1.0], len(x))) for x in state[1:])
+        beside.append(pencil_at(system, m, frame, (state[0], q, u, s, stresses_of(m, q, u) if strained else z)))
+    return with_errors(system, m, frame, state[0], *unknowns_at(system, m, state), beside)
+
+
+def structure(system: Assembly, m: Mechanics, frame: RotatingFrame, state: State,
+              some: NDArray[np.intp] | None = None) -> Structure:  # fmt: skip
+    """What the laws one by one, and the motions of the scene as a whole, say of the equations at a state; some: the displacements
+    that these equations have (default: all)."""
+    t, q, u = state[:3]
+    weights, at = np.asarray(m.weight.diagonal()), np.arange(m.nu) if some is None else some
+
+    @cache
+    def laws() -> Laws:
+        terms = system.evaluation.jacobian_by_law(t, *unknowns_at(system, m, state))
+        return Laws(terms, basis(system, m, frame, q, u), m.nu, weights)
+
+    @cache
+    def shifts() -> Array:
+        turned = basis(system, m, frame, q, u).C.T @ u
+        free = free_shifts(m.model, frame, q, turned)
+        if frame.turns or np.any(u):  # rotations about the axis alone, with which the whole scene turns
+            free[:, 3] = free[:, 3:6] @ (frame.rotation.T @ frame.rate)
+            free[:, 4:6] = 0.0
+        return np.asarray(free * np.sqrt(weights)[:, None])
+
+    def whole(x: Any) -> Any:
+        found = np.zeros((m.nu, *x.shape[1:]), dtype=x.dtype)
+        found[at] = x
+        return found
+
+    def free(p: Any) -> bool:
+        p = whole(p) * np.sqrt(weights)
+        if (still and not laws().none_resists(p)) or (resting and not still and not not_joined(m.model.scene)):
+            return False
+        moves = shifts() * _moving(m, p)[:, None]  # what stands still, as a driven hub in its own axes, is not shifted
+        off = p - moves @ np.linalg.lstsq(moves, p, rcond=None)[0]
+        return bool(np.linalg.norm(off) <= SHIFT * np.linalg.norm(p))
+
+    resting = not frame.turns and not np.any(u)
+    still = resting and not m.model.lines
+    return Structure(lambda name, N: still and laws().surely(name, whole(N)), free, float(np.linalg.norm(frame.rate)))
+
+
+def _moving(m: Mechanics, p: Any) -> NDArray[np.bool_]:
+    """Of every displacement (nu,) whether its node takes part in a motion p (nu,)."""
+    found, least = np.zeros(m.nu, dtype=bool), STILL * np.max(np.abs(p))
+    for node in m.model.nodes:
+        own = slice(node.u, node.u + node.kind.sizes[1])
+        found[own] = np.max(np.abs(p[own]), initial=0.0) > least
+    return found

@@ -1,0 +1,175 @@
+"""Random scenes whose linear equations are known by hand: numbers spread over up to sixteen powers of ten."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mpmath import mpf, workdps
+
+import mbdae as mb
+
+MODELS: tuple[Any, ...] = (None, mb.Kinematic(), mb.Classical(), mb.Recursive())
+G, DIGITS = 9.81, 80
+
+
+@dataclass(frozen=True)
+class Known:
+    """A scene with its exact equations M x'' + C x' + K x = 0, lists of rows of mpmath numbers; conservative: whether it has no
+    damping and no follower forces."""
+
+    kind: str
+    scene: mb.Scene
+    M: list[list[Any]]
+    C: list[list[Any]]
+    K: list[list[Any]]
+    conservative: bool
+
+
+class Draw:
+    """Numbers of one scene."""
+
+    def __init__(self, seed: int) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.span = float(self.rng.choice([1.0, 4.0, 8.0, 12.0, 16.0]))  # powers of ten
+
+    def wide(self, low: float = 1e-2) -> float:
+        """A positive number anywhere in the span."""
+        return float(low * 10 ** self.rng.uniform(0, self.span))
+
+    def near(self) -> float:
+        """A positive number of size 1."""
+        return float(10 ** self.rng.uniform(-0.7, 0.7))
+
+    def sometimes(self, value: float, share: float) -> float:
+        """The value, or 0."""
+        return value if self.rng.random() < share else 0.0
+
+    def model(self) -> Any:
+        """A joint model."""
+        return MODELS[int(self.rng.integers(len(MODELS)))]
+
+
+def zeros(n: int) -> list[list[Any]]:
+    """n x n exact zeros."""
+    return [[mpf(0)] * n for _ in range(n)]
+
+
+def between(A: list[list[Any]], i: int, j: int | None, value: float) -> None:
+    """Adds value (x_i - x_j)^2 / 2 to the form A; j None: the ground."""
+    for a, b, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
+        if a is not None and b is not None:
+            A[a][b] += sign * mpf(value)
+
+
+def chain(d: Draw) -> Known:
+    """Masses on a rail, or coaxial rotors, with springs and dampers between neighbours; sometimes floating."""
+    n, rail, floating = int(d.rng.integers(1, 6)), d.rng.random() < 0.5, d.rng.random() < 0.2
+    damped = d.rng.random() < 0.7
+    s = mb.Scene("chain", space=str(d.rng.choice(["auto", "spatial"])))
+    M, C, K = zeros(n), zeros(n), zeros(n)
+    model, tilt, before = d.model(), float(d.rng.choice([0.0, 0.4])), s.ground
+    for i in range(n):
+        m, k, c = d.near(), d.sometimes(d.wide(), 0.85), d.sometimes(d.wide(), 0.6) if damped else 0.0
+        if i == 0 and floating:
+            k = c = 0.0
+        values = {"spring": k} if k else {}
+        values |= {"damper": c} if c else {}
+        body = s.rigid_body(f"b{i}", m if rail else 1.0, 1.0 if rail else m if s.space == "auto" else (m, m, m), at=(0, 0))
+        if rail:
+            s.prismatic(f"P{i}", before, body, at=(0, 0), axis=(np.cos(tilt), np.sin(tilt), 0), model=model, **values)
+        else:
+            s.revolute(f"R{i}", before, body, at=(0, 0), model=model, **values)
+        before = body
+        M[i][i] += mpf(m)
+        between(K, i, i - 1 if i else None, k)
+        between(C, i, i - 1 if i else None, c)
+    return Known("chain", s, M, C, K, not damped)
+
+
+def pendulums(d: Draw) -> Known:
+    """Pendulums side by side, hanging and standing, with springs and dampers in their hinges, and rotors hung between them."""
+    n, damped = int(d.rng.integers(1, 5)), d.rng.random() < 0.7
+    s = mb.Scene("pendulums", gravity=(0, -G, 0), space=str(d.rng.choice(["auto", "spatial"])))
+    M, C, K = zeros(n), zeros(n), zeros(n)
+    model = d.model()
+    for i in range(n):
+        m, up = d.near(), 1 if d.rng.random() < 0.3 else -1
+        k, c = d.sometimes(d.wide(), 0.3), d.sometimes(d.wide(), 0.6) if damped else 0.0
+        values = ({"spring": k} if k else {}) | ({"damper": c} if c else {})
+        body = s.rigid_body(f"b{i}", m, 1.0 if s.space == "auto" else (1.0, 1.0, 1.0), at=(3.0 * i, up))
+        s.revolute(f"R{i}", s.ground, body, at=(3.0 * i, 0), model=model, **values)
+        M[i][i] += 1 + mpf(m)
+        K[i][i] += mpf(k) - up * mpf(m) * mpf(G)
+        C[i][i] += mpf(c)
+    return Known("pendulums", s, M, C, K, not damped)
+
+
+def cart(d: Draw) -> Known:
+    """A pendulum on a cart: stiff dampers and springs on the one, slow creep of the other."""
+    m, mc, up, damped = d.near(), d.near(), 1 if d.rng.random() < 0.5 else -1, d.rng.random() < 0.8
+    k, c = d.sometimes(d.wide(), 0.6), d.wide() if damped else 0.0
+    kp, cp = d.sometimes(d.wide(), 0.3), d.sometimes(d.wide(), 0.5) if damped else 0.0
+    s = mb.Scene("cart", gravity=(0, -G, 0), space=str(d.rng.choice(["auto", "spatial"])))
+    model, J = d.model(), 1.0 if s.space == "auto" else (1.0, 1.0, 1.0)
+    body, bob = s.rigid_body("cart", mc, J, at=(0, 0)), s.rigid_body("bob", m, J, at=(0, up))
+    s.prismatic("P", s.ground, body, at=(0, 0), axis=(1, 0, 0), model=model, **({"spring": k} if k else {}),
+                **({"damper": c} if c else {}))  # fmt: skip
+    s.revolute("R", body, bob, at=(0, 0), model=model, **({"spring": kp} if kp else {}), **({"damper": cp} if cp else {}))
+    M, C, K = zeros(2), zeros(2), zeros(2)
+    M[0][0], M[1][1], M[0][1] = mpf(mc) + mpf(m), 1 + mpf(m), -up * mpf(m)
+    M[1][0] = M[0][1]
+    K[0][0], K[1][1] = mpf(k), mpf(kp) - up * mpf(m) * mpf(G)
+    C[0][0], C[1][1] = mpf(c), mpf(cp)
+    return Known("cart", s, M, C, K, not damped)
+
+
+def rotor(d: Draw) -> Known:
+    """A disc driven on a housing in a support with springs and dampers of all sizes: tilts coupled by the gyroscopic moment."""
+    rate, J1, J3, damped = d.near() * 30, d.near(), d.near(), d.rng.random() < 0.5
+    J3 = min(J3, 1.9 * J1)
+    k = [d.wide(1.0) for _ in range(6)]
+    c = [d.sometimes(d.wide(1e-3), 0.7) for _ in range(6)] if damped else [0.0] * 6
+    s = mb.Scene("rotor", space="spatial")
+    housing = s.rigid_body("housing", 5.0, (0.1, 0.1, 0.1))
+    s.bushing("support", s.ground, housing, at=(0, 0), stiffness=tuple(k), damping=tuple(c))
+    s.revolute("bearing", housing, s.rigid_body("disc", 20.0, (J1, J1, J3), at=(0, 0)), at=(0, 0), angle=rate * mb.t)
+    M, C, K = zeros(6), zeros(6), zeros(6)
+    for i in range(6):
+        M[i][i] = mpf(25) if i < 3 else mpf(0.1) + mpf(J1 if i < 5 else J3)
+        K[i][i], C[i][i] = mpf(k[i]), mpf(c[i])
+    H = mpf(J3) * mpf(rate)
+    C[3][4], C[4][3] = C[3][4] + H, C[4][3] - H
+    return Known("rotor", s, M, C, K, not damped)
+
+
+def ziegler(d: Draw) -> Known:
+    """Two rods with a follower force at the end: stiffness that is not symmetric, and dampers of all sizes."""
+    P, k1, k2, c1, c2 = d.near(), d.near(), d.near(), d.wide(1e-3), d.wide(1e-3)
+    damped = d.rng.random() < 0.8
+    c1, c2 = (c1, c2) if damped else (0.0, 0.0)
+    s = mb.Scene("follower force", space="planar")
+    a, b = s.rigid_body("a", 1.0, 1.0, at=(1, 0)), s.rigid_body("b", 1.0, 1.0, at=(2, 0))
+    model = d.model()
+    s.revolute("A", s.ground, a, at=(0, 0), model=model, spring=k1, **({"damper": c1} if c1 else {}))
+    s.revolute("B", a, b, at=(1, 0), model=model, spring=k2, **({"damper": c2} if c2 else {}))
+    s.force("F", b, (-P, 0, 0), frame="body")
+    M, C, K = zeros(2), zeros(2), zeros(2)
+    # absolute angles; masses at the ends of rods of 1 m, inertias 1; work of the force by the tilt of b
+    M[0][0], M[0][1], M[1][0], M[1][1] = mpf(3), mpf(1), mpf(1), mpf(2)
+    between(K, 0, None, k1), between(K, 1, 0, k2), between(C, 0, None, c1), between(C, 1, 0, c2)
+    K[0][0] -= mpf(P)
+    K[0][1] += mpf(P)
+    return Known("follower force", s, M, C, K, False)
+
+
+KINDS: tuple[Callable[[Draw], Known], ...] = (chain, pendulums, cart, rotor, ziegler)
+
+
+def draw(seed: int) -> Known:
+    """One scene."""
+    d = Draw(seed)
+    with workdps(DIGITS):
+        return KINDS[seed % len(KINDS)](d)
