@@ -146,6 +146,8 @@ class System:
 
 
     kept: Kept | None = None  #: results that solvers store for later runs of the same equations; None: nothing is stored
+    #: whether `jacobian` is made by differences of the residual, for which a method may have its own
+    differences: bool = False
     #: optional parts of the interface, None where a system does not have them. rhs: function (t, y, out) with out[:] = y'
     rhs: Any = None
     rate_jacobian: Any = None  #: function (t, y) -> dy'/dy (n, n), for systems with `rhs`

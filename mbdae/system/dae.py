@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from mbdae.deferred import csc_matrix, issparse
 from mbdae.errors import OptionError
 from mbdae.notation import counted
 from mbdae.system.base import Array, Switches, System
+from mbdae.system.differences import Differences
 from mbdae.system.partition import checked_partition
 from mbdae.ties import largest
 from mbdae.values import array, function, number, of_class, option, optional, sequence, shown, text
@@ -19,7 +21,6 @@ from mbdae.values import array, function, number, of_class, option, optional, se
 #: largest residual of an equation at the start that is accepted, over the magnitude of its terms as estimated from its
 #: derivatives and the scales of the unknowns
 START_TOLERANCE = 1e-6
-ROOT_EPS = float(np.sqrt(np.finfo(float).eps))
 
 
 class DAE(System):
@@ -28,8 +29,9 @@ class DAE(System):
     residual  (t, y, yp, out) that fills out (n,), or the same returning an array (n,)
     y0, yp0   (n,) consistent start at t0
     jacobian  (t, y, yp, cj, out) that fills out with dF/dy + cj dF/dy', or the same returning it; out is (n, n),
-              or (nnz,) CSC data where `sparsity` is given. None: forward differences column by column
-              (2 n residuals per evaluation, six to eight correct digits: give an exact one for rtol below 1e-8)
+              or (nnz,) CSC data where `sparsity` is given. None: forward differences. IDA then makes its
+              own, column by column (n residuals); the others take 2 n residuals, with a pattern fewer, as columns that have no row
+              in common are changed together. Six to eight digits are right: give an exact one for rtol below 1e-8
     index     index of the variables: one number for the system, or (n,) as in RADAU5: 1 differential or
               index-1 algebraic, 2, 3. One number is given to all algebraic unknowns (no derivative of which is in F), and 1
               to the others; with 3, those whose derivative is in an equation with an algebraic unknown get 2
@@ -75,6 +77,8 @@ class DAE(System):
         self._function = option("residual", residual, function, "give a function F(t, y, y', out)", takes="t, y, yp, out")
         self._jacobian = optional("jacobian", jacobian, function, "give a function J(t, y, y', cj, out), or None",
                                   takes="t, y, yp, cj, out")  # fmt: skip
+        self._by_differences = Differences(self.residual, self.scale, self.sparsity)
+        self.differences = jacobian is None and self.sparsity is None
         self.guards = optional("guards", guards, function, "give a function (t, y), or None", takes="t, y")
         optional("switches", switches, of_class, "give mb.Switches(...), or None", base=Switches)
         self._check_residual()
@@ -89,6 +93,8 @@ class DAE(System):
                 row = int(np.flatnonzero(~np.isfinite(rates))[0])
                 raise OptionError(f"rhs: y'[{row}] = {rates[row]} at the start t = {self.t0:g} s: fill every entry of out, and "
                                   "check its formula")  # fmt: skip
+            if jacobian is None:
+                self.rate_jacobian = partial(self._by_differences.of_rates, self.rhs)
             self._check_start(rates, *parts[0], "rhs contradicts the residual", "correct one of the two functions")
         self.index = self._checked_index(index, parts)
         algebraic = (self.index > 1) & ~np.any([fyp != 0 for _, fyp in parts], axis=(0, 1))
@@ -114,30 +120,10 @@ class DAE(System):
         """dF/dy and dF/dy'."""
         if self._jacobian is not None:
             return super().jacobian_parts(t, y, yp)
-        fy, fyp = self._differences(t, y, yp)
-        if self.sparsity is None:
-            return fy, fyp
-        rows, columns = self._entries()
-        return fy[rows, columns], fyp[rows, columns]
+        return self._by_differences.parts(t, y, yp)
 
     def _filled_rates(self, t: float, y: Array, out: Array) -> None:
         _fill("rhs", self._rates(t, y, out), out, t)
-
-    def _differences(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        """Forward differences (n, n) with increments of sqrt(eps) times the magnitude of each argument."""
-        base, shifted = np.empty(self.n), np.empty(self.n)
-        self.residual(t, y, yp, base)
-        parts = np.empty((2, self.n, self.n), order="F")
-        arguments = [np.array(y, dtype=float), np.array(yp, dtype=float)]
-        for which, x in enumerate(arguments):
-            for j in range(self.n):
-                kept = x[j]
-                x[j] = kept + ROOT_EPS * max(abs(kept), self.scale[j]) * (1.0 if kept >= 0 else -1.0)
-                self.residual(t, arguments[0], arguments[1], shifted)
-                with np.errstate(invalid="ignore"):  # inf - inf: the solver reports that the equations are not finite there
-                    parts[which, :, j] = (shifted - base) / (x[j] - kept)
-                x[j] = kept
-        return parts[0], parts[1]
 
     def _entries(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Row and column (nnz,) of the entries of the pattern."""

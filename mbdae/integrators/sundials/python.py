@@ -123,7 +123,8 @@ class IdaByPython(PythonMethod):
             options |= {"linsolver": "sparse", "sparsity": self.system.sparsity}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # scikit-sundae warns that the given Jacobian replaces its own
-            return sksundae.ida.IDA(self.residual, jacfn=self.jacobian, **options)
+            jacobian = None if self.system.differences else self.jacobian
+            return sksundae.ida.IDA(self.residual, jacfn=jacobian, **options)
 
     def begin(self, t: float, y: Array, yp: Array) -> None:
         self._method.init_step(t, y, yp)
