@@ -32,8 +32,7 @@ typedef struct {
   double jacobian_t, *jacobian_y;                 /* where the newest Jacobian was evaluated */
   double from_t, last_step; const double *from_y, *from_yp; /* the last accepted point and the step that led to it */
   double *inner; I pieces;                        /* pieces (INNER, n) one behind the other, and how many there are */
-  int (*errors)(Closed, Closed out); double *wider;         /* IDAGetEstLocalErrors, NULL with CVODE; (n,) see `relax` */
-  int (*step)(Closed, double *h);                 /* IDAGetCurrentStep */
+  int (*errors)(Closed, Closed out); double *wider;         /* IDAGetEstLocalErrors, or NULL: no `relax`; (n,) see there */
   I window, before, relaxed;           /* see `relax`; before: steps rejected before the window */
   double least, most_of_window, most_of_run;      /* shortest and longest step of the window, longest of the run, s */
 } Run;
@@ -80,18 +79,17 @@ API int ida_jacobian(double t, double cj, Closed y, Closed yp, Closed F, Closed 
 }
 
 /* The same by differences: column by column along (y_j, cj y'_j), so that what nearly cancels between dF/dy and cj dF/dy' does so
-   in F itself, with the increments of IDA's own differences. Those cannot be used: they grow with `wider`. */
+   in F itself, with the increments of IDA's own differences (1 / cj for the step). Those cannot be used: they grow with `wider`. */
 API int ida_differences(double t, double cj, Closed Y, Closed Yp, Closed F, Closed J, void *user, Closed a, Closed b, Closed c) {
   Run *r = user;
   I n = r->e->n;
-  double *out = r->data(J), *y = r->array(Y), *yp = r->array(Yp), *moved = r->array(a), h = 0;
+  double *out = r->data(J), *y = r->array(Y), *yp = r->array(Yp), *moved = r->array(a);
   const double *base = r->array(F);
   (void)b, (void)c;
   r->jacobians++;
   r->cj = cj;
-  r->step(r->memory, &h);
   for (I j = 0; j < n; j++) {
-    double kept = y[j], rate = yp[j], far = h * rate, tolerance = r->rtol * fabs(kept) + r->atol[j];
+    double kept = y[j], rate = yp[j], far = rate / cj, tolerance = r->rtol * fabs(kept) + r->atol[j];
     volatile double next = kept + copysign(fmax(0x1p-26 * fmax(fabs(kept), fabs(far)), tolerance), far);
     double step = next - kept;
     y[j] = next;

@@ -252,11 +252,14 @@ class Ida(Method):
     """IDA: variable-order BDF for F(t, y, y') = 0.
 
     pattern: sparsity pattern of the Jacobian (CSC), None: full; sparse: whether linear systems are solved by SuperLU_MT;
-    differences: whether the (full) Jacobian is made by differences of the residual."""
+    differences: whether the (full) Jacobian is made by differences of the residual; relaxing: whether
+    tolerances may be widened for a while where steps stay short (`relax` of sundials.c)."""
 
     prefix = "IDA"
 
-    def __init__(self, *args: Any, pattern: Any = None, sparse: bool = False, differences: bool = False) -> None:
+    def __init__(self, *args: Any, pattern: Any = None, sparse: bool = False, differences: bool = False,
+                 relaxing: bool = False) -> None:  # fmt: skip
+        self._relaxing = relaxing
         self._pattern, self._sparse, self.jacobian = pattern, sparse, "ida_differences" if differences else "ida_jacobian"
         super().__init__(*args)
 
@@ -285,8 +288,8 @@ class Ida(Method):
 
     def _initialise(self, t: float) -> None:
         run, S = self.run, self.S
-        run.ida, run.until, run.errors, run.step = map(
-            _pointer, (S.IDASolve, S.IDASetStopTime, S.IDAGetEstLocalErrors, S.IDAGetCurrentStep))
+        run.ida, run.until = _pointer(S.IDASolve), _pointer(S.IDASetStopTime)
+        run.errors = _pointer(S.IDAGetEstLocalErrors) if self._relaxing else None
         run.wider = self._address(np.ones(self.n))
         self._call("Init", self.C.ida_residual, t, self._y, self._yp)
 

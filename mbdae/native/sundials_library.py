@@ -30,7 +30,7 @@ _IDA = {
     "SUNLinSol_Dense": (_P, _P, _P, _P), "SUNSparseMatrix": (_P, _N, _N, _N, _I, _P), "SUNSparseMatrix_Data": (_P, _P),
     "SUNSparseMatrix_IndexPointers": (_P, _P), "SUNSparseMatrix_IndexValues": (_P, _P),
     "SUNSparseFromDenseMatrix": (_P, _P, _D, _I), "IDACreate": (_P, _P), "IDAInit": (_I, _P, _P, _D, _P, _P),
-    "IDAReInit": (_I, _P, _D, _P, _P), "IDASolve": (_I, _P, _D, _P, _P, _P, _I), "IDAGetCurrentStep": (_I, _P, _P),
+    "IDAReInit": (_I, _P, _D, _P, _P), "IDASolve": (_I, _P, _D, _P, _P, _P, _I),
     "IDAGetEstLocalErrors": (_I, _P, _P), "IDAWFtolerances": (_I, _P, _P),
 }  # fmt: skip
 _CVODE = {
