@@ -162,6 +162,8 @@ class System:
     #: derivative, and the duration in s of an impact at the present approach speed (> 0; inf: no impact). Adaptive
     #: solvers shorten their steps where a contact is near, so that none is stepped over
     guards: Callable[[float, Array], tuple[Array, Array, Array]] | None = None
+    #: function (times, trajectory, trajectory) -> distance over time by which runs are compared; None: that of `run.control`
+    measure: Any = None
     #: name of each contact, used in messages; contacts beyond the length of this tuple are called "contact[i]"
     guard_names: tuple[str, ...] = ()
     #: unit of each gap, m or rad; m for contacts beyond the length of this tuple

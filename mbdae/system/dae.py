@@ -21,6 +21,9 @@ from mbdae.values import array, function, number, of_class, option, optional, se
 #: largest residual of an equation at the start that is accepted, over the magnitude of its terms as estimated from its
 #: derivatives and the scales of the unknowns
 START_TOLERANCE = 1e-6
+#: name of a method of DAE -> function that does it; entered by the module that has it (`run.own_equations`), on which this one
+#: must not depend
+ATTACHED: dict[str, Callable[..., Any]] = {}
 
 
 class DAE(System):
@@ -47,6 +50,7 @@ class DAE(System):
     rhs       (t, y, out) that fills out with y' (n,), or the same returning it, where nothing is constrained; what CVODE needs"""
 
     label = "DAE"
+    declared: int | None = None  #: the index, where one number was given for the system
 
     def __init__(
         self,
@@ -77,13 +81,14 @@ class DAE(System):
         self._function = option("residual", residual, function, "give a function F(t, y, y', out)", takes="t, y, yp, out")
         self._jacobian = optional("jacobian", jacobian, function, "give a function J(t, y, y', cj, out), or None",
                                   takes="t, y, yp, cj, out")  # fmt: skip
-        self._by_differences = Differences(self.residual, self.scale, self.sparsity)
-        self.differences = jacobian is None and self.sparsity is None
+        self._own_differences = Differences(self.residual, self.scale, self.sparsity)
+        self.by_differences = jacobian is None
+        self.differences = self.by_differences and self.sparsity is None
         self.guards = optional("guards", guards, function, "give a function (t, y), or None", takes="t, y")
         optional("switches", switches, of_class, "give mb.Switches(...), or None", base=Switches)
         self._check_residual()
         self._check_jacobian()
-        parts = [self._dense_parts(*point) for point in self._probes()]
+        parts = [self.dense_parts(*point) for point in self.probes()]
         self._check_start(self.yp0, *parts[0], "the start is not consistent", "correct y0 or yp0")
         self._rates: Any = optional("rhs", rhs, function, "give a function f(t, y, out), or None", takes="t, y, out")
         if self._rates is not None:
@@ -94,7 +99,7 @@ class DAE(System):
                 raise OptionError(f"rhs: y'[{row}] = {rates[row]} at the start t = {self.t0:g} s: fill every entry of out, and "
                                   "check its formula")  # fmt: skip
             if jacobian is None:
-                self.rate_jacobian = partial(self._by_differences.of_rates, self.rhs)
+                self.rate_jacobian = partial(self._own_differences.of_rates, self.rhs)
             self._check_start(rates, *parts[0], "rhs contradicts the residual", "correct one of the two functions")
         self.index = self._checked_index(index, parts)
         algebraic = (self.index > 1) & ~np.any([fyp != 0 for _, fyp in parts], axis=(0, 1))
@@ -103,6 +108,22 @@ class DAE(System):
             self.partition, self.kinds = checked_partition(self, partition)
         self.guard_names = self._checked_guards(guard_names)
         self.switches = self._checked_switches(switches)
+
+    def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Any = None,
+                 outputs: int | Sequence[float] | Array = 201, *, max_wall: float | None = None,
+                 progress: Callable[..., None] | bool | None = None) -> Any:  # fmt: skip
+        """Integrate to t_end (s), so that the error over the run is within `accuracy`: that of every unknown, multipliers too,
+        over its largest value in the run or, where that is more, over 1e-3 of its `scale`. Returns the unknowns over time:
+        `r["x"]` by name, `.t`, `.accuracy`, `.warnings`, `.reliable`, `r(t)` at other times.
+
+        The error is estimated from a companion run at a looser tolerance, and the run repeated with a tighter one where needed.
+        solver: an object, a class or a name; by default chosen. One with a tolerance or step of its own runs once, and its error
+        is not known. outputs: a number of equally spaced times, or the times (s). max_wall: limit of wall-clock time (s).
+        progress: True shows a bar; a function is called as progress(t, t_end, stats).
+        Raises OptionError, before anything is solved, where the declared index is not that of the equations, or where the start
+        violates a derivative of a constraint; SolverError where a solver cannot go on. Its attribute `solution`, like that of the
+        KeyboardInterrupt of Ctrl-C, is the result until then."""
+        return ATTACHED["simulate"](self, t_end, accuracy, solver, outputs, max_wall, progress)
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp)."""
@@ -120,7 +141,7 @@ class DAE(System):
         """dF/dy and dF/dy'."""
         if self._jacobian is not None:
             return super().jacobian_parts(t, y, yp)
-        return self._by_differences.parts(t, y, yp)
+        return self._own_differences.parts(t, y, yp)
 
     def _filled_rates(self, t: float, y: Array, out: Array) -> None:
         _fill("rhs", self._rates(t, y, out), out, t)
@@ -129,7 +150,8 @@ class DAE(System):
         """Row and column (nnz,) of the entries of the pattern."""
         return self.sparsity.indices, np.repeat(np.arange(self.n), np.diff(self.sparsity.indptr))
 
-    def _dense_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+    def dense_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        """dF/dy and dF/dy' as full matrices (n, n)."""
         fy, fyp = self.jacobian_parts(t, y, yp)
         if self.sparsity is None:
             return fy, fyp
@@ -138,7 +160,7 @@ class DAE(System):
         full[0, rows, columns], full[1, rows, columns] = fy, fyp
         return full[0], full[1]
 
-    def _probes(self) -> list[tuple[float, Array, Array]]:
+    def probes(self) -> list[tuple[float, Array, Array]]:
         """States (t, y, y') at which the pattern of the Jacobian is found: the start, where entries may be 0 by chance, and two
         points near it."""
         wave = np.sin(1.0 + np.arange(self.n))
@@ -235,7 +257,7 @@ class DAE(System):
 
     def _checked_index(self, index: Any, parts: list[tuple[Array, Array]]) -> NDArray[np.int_]:
         """Index (n,) of each unknown, from the option `index` (one number or (n,)). parts: dF/dy and dF/dy' at the states of
-        `_probes`, which show what unknowns the equations contain."""
+        `probes`, which show what unknowns the equations contain."""
         remedy = f"give 1, 2 or 3, or {self.n} of them, one per unknown"
         values: Array = option("index", index, array, remedy)
         if values.shape not in ((), (self.n,)) or not np.isin(values, (1, 2, 3)).all():
@@ -245,6 +267,7 @@ class DAE(System):
         present_y = np.any([fy != 0 for fy, _ in parts], axis=0)
         present_yp = np.any([fyp != 0 for _, fyp in parts], axis=0)
         algebraic = ~present_yp.any(axis=0)
+        self.declared = int(values)
         result = np.where(algebraic, int(values), 1)
         if values == 3:
             forced = present_y[:, algebraic].any(axis=1)
