@@ -47,8 +47,9 @@ from mbdae.system.dae import DAE as DAE
 from mbdae.threads import single_threaded
 from mbdae.values import number, optional
 
-#: accuracy below which Radau IIA with 5 stages is chosen, which is cheaper there than that with 3
-TIGHT = 1e-8
+#: accuracy below which Radau IIA with 5 stages is tried first, which is cheaper there than that with 3; with unknowns of index 2
+#: or 3, whose errors fall more slowly, from a larger one on
+TIGHT, TIGHT_MULTIPLIERS = 1e-8, 1e-5
 #: number of evaluations after which the explicit method, where it was chosen, gives way to Radau IIA: the equations are stiff
 EXPLICIT = 30_000
 
@@ -127,12 +128,14 @@ class OwnRun:
 
     def _alternatives(self) -> Iterator[tuple[Solver, float, str]]:
         """Solvers in the order in which they are tried, each with its budget of evaluations and the reason."""
-        if self.system.rhs is not None and int(np.max(self.system.index)) < 2:
+        low = int(np.max(self.system.index)) < 2
+        if self.system.rhs is not None and low:
             yield DOP853(), EXPLICIT, "an ordinary differential equation that is not stiff"
-        first, second = (RadauIIA(5), RadauIIA(3)) if self.accuracy < TIGHT else (RadauIIA(3), RadauIIA(5))
+        five, three = RadauIIA(5), RadauIIA(3)
+        first, second = (five, three) if self.accuracy < (TIGHT if low else TIGHT_MULTIPLIERS) else (three, five)
         yield first, math.inf, "implicit, of any index up to 3"
         yield second, math.inf, f"{first.label} did not reach the accuracy"
-        if int(np.max(self.system.index)) < 2:
+        if low:
             yield IDA(), math.inf, f"{first.label} did not reach the accuracy"
 
     def result(self, run: Controlled, choice: str) -> Unknowns:

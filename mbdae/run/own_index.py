@@ -95,14 +95,17 @@ def contradiction(system: DAE, span: float) -> str:
     known = [k for k in found if k is not None]
     if not known:
         return ""
-    off = [(j, k) for j, k in enumerate(found) if k is not None and k != system.index[j]]
-    if len(known) == system.n and system.declared is not None and system.declared != max(known) and not off:
-        return f"index = {system.declared}, but the equations have index {max(known)}: give index={max(known)}"
+    highest, whole = max(known), len(known) == system.n
+    off = [(j, k) for j, k in enumerate(found) if k is not None and k > system.index[j]]
+    if not off and whole and system.declared is not None and system.declared > highest:
+        return f"index = {system.declared}, but the equations have index {highest} near the start: give index={highest}"
+    if not off and whole and max(system.index) > highest:
+        off = [(j, k) for j, k in enumerate(found) if k is not None and k < system.index[j]]
     if not off:
         return ""
     names = ", ".join(f"{system.names[j]} has index {k}, declared {system.index[j]}" for j, k in off[:SAID])
     more = f" (and {len(off) - SAID} more)" if len(off) > SAID else ""
-    return (f"the declared index is not that of the equations near the start: {names}{more}; give index={max(known)}, or "
+    return (f"the declared index is not that of the equations near the start: {names}{more}; give index={highest}, or "
             f"{system.n} numbers, one per unknown")
 
 
