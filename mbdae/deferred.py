@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from mbdae.threads import limit_what_was_loaded
 
 __all__ = ["LinearOperator", "as_full", "bmat", "connected_components", "csc_matrix", "csr_matrix", "cython_lapack", "dijkstra",
-           "distinct", "eigsh", "eigvals", "entries_of", "group_columns", "identity", "issparse", "maximum_flow", "median", "qr", "sp",
-           "splu"]  # fmt: skip
+           "distinct", "eigsh", "eigvals", "entries_of", "group_columns", "identity", "issparse", "maximum_flow", "median", "qr",
+           "sp", "splu"]  # fmt: skip
 
 if TYPE_CHECKING:
     import scipy.sparse as sp

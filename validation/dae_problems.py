@@ -10,7 +10,7 @@ import numpy as np
 import sympy as sp
 from scipy.integrate import solve_ivp
 
-from mbdae.run.own_equations import DAE
+from mbdae.run.own.equations import DAE
 from mbdae.system.base import System
 
 t = sp.Symbol("t")

@@ -202,6 +202,10 @@ class System:
         continue, because some of the constraint rows of this one are about to become dependent; None: continue with this one."""
         return None
 
+    def doubt(self, span: float) -> str:
+        """What a solver should warn of before a run of `span` (s), in words; "": nothing."""
+        return ""
+
     def memory(self) -> dict[str, Any]:
         """The state of these equations that is not in y and that a continued run needs: plain values and arrays."""
         return {}

@@ -15,13 +15,14 @@ from mbdae.notation import counted
 from mbdae.system.base import Array, Switches, System
 from mbdae.system.differences import Differences
 from mbdae.system.partition import checked_partition
+from mbdae.system.shown_index import contradiction
 from mbdae.ties import largest
 from mbdae.values import array, function, number, of_class, option, optional, sequence, shown, text
 
 #: largest residual of an equation at the start that is accepted, over the magnitude of its terms as estimated from its
 #: derivatives and the scales of the unknowns
 START_TOLERANCE = 1e-6
-#: name of a method of DAE -> function that does it; entered by the module that has it (`run.own_equations`), on which this one
+#: name of a method of DAE -> function that does it; entered by the module that has it (`run.own.equations`), on which this one
 #: must not depend
 ATTACHED: dict[str, Callable[..., Any]] = {}
 
@@ -32,9 +33,9 @@ class DAE(System):
     residual  (t, y, yp, out) that fills out (n,), or the same returning an array (n,)
     y0, yp0   (n,) consistent start at t0
     jacobian  (t, y, yp, cj, out) that fills out with dF/dy + cj dF/dy', or the same returning it; out is (n, n),
-              or (nnz,) CSC data where `sparsity` is given. None: forward differences. IDA then makes its
-              own, column by column (n residuals); the others take 2 n residuals, with a pattern fewer, as columns that have no row
-              in common are changed together. Six to eight digits are right: give an exact one for rtol below 1e-8
+              or (nnz,) CSC data where `sparsity` is given. None: forward differences, by IDA along
+              (y, cj y') (n residuals), for others of y and y' (2 n); with a pattern fewer, as columns that have no row in
+              common are changed together. Six to eight digits are right: give an exact one for rtol below 1e-8
     index     index of the variables: one number for the system, or (n,) as in RADAU5: 1 differential or
               index-1 algebraic, 2, 3. One number is given to all algebraic unknowns (no derivative of which is in F), and 1
               to the others; with 3, those whose derivative is in an equation with an algebraic unknown get 2
@@ -50,6 +51,7 @@ class DAE(System):
     rhs       (t, y, out) that fills out with y' (n,), or the same returning it, where nothing is constrained; what CVODE needs"""
 
     label = "DAE"
+    _doubt: str | None = None
     declared: int | None = None  #: the index, where one number was given for the system
 
     def __init__(
@@ -108,6 +110,12 @@ class DAE(System):
             self.partition, self.kinds = checked_partition(self, partition)
         self.guard_names = self._checked_guards(guard_names)
         self.switches = self._checked_switches(switches)
+
+    def doubt(self, span: float) -> str:
+        """What the declared index contradicts in the equations, in words; "" where it does not. span: time of the run, s."""
+        if self._doubt is None:
+            self._doubt = contradiction(self, span)
+        return self._doubt
 
     def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Any = None,
                  outputs: int | Sequence[float] | Array = 201, *, max_wall: float | None = None,

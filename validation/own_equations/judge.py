@@ -45,7 +45,7 @@ def judged(name: str, problem: Problem, solver: mb.Solver | None, accuracy: floa
     label = "default" if solver is None else solver.label
     try:
         if solver is not None:
-            solver.check(system)
+            solver.at_accuracy(accuracy, system.label).check(system)
     except mb.OptionError:
         return None
     with warnings.catch_warnings():

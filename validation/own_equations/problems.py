@@ -134,7 +134,7 @@ def ring_rates(t: float, y: Array) -> Array:
         (y[8] - 0.5 * y[11] + 0.5 * y[12] + y[14] - y[1] / 25e3) / 1.6e-8,
         (y[9] - q[0] + q[3]) / 2e-12, (-y[10] + q[1] - q[2]) / 2e-12, (y[11] + q[0] - q[2]) / 2e-12,
         (-y[12] - q[1] + q[3]) / 2e-12, (-y[6] / 50 + q[0] + q[1] - q[2] - q[3]) / 1e-8, -y[0] / 4.45, -y[1] / 4.45,
-        (0.5 * y[0] - y[2] - 36.3 * y[9]) / 5e-4 * 0 + (0.5 * y[0] - y[2] - 36.3 * y[9]) / 5e-4,
+        (0.5 * y[0] - y[2] - 36.3 * y[9]) / 5e-4,
         (-0.5 * y[0] + y[3] - 17.3 * y[10]) / 5e-4, (0.5 * y[1] - y[4] - 36.3 * y[11]) / 5e-4,
         (-0.5 * y[1] + y[5] - 17.3 * y[12]) / 5e-4, (-y[0] + one - 86.3 * y[13]) / 2e-3, (-y[1] - 636.3 * y[14]) / 2e-3,
     ])  # fmt: skip
@@ -154,7 +154,7 @@ def oscillator_rates(t: float, y: Array) -> Array:
 def path() -> Any:
     """The force that moves a mass of 1 kg as x = sin t^2, and its integral: index 3 without a constraint between positions."""
     def residual(t: float, y: Array, yp: Array, out: Array) -> None:
-        x, v, force, work = y
+        x, v, force, _ = y
         out[:] = yp[0] - v, yp[1] - force, x - np.sin(t * t), yp[3] - force * v
 
     return mb.DAE(residual, [0, 0, 2, 0], [0, 2, 0, 0], index=[1, 2, 3, 2], names=["x", "v", "force", "work"])

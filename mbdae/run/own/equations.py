@@ -2,7 +2,7 @@
 
 What runs of scenes have, these have by the same functions: companions and estimates (`control`), words of warnings
 (`assessment`). What differs is the measure, which is every unknown by itself, and what is checked before the run: the declared
-index and the start (`own_index`).
+index (`system.shown_index`) and the start (`start`).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from mbdae.results.unknowns import Unknowns, UnknownsAccuracy, UnknownsDistance
 from mbdae.run.assessment import missed
 from mbdae.run.control import SHALLOW, Controlled, cpu_of, plausible, run_controlled
 from mbdae.run.hidden_contacts import hidden_contacts
-from mbdae.run.own_index import contradiction, inconsistency
+from mbdae.run.own.start import inconsistency
 from mbdae.run.progress import progress_of
 from mbdae.run.reliability import doubts_of_steps
 from mbdae.system.base import Array
@@ -70,7 +70,7 @@ def simulate(dae: DAE, t_end: float, accuracy: float, solver: Any, outputs: Any,
 
 def _refuse(dae: DAE, span: float) -> None:
     """Raise OptionError for a declared index that the equations contradict, and for a start that they leave at once."""
-    if wrong := contradiction(dae, span):
+    if wrong := dae.doubt(span):
         raise OptionError(wrong)
     if wrong := inconsistency(dae, span):
         raise OptionError(wrong)

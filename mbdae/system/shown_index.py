@@ -7,16 +7,12 @@ each row of (E + h A)^-1 over h, from step to step shorter, is therefore the ind
 
 from __future__ import annotations
 
-import warnings
-from typing import NamedTuple
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbdae.errors import AccuracyWarning, SolverError
-from mbdae.integrators.base import Asked
-from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.system.base import Array
-from mbdae.system.dae import DAE
 
 #: steps over the time of the run, each a tenth of the one before
 STEPS = 10.0 ** -np.arange(1, 11)
@@ -25,9 +21,6 @@ NEAR, LASTING = 0.2, 2
 #: largest condition number of E + h A (scaled) at which its inverse is used; with derivatives by differences, whose errors enter
 ILL, ILL_BY_DIFFERENCES = 1e13, 1e9
 SAID = 4  #: largest number of unknowns that a message names
-#: longer of the two steps that look for a jump at the start, over the time of the run; their ratio; smallest jump that counts, over
-#: the magnitude of the unknown
-FIRST, SHORTER, JUMP = 1e-5, 8.0, 1e-3
 MOST = 300  #: largest number of unknowns for which the index is measured
 
 
@@ -43,7 +36,7 @@ class Slopes(NamedTuple):
         return [next(iter(one)) if len(one) == 1 else None for one in self.shown]
 
 
-def slopes_at(system: DAE, t: float, y: Array, yp: Array, span: float) -> Slopes:
+def slopes_at(system: Any, t: float, y: Array, yp: Array, span: float) -> Slopes:
     """The indices that the unknowns show at a state; span: time of the run, s."""
     A, E = system.dense_parts(t, y, yp)
     A, E = A * system.scale, E * system.scale / span
@@ -71,16 +64,16 @@ def _inverse(matrix: Array, most: float) -> Array | None:
         return None
     if not np.isfinite(found).all() or np.linalg.norm(matrix, np.inf) * np.linalg.norm(found, np.inf) > most:
         return None
-    return found
+    return np.asarray(found)
 
 
 def _lasting(slopes: Array) -> set[int]:
     """Whole numbers, 1 at least, near which slopes keep over LASTING steps in a row."""
     whole = np.where(np.abs(slopes - np.round(slopes)) < NEAR, np.round(slopes), np.nan)
-    return {max(int(a), 1) for a, b in zip(whole[:-1], whole[1:], strict=True) if a == b}
+    return {max(int(a), 1) for a, b in pairwise(whole.tolist()) if a == b}
 
 
-def measured(system: DAE, span: float) -> list[int | None]:
+def measured(system: Any, span: float) -> list[int | None]:
     """(n,) index of each unknown near the start, where it is the same at two points; else None. (At the start itself entries of
     the Jacobian may be zero by chance.)"""
     if system.n > MOST:
@@ -89,7 +82,7 @@ def measured(system: DAE, span: float) -> list[int | None]:
     return [a if a == b else None for a, b in zip(*found, strict=True)]
 
 
-def contradiction(system: DAE, span: float) -> str:
+def contradiction(system: Any, span: float) -> str:
     """What the declared index contradicts, in words; "" where it does not."""
     found = measured(system, span)
     known = [k for k in found if k is not None]
@@ -107,32 +100,3 @@ def contradiction(system: DAE, span: float) -> str:
     more = f" (and {len(off) - SAID} more)" if len(off) > SAID else ""
     return (f"the declared index is not that of the equations near the start: {names}{more}; give index={highest}, or "
             f"{system.n} numbers, one per unknown")
-
-
-def inconsistency(system: DAE, span: float) -> str:
-    """How the start violates a derivative of a constraint, in words; "" where it does not, or where nothing has index 2 or 3.
-
-    Steps of two lengths are made from the start: what changes in both by the same amount, or more in the shorter one, does not
-    begin where y0 says."""
-    found = measured(system, span)
-    hidden = np.array([k is not None and k > 1 for k in found])
-    if not hidden.any():
-        return ""
-    apart = []
-    for h in (FIRST * span, FIRST * span / SHORTER):
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", AccuracyWarning)
-                made = RadauIIA(2, step=h).run(system, Asked(system.t0 + h))
-        except SolverError:
-            return ""
-        apart.append(np.abs(made.y[-1] - system.y0))
-    unit = np.maximum(np.abs(system.y0), system.scale)
-    jumps = hidden & (apart[1] > JUMP * unit) & (apart[1] > apart[0] / 2)
-    if not jumps.any():
-        return ""
-    index = np.where(jumps, system.index, 9)
-    j = int(np.argmin(index))
-    value = float(made.y[-1, j])
-    return (f"the start is not consistent: {system.names[j]} = {system.y0[j]:g} in y0, but the derivatives of the constraints "
-            f"make it {value:.6g} just after t = {system.t0:g} s: correct y0 (and yp0)")
