@@ -18,9 +18,9 @@ def rejecting(run: Solution) -> str:
     rejected = stats.rejected - stats.dips - stats.retaken
     if stats.steps < FEW or rejected < MANY * stats.steps:
         return ""
-    return (f"{run.solver.label} rejected {rejected} attempts of steps and accepted {stats.steps}: it makes far shorter steps than "
-            "the solution needs; see whether the Jacobian, the index and the scales of the unknowns are right, or take another "
-            "solver")  # fmt: skip
+    return (f"{run.solver.label} rejected {rejected} attempts of steps and accepted {stats.steps}: it makes far shorter steps "
+            "than the solution needs; see whether the Jacobian, the index and the scales of the unknowns are right, or take "
+            "another solver")
 
 
 def said(run: Solution) -> Solution:

@@ -249,6 +249,16 @@ class System:
         self.jacobian(t, y, yp, 1.0, both)
         return fy, both - fy
 
+    def dense_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        """dF/dy and dF/dy' as full matrices (n, n)."""
+        fy, fyp = self.jacobian_parts(t, y, yp)
+        if not self.sparse:
+            return fy, fyp
+        full = np.zeros((2, self.n, self.n))
+        rows, columns = self.sparsity.indices, np.repeat(np.arange(self.n), np.diff(self.sparsity.indptr))
+        full[0, rows, columns], full[1, rows, columns] = fy, fyp
+        return full[0], full[1]
+
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """dF/dy and dF/dy' as two arrays (nnz,) of data of `pattern`, for systems that have one."""
         raise NotImplementedError

@@ -154,20 +154,6 @@ class DAE(System):
     def _filled_rates(self, t: float, y: Array, out: Array) -> None:
         _fill("rhs", self._rates(t, y, out), out, t)
 
-    def _entries(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Row and column (nnz,) of the entries of the pattern."""
-        return self.sparsity.indices, np.repeat(np.arange(self.n), np.diff(self.sparsity.indptr))
-
-    def dense_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        """dF/dy and dF/dy' as full matrices (n, n)."""
-        fy, fyp = self.jacobian_parts(t, y, yp)
-        if self.sparsity is None:
-            return fy, fyp
-        full = np.zeros((2, self.n, self.n))
-        rows, columns = self._entries()
-        full[0, rows, columns], full[1, rows, columns] = fy, fyp
-        return full[0], full[1]
-
     def probes(self) -> list[tuple[float, Array, Array]]:
         """States (t, y, y') at which the pattern of the Jacobian is found: the start, where entries may be 0 by chance, and two
         points near it."""

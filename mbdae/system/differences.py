@@ -30,7 +30,7 @@ class Differences:
         n = len(scale)
         self._groups: Sequence[NDArray[np.intp]] = [np.array([j]) for j in range(n)]
         if pattern is not None:
-            group = group_columns(pattern)
+            group = group_columns(pattern, np.arange(n))
             self._groups = [np.flatnonzero(group == g) for g in range(int(group.max(initial=-1)) + 1)]
 
     def parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:

@@ -70,3 +70,16 @@ def verdicts(names: Iterable[str], accuracies: Iterable[float]) -> Iterator[Verd
                 found = judged(name, problem, solver, accuracy) if accuracy >= problem.tight else None
                 if found is not None:
                     yield found
+
+
+def wrong_indices() -> list[str]:
+    """Problems and declared indices, one number each, of which `DAE.doubt` says the wrong thing: nothing of a wrong one, something
+    of the right one."""
+    found = []
+    for name, problem in PROBLEMS.items():
+        right = problem.make()
+        for index in (1, 2, 3):
+            stated = mb.DAE(right.residual, right.y0, right.yp0, index=index, names=right.names, scale=right.scale)
+            if bool(stated.doubt(problem.t_end)) == (index == int(np.max(right.index))):
+                found.append(f"{name}, index {index}")
+    return found
