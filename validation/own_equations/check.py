@@ -11,9 +11,9 @@ from runner import Case, Claim, Found, Row, measure
 
 import mbdae as mb
 
-claim = Claim("own_equations", "problems of the test sets for initial value problems and differential algebraic equations, index "
-              "1 to 3, with every solver that admits them: no unknown, multipliers included, is more than three times the accuracy "
-              "off without a word; a wrong index is named", 0.0, "runs",
+claim = Claim("own_equations", "problems of the test sets for initial value and differential algebraic equations, index 1 to 3, "
+              "with every solver that admits them: no unknown, multipliers included, is more than three times the accuracy off "
+              "without a word; a wrong index is named", 0.0, "runs",
               "closed forms, SciPy's Radau at 2e-13 on the ordinary differential equations, RadauIIA(5) at 1e-11 where there are "
               "none, which has the published digits of the amplifier")  # fmt: skip
 ACCURACIES = (1e-3, 1e-5, 1e-7, 1e-9)

@@ -73,8 +73,8 @@ def verdicts(names: Iterable[str], accuracies: Iterable[float]) -> Iterator[Verd
 
 
 def wrong_indices() -> list[str]:
-    """Problems and declared indices, one number each, of which `DAE.doubt` says the wrong thing: nothing of a wrong one, something
-    of the right one."""
+    """Problems and declared indices, one number each, of which `DAE.doubt` says the wrong thing: nothing of a wrong one,
+    something of the right one."""
     found = []
     for name, problem in PROBLEMS.items():
         right = problem.make()
