@@ -64,7 +64,7 @@ def simulate(dae: DAE, t_end: float, accuracy: float, solver: Any, outputs: Any,
     times = output_times(dae.t0, end, outputs)
     wall = optional("max_wall", max_wall, number, "give a positive number of seconds, or None", above=0)
     _refuse(dae, end - dae.t0)
-    run = OwnRun(dae, accuracy, Asked(end, max_wall=wall, progress=progress_of(progress), begin=time.perf_counter()), times)
+    run = OwnRun(dae, accuracy, Asked(end, max_wall=wall, progress=progress_of(progress)), times)
     return run.result(*(run.chosen() if method is None else (run.by(method), "")))
 
 
@@ -80,7 +80,7 @@ class OwnRun:
     """One call of `simulate`. system: the equations with the measure of every unknown."""
 
     def __init__(self, dae: DAE, accuracy: float, asked: Asked, times: Array) -> None:
-        self.accuracy, self.asked, self.times = accuracy, asked, times
+        self.accuracy, self.asked, self.times = accuracy, replace(asked, begin=time.perf_counter()), times
         self.distance = UnknownsDistance(dae.scale)
         self.system = copy(dae)
         self.system.measure = self.distance
