@@ -1,0 +1,182 @@
+"""The roots of the linearised equations at states of a run, with frozen coefficients: which disturbances grow, and which of them
+are too small to be seen by the error test of a solver."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.deferred import eig
+from mbdae.integrators.matrices.iteration import IterationMatrix, as_csc
+from mbdae.native.sparse import SingularMatrixError
+from mbdae.system.base import Array, System
+
+#: growth (natural logarithm of the factor) over the whole run below which steps are not bounded: a disturbance that the tolerance
+#: hides, which is a third of the accuracy at most, does not reach three times the accuracy by it
+HARMLESS = 1.0
+SMALL = 60  #: with more unknowns, all roots are computed only where `_rises` finds that something grows
+MOST = 300  #: largest number of unknowns for which all roots are computed
+#: roots are found best near SHIFT over the step; those beyond RESOLVED times that are left out: constraints have infinite roots,
+#: which are inexact in a computer
+SHIFT, RESOLVED = 3.0, 1e3
+#: number of multiplications by which growth is sought among many roots, and the ratio by which it then shows from their middle to
+#: their end: the largest that vibrations alone gave was 1.1
+ROUNDS, GROWS = 20, 1.5
+
+
+class Look(NamedTuple):
+    """A state of a run at which roots are sought: the equations there, time (s), y and y' (n,), the step of the run (s), and the
+    length of the run (s)."""
+
+    system: System
+    t: float
+    y: Array
+    yp: Array
+    h: float
+    span: float
+
+
+class Found(NamedTuple):
+    """What a look finds. rate: the largest real part of a root, 1/s; unseen: the largest magnitude (1/s) of one that grows and
+    whose disturbance is not seen, 0: there is none; size: that of the disturbance that grows fastest, over the scales, where it
+    is not seen, else 0."""
+
+    rate: float = 0.0
+    unseen: float = 0.0
+    size: float = 0.0
+
+
+def found_at(looks: list[Look], seen: float) -> list[Found]:
+    """What is found at every state; seen: size of a disturbance that is seen, over the scales."""
+    system = looks[0].system
+    if system.n > MOST or (system.n > SMALL and system.has_pattern):
+        rising = _rising_sparse(looks)
+        if system.n > MOST or not any(rising):
+            return [Found(1 / look.h, 1 / look.h) if up else Found() for look, up in zip(looks, rising, strict=True)]
+    shifted = _shifted(looks)
+    if system.n <= SMALL:
+        return [_roots(look, S, values, seen) for look, S, values in zip(looks, shifted, np.linalg.eigvals(shifted), strict=True)]
+    return [_roots(look, S, np.linalg.eigvals(S), seen) if _grows(S) else Found()
+            for look, S in zip(looks, shifted, strict=True)]  # fmt: skip
+
+
+def _roots(look: Look, S: Array, values: NDArray[np.complex128], seen: float) -> Found:
+    """What is found at a state, from the matrix of `_shifted` and its eigenvalues."""
+    rate = float(np.max(_back(values, look.h).real, initial=0.0))
+    if rate * look.span < HARMLESS:
+        return Found(rate)
+    values, left, right = eig(S, left=True)
+    roots = _back(values, look.h)
+    growing = np.flatnonzero(roots.real * look.span > HARMLESS)
+    sizes = np.array([_size(left[:, j], right[:, j], look, abs(roots[j])) for j in growing])
+    roots, unseen = roots[growing], sizes < seen
+    fastest = int(np.argmax(roots.real)) if len(roots) else 0
+    size = float(sizes[fastest]) if len(roots) and unseen[fastest] else 0.0
+    return Found(rate, float(np.max(np.abs(roots[unseen]), initial=0.0)), size)
+
+
+def vibrating(looks: list[Look], seen: float) -> list[Found]:
+    """Of disturbances that neither grow nor decay with frozen coefficients what `found_at` finds of growing ones: the largest
+    magnitude of a root that is not seen, and the size of all of them together."""
+    found = []
+    for look, S in zip(looks, _shifted(looks), strict=True):
+        values, left, right = eig(S, left=True)
+        roots = _back(values, look.h)
+        idle = np.flatnonzero((np.abs(roots.real) * look.span < np.abs(roots.imag)) & (np.abs(roots.imag) * look.span > HARMLESS))
+        sizes = np.array([_size(left[:, j], right[:, j], look, abs(roots[j])) for j in idle])
+        unseen = sizes < seen
+        found.append(Found(0.0, float(np.max(np.abs(roots[idle][unseen]), initial=0.0)), float(np.linalg.norm(sizes[unseen]))))
+    return found
+
+
+def _shifted(looks: list[Look]) -> Array:
+    """The matrices (k, n, n) (E + h A / SHIFT)^-1 E of the linearised equations E x' + A x = 0 at k states, in scaled unknowns. A
+    root r of the equations is an eigenvalue 1 / (1 - h r / SHIFT); infinite roots, of constraints, are 0. A matrix is 0 where the
+    equations are singular."""
+    scale, h = looks[0].system.scale, np.array([look.h for look in looks])[:, None, None]
+    A, E = (np.array(part) for part in zip(*map(_jacobians, looks), strict=True))
+    both, E = (A * (h / SHIFT) + E) * scale, E * scale
+    size = np.max(np.abs(both), axis=2, keepdims=True)
+    sound = np.isfinite(both).all(axis=(1, 2)) & np.all(size > 0, axis=(1, 2))
+    out = np.zeros_like(both)
+    for i in np.flatnonzero(sound):
+        with suppress(np.linalg.LinAlgError):
+            out[i] = np.linalg.solve(both[i] / size[i], E[i] / size[i])
+    return np.asarray(out)
+
+
+def _jacobians(look: Look) -> tuple[Array, Array]:
+    """dF/dy and dF/dy' (n, n) at a state."""
+    parts = look.system.jacobian_parts(look.t, look.y, look.yp)
+    if parts[0].ndim == 2:
+        return parts
+    return np.asarray(as_csc(look.system, parts[0]).toarray()), np.asarray(as_csc(look.system, parts[1]).toarray())
+
+
+def _back(values: NDArray[np.complex128], h: float) -> NDArray[np.complex128]:
+    """The roots (1/s) that belong to eigenvalues of the matrix of `_shifted`; -inf beyond RESOLVED times SHIFT / h."""
+    finite = np.abs(values) * RESOLVED > 1
+    return np.where(finite, (SHIFT / h) * (1 - 1 / np.where(finite, values, 1.0)), -np.inf)
+
+
+def _size(left: Array, right: Array, look: Look, magnitude: float) -> float:
+    """Size of a disturbance that grows in a motion, over the scales of the unknowns: the part of its rate along the disturbance
+    over the magnitude of the root (1/s)."""
+    system = look.system
+    counts = np.array([kind not in ("lambda", "mu", "z") for kind in system.kinds])
+    overlap = abs(np.vdot(left, right))
+    if not overlap > 0:
+        return 0.0
+    part = abs(np.vdot(left, look.yp / system.scale)) / overlap
+    return float(part * np.max(np.abs(right[counts]), initial=0.0) / magnitude)
+
+
+def _grows(S: Array) -> bool:
+    """Whether one of many roots r has a positive real part, from the matrix S of `_shifted`: three disturbances are multiplied
+    ROUNDS times by 2 S - 1, that is (1 + z) / (1 - z) with z = h r / SHIFT, whose magnitude is 1 for undamped vibrations."""
+    return _rises(lambda x: np.asarray(S @ x), np.random.default_rng(3).normal(size=(len(S), 3)))
+
+
+def _rising_sparse(looks: list[Look]) -> list[bool]:
+    """As `_grows`, at every state of a system with a sparsity pattern, or with too many unknowns for full matrices."""
+    matrix, found = None, []
+    for look in looks:
+        scale = look.system.scale
+        if matrix is None or matrix.system is not look.system:
+            matrix = IterationMatrix(look.system, np.ones(1), np.zeros(0, complex))
+        try:
+            matrix.refresh(look.t, look.y, look.yp)
+            matrix.factor(look.h / SHIFT)
+        except SingularMatrixError:
+            found.append(False)
+            continue
+        E = as_csc(look.system, matrix.fyp * (SHIFT / look.h)) if look.system.sparse else None
+        found.append(_rises(partial(_product, matrix, E, scale, SHIFT / look.h),
+                            np.random.default_rng(3).normal(size=(look.system.n, 3))))  # fmt: skip
+    return found
+
+
+def _product(matrix: IterationMatrix, E: Any, scale: Array, inverse: float, x: Array) -> Array:
+    """The matrix of `_shifted` times x (n, k), with sparse factors. E: dF/dy' over the step, None where it is not stored so;
+    inverse: 1 over that step (1/s)."""
+    given = (x.T * scale) if E is None else x * scale[:, None]
+    right = np.array([matrix.mass(one) for one in given]) * inverse if E is None else np.ascontiguousarray((E @ given).T)
+    return np.asarray((matrix.solved(right) / scale).T)
+
+
+def _rises(product: Callable[[Array], Array], x: Array) -> bool:
+    """Whether repeated multiplication of x (n, k) by 2 S - 1 makes it grow, S: the matrix whose `product` is given. The first
+    products, with S alone, remove what constraints do not allow."""
+    for _ in range(3):
+        x = product(x)
+    sizes = []
+    for _ in range(ROUNDS):
+        x = 2 * product(x) - x
+        sizes.append(float(np.linalg.norm(x)))
+    half = ROUNDS // 2
+    return max(sizes[-2:]) > GROWS * max(sizes[half - 2 : half])
