@@ -32,7 +32,6 @@ from mbdae.integrators.runge_kutta.dop853 import DOP853
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.integrators.sundials.ida import IDA
-from mbdae.results.accuracy import RUN_ONCE
 from mbdae.results.result import RunInfo
 from mbdae.results.unknowns import Unknowns, UnknownsAccuracy, UnknownsDistance
 from mbdae.run.assessment import missed
@@ -47,6 +46,7 @@ from mbdae.system.dae import DAE as DAE
 from mbdae.threads import single_threaded
 from mbdae.values import number, optional
 
+RUN_ONCE = "not estimated: the solver ran once, as it was given; leave out its rtol, atol or step"
 #: accuracy below which Radau IIA with 5 stages is tried first, which is cheaper there than that with 3; with unknowns of index 2
 #: or 3, whose errors fall more slowly, from a larger one on
 TIGHT, TIGHT_MULTIPLIERS = 1e-8, 1e-5
