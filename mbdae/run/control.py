@@ -29,9 +29,9 @@ from mbdae.integrators.solution import Solution
 from mbdae.results.reactions import OtherRun
 from mbdae.results.states import states_of
 from mbdae.run.contact_tolerances import largest_tolerance, resolving
-from mbdae.run.estimate import Run, companions, estimated, share_of
+from mbdae.run.estimate import Run, companions, estimated, fall_shown, share_of
 from mbdae.run.excitations import beginning_at, windows
-from mbdae.run.growth.growing import AT_LEAST, Growth, growing, unfollowed, unseen
+from mbdae.run.growth.growing import Growth, at_least, growing, unfollowed, unseen
 from mbdae.run.hidden_contacts import Hidden, hidden_contacts
 from mbdae.system.base import Array, System
 from mbdae.system.distance import distance
@@ -42,6 +42,7 @@ from mbdae.values import number, option
 LOOSEST = 1e-2  #: largest rtol of a companion; the other runs have at most half of it
 #: largest number of runs from the last of the first companions on, failed ones included; for batches largest number of estimates
 ATTEMPTS = 5
+FURTHER = 2  #: with contact, number of further runs: impacts multiply errors, and the first tolerance may be far too large
 #: from one run to the next the longest step, as a fraction of the time scale of an input of time, is reduced by this factor.
 #: Where only inputs bound the steps of two runs, these must differ, else the difference of the runs is no measure of the error.
 #: It is below 1/2 because the time scales are known up to a factor of 2
@@ -59,13 +60,11 @@ LEAVING = 10
 #: number of residual evaluations that CRAWL allows in addition for every stretch and edge of inputs of time, where steps end
 CUT = 100
 #: with contact: a run is not repeated any more where its estimate, after two or more repeats, is still above the largest earlier
-#: one divided by this
-CHAOTIC = 2.0
+#: one divided by CHAOTIC, and above LARGE, because differences have grown to the size of the motion. Smaller estimates that do
+#: not fall come from one unlucky step of a companion, which the next run does not have
+CHAOTIC, LARGE = 2.0, 1e-2
 CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic and not predictable beyond "
          "some time; rely on energies, forces and statistics, or on a shorter run")  # fmt: skip
-#: FALL: errors are assumed to fall with this power of the tolerance, or with the power that the last two runs showed where that
-#: is smaller; SLOW: smallest power assumed
-FALL, SLOW = 0.9, 0.4
 #: smallest and largest ratio of the tolerance of a repeated run to that of the run before, without and with contacts; a tolerance
 #: that round-off or penetrations bound is not subject to them
 FINER, FINER_WITH_IMPACTS = (1e-3, 0.3), (0.1, 0.3)
@@ -164,7 +163,13 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
     depth, runs, cpu = SHALLOW * accuracy * (1.0 if prepared is None else prepared.length), 0, 0.0
     for repeats in range(REPEATS + 1):
         made: list[Run] = []
-        run = _controlled(system, prepared, solver, accuracy, asked, outputs, made).after(runs, cpu)
+        try:
+            run = _controlled(system, prepared, solver, accuracy, asked, outputs, made).after(runs, cpu)
+        except SolverError as error:
+            if not asked.bounds or isinstance(error, FINAL):
+                raise
+            run = run.after(1 + len(made), cpu_of(error) + sum(other.stats.cpu_s for _, other in made))
+            return replace(run, estimate=math.inf, others=(), notes=(*run.notes, f"a run with shorter steps failed: {error}"))
         hidden = hidden_contacts(system, run.solution, depth)
         of_companions = [] if hidden or run.estimate <= accuracy else [
             one for _, other in made for one in hidden_contacts(system, other, depth)]  # fmt: skip
@@ -172,7 +177,7 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
         bounds = unfollowed(growth) if repeats < FOLLOWING else ()
         if not bounds and not asked.bounds and made and unseen(growth):  # else such an estimate was made
             measure = measure_of(system, prepared)
-            run = replace(run, estimate=max(run.estimate, estimated(system, solver, made, measure, outputs, AT_LEAST)))
+            run = replace(run, estimate=max(run.estimate, estimated(system, solver, made, measure, outputs, at_least(solver))))
             bounds = () if run.estimate <= accuracy else unseen(growth)
         if not hidden and not of_companions and not bounds:
             return replace(run, growth=tuple(growth))
@@ -199,7 +204,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     tight = solver.at_accuracy(accuracy, system.label)
     tight = _with_rtol(tight, min(tight.tolerance, LOOSEST / 2, max(ceiling, limit)))
     best, made[:] = companions_of(system, tight, asked)
-    most, count, kept = ATTEMPTS - 1 + best.runs, len(made), len(companions(system, solver))
+    most = best.runs + ATTEMPTS - 1 + (0 if system.guards is None else FURTHER)
+    count, kept = len(made), len(companions(system, solver))
     told: list[tuple[float, float]] = []  # tolerance and estimated error of every run after the companions
     while best.runs < most:
         loose, coarse = made[-1]
@@ -223,7 +229,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
         made[:], count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are dropped: they take much memory
-        told.append((tight.tolerance, estimated(system, solver, made, measure, outputs, AT_LEAST if asked.bounds else 0.0)))
+        least = at_least(solver) if asked.bounds else 0.0
+        told.append((tight.tolerance, estimated(system, solver, made, measure, outputs, least)))
         estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(
             system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before)))  # fmt: skip
@@ -235,10 +242,11 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         if too_coarse:
             tight = _with_rtol(tight, ceiling)
             continue
-        if system.guards is not None and len(estimates) > 2 and best.estimate > max(estimates[:-1]) / CHAOTIC:
+        stuck = len(estimates) > 2 and best.estimate > max(LARGE, max(estimates[:-1]) / CHAOTIC)
+        if system.guards is not None and stuck:
             return replace(best, notes=(*best.notes, CHAOS.format(max(estimates[:-1]), best.estimate)))
-        least = (0.5 * accuracy / best.estimate) ** (1 / _fall(told))
-        wanted = tight.tolerance * float(np.clip(least, *(FINER if system.guards is None else FINER_WITH_IMPACTS)))
+        falls = (0.5 * accuracy / best.estimate) ** (1 / fall_shown(told))
+        wanted = tight.tolerance * float(np.clip(falls, *(FINER if system.guards is None else FINER_WITH_IMPACTS)))
         tight = _with_rtol(tight, max(wanted, limit))
     return best
 
@@ -247,16 +255,6 @@ def closer(asked: Asked, solver: Solver, count: int, kept: int) -> Asked:
     """`asked` for a run that follows `count` others, with shorter longest steps than theirs; kept: how many of these were the
     first companions."""
     return replace(asked, share=CLOSER**count, impacts=solver.impacts * CLOSER_IMPACTS ** (count - kept))
-
-
-def _fall(told: list[tuple[float, float]]) -> float:
-    """The power of the tolerance with which the error is assumed to fall: FALL, or the power that the last two runs showed where
-    that is smaller, as where looser runs leave out vibrations that tighter ones resolve. told: tolerance and estimate of every
-    run."""
-    if len(told) < 2:
-        return FALL
-    (loose, before), (tight, now) = told[-2:]
-    return min(max(math.log(before / now) / math.log(loose / tight), SLOW), FALL) if 0 < now < before else SLOW
 
 
 def _cuts(system: System, solver: Solver, end: float) -> int:
@@ -319,6 +317,8 @@ def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled
                 most = 10 * solution.stats.residuals + 10000
                 close = probe.solver.run(beginning_at(probe.system, solution, begin),
                                          Asked(end, max_residuals=most, share=SHARE))  # fmt: skip
+        except WallClockError:
+            raise
         except SolverError as error:
             if error.solution is None or len(error.solution.t) < 3:
                 return replace(run, estimate=float("inf"), others=()).after(1, cpu_of(error))

@@ -39,9 +39,9 @@ SEEN, VISIBLE = 1e3, 0.03
 #: of its root less SPARE: methods of low order damp what oscillates and grows slowly, at steps that follow the oscillation
 KEEPS, SPARE = 0.8, 0.5
 CLOSER = 2.0  #: a part of a run in which one is behind gets a bound of this fraction of its step
-#: where bounds by growth are in force, the error is at least this many times the difference of a run from its companion: methods
-#: of varying order follow an unseen disturbance at a low one (measured with IDA, 2.4 times)
-AT_LEAST = 2.0
+#: where bounds by growth are in force, the error is at least this many times the difference of a run from its companion; the
+#: second number is for BDF, which follow an unseen disturbance at a low order (measured with IDA, 2.4 times)
+AT_LEAST = (1.0, 2.0)
 #: growth (natural logarithm of the factor) by equations that vary in time from which on steps have to follow it
 VARYING = 2.0
 #: numbers of states of a run at which roots are sought, by the largest number of unknowns for each; LAST with still more. Where
@@ -143,3 +143,8 @@ def left_behind(parts: Sequence[Growth]) -> list[str]:
     return [f"from about t = {slow[0].begin:.4g} to {slow[-1].end:.4g} s small disturbances grow at {fastest:.3g} 1/s, which the "
             "steps do not follow, so that a disturbance may fade in the run although it grows in the equations; take steps of "
             f"{FOLLOWED / fastest:.2g} s or less, or a solver with error control"]
+
+
+def at_least(solver: Solver) -> float:
+    """Smallest ratio of the error to the difference of a run from its companion where steps are bounded by growth."""
+    return AT_LEAST[solver.bdf_order > 0]
