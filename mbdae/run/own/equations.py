@@ -141,7 +141,7 @@ class OwnRun:
     def result(self, run: Controlled, choice: str) -> Unknowns:
         """The result with its warnings, each also issued as an AccuracyWarning."""
         known = self._accuracy(run)
-        notes = [*missed(known, run), *(run.notes if known.met is not True else ()), *doubts_of_steps(run)]
+        notes = [*missed(known, run), *(run.notes if known.met is not True else ()), *doubts_of_steps(run, known.asked)]
         if known.met is False and notes and known.worst:
             notes[0] = f"{notes[0]}; the unknown that is farthest off is {known.worst}"
         reliable = not run.hidden and not run.solution.stats.missed_dips
