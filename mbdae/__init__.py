@@ -57,6 +57,7 @@ if TYPE_CHECKING:
         Weld,
     )
     from mbdae.reports.report import report
+    from mbdae.run.own.equations import DAE
     from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive, Stop
     from mbdae.scene.section import Section
     from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Sphere
@@ -65,7 +66,6 @@ if TYPE_CHECKING:
     from mbdae.symbolic.joint import Joint
     from mbdae.symbolic.law import Force, params
     from mbdae.system.base import Switches
-    from mbdae.system.dae import DAE
 
 __version__ = "0.3.0"
 
@@ -74,7 +74,7 @@ _HOME = {
     "Audit": "mbdae.audit", "Box": "mbdae.scene.shapes", "CVODE": "mbdae.integrators.sundials.cvode",
     "Classical": "mbdae.scene.components", "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.laws.friction",
     "Coupling": "mbdae.symbolic.coupling", "Cylinder": "mbdae.scene.shapes", "Cylindrical": "mbdae.laws.joints",
-    "DAE": "mbdae.system.dae", "DOP853": "mbdae.integrators.runge_kutta.dop853", "Distance": "mbdae.laws.joints",
+    "DAE": "mbdae.run.own.equations", "DOP853": "mbdae.integrators.runge_kutta.dop853", "Distance": "mbdae.laws.joints",
     "Export": "mbdae.export", "FixedOrientation": "mbdae.laws.joints", "Force": "mbdae.symbolic.law", "Free": "mbdae.laws.joints",
     "Friction": "mbdae.laws.friction", "GGL": "mbdae.formulations",
     "GeneralizedAlpha": "mbdae.integrators.alpha.generalized_alpha", "HHT": "mbdae.integrators.alpha.generalized_alpha",

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from mbdae.threads import limit_what_was_loaded
 
 __all__ = ["LinearOperator", "as_full", "bmat", "connected_components", "csc_matrix", "csr_matrix", "cython_lapack", "dijkstra",
-           "distinct", "eigsh", "eigvals", "entries_of", "identity", "issparse", "maximum_flow", "median", "qr", "sp",
-           "splu"]  # fmt: skip
+           "distinct", "eigsh", "eigvals", "entries_of", "group_columns", "identity", "issparse", "maximum_flow", "median", "qr",
+           "sp", "splu"]  # fmt: skip
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
     from scipy.linalg import cython_lapack, eigvals, qr
+    from scipy.optimize._numdiff import group_columns
     from scipy.sparse import bmat, csc_matrix, csr_matrix, identity, issparse
     from scipy.sparse.csgraph import connected_components, dijkstra, maximum_flow
     from scipy.sparse.linalg import LinearOperator, eigsh, splu
@@ -49,6 +50,7 @@ else:
     csr_matrix, identity = _Deferred("scipy.sparse", "csr_matrix"), _Deferred("scipy.sparse", "identity")
     cython_lapack, qr = _Deferred("scipy.linalg.cython_lapack"), _Deferred("scipy.linalg", "qr")
     eigvals = _Deferred("scipy.linalg", "eigvals")
+    group_columns = _Deferred("scipy.optimize._numdiff", "group_columns")
     connected_components = _Deferred("scipy.sparse.csgraph", "connected_components")
     dijkstra = _Deferred("scipy.sparse.csgraph", "dijkstra")
     maximum_flow = _Deferred("scipy.sparse.csgraph", "maximum_flow")

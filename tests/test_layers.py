@@ -22,8 +22,8 @@ LAYERS = [
     {"deferred", "disk", "limits"}, {"threads"}, {"costs", "memory", "notation", "errors", "forks", "ties", "display"},
 ]  # fmt: skip
 #: parts of `system` from the bottom up, as its docstring says
-SYSTEM = ["base", "partition", "dae", "model", "motion", "start", "rank", "assembled", "prepare", "distance", "sampling",
-          "scene_system", "without_multipliers"]  # fmt: skip
+SYSTEM = ["base", "differences", "shown_index", "partition", "dae", "model", "motion", "start", "rank", "assembled", "prepare",
+          "distance", "sampling", "scene_system", "without_multipliers"]  # fmt: skip
 LEVEL = {name: len(LAYERS) - i for i, names in enumerate(LAYERS) for name in names}
 #: the System interface is all an integrator sees; kernels are called by these alone
 KERNELS_CALLED_BY = {"system", "results", "run", "contracts", "export"}

@@ -17,11 +17,12 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from mbdae.errors import OptionError
+from mbdae.errors import OptionError, warn
 from mbdae.inputs.resolution import Bound, divided, with_edges
 from mbdae.integrators.checkpoints.keeper import active
 from mbdae.integrators.checkpoints.record import Record
 from mbdae.integrators.loop import StepLoop
+from mbdae.integrators.rejections import said
 from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.limits import came
 from mbdae.system.base import Array, System
@@ -146,19 +147,10 @@ class Solver(ABC):
             )
         return replace(self, rtol=min(rtol, 0.1))  # type: ignore[type-var]
 
-    def solve(
-        self,
-        system: System,
-        t_end: float,
-        outputs: int | Sequence[float] | Array | None = None,
-        *,
-        max_wall: float | None = None,
-        progress: Callable[[float, float, Stats], None] | None = None,
-        h0: float | None = None,
-        max_residuals: float | None = None,
-        begin: float | None = None,
-        share: float | None = None,
-    ) -> Solution:
+    def solve(self, system: System, t_end: float, outputs: int | Sequence[float] | Array | None = None, *,
+              max_wall: float | None = None, progress: Callable[[float, float, Stats], None] | None = None,
+              h0: float | None = None, max_residuals: float | None = None, begin: float | None = None,
+              share: float | None = None) -> Solution:  # fmt: skip
         """Integrate from system.t0 to t_end.
 
         outputs: number of equally spaced times, or the times; max_wall: s of wall time before a SolverError;
@@ -169,8 +161,11 @@ class Solver(ABC):
         At a break of an input of time a step ends, and the method restarts there. OptionError where another thread runs this
         System. Ctrl-C raises KeyboardInterrupt, whose attribute `solution` is the Solution so far.
         """
-        return self.run(system, Asked.of(system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0,
-                                         max_residuals=max_residuals, begin=begin, share=share))  # fmt: skip
+        asked = Asked.of(system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0, max_residuals=max_residuals,
+                         begin=begin, share=share)  # fmt: skip
+        if doubt := system.doubt(asked.t_end - float(system.t0)):
+            warn(doubt)
+        return said(self.run(system, asked))
 
     def run(self, system: System, asked: Asked) -> Solution:
         """`solve` with options that have been read."""

@@ -16,7 +16,7 @@ from mbdae.errors import LibraryError
 from mbdae.native import build
 
 #: version number of the interface between C and Python. It has to equal `mbdae_interface` of version.c, or the library is refused
-INTERFACE = 12
+INTERFACE = 13
 
 
 @cache

@@ -44,6 +44,7 @@ class Method:
 
     inner = 0  #: number of points inside a step at which dense output is stored, see `Steps.pieces`
     prefix: str  #: prefix of the names of the solver's functions in SUNDIALS: IDA or CVode
+    jacobian: str  #: function of sundials.c that makes the Jacobian
 
     def __init__(self, equations: Equations, settings: Settings, start: tuple[float, Array, Array]) -> None:
         self.equations, self.settings, self.signals = equations, settings, Signals()
@@ -226,13 +227,16 @@ class Method:
     def _set_up(self, t: float, matrix: int, solver: int) -> None:
         settings, user = self.settings, ctypes.addressof(self.run)
         self._initialise(t)
-        self._call("SVtolerances", settings.rtol, self._tolerances)
+        self._set_tolerances()
         self._call("SetUserData", user)
         self._call("SetLinearSolver", solver, matrix)
-        self._call("SetJacFn", getattr(self.C, f"{self.prefix.lower()}_jacobian"))
+        self._call("SetJacFn", getattr(self.C, self.jacobian))
         self._call("SetMaxOrd", settings.order)
         self._call("SetInitStep", settings.first_step)
         self._call("SetMaxNumSteps", -1)  # a negative number: steps are not limited
+
+    def _set_tolerances(self) -> None:
+        self._call("SVtolerances", self.settings.rtol, self._tolerances)
 
     def _start_vectors(self) -> tuple[int, ...]:
         return (self._y,)
@@ -247,13 +251,20 @@ class Method:
 class Ida(Method):
     """IDA: variable-order BDF for F(t, y, y') = 0.
 
-    pattern: sparsity pattern of the Jacobian (CSC), None: full; sparse: whether linear systems are solved by SuperLU_MT."""
+    pattern: sparsity pattern of the Jacobian (CSC), None: full; sparse: whether linear systems are solved by SuperLU_MT;
+    differences: whether the (full) Jacobian is made by differences of the residual; relaxing: whether
+    tolerances may be widened for a while where steps stay short (`relax` of sundials.c)."""
 
     prefix = "IDA"
 
-    def __init__(self, *args: Any, pattern: Any = None, sparse: bool = False) -> None:
-        self._pattern, self._sparse = pattern, sparse
+    def __init__(self, *args: Any, pattern: Any = None, sparse: bool = False, differences: bool = False,
+                 relaxing: bool = False) -> None:  # fmt: skip
+        self._relaxing = relaxing
+        self._pattern, self._sparse, self.jacobian = pattern, sparse, "ida_differences" if differences else "ida_jacobian"
         super().__init__(*args)
+
+    def _set_tolerances(self) -> None:
+        self._call("WFtolerances", self.C.ida_weights)
 
     def _linear_solver(self) -> tuple[int, int]:
         """Make a dense matrix and its linear solver, or a sparse matrix of the pattern and SuperLU_MT; returns their
@@ -276,7 +287,10 @@ class Ida(Method):
         return int(self.S.IDACreate(self._context))
 
     def _initialise(self, t: float) -> None:
-        self.run.ida, self.run.until = _pointer(self.S.IDASolve), _pointer(self.S.IDASetStopTime)
+        run, S = self.run, self.S
+        run.ida, run.until = _pointer(S.IDASolve), _pointer(S.IDASetStopTime)
+        run.errors = _pointer(S.IDAGetEstLocalErrors) if self._relaxing else None
+        run.wider = self._address(np.ones(self.n))
         self._call("Init", self.C.ida_residual, t, self._y, self._yp)
 
     def _start_vectors(self) -> tuple[int, ...]:
@@ -289,7 +303,7 @@ class Cvode(Method):
     multistep: ADAMS or BDF; nodes: fractions of a step at which dense output of CVODE is stored in `Steps.pieces`. tame: where it
     is above 0, dense output is stored only for steps longer than `tame` times the step before."""
 
-    prefix, inner = "CVode", 4
+    prefix, jacobian, inner = "CVode", "cvode_jacobian", 4
 
     def __init__(self, *args: Any, multistep: int, nodes: Array, tame: float = 0.0) -> None:
         self._multistep, self._nodes, self._tame = multistep, np.array(nodes), tame

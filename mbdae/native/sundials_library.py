@@ -31,6 +31,7 @@ _IDA = {
     "SUNSparseMatrix_IndexPointers": (_P, _P), "SUNSparseMatrix_IndexValues": (_P, _P),
     "SUNSparseFromDenseMatrix": (_P, _P, _D, _I), "IDACreate": (_P, _P), "IDAInit": (_I, _P, _P, _D, _P, _P),
     "IDAReInit": (_I, _P, _D, _P, _P), "IDASolve": (_I, _P, _D, _P, _P, _P, _I),
+    "IDAGetEstLocalErrors": (_I, _P, _P), "IDAWFtolerances": (_I, _P, _P),
 }  # fmt: skip
 _CVODE = {
     "CVodeCreate": (_P, _I, _P), "CVodeInit": (_I, _P, _P, _D, _P), "CVodeReInit": (_I, _P, _D, _P),

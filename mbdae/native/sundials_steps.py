@@ -30,6 +30,8 @@ class Run(ctypes.Structure):
         ("renew", Whole), ("renewing", Whole), ("fresh", Whole), ("t", Number), ("cj", Number), ("y", Pointer), ("yp", Pointer),
         ("values", Pointer), ("jacobian_t", Number), ("jacobian_y", Pointer), ("from_t", Number), ("last_step", Number),
         ("from_y", Pointer), ("from_yp", Pointer), ("inner", Pointer), ("pieces", Whole),
+        ("errors", Pointer), ("wider", Pointer), ("window", Whole), ("before", Whole),
+        ("relaxed", Whole), ("least", Number), ("most_of_window", Number), ("most_of_run", Number),
     )  # fmt: skip
 
 

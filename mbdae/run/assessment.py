@@ -53,7 +53,7 @@ def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
     off, broken = _broken_rows(found.prepared, run, known.asked)
     of_run = run.notes if known.met is False or run.solver.fixed or known.asked is None else ()
     rows = (joint_drift(found.prepared, run, known.asked) if drifts else []) or broken
-    notes = [*_missed(known, run), *of_run, *rows, *doubts(found.prepared), *doubts_of_steps(run, known.asked), *contact.notes,
+    notes = [*missed(known, run), *of_run, *rows, *doubts(found.prepared), *doubts_of_steps(run, known.asked), *contact.notes,
              *singular, *_growth(found.prepared, run, known.asked), *unequal_lengths(found), *turned_aside(found),
              *energy_drift(found, run, known.asked)]  # fmt: skip
     reliable = contact.reliable and off <= TORN and not run.solution.stats.missed_dips
@@ -82,7 +82,7 @@ def turned_aside(result: Result) -> list[str]:
     return found
 
 
-def _missed(known: Accuracy, run: Controlled) -> list[str]:
+def missed(known: Accuracy, run: Controlled) -> list[str]:
     """Warnings where the estimated error of the integration in time, or that of the mesh of beams, exceeds the accuracy asked."""
     asked, notes = known.asked, []
     if asked is None:

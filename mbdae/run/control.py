@@ -117,6 +117,8 @@ def measure_of(system: System, prepared: Prepared | None) -> Measure:
     """The function that measures the distance between two trajectories of a system: of motions for a scene, else of unknowns."""
     if prepared is not None and isinstance(system, SceneSystem):
         return partial(distance, prepared)
+    if system.measure is not None:
+        return system.measure  # type: ignore[no-any-return]
     return lambda t, a, b: scaled_distance(system, a, b)
 
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mbdae.deferred import median
+from mbdae.integrators.rejections import rejecting
 from mbdae.notation import counted
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.clearance import ClearanceSensor
@@ -223,4 +224,4 @@ def doubts_of_steps(run: Controlled, asked: float | None = None) -> list[str]:
     if 0 < stats.shortest_contact < FEW_STEPS and not compared(run, asked):
         found.append(f"the shortest contact took {counted(stats.shortest_contact, 'step')}: impacts are not resolved; use a "
                      f"smaller rtol or step")  # fmt: skip
-    return found
+    return [*found, text] if (text := rejecting(run.solution)) else found

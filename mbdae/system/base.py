@@ -147,6 +147,8 @@ class System:
 
 
     kept: Kept | None = None  #: results that solvers store for later runs of the same equations; None: nothing is stored
+    #: whether `jacobian` is made by differences of the residual, for which a method may have its own
+    differences: bool = False
     #: optional parts of the interface, None where a system does not have them. rhs: function (t, y, out) with out[:] = y'
     rhs: Any = None
     rate_jacobian: Any = None  #: function (t, y) -> dy'/dy (n, n), for systems with `rhs`
@@ -161,6 +163,8 @@ class System:
     #: derivative, and the duration in s of an impact at the present approach speed (> 0; inf: no impact). Adaptive
     #: solvers shorten their steps where a contact is near, so that none is stepped over
     guards: Callable[[float, Array], tuple[Array, Array, Array]] | None = None
+    #: function (times, trajectory, trajectory) -> distance over time by which runs are compared; None: that of `run.control`
+    measure: Any = None
     #: name of each contact, used in messages; contacts beyond the length of this tuple are called "contact[i]"
     guard_names: tuple[str, ...] = ()
     #: unit of each gap, m or rad; m for contacts beyond the length of this tuple
@@ -211,6 +215,10 @@ class System:
         continue, because some of the constraint rows of this one are about to become dependent; None: continue with this one."""
         return None
 
+    def doubt(self, span: float) -> str:
+        """What a solver should warn of before a run of `span` (s), in words; "": nothing."""
+        return ""
+
     def memory(self) -> dict[str, Any]:
         """The state of these equations that is not in y and that a continued run needs: plain values and arrays."""
         return {}
@@ -253,6 +261,16 @@ class System:
         self.jacobian(t, y, yp, 0.0, fy)
         self.jacobian(t, y, yp, 1.0, both)
         return fy, both - fy
+
+    def dense_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        """dF/dy and dF/dy' as full matrices (n, n)."""
+        fy, fyp = self.jacobian_parts(t, y, yp)
+        if not self.sparse:
+            return fy, fyp
+        full = np.zeros((2, self.n, self.n))
+        rows, columns = self.sparsity.indices, np.repeat(np.arange(self.n), np.diff(self.sparsity.indptr))
+        full[0, rows, columns], full[1, rows, columns] = fy, fyp
+        return full[0], full[1]
 
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """dF/dy and dF/dy' as two arrays (nnz,) of data of `pattern`, for systems that have one."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,14 +13,18 @@ from mbdae.deferred import csc_matrix, issparse
 from mbdae.errors import OptionError
 from mbdae.notation import counted
 from mbdae.system.base import Array, Switches, System
+from mbdae.system.differences import Differences
 from mbdae.system.partition import checked_partition
+from mbdae.system.shown_index import contradiction
 from mbdae.ties import largest
 from mbdae.values import array, function, number, of_class, option, optional, sequence, shown, text
 
 #: largest residual of an equation at the start that is accepted, over the magnitude of its terms as estimated from its
 #: derivatives and the scales of the unknowns
 START_TOLERANCE = 1e-6
-ROOT_EPS = float(np.sqrt(np.finfo(float).eps))
+#: name of a method of DAE -> function that does it; entered by the module that has it (`run.own.equations`), on which this one
+#: must not depend
+ATTACHED: dict[str, Callable[..., Any]] = {}
 
 
 class DAE(System):
@@ -28,8 +33,9 @@ class DAE(System):
     residual  (t, y, yp, out) that fills out (n,), or the same returning an array (n,)
     y0, yp0   (n,) consistent start at t0
     jacobian  (t, y, yp, cj, out) that fills out with dF/dy + cj dF/dy', or the same returning it; out is (n, n),
-              or (nnz,) CSC data where `sparsity` is given. None: forward differences column by column
-              (2 n residuals per evaluation, six to eight correct digits: give an exact one for rtol below 1e-8)
+              or (nnz,) CSC data where `sparsity` is given. None: forward differences, by IDA along
+              (y, cj y') (n residuals), for others of y and y' (2 n); with a pattern fewer, as columns that have no row in
+              common are changed together. Six to eight digits are right: give an exact one for rtol below 1e-8
     index     index of the variables: one number for the system, or (n,) as in RADAU5: 1 differential or
               index-1 algebraic, 2, 3. One number is given to all algebraic unknowns (no derivative of which is in F), and 1
               to the others; with 3, those whose derivative is in an equation with an algebraic unknown get 2
@@ -45,6 +51,8 @@ class DAE(System):
     rhs       (t, y, out) that fills out with y' (n,), or the same returning it, where nothing is constrained; what CVODE needs"""
 
     label = "DAE"
+    _doubt: str | None = None
+    declared: int | None = None  #: the index, where one number was given for the system
 
     def __init__(
         self,
@@ -75,11 +83,14 @@ class DAE(System):
         self._function = option("residual", residual, function, "give a function F(t, y, y', out)", takes="t, y, yp, out")
         self._jacobian = optional("jacobian", jacobian, function, "give a function J(t, y, y', cj, out), or None",
                                   takes="t, y, yp, cj, out")  # fmt: skip
+        self._own_differences = Differences(self.residual, self.scale, self.sparsity)
+        self.by_differences = jacobian is None
+        self.differences = self.by_differences and self.sparsity is None
         self.guards = optional("guards", guards, function, "give a function (t, y), or None", takes="t, y")
         optional("switches", switches, of_class, "give mb.Switches(...), or None", base=Switches)
         self._check_residual()
         self._check_jacobian()
-        parts = [self._dense_parts(*point) for point in self._probes()]
+        parts = [self.dense_parts(*point) for point in self.probes()]
         self._check_start(self.yp0, *parts[0], "the start is not consistent", "correct y0 or yp0")
         self._rates: Any = optional("rhs", rhs, function, "give a function f(t, y, out), or None", takes="t, y, out")
         if self._rates is not None:
@@ -89,6 +100,8 @@ class DAE(System):
                 row = int(np.flatnonzero(~np.isfinite(rates))[0])
                 raise OptionError(f"rhs: y'[{row}] = {rates[row]} at the start t = {self.t0:g} s: fill every entry of out, and "
                                   "check its formula")  # fmt: skip
+            if jacobian is None:
+                self.rate_jacobian = partial(self._own_differences.of_rates, self.rhs)
             self._check_start(rates, *parts[0], "rhs contradicts the residual", "correct one of the two functions")
         self.index = self._checked_index(index, parts)
         algebraic = (self.index > 1) & ~np.any([fyp != 0 for _, fyp in parts], axis=(0, 1))
@@ -97,6 +110,28 @@ class DAE(System):
             self.partition, self.kinds = checked_partition(self, partition)
         self.guard_names = self._checked_guards(guard_names)
         self.switches = self._checked_switches(switches)
+
+    def doubt(self, span: float) -> str:
+        """What the declared index contradicts in the equations, in words; "" where it does not. span: time of the run, s."""
+        if self._doubt is None:
+            self._doubt = contradiction(self, span)
+        return self._doubt
+
+    def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Any = None,
+                 outputs: int | Sequence[float] | Array = 201, *, max_wall: float | None = None,
+                 progress: Callable[..., None] | bool | None = None) -> Any:  # fmt: skip
+        """Integrate to t_end (s), so that the error over the run is within `accuracy`: that of every unknown, multipliers too,
+        over its largest value in the run or, where that is more, over 1e-3 of its `scale`. Returns the unknowns over time:
+        `r["x"]` by name, `.t`, `.accuracy`, `.warnings`, `.reliable`, `r(t)` at other times.
+
+        The error is estimated from a companion run at a looser tolerance, and the run repeated with a tighter one where needed.
+        solver: an object, a class or a name; by default chosen. One with a tolerance or step of its own runs once, and its error
+        is not known. outputs: a number of equally spaced times, or the times (s). max_wall: limit of wall-clock time (s).
+        progress: True shows a bar; a function is called as progress(t, t_end, stats).
+        Raises OptionError, before anything is solved, where the declared index is not that of the equations, or where the start
+        violates a derivative of a constraint; SolverError where a solver cannot go on. Its attribute `solution`, like that of the
+        KeyboardInterrupt of Ctrl-C, is the result until then."""
+        return ATTACHED["simulate"](self, t_end, accuracy, solver, outputs, max_wall, progress)
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp)."""
@@ -114,45 +149,12 @@ class DAE(System):
         """dF/dy and dF/dy'."""
         if self._jacobian is not None:
             return super().jacobian_parts(t, y, yp)
-        fy, fyp = self._differences(t, y, yp)
-        if self.sparsity is None:
-            return fy, fyp
-        rows, columns = self._entries()
-        return fy[rows, columns], fyp[rows, columns]
+        return self._own_differences.parts(t, y, yp)
 
     def _filled_rates(self, t: float, y: Array, out: Array) -> None:
         _fill("rhs", self._rates(t, y, out), out, t)
 
-    def _differences(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        """Forward differences (n, n) with increments of sqrt(eps) times the magnitude of each argument."""
-        base, shifted = np.empty(self.n), np.empty(self.n)
-        self.residual(t, y, yp, base)
-        parts = np.empty((2, self.n, self.n), order="F")
-        arguments = [np.array(y, dtype=float), np.array(yp, dtype=float)]
-        for which, x in enumerate(arguments):
-            for j in range(self.n):
-                kept = x[j]
-                x[j] = kept + ROOT_EPS * max(abs(kept), self.scale[j]) * (1.0 if kept >= 0 else -1.0)
-                self.residual(t, arguments[0], arguments[1], shifted)
-                with np.errstate(invalid="ignore"):  # inf - inf: the solver reports that the equations are not finite there
-                    parts[which, :, j] = (shifted - base) / (x[j] - kept)
-                x[j] = kept
-        return parts[0], parts[1]
-
-    def _entries(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Row and column (nnz,) of the entries of the pattern."""
-        return self.sparsity.indices, np.repeat(np.arange(self.n), np.diff(self.sparsity.indptr))
-
-    def _dense_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        fy, fyp = self.jacobian_parts(t, y, yp)
-        if self.sparsity is None:
-            return fy, fyp
-        full = np.zeros((2, self.n, self.n))
-        rows, columns = self._entries()
-        full[0, rows, columns], full[1, rows, columns] = fy, fyp
-        return full[0], full[1]
-
-    def _probes(self) -> list[tuple[float, Array, Array]]:
+    def probes(self) -> list[tuple[float, Array, Array]]:
         """States (t, y, y') at which the pattern of the Jacobian is found: the start, where entries may be 0 by chance, and two
         points near it."""
         wave = np.sin(1.0 + np.arange(self.n))
@@ -249,7 +251,7 @@ class DAE(System):
 
     def _checked_index(self, index: Any, parts: list[tuple[Array, Array]]) -> NDArray[np.int_]:
         """Index (n,) of each unknown, from the option `index` (one number or (n,)). parts: dF/dy and dF/dy' at the states of
-        `_probes`, which show what unknowns the equations contain."""
+        `probes`, which show what unknowns the equations contain."""
         remedy = f"give 1, 2 or 3, or {self.n} of them, one per unknown"
         values: Array = option("index", index, array, remedy)
         if values.shape not in ((), (self.n,)) or not np.isin(values, (1, 2, 3)).all():
@@ -259,6 +261,7 @@ class DAE(System):
         present_y = np.any([fy != 0 for fy, _ in parts], axis=0)
         present_yp = np.any([fyp != 0 for _, fyp in parts], axis=0)
         algebraic = ~present_yp.any(axis=0)
+        self.declared = int(values)
         result = np.where(algebraic, int(values), 1)
         if values == 3:
             forced = present_y[:, algebraic].any(axis=1)

@@ -49,7 +49,8 @@ ELSEWHERE = {
     "System.accept": "interface", "System.read_at": "interface", "System.jacobian": "interface", "System.residual": "interface",
     "System.jacobian_parts": "interface", "System.jacobian_values": "interface", "System.residual_stages": "interface",
     "System.starting": "interface", "System.sampling": "interface", "System.renewed": "interface",
-    "System.restarted": "interface", "System.numbers": "interface",
+    "System.restarted": "interface", "System.numbers": "interface", "System.dense_parts": "between modules",
+    "System.doubt": "between modules",
     "_Alpha.doubts": "interface", "OneStep.advance": "interface", "Stepped.with_step": "between modules",
     "RunStates.coordinate": "between modules", "RunStates.coordinates": "between modules",
     "RunStates.coordinate_at": "between modules", "RunStates.observed": "between modules",
@@ -228,6 +229,9 @@ CALLS: dict[str, Call] = {
         "residual": residual, "y0": [1.0, 2.0, 3.0], "yp0": [-1.0, -2.0, -3.0], "jacobian": jacobian, "index": 1,
         "names": ["a", "b", "c"], "t0": 0.0, "scale": 1.0, "sparsity": None, "guards": guards, "guard_names": ["gap"],
         "switches": _parts(), "partition": None, "rhs": None}),
+    "DAE.simulate": Call(lambda: dae().simulate, lambda: {
+        "t_end": 0.1, "accuracy": 1e-6, "solver": mb.IDA(), "outputs": 3, "max_wall": 60.0, "progress": None},
+        "mbdae.run.own.equations.OwnRun"),
     "Switches": Call(lambda: mb.Switches, lambda: {"arguments": tell, "kinds": ("kink",), "weights": [1.0], "names": ("a",)}),
     "Scene.check": Call(lambda: scene().check, lambda: {"accuracy": 1e-6}, "mbdae.api.check_scene"),
     "Scene.system": Call(lambda: scene().system, lambda: {"form": None, "start": None}, "mbdae.api.system_for"),
@@ -311,6 +315,7 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("GGL", "algebraic"): (FLAGS, "a switch"), ("ODE", "mixed"): (FLAGS, "a switch"), ("sweep", "again"): (FLAGS, "a switch"),
     **{(f"Scene.{name}", "out_of_plane"): (FLAGS, "a switch") for name in ("equilibrium", "linearize")},
     ("Scene.simulate", "verify"): (FLAGS, "a switch"), ("Scene.simulate", "progress"): (FLAGS, "a bar, or none"),
+    ("DAE.simulate", "progress"): (FLAGS, "a bar, or none"),
     ("audit", "quantities"): ({"a dict"}, "quantities that are numbers"),
     ("Index1", "baumgarte"): ({"a list"}, "a pair"), ("compare", "reference"): ({"a lambda"}, "a function of time"),
     ("compare", "max_wall"): ({"none"}, "no bound"), ("extremes", "max_wall"): ({"none"}, "no bound"),
@@ -336,7 +341,8 @@ SIZES: list[tuple[set[str], str]] = [
      "IDA.atol CVODE.atol DOP853.atol RadauIIA.atol RadauIIA.step GeneralizedAlpha.step HHT.step OneStep.step "
      "Solver.solve.t_end Solver.solve.max_wall measure_order.t_end "
      "Solver.solve.h0 Solver.solve.max_residuals DAE.scale Scene.floquet.period Scene.simulate.t_end "
-     "Scene.simulate.max_wall compare.t_end compare.max_wall extremes.t_end extremes.max_wall Result.animate.speed "
+     "Scene.simulate.max_wall DAE.simulate.t_end DAE.simulate.max_wall compare.t_end compare.max_wall extremes.t_end "
+     "extremes.max_wall Result.animate.speed "
      "ComparisonData.cheapest.accuracy"),
     ({"zero", "a half"}, "GeneralizedAlpha.rho Solution.__call__.t Solution.derivative.t Result.__call__.t RunStates.states.t "
                          "RunStates.stresses.t Result.state_for.t"),

@@ -97,7 +97,8 @@ class _Run(SundialsRun):
 
             return IdaByPython(system, self.settings(order), start)
         return native.Ida(equations_of(system), self.settings(order), start, sparse=sparse,
-                          pattern=system.sparsity if sparse else system.pattern)  # fmt: skip
+                          pattern=system.sparsity if sparse else system.pattern, differences=system.differences,
+                          relaxing=self.watch is None)  # fmt: skip
 
     def diagnosis(self, reason: str) -> SolverError:
         last, correction = self.last, self._newton_correction()

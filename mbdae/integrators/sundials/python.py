@@ -143,7 +143,21 @@ class IdaByPython(PythonMethod):
         with self:
             self.cj = cj
             self._jacobians += 1
-            self.system.jacobian(t, y, yp, cj, out)
+            if self.system.differences:
+                self._differences(t, y, yp, res, cj, out)
+            else:
+                self.system.jacobian(t, y, yp, cj, out)
+
+    def _differences(self, t: float, y: Array, yp: Array, res: Array, cj: float, out: Array) -> None:
+        """`ida_differences` of native/sundials.c in Python."""
+        tolerance = self.settings.rtol * np.abs(y) + self.settings.atol
+        size = np.maximum(2.0**-26 * np.maximum(np.abs(y), np.abs(yp / cj)), tolerance)
+        step, moved = (y + np.copysign(size, yp / cj)) - y, np.empty(len(y))
+        for j in range(len(y)):
+            one = np.arange(len(y)) == j
+            self.system.residual(t, y + one * step, yp + one * cj * step, moved)
+            self._residuals += 1
+            out[:, j] = (moved - res) / step[j]
 
 
 class CvodeByPython(PythonMethod):

@@ -1,0 +1,1 @@
+"""Runs of equations of a user's own, `mb.DAE`."""

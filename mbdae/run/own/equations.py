@@ -1,0 +1,182 @@
+"""Runs of equations of a user's own (`mb.DAE.simulate`): from an accuracy to a run with its error and its warnings.
+
+What runs of scenes have, these have by the same functions: companions and estimates (`control`), words of warnings
+(`assessment`). What differs is the measure, which is every unknown by itself, and what is checked before the run: the declared
+index (`system.shown_index`) and the start (`start`).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings as python_warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from copy import copy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import (
+    FINAL,
+    AccuracyWarning,
+    OptionError,
+    SolverError,
+    warn,
+    with_text_when_interrupted,
+)
+from mbdae.integrators.base import Asked, Solver, end_after, output_times
+from mbdae.integrators.named import solver_of
+from mbdae.integrators.runge_kutta.dop853 import DOP853
+from mbdae.integrators.runge_kutta.radau import RadauIIA
+from mbdae.integrators.solution import Solution
+from mbdae.integrators.sundials.ida import IDA
+from mbdae.results.result import RunInfo
+from mbdae.results.unknowns import Unknowns, UnknownsAccuracy, UnknownsDistance
+from mbdae.run.assessment import missed
+from mbdae.run.control import SHALLOW, Controlled, cpu_of, plausible, run_controlled
+from mbdae.run.hidden_contacts import hidden_contacts
+from mbdae.run.own.start import inconsistency
+from mbdae.run.progress import progress_of
+from mbdae.run.reliability import doubts_of_steps
+from mbdae.system.base import Array
+from mbdae.system.dae import ATTACHED
+from mbdae.system.dae import DAE as DAE
+from mbdae.threads import single_threaded
+from mbdae.values import number, optional
+
+RUN_ONCE = "not estimated: the solver ran once, as it was given; leave out its rtol, atol or step"
+#: accuracy below which Radau IIA with 5 stages is tried first, which is cheaper there than that with 3; with unknowns of index 2
+#: or 3, whose errors fall more slowly, from a larger one on
+TIGHT, TIGHT_MULTIPLIERS = 1e-8, 1e-5
+#: number of evaluations after which the explicit method, where it was chosen, gives way to Radau IIA: the equations are stiff
+EXPLICIT = 30_000
+
+
+@with_text_when_interrupted
+@single_threaded
+def simulate(dae: DAE, t_end: float, accuracy: float, solver: Any, outputs: Any, max_wall: Any, progress: Any) -> Unknowns:
+    """`DAE.simulate`."""
+    accuracy = plausible(accuracy)
+    method = solver_of(solver) if solver is not None else None
+    end = end_after(dae.t0, t_end)
+    times = output_times(dae.t0, end, outputs)
+    wall = optional("max_wall", max_wall, number, "give a positive number of seconds, or None", above=0)
+    _refuse(dae, end - dae.t0)
+    run = OwnRun(dae, accuracy, Asked(end, max_wall=wall, progress=progress_of(progress)), times)
+    return run.result(*(run.chosen() if method is None else (run.by(method), "")))
+
+
+def _refuse(dae: DAE, span: float) -> None:
+    """Raise OptionError for a declared index that the equations contradict, and for a start that they leave at once."""
+    if wrong := dae.doubt(span):
+        raise OptionError(wrong)
+    if wrong := inconsistency(dae, span):
+        raise OptionError(wrong)
+
+
+class OwnRun:
+    """One call of `simulate`. system: the equations with the measure of every unknown."""
+
+    def __init__(self, dae: DAE, accuracy: float, asked: Asked, times: Array) -> None:
+        self.accuracy, self.asked, self.times = accuracy, replace(asked, begin=time.perf_counter()), times
+        self.distance = UnknownsDistance(dae.scale)
+        self.system = copy(dae)
+        self.system.measure = self.distance
+
+    def by(self, solver: Solver, budget: float = math.inf) -> Controlled:
+        """A run of one solver to the accuracy, or with the tolerance or step that the user set. budget: largest number of
+        evaluations of one run."""
+        with self._attaching(solver):
+            asked = replace(self.asked, max_residuals=budget)
+            if not solver.fixed and solver.rtol is None and getattr(solver, "atol", None) is not None:
+                solver = solver.at_accuracy(self.accuracy, self.system.label)  # atol is the user's: one run, with the usual rtol
+            if not solver.fixed and solver.rtol is None:
+                return run_controlled(self.system, None, solver, self.accuracy, asked, self.times)
+            with python_warnings.catch_warnings(record=True) as caught:
+                python_warnings.simplefilter("always", AccuracyWarning)
+                solution = solver.run(self.system, asked)
+            notes = tuple(dict.fromkeys(str(w.message) for w in caught))
+            exactly = self.accuracy if solver.rtol is None else solver.rtol
+            hidden = hidden_contacts(self.system, solution, SHALLOW * exactly)
+            return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s, notes, hidden=tuple(hidden))
+
+    def chosen(self) -> tuple[Controlled, str]:
+        """The run of the first solver that meets the accuracy, else the one with the smallest error; and why it was chosen."""
+        best: Controlled | None = None
+        failure: SolverError | OptionError | None = None
+        why, runs, cpu = "", 0, 0.0
+        for solver, budget, reason in self._alternatives():
+            try:
+                run = self.by(solver, budget)
+            except FINAL:
+                raise
+            except (SolverError, OptionError) as error:
+                runs, cpu = runs + 1, cpu + (cpu_of(error) if isinstance(error, SolverError) else 0.0)
+                failure = error if failure is None or isinstance(solver, RadauIIA) else failure
+                continue
+            runs, cpu = runs + run.runs, cpu + run.cpu_s
+            if best is None or run.estimate < best.estimate:
+                best, why = run, reason
+            if run.estimate <= self.accuracy:
+                break
+        if best is None:
+            assert failure is not None
+            raise failure
+        return replace(best, runs=runs, cpu_s=cpu), f"{best.solver.label}: {why}"
+
+    def _alternatives(self) -> Iterator[tuple[Solver, float, str]]:
+        """Solvers in the order in which they are tried, each with its budget of evaluations and the reason."""
+        low = int(np.max(self.system.index)) < 2
+        if self.system.rhs is not None and low:
+            yield DOP853(), EXPLICIT, "an ordinary differential equation that is not stiff"
+        five, three = RadauIIA(5), RadauIIA(3)
+        first, second = (five, three) if self.accuracy < (TIGHT if low else TIGHT_MULTIPLIERS) else (three, five)
+        yield first, math.inf, "implicit, of any index up to 3"
+        yield second, math.inf, f"{first.label} did not reach the accuracy"
+        if low:
+            yield IDA(), math.inf, f"{first.label} did not reach the accuracy"
+
+    def result(self, run: Controlled, choice: str) -> Unknowns:
+        """The result with its warnings, each also issued as an AccuracyWarning."""
+        known = self._accuracy(run)
+        notes = [*missed(known, run), *(run.notes if known.met is not True else ()), *doubts_of_steps(run, known.asked)]
+        if known.met is False and notes and known.worst:
+            notes[0] = f"{notes[0]}; the unknown that is farthest off is {known.worst}"
+        reliable = not run.hidden and not run.solution.stats.missed_dips
+        for note in notes:
+            warn(note)
+        return self._made(run.solution, RunInfo(run.solver, self.system.label, known, run.solution.stats, run.runs, run.cpu_s,
+                                                tuple(notes), choice, reliable))  # fmt: skip
+
+    def _accuracy(self, run: Controlled) -> UnknownsAccuracy:
+        if math.isnan(run.estimate):
+            return UnknownsAccuracy(None, None, unknown={"unknowns": RUN_ONCE})
+        return UnknownsAccuracy(self.accuracy, run.estimate, worst=self.system.names[self.distance.worst])
+
+    def _made(self, solution: Solution, info: RunInfo) -> Unknowns:
+        return Unknowns(solution, info, self.times[self.times <= solution.t[-1]])
+
+    @contextmanager
+    def _attaching(self, solver: Solver) -> Iterator[None]:
+        """Context in which a run is made: where it fails or is interrupted, what was computed is attached to the error."""
+        try:
+            yield
+        except (SolverError, KeyboardInterrupt, SystemExit) as error:
+            solution = getattr(error, "solution", None)
+            if isinstance(solution, Solution):
+                why = "the run failed before its end" if isinstance(error, SolverError) else "the run was interrupted"
+                known = UnknownsAccuracy(None, None, unknown={"unknowns": f"not estimated: {why}"})
+                stats = solution.stats
+                info = RunInfo(solver, self.system.label, known, stats, 1, stats.cpu_s, (str(error),))
+                error.solution = self._made(solution, info)  # type: ignore[union-attr]
+            raise
+
+
+def _simulate(dae: DAE, *args: Any) -> Unknowns:
+    return simulate(dae, *args)
+
+
+ATTACHED["simulate"] = _simulate
+__all__: Sequence[str] = ["DAE"]

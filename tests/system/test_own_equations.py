@@ -1,0 +1,138 @@
+"""Equations of a user's own by accuracy: errors of every unknown, the declared index, the start, differences."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from dae_problems import circle, decay, jay, jay_exact, pendulum, pendulum_exact
+from own_equations.problems import AMPLIFIED, amplifier
+
+import mbdae as mb
+from mbdae.integrators.rejections import rejecting
+from mbdae.results.unknowns import Unknowns, UnknownsDistance
+
+NAMES = ["x", "y", "vx", "vy", "pull"]
+
+
+def hanging(index=3, y0=(1, 0, 0, 0, 0), **options):
+    """The pendulum of index 3 without a Jacobian."""
+    d = pendulum("index3")
+    yp0 = [y0[2], y0[3], -y0[4] * y0[0], -9.81 - y0[4] * y0[1], 0]
+    return mb.DAE(d.residual, y0, yp0, index=index, names=NAMES, **options)
+
+
+def test_every_unknown_is_as_accurate_as_asked():
+    r = hanging().simulate(2.0, 1e-4)
+    x, y, u, v = pendulum_exact(r.t, 2.0).T
+    exact = np.array([x, y, u, v, u * u + v * v - 9.81 * y]).T
+    assert np.max(UnknownsDistance(np.ones(5))(r.t, r.y, exact)) < 1e-4
+    assert r.reliable
+    assert r.warnings == ()
+    assert r.accuracy.covers == {"unknowns"}
+    assert r.t.shape == r["pull"].shape == (201,)
+    assert np.array_equal(r["vy"], r.y[:, 3])
+    assert r([0.5])["x"] == pytest.approx(pendulum_exact(np.array([0.5]), 2.0)[0, 0], abs=1e-4)
+
+
+def test_a_multiplier_that_misses_the_accuracy_is_told_by_name():
+    with pytest.warns(mb.AccuracyWarning, match="farthest off is pull"):
+        r = hanging().simulate(1.0, 1e-9, solver=mb.RadauIIA(3))
+    assert r.reliable is False
+    assert len(r.warnings) == 1
+
+
+@pytest.mark.parametrize("solver", [mb.IDA, mb.RadauIIA(2), "radau5"])
+def test_solvers_by_object_class_and_name(solver):
+    r = pendulum("ggl_rates").simulate(1.0, 1e-5, solver=solver)
+    off = np.abs(r.y[:, :4] - pendulum_exact(r.t, 1.0))
+    assert np.max(off / np.max(np.abs(r.y[:, :4]), axis=0)) < 1e-5
+    assert r.reliable
+
+
+@pytest.mark.parametrize(("make", "index"), [(lambda: pendulum("index3"), 3), (lambda: pendulum("ggl"), 2), (jay, 2),
+                                             (lambda: circle("index1"), 1), (amplifier, 1), (decay, 1)])  # fmt: skip
+def test_a_wrong_index_is_named_before_the_run(make, index):
+    right = make()
+    for declared in (1, 2, 3):
+        stated = mb.DAE(right.residual, right.y0, right.yp0, index=declared)
+        if declared == index:
+            assert not stated.doubt(1.0)
+            continue
+        with pytest.raises(mb.OptionError, match=f"give index={index}"):
+            stated.simulate(1.0)
+    assert not right.doubt(1.0)
+
+
+def test_a_direct_run_warns_of_a_wrong_index():
+    with pytest.warns(mb.AccuracyWarning, match="pull has index 3, declared 1"), pytest.raises(mb.SolverError):
+        mb.IDA(rtol=1e-5).solve(hanging(1), 1.0)
+
+
+@pytest.mark.parametrize(("y0", "named"), [((1, 0, 0.3, 0, 0), "vx = 0.3"), ((1, 0, 0, 0, 5), "pull = 5")])
+def test_a_start_that_violates_a_derivative_of_a_constraint_is_named(y0, named):
+    with pytest.raises(mb.OptionError, match=f"not consistent: {named}"):
+        hanging(y0=y0).simulate(1.0)
+
+
+def test_the_solver_is_chosen():
+    def fast(t, y, yp, out):
+        out[:] = yp + 1e4 * (y - np.cos(t))
+
+    stiff = mb.DAE(fast, [1.0], [0.0], rhs=lambda t, y, out: -1e4 * (y - np.cos(t)))
+    slow = mb.DAE(lambda t, y, yp, out: yp + y, [1.0], [-1.0], rhs=lambda t, y, out: -y)
+    assert slow.simulate(1.0).info.solver.label == "DOP853"
+    assert stiff.simulate(50.0).info.solver.label == "RadauIIA(3)"
+
+
+def test_what_was_computed_is_attached_to_an_error():
+    with pytest.raises(mb.SolverError) as raised:
+        mb.DAE(lambda t, y, yp, out: yp - y * y, [1.0], [1.0]).simulate(2.0, 1e-4)
+    part = raised.value.solution
+    assert isinstance(part, Unknowns)
+    assert part.t[-1] <= 1.0
+    assert part["y[0]"][90] == pytest.approx(1 / (1 - part.t[90]), rel=1e-3)
+    assert part.reliable is False
+
+
+def test_names_are_offered():
+    r = decay().simulate(0.1)
+    with pytest.raises(mb.OptionError, match="the names are"):
+        r["z"]
+
+
+def test_ida_leaves_short_steps():
+    """Without `relax` of sundials.c IDA takes 793 000 evaluations or more; 86 000 to 130 000 were measured with it."""
+    run = mb.IDA(rtol=1e-8).solve(amplifier(), 0.2, max_residuals=300_000)
+    assert np.max(np.abs(run.y[-1] / AMPLIFIED - 1)) < 1e-5
+
+
+def test_columns_without_common_rows_are_changed_together():
+    n, calls = 40, [0]
+
+    def chain(t, y, yp, out):
+        calls[0] += 1
+        out[:] = yp + 2 * y
+        out[1:] -= y[:-1]
+        out[:-1] -= y[1:]
+
+    pattern = np.eye(n) + np.eye(n, k=1) + np.eye(n, k=-1)
+    d = mb.DAE(chain, np.ones(n), -np.r_[1, np.zeros(n - 2), 1], sparsity=pattern)
+    calls[0] = 0
+    fy, fyp = d.dense_parts(0.0, d.y0, d.yp0)
+    assert calls[0] == 1 + 3 + 3
+    assert np.allclose(fy, 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1), atol=1e-7)
+    assert np.allclose(fyp, np.eye(n), atol=1e-9)
+
+
+def test_rejections_are_told():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mb.AccuracyWarning)
+        run = mb.RadauIIA(3, rtol=1e-6).solve(jay(), 1.0)
+    assert np.max(np.abs(run.y[-1] / jay_exact(run.t[-1:])[0] - 1)) < 1e-4
+    assert rejecting(run) == ""
+    run.stats.steps, run.stats.rejected = 300, 240
+    assert "rejected 240 attempts of steps and accepted 300" in rejecting(run)
+    run.stats.retaken = 200  # because of kinks
+    assert rejecting(run) == ""
