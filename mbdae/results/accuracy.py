@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+from mbdae.results.errors import Errors
+
 WORDS = ("motion", "reactions", "mesh")  #: the three errors of a run
 #: why an error is not known where the solver had a tolerance or a step of its own
 RUN_ONCE = "not estimated: the solver ran once, as it was given; leave out its rtol or step, or give verify=True"
@@ -48,6 +50,11 @@ class Accuracy:
     def reactions(self) -> float | None:
         """Error of forces and torques over the largest force of the run (times the scene's length); None where not known."""
         return self.found_reactions() if callable(self.found_reactions) else self.found_reactions
+
+    @property
+    def errors(self) -> Errors | None:
+        """The errors of everything that the result shows; None where no other run was made, or none was kept."""
+        return self.found_reactions if isinstance(self.found_reactions, Errors) else None
 
     @property
     def met(self) -> bool | None:

@@ -1,20 +1,21 @@
-"""Forces and torques of all joints and force elements at once, and their error from the difference of runs."""
+"""Runs beside a run, with which it is compared, and the forces and torques of all joints and force elements at once."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbdae.errors import OptionError
 from mbdae.integrators.solution import Solution
 from mbdae.results.sensors import reaction_outputs
-from mbdae.results.states import States, states_of
+from mbdae.results.states import States
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
-#: rounding error of forces, relative to the force that moves the heaviest body by the scene's length in the motion's
-#: characteristic time
-NO_FORCE = 1e-9
+#: largest number of unknowns at all steps of a run beside the one that is returned that is kept whole (16 MB, with its
+#: derivatives and stages 50 MB); larger ones are kept at the times of the comparison alone
+WHOLE = 2_000_000
 
 
 def wrenches(prepared: Prepared, at: States) -> Array:
@@ -30,40 +31,51 @@ def wrenches(prepared: Prepared, at: States) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class OtherRun:
-    """States of a run with which the returned run is compared: the error of the latter is `share` times the difference; prepared:
-    its scene, where it has another mesh of the beams."""
+class AtTimes:
+    """Dense output of a run of which the unknowns y (k, n) at the times t (k,) alone are kept."""
 
-    states: States
-    share: float
-    prepared: Prepared | None = None
+    t: Array
+    y: Array
+
+    def value(self, t: Array) -> Array:
+        """y at times among those kept; OptionError for others."""
+        i = np.clip(np.searchsorted(self.t, t), 0, len(self.t) - 1)
+        if not np.array_equal(self.t[i], t):
+            raise OptionError("a run that was kept at some times is not known at others")
+        return self.y[i]
+
+    def derivative(self, t: Array) -> Array:
+        """y' is not kept: nan."""
+        return np.full_like(self.value(t), np.nan)
+
+
+def sampled(run: Solution, times: Array) -> Solution:
+    """A run of which the unknowns at some times (k,) alone are kept."""
+    y = run(times)
+    return replace(run, t=times, y=y, yp=np.zeros((0, y.shape[1])), outputs=None, interpolant=AtTimes(times, y), systems=())
 
 
 @dataclass(frozen=True, eq=False)
-class ReactionError:
-    """The error of the forces and torques of a run, from its difference to other runs; computed when it is called."""
+class OtherRun:
+    """A run with which the returned run is compared at some times (k,): the error of the latter is `share` times the difference.
 
-    prepared: Prepared
-    solution: Solution
-    others: tuple[OtherRun, ...]
+    kind: "companion" (the same method at a larger tolerance, or another method), "window" (a short run that resolves vibrations
+    which the run may leave out) or "mesh" (the run on a finer mesh of the beams); prepared: its scene, where it has another
+    mesh."""
 
-    def __call__(self) -> float:
-        """Sum of the errors from the other runs, each over the largest force of the run (torques are divided by the length)."""
-        return float(sum(other.share * self._difference(other) for other in self.others))
+    run: Solution
+    times: Array
+    share: float
+    prepared: Prepared | None = None
+    kind: str = "companion"
 
-    def _difference(self, other: OtherRun) -> float:
-        length = self.prepared.length
-        if not self.prepared.model.scene.connections:
-            return 0.0
-        own = wrenches(self.prepared, states_of(self.prepared, self.solution, other.states.t))
-        compared = wrenches(other.prepared or self.prepared, other.states)
-        sizes, apart = (np.maximum(np.linalg.norm(w[..., :3], axis=2), np.linalg.norm(w[..., 3:], axis=2) / length)
-                        for w in (own, compared - own))  # fmt: skip
-        return float(np.max(apart) / max(float(np.max(sizes)), self._smallest_force))
+    @classmethod
+    def beside(cls, run: Solution, times: Array, share: float, prepared: Prepared | None = None, kind: str = "companion"
+               ) -> OtherRun:  # fmt: skip
+        """The run, whole where it is small."""
+        whole = run.y.size <= WHOLE
+        return cls(replace(run, systems=(), outputs=None) if whole else sampled(run, times), times, share, prepared, kind)
 
-    @property
-    def _smallest_force(self) -> float:
-        """Force, N, below which forces are rounding errors."""
-        m = self.prepared.mechanics
-        mass = float(np.max(m.mass.diagonal()[~m.rotational], initial=0.0))
-        return max(NO_FORCE * mass * self.prepared.length / self.prepared.time**2, 1e-300)
+    def until(self, end: float) -> OtherRun:
+        """The same run, compared up to a time (s)."""
+        return replace(self, times=self.times[self.times <= end])

@@ -27,7 +27,6 @@ from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.second_method import second_method
 from mbdae.integrators.solution import Solution
 from mbdae.results.reactions import OtherRun
-from mbdae.results.states import states_of
 from mbdae.run.contact_tolerances import largest_tolerance, resolving
 from mbdae.run.estimate import Run, companions, estimated, share_of
 from mbdae.run.excitations import beginning_at, windows
@@ -116,7 +115,8 @@ def measure_of(system: System, prepared: Prepared | None) -> Measure:
     return lambda t, a, b: scaled_distance(system, a, b)
 
 
-def other_run(system: System, prepared: Prepared | None, run: Solution, times: Array, share: float) -> tuple[OtherRun, ...]:
+def other_run(system: System, prepared: Prepared | None, run: Solution, times: Array, share: float,
+              kind: str = "companion") -> tuple[OtherRun, ...]:  # fmt: skip
     """States of a companion run at SAMPLES of the `times` of its comparison with the run that is returned, to estimate the error
     of reactions too. share: assumed ratio of the error to the difference of the two runs; 1 with contacts, because the error of
     forces was measured to fall more slowly than that of the motion."""
@@ -124,7 +124,7 @@ def other_run(system: System, prepared: Prepared | None, run: Solution, times: A
         return ()
     share = 1.0 if prepared.contacts else share
     chosen = distinct(np.linspace(0, len(times) - 1, SAMPLES).astype(int))
-    return (OtherRun(states_of(prepared, run, times[chosen]), share),)
+    return (OtherRun.beside(run, times[chosen], share, kind=kind),)
 
 
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
@@ -308,7 +308,7 @@ def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled
         times = np.linspace(begin, float(close.t[-1]), probe.samples)
         left = probe.margin * _apart(solution, close, times, measure)
         estimate = max(estimate, left + (run.estimate if begin == solution.t[0] else 0.0))
-        beside = other_run(probe.system, probe.prepared, close, times, probe.margin) if run.others else ()
+        beside = other_run(probe.system, probe.prepared, close, times, probe.margin, "window") if run.others else ()
         run = replace(run, others=(*run.others, *beside)).after(1, close.stats.cpu_s)
     return replace(run, estimate=estimate)
 

@@ -13,7 +13,8 @@ from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.sundials.ida import IDA
 from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy
-from mbdae.results.reactions import OtherRun, ReactionError
+from mbdae.results.errors import Errors
+from mbdae.results.reactions import OtherRun
 from mbdae.run.control import Controlled, measure_of, other_run, run_controlled
 from mbdae.run.mesh import mesh_error
 from mbdae.system.prepare import Prepared
@@ -73,7 +74,7 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
         return Accuracy(None, None, has_mesh=bool(prepared.model.lines))
     found = found or Verified()
     in_time = found.reactions or run.others
-    forces = ReactionError(prepared, run.solution, (*in_time, *found.finer)) if in_time else None
+    forces = Errors(prepared, run.solution, (*in_time, *found.finer)) if in_time else None
     asked = accuracy if any(error is not None for error in (estimate, found.motion, found.mesh)) else None
     unknown = {"reactions": NO_RUN_BESIDE, "mesh": NOT_REPEATED} | found.unknown
     return Accuracy(asked, estimate, found.motion, found.mesh, bool(prepared.model.lines), unknown, forces)
