@@ -6,7 +6,7 @@ error of the run, is the estimate. It is computed when the quantity is read.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -14,10 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbdae.errors import MbdaeError, warn
-from mbdae.results.quantities import Quantity, magnitudes, named, unit_of, value
-from mbdae.results.reactions import OtherRun, wrenches
-from mbdae.results.states import states_of
 from mbdae.integrators.solution import Solution
+from mbdae.results.peaks import largest
+from mbdae.results.quantities import Quantity, magnitudes, named, unit_of, value
+from mbdae.results.reactions import AtTimes, OtherRun, wrenches
+from mbdae.results.states import states_of
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
@@ -29,6 +30,14 @@ NO_FORCE = 1e-9
 LEAST = 1e-6
 #: rounding error of forces and what follows from them, relative to the largest force of the run
 ROUNDED = 1e-11
+
+
+#: of a peak outside of a window in which another run shows vibrations that this one leaves out counts MEETING times their
+#: amplitude from LATE (a fraction of the window) on; of one inside it the largest difference within NEAR of it
+MEETING, LATE, NEAR = 0.3, 2 / 3, 0.05
+POWERS = np.linspace(0.15, 1.0, 40)  #: of the tolerance, with which errors of runs with contact fall
+#: errors of functions that read what other runs do not have
+UNREADABLE = (MbdaeError, ArithmeticError, LookupError, TypeError, ValueError, AttributeError)
 
 
 class Estimate(NamedTuple):
@@ -45,24 +54,33 @@ class Estimate(NamedTuple):
 
 @dataclass(eq=False)
 class Errors:
-    """The errors of a run, from its differences to other runs; called, it returns that of all reactions."""
+    """The errors of a run, from its differences to other runs; called, it returns that of all reactions.
+
+    asked: the accuracy; closer: makes a run that is far more accurate, or None. It is made, once, where the estimate from the
+    others is above the accuracy."""
 
     prepared: Prepared
     solution: Solution
     others: tuple[OtherRun, ...]
+    asked: float | None = None
     told: dict[str, str] = field(default_factory=dict)  #: by quantity: what its reader was told
+    reactions: float | None = None  #: error of all reactions where it is known from a file
+    closer: Callable[[], OtherRun | None] | None = field(default=None, repr=False)
     _known: dict[str, Estimate | None] = field(default_factory=dict, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
         """What `pickle` keeps: the runs and what was told; errors are computed again when they are read."""
-        return {"prepared": self.prepared, "solution": self.solution, "others": self.others, "told": self.told, "_known": {}}
+        return {name: vars(self)[name] for name in ("prepared", "solution", "others", "asked", "told", "reactions")} | {
+            "closer": None, "_known": {}}  # fmt: skip
 
     # -- reactions
 
     def __call__(self) -> float:
         """Error of the forces and torques of all joints and force elements over the largest force of the run (torques are divided
         by the length)."""
-        return added((other.kind, other.share * apart / self._largest_force) for other, (_, apart) in self._reactions)
+        if self.reactions is None:
+            self.reactions = together((other, apart / self._largest_force) for other, (_, apart) in self._reactions)
+        return self.reactions
 
     @cached_property
     def _reactions(self) -> list[tuple[OtherRun, tuple[float, float]]]:
@@ -93,32 +111,88 @@ class Errors:
     def of(self, result: Any, quantity: Quantity) -> Estimate | None:
         """The error of a quantity over the run; None where no other run can be read. result: the run as users see it."""
         if not isinstance(quantity, str):
-            return self._estimated(result, quantity)
+            return self._closely(lambda: self._estimated(result, quantity))
         if quantity not in self._known:
-            self._known[quantity] = self._estimated(result, quantity)
+            self._known[quantity] = self._closely(lambda: self._estimated(result, quantity))
         return self._known[quantity]
 
+    def of_peak(self, result: Any, quantity: Quantity, size: float, t: float) -> Estimate | None:
+        """The error of the largest magnitude `size` of a quantity, which it has at the time t (s)."""
+        return self._closely(lambda: self._estimated_peak(result, quantity, size, t))
+
+    def _closely(self, estimate: Callable[[], Estimate | None]) -> Estimate | None:
+        """An estimate; where it is above the accuracy, again with the closer run."""
+        found = estimate()
+        if found is None or self.asked is None or self.closer is None or not found.beyond(self.asked):
+            return found
+        make, self.closer = self.closer, None
+        other = make()
+        if other is None:
+            return found
+        self.others = (*self.others, other)
+        return estimate()
+
     def _estimated(self, result: Any, quantity: Quantity) -> Estimate | None:
-        unit, found = unit_of(result, quantity), []
-        size = 0.0
-        for other in self.others:
-            if not len(other.times):
-                continue
-            try:
+        unit, found, size = unit_of(result, quantity), [], 0.0
+        try:
+            for other in self._shown:
                 own, compared = (value(one, quantity) for one in self._both(result, other))
-            except (MbdaeError, ArithmeticError, LookupError, TypeError, ValueError, AttributeError):
-                return None  # a function that reads what other runs do not have
-            size = max(size, float(np.max(magnitudes(own), initial=0.0)))
-            found.append((other.kind, other.share * float(np.max(magnitudes(difference(own, compared, unit)), initial=0.0))))
-        if not found:
+                size = max(size, float(np.max(magnitudes(own), initial=0.0)))
+                found.append((other, float(np.max(magnitudes(difference(own, compared, unit)), initial=0.0))))
+        except UNREADABLE:
             return None
-        return Estimate(added(found), max(size, self._scale(unit)), self._rounding(unit))
+        return Estimate(together(found), max(size, self._scale(unit)), self._rounding(unit)) if found else None
+
+    def _estimated_peak(self, result: Any, quantity: Quantity, size: float, t: float) -> Estimate | None:
+        """Of a peak counts how much another run's peak differs, and both runs at the times of both peaks."""
+        unit = unit_of(result, quantity)
+        try:
+            found = [(other, self._at_peak(result, quantity, size, t, other)) for other in self._shown]
+        except UNREADABLE:
+            return None
+        return Estimate(together(found), max(size, self._scale(unit)), self._rounding(unit)) if found else None
+
+    def _at_peak(self, result: Any, quantity: Quantity, size: float, t: float, other: OtherRun) -> float:
+        """The difference of another run that counts for the peak of this one."""
+        begin, end = float(other.times[0]), float(other.times[-1])
+        own, beside = self._both(result, other)
+        if other.kind == "window" and not begin <= t <= end:
+            # a peak elsewhere: of the vibrations that go on at the end of the window a crest may meet it
+            late = other.times >= begin + LATE * (end - begin)
+            apart = magnitudes(value(beside, quantity) - value(own, quantity))
+            over = float(np.max(magnitudes(value(beside, quantity)))) - size
+            return max(over, MEETING * float(np.max(apart[late])))
+        first, last = max(begin, float(self.solution.t[0])), min(end, float(self.solution.t[-1]))
+        if isinstance(other.run.interpolant, AtTimes):
+            sizes = magnitudes(value(beside, quantity))
+            k = int(np.argmax(sizes))
+            there, when = float(sizes[k]), float(other.times[k])
+        else:
+            there, when = largest(beside, quantity, first, last)
+        if other.kind == "closer":
+            return abs(there - size)
+        if other.kind == "window":
+            near = np.abs(other.times - t) <= NEAR * (end - begin)
+            apart = magnitudes(value(beside, quantity) - value(own, quantity))
+            return max(there - size, float(np.max(apart[near], initial=0.0)))
+        sampled = isinstance(other.run.interpolant, AtTimes)
+        at = other.times[[int(np.argmin(np.abs(other.times - t)))]] if sampled else np.array([t])
+        both = np.sort(np.r_[at, when])
+        apart = magnitudes(value(beside(both), quantity) - value(own(both), quantity))
+        return max(abs(there - size), float(np.max(apart)))
+
+    @property
+    def _shown(self) -> list[OtherRun]:
+        """The runs that count: where there is a closer one, it and that on another mesh."""
+        given = [other for other in self.others if len(other.times)]
+        close = [other for other in given if other.kind in ("closer", "mesh")]
+        return close if any(other.kind == "closer" for other in given) else given
 
     def _both(self, result: Any, other: OtherRun) -> tuple[Any, Any]:
         """The run and another one at the times of their comparison, to be read without telling anything."""
         if id(other) not in self._views:
-            self._views[id(other)] = tuple(type(result)(prepared, run, None, other.times) for prepared, run in
-                                           ((self.prepared, self.solution), (other.prepared or self.prepared, other.run)))  # fmt: skip
+            runs = (self.prepared, self.solution), (other.prepared or self.prepared, other.run)
+            self._views[id(other)] = tuple(type(result)(prepared, run, None, other.times) for prepared, run in runs)
         return self._views[id(other)]
 
     @cached_property
@@ -142,9 +216,28 @@ class Errors:
 
     # -- telling
 
-    def tell(self, result: Any, name: str, unit: str, found: Estimate | None, asked: float | None) -> None:
+    def judge(self, result: Any, quantity: Quantity) -> None:
+        """Tell where a quantity that was read is not within the accuracy; of positions and velocities the run itself tells."""
+        unit = unit_of(result, quantity)
+        if self.asked is not None and unit not in self._of_motion and named(quantity) not in self.told:
+            self.tell(named(quantity), unit, self.of(result, quantity), self.asked)
+
+    def judge_peak(self, result: Any, quantity: Quantity, size: float, t: float, silent: bool) -> float | None:
+        """The error of the largest magnitude `size` of a quantity, which it has at the time t (s), told where it is above the
+        accuracy asked, unless silent."""
+        found, unit = self.of_peak(result, quantity, size, t), unit_of(result, quantity)
+        if not silent and self.asked is not None and unit not in self._of_motion:
+            self.tell(named(quantity), unit, found, self.asked)
+        return None if found is None else found.error
+
+    @property
+    def _of_motion(self) -> tuple[str, ...]:
+        """Units of what the accuracy of the motion speaks of; with beams it leaves velocities out."""
+        return ("m", "rad") if self.prepared.model.lines else ("m", "rad", "m/s", "rad/s")
+
+    def tell(self, name: str, unit: str, found: Estimate | None, asked: float) -> None:
         """Warn once about a quantity whose error is above the accuracy asked."""
-        if found is None or asked is None or name in self.told or not found.beyond(asked):
+        if found is None or name in self.told or not found.beyond(asked):
             return
         error = f"{found.error:.1e}{f' {unit}' if unit else ''}" if np.isfinite(found.error) else "of unknown size"
         share = f", {found.error / found.size:.1e} of its largest value" if np.isfinite(found.error) else ""
@@ -164,9 +257,26 @@ def difference(own: Array, compared: Array, unit: str) -> Array:
     return found - 2 * np.pi * np.round(found / (2 * np.pi)) if unit == "rad" else found
 
 
-def added(found: Iterable[tuple[str, float]]) -> float:
-    """Errors by kind of run: runs of one kind show the same error, of which the largest counts; those of several kinds add."""
-    largest: dict[str, float] = {}
-    for kind, error in found:
-        largest[kind] = max(error, largest.get(kind, 0.0))
-    return float(sum(largest.values()))
+def together(found: Iterable[tuple[OtherRun, float]]) -> float:
+    """The error of a run from its differences to others: those of one kind show the same error, of which the largest counts;
+    errors of several kinds add."""
+    differences = list(found)
+    kinds: dict[str, float] = {}
+    companions = [(other, apart) for other, apart in differences if other.kind == "companion"]
+    if len(companions) == 2 and all(other.ratio > 1 for other, _ in companions):
+        kinds["companion"] = fallen(*((apart, other.ratio) for other, apart in companions))
+        differences = [(other, apart) for other, apart in differences if other.kind != "companion"]
+    for other, apart in differences:
+        kinds[other.kind] = max(kinds.get(other.kind, 0.0), other.share * apart)
+    return float(sum(kinds.values()))
+
+
+def fallen(far: tuple[float, float], near: tuple[float, float]) -> float:
+    """The error of a run from its differences to two companions, each with its tolerance over that of the run: errors e(r) at a
+    tolerance r times as large are r^p e, where p follows from the differences; at most the larger difference."""
+    (wide, far_ratio), (close, near_ratio) = max(far, near, key=lambda one: one[1]), min(far, near, key=lambda one: one[1])
+    if close <= 0 or near_ratio <= 1:
+        return 0.0 if close <= 0 else max(wide, close)
+    shown = (far_ratio**POWERS - 1) / (near_ratio**POWERS - 1)  # rises with the power
+    p = POWERS[int(np.clip(np.searchsorted(shown, wide / close), 0, len(POWERS) - 1))]
+    return float(min(close / (near_ratio**p - 1), max(wide, close)))

@@ -16,6 +16,7 @@ from mbdae.system.prepare import Prepared
 #: largest number of unknowns at all steps of a run beside the one that is returned that is kept whole (16 MB, with its
 #: derivatives and stages 50 MB); larger ones are kept at the times of the comparison alone
 WHOLE = 2_000_000
+KINDS = ("companion", "window", "mesh", "closer")  #: see `OtherRun`
 
 
 def wrenches(prepared: Prepared, at: States) -> Array:
@@ -60,21 +61,23 @@ class OtherRun:
     """A run with which the returned run is compared at some times (k,): the error of the latter is `share` times the difference.
 
     kind: "companion" (the same method at a larger tolerance, or another method), "window" (a short run that resolves vibrations
-    which the run may leave out) or "mesh" (the run on a finer mesh of the beams); prepared: its scene, where it has another
-    mesh."""
+    which the run may leave out), "mesh" (the run on a finer mesh of the beams) or "closer" (a run that is far more accurate, made
+    when a quantity was read); prepared: its scene, where it has another mesh; ratio: its tolerance over that of the run (0: not
+    known)."""
 
     run: Solution
     times: Array
     share: float
     prepared: Prepared | None = None
     kind: str = "companion"
+    ratio: float = 0.0
 
     @classmethod
-    def beside(cls, run: Solution, times: Array, share: float, prepared: Prepared | None = None, kind: str = "companion"
-               ) -> OtherRun:  # fmt: skip
+    def beside(cls, run: Solution, times: Array, share: float, prepared: Prepared | None = None, kind: str = "companion",
+               ratio: float = 0.0) -> OtherRun:  # fmt: skip
         """The run, whole where it is small."""
-        whole = run.y.size <= WHOLE
-        return cls(replace(run, systems=(), outputs=None) if whole else sampled(run, times), times, share, prepared, kind)
+        kept = replace(run, systems=(), outputs=None) if run.y.size <= WHOLE else sampled(run, times)
+        return cls(kept, times, share, prepared, kind, ratio)
 
     def until(self, end: float) -> OtherRun:
         """The same run, compared up to a time (s)."""

@@ -20,7 +20,7 @@ from mbdae.results.clearance import ClearanceSensor, ContactSensor
 from mbdae.results.columns import to_csv, to_dataframe, to_xarray
 from mbdae.results.energy import Energy, energy
 from mbdae.results.peaks import Peak, peak
-from mbdae.results.quantities import Quantity, named, unit_of, value
+from mbdae.results.quantities import Quantity, value
 from mbdae.results.run_info import Drift, Event, RunInfo
 from mbdae.results.sensors import BodySensor, ConnectionSensor
 from mbdae.results.states import RunStates
@@ -222,7 +222,13 @@ class Result(RunStates, ListsAttributes):
     def judge(self, quantity: Quantity) -> None:
         """Warn where the error of a quantity that was read is above the accuracy asked."""
         if not self._silent and (errors := self.info.accuracy.errors) is not None:
-            errors.tell(self, named(quantity), unit_of(self, quantity), errors.of(self, quantity), self.accuracy.asked)
+            errors.judge(self, quantity)
+
+    def judge_peak(self, quantity: Quantity, size: float, t: float) -> float | None:
+        """The error of the largest magnitude of a quantity, which it has at t (s); a warning where it is above the accuracy."""
+        if self.info is None or (errors := self.info.accuracy.errors) is None:
+            return None
+        return errors.judge_peak(self, quantity, size, t, self._silent)
 
     def peak(self, quantity: Quantity) -> Peak:
         """The largest magnitude of a quantity (see `value`), between the result's times too, with its time: `.value`, `.t`, and

@@ -116,7 +116,7 @@ def measure_of(system: System, prepared: Prepared | None) -> Measure:
 
 
 def other_run(system: System, prepared: Prepared | None, run: Solution, times: Array, share: float,
-              kind: str = "companion") -> tuple[OtherRun, ...]:  # fmt: skip
+              kind: str = "companion", ratio: float = 0.0) -> tuple[OtherRun, ...]:  # fmt: skip
     """States of a companion run at SAMPLES of the `times` of its comparison with the run that is returned, to estimate the error
     of reactions too. share: assumed ratio of the error to the difference of the two runs; 1 with contacts, because the error of
     forces was measured to fall more slowly than that of the motion."""
@@ -124,7 +124,7 @@ def other_run(system: System, prepared: Prepared | None, run: Solution, times: A
         return ()
     share = 1.0 if prepared.contacts else share
     chosen = distinct(np.linspace(0, len(times) - 1, SAMPLES).astype(int))
-    return (OtherRun.beside(run, times[chosen], share, kind=kind),)
+    return (OtherRun.beside(run, times[chosen], share, kind=kind, ratio=ratio),)
 
 
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
@@ -208,7 +208,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         told.append((tight.tolerance, estimated(system, solver, made, measure, outputs)))
         estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(
-            system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before)))  # fmt: skip
+            system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before),
+            ratio=before / tight.tolerance))  # fmt: skip
         best = Controlled(fine, tight, estimates[-1], runs, cpu, best.notes, others, told=tuple(told), limit=limit)
         ceiling = max(resolving(prepared, solver, fine, ceiling), limit)
         too_coarse = tight.tolerance > COARSE * ceiling

@@ -40,10 +40,12 @@ from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.checkpoints.keeper import keeping_runs
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
-from mbdae.results.result import Result, RunInfo
+from mbdae.results.result import Result
+from mbdae.results.run_info import RunInfo
 from mbdae.run.assessment import assessed
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.choice import Choice, alternatives
+from mbdae.run.closer import CloserRun
 from mbdae.run.contact_tolerances import refuse_unresolved
 from mbdae.run.control import SHALLOW, UNTESTED, Controlled, cpu_of, run_controlled
 from mbdae.run.drift import joint_drift
@@ -215,13 +217,17 @@ class Job:
             info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, (), self.choice)
             times = self.times[self.times <= run.solution.t[-1]]
             made = Result(self.prepared, run.solution, info, times)
-            found = kept_value(lambda: assessed(made, run, self.form.spec().drifts), tuple, lambda kept: Assessment(*kept))
+            with made.silently():
+                found = kept_value(lambda: assessed(made, run, self.form.spec().drifts), tuple, lambda kept: Assessment(*kept))
             known = found.within(known)
             if found.reliable and not found.singular:  # else a warning already says that the run is not to be relied on
                 missed = kept_value(lambda: rechecked(self.prepared, self.form, self._system(run.solver), run, known.asked),
                                     asdict, Rechecked.again)  # fmt: skip
                 info, known = replace(info, cpu_s=info.cpu_s + missed.cpu_s), missed.within(known)
                 found = found._replace(notes=(*found.notes, *missed.notes))
+            if (errors := known.errors) is not None and not run.solver.fixed and run.solver.rtol is not None and found.reliable:
+                waves = bool(self._system(run.solver).numbering.stresses) and not (self.form.waves or run.waves)
+                errors.closer = CloserRun(self.prepared, self.form, run.solver, run.solution, self.accuracy, self.asked, waves)
             made.info = replace(info, accuracy=known, warnings=found.notes, reliable=found.reliable)
         for note in found.notes:
             warn(f"scene '{self.prepared.model.scene.name}': {note}")

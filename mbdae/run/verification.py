@@ -76,6 +76,8 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
     in_time = found.reactions or run.others
     forces = Errors(prepared, run.solution, (*in_time, *found.finer)) if in_time else None
     asked = accuracy if any(error is not None for error in (estimate, found.motion, found.mesh)) else None
+    if forces is not None:
+        forces.asked = asked
     unknown = {"reactions": NO_RUN_BESIDE, "mesh": NOT_REPEATED} | found.unknown
     return Accuracy(asked, estimate, found.motion, found.mesh, bool(prepared.model.lines), unknown, forces)
 

@@ -73,7 +73,8 @@ def slider_crank(rng: Rng) -> Drawn:
 
 def four_bar(rng: Rng) -> Drawn:
     """A four-bar with an elastic coupler or rocker."""
-    A, B, C, D = (0.0, 0.0), (0.0, rng.uniform(0.1, 0.2)), (rng.uniform(0.4, 0.6), rng.uniform(0.4, 0.5)), (rng.uniform(0.4, 0.6), 0.0)
+    A, B = (0.0, 0.0), (0.0, rng.uniform(0.1, 0.2))
+    C, D = (rng.uniform(0.4, 0.6), rng.uniform(0.4, 0.5)), (rng.uniform(0.4, 0.6), 0.0)
     w, soft = rng.uniform(5, 50), str(rng.choice(["coupler", "rocker"]))
     of, n, sudden = section(rng, rng.uniform(0.004, 0.012)), int(rng.integers(2, 4)), bool(rng.random() < 0.6)
     turns, kind = rng.uniform(0.3, 1.0), model(rng)
@@ -89,7 +90,8 @@ def four_bar(rng: Rng) -> Drawn:
         s.revolute("D", s.ground, pair["rocker"], at=D)
         return s
 
-    return Drawn("four-bar", scene, turns * 2 * np.pi / w, ("A.drive", "B.force", "D.force", f"{soft}.at(0.4).stress_resultants[5]"))
+    return Drawn("four-bar", scene, turns * 2 * np.pi / w, ("A.drive", "B.force", "D.force",
+                                                            f"{soft}.at(0.4).stress_resultants[5]"))  # fmt: skip
 
 
 def arm(rng: Rng) -> Drawn:

@@ -14,7 +14,8 @@ from mbdae.inputs.sensed import paths
 from mbdae.integrators.base import Solver, output_times
 from mbdae.integrators.dense import cut
 from mbdae.integrators.solution import Solution
-from mbdae.results.result import Event, Result
+from mbdae.results.result import Result
+from mbdae.results.run_info import Event
 from mbdae.run.control import Controlled
 from mbdae.run.events.conditions import Condition
 from mbdae.run.events.course import Course
