@@ -28,6 +28,8 @@ NO_FORCE = 1e-9
 #: a quantity that is smaller than this fraction of what the scene has of its kind (force, torque, power, acceleration) counts as
 #: that large: what is left of a sum that vanishes has no digits of its own
 LEAST = 1e-6
+#: the same for powers: ideal joints have none, and show what they are off times their force
+IDLE = 0.1
 #: rounding error of forces and what follows from them, relative to the largest force of the run
 ROUNDED = 1e-11
 
@@ -203,7 +205,7 @@ class Errors:
         """Least size of a quantity of some unit: motion is relative to length and characteristic time, as its accuracy is."""
         L, T = self.prepared.length, self.prepared.time
         motion = {"m": L, "rad": 1.0, "m/s": L / T, "rad/s": 1 / T}
-        return motion[unit] if unit in motion else LEAST * self._typical(unit)
+        return motion[unit] if unit in motion else (LEAST if unit != "W" else IDLE) * self._typical(unit)
 
     def _rounding(self, unit: str) -> float:
         return ROUNDED * self._typical(unit)
@@ -239,16 +241,21 @@ class Errors:
         """Warn once about a quantity whose error is above the accuracy asked."""
         if found is None or name in self.told or not found.beyond(asked):
             return
-        error = f"{found.error:.1e}{f' {unit}' if unit else ''}" if np.isfinite(found.error) else "of unknown size"
-        share = f", {found.error / found.size:.1e} of its largest value" if np.isfinite(found.error) else ""
-        self.told[name] = f"{name} has an error of about {error}{share}, where {asked:g} was asked: {self._remedy(asked)}"
+        error = "an error that is not known"
+        if np.isfinite(found.error):
+            error = (f"an error of about {found.error:.2g}{f' {unit}' if unit else ''}, "
+                     f"{100 * found.error / found.size:.2g} % of its largest value")  # fmt: skip
+        self.told[name] = f"{name} has {error}, where the accuracy {asked:g} was asked: {self._remedy(asked)}"
         warn(f"scene '{self.prepared.model.scene.name}': {self.told[name]}")
 
     def _remedy(self, asked: float) -> str:
+        smaller = f"accuracy={asked / 10:.0e}"
+        if self.prepared.contacts:
+            return f"a small shift of the time of an impact changes forces much; rely on peaks and averages, or ask for {smaller}"
         if any(other.kind == "window" for other in self.others):
-            return ("the motion has the accuracy, this has not, because the run leaves out fast elastic vibrations; a smaller "
-                    "accuracy resolves them, or form=mb.GGL(waves=True) with solver=mb.RadauIIA(3)")  # fmt: skip
-        return f"the motion has the accuracy, this has not; ask for a smaller one, as accuracy={asked / 10:.0e}"
+            return (f"the run leaves out fast vibrations of the beams, which hardly move them and carry forces; ask for "
+                    f"{smaller}, or take form=mb.GGL(waves=True) with solver=mb.RadauIIA(3), which follows all of them")  # fmt: skip
+        return f"ask for {smaller}"
 
 
 def difference(own: Array, compared: Array, unit: str) -> Array:

@@ -49,9 +49,9 @@ class Peak(_Peak):
 
 
 def with_error(value: float, error: float | None) -> str:
-    """A value with as many digits as its error leaves, at least three, and the error: "26.60 +- 0.02"."""
-    if error is None or not (math.isfinite(value) and math.isfinite(error) and error > 0):
-        return f"{value:.{DIGITS}g}" + ("" if error is None else f" +- {error:.1g}")
+    """A value with as many digits as its error leaves, at least three, and the error: "26.60 +- 0.02"; alone where that is 0."""
+    if not error or not math.isfinite(value) or not math.isfinite(error):
+        return f"{value:.{DIGITS}g}" + (f" +- {error:.1g}" if error else "")
     last = math.floor(math.log10(float(f"{error:.0e}")))  # decimal place of the first digit of the error
     first = math.floor(math.log10(abs(value))) if value else last
     digits = min(max(first - last + 1, FEWEST), DIGITS)
@@ -62,8 +62,11 @@ def with_error(value: float, error: float | None) -> str:
 
 def _padded(value: float, digits: int) -> str:
     """A value with so many significant digits, zeros at their end too."""
-    shown = f"{value:#.{digits}g}"
-    return shown.removesuffix(".")
+    first = math.floor(math.log10(abs(value))) if value else 0
+    places = digits - 1 - first
+    if not -4 <= first < DIGITS:
+        return f"{value:.{digits - 1}e}"
+    return f"{round(value, places):.{max(places, 0)}f}"
 
 
 def peak(result: Any, quantity: Quantity) -> Peak:

@@ -72,7 +72,7 @@ class BodySensor(ListsAttributes):
     """Motion of a body's centre of mass, or of a place on it: arrays over the result's times."""
 
     def __init__(self, result: RunStates, body: Body, point: Array | None = None) -> None:
-        self._result, self._body, self._point = result, body, point
+        self._result, self._body, self._where = result, body, point
         drawn = body.drawn.position if point is None else point
         self._offset = body.drawn.rotation.T @ (drawn - body.drawn.position)
 
@@ -83,12 +83,14 @@ class BodySensor(ListsAttributes):
     @property
     def _path(self) -> str:
         """The text by which `Result.read` finds the sensor."""
-        where = "" if self._point is None else f".at({', '.join(repr(float(x)) for x in self._point)})"
+        where = "" if self._where is None else f".at({', '.join(f'{x:.12g}' for x in self._where)})"
         return f"{self._body.name}{where}"
 
     def at(self, point: Any) -> BodySensor:
         """A place of the body, given as drawn (inertial coordinates, m), or 0..1 along a link or beam."""
-        return self._place(self._body.at(point).point)
+        made = self._place(self._body.at(point).point)
+        made._where = np.atleast_1d(np.asarray(point, dtype=float))
+        return made
 
     def _place(self, point: Array) -> BodySensor:
         """The sensor of a place (3,) as drawn, m."""
