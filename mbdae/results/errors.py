@@ -7,12 +7,13 @@ error of the run, is the estimate. It is computed when the quantity is read.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbdae.deferred import distinct
 from mbdae.errors import MbdaeError, warn
 from mbdae.integrators.solution import Solution
 from mbdae.results.peaks import largest
@@ -69,6 +70,9 @@ class Errors:
     reactions: float | None = None  #: error of all reactions where it is known from a file
     closer: Callable[[], OtherRun | None] | None = field(default=None, repr=False)
     _known: dict[str, Estimate | None] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        self.others = at_the_same_times(self.others)
 
     def __getstate__(self) -> dict[str, Any]:
         """What `pickle` keeps: the runs and what was told; errors are computed again when they are read."""
@@ -254,7 +258,7 @@ class Errors:
             return f"a small shift of the time of an impact changes forces much; rely on peaks and averages, or ask for {smaller}"
         if any(other.kind == "window" for other in self.others):
             return (f"the run leaves out fast vibrations of the beams, which hardly move them and carry forces; ask for "
-                    f"{smaller}, or take form=mb.GGL(waves=True) with solver=mb.RadauIIA(3), which follows all of them")  # fmt: skip
+                    f"{smaller}, or take form=mb.GGL(waves=True) with solver=mb.RadauIIA(3): it follows them all")  # fmt: skip
         return f"ask for {smaller}"
 
 
@@ -262,6 +266,17 @@ def difference(own: Array, compared: Array, unit: str) -> Array:
     """Difference of two readings of a quantity; of angles without whole turns."""
     found = compared - own
     return found - 2 * np.pi * np.round(found / (2 * np.pi)) if unit == "rad" else found
+
+
+def at_the_same_times(others: tuple[OtherRun, ...]) -> tuple[OtherRun, ...]:
+    """The runs, with the two companions of a run with contacts compared with it at the same times: what one of them shows at an
+    impact and the other misses is no sign that errors fall."""
+    pair = [other for other in others if other.kind == "companion" and not isinstance(other.run.interpolant, AtTimes)]
+    if len(pair) != 2:
+        return others
+    end = min(other.run.t[-1] for other in pair)
+    times = distinct(np.concatenate([other.times[other.times <= end] for other in pair]))
+    return tuple(replace(other, times=times) if other in pair else other for other in others)
 
 
 def together(found: Iterable[tuple[OtherRun, float]]) -> float:

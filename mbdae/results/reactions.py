@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbdae.deferred import distinct
 from mbdae.errors import OptionError
 from mbdae.integrators.solution import Solution
 from mbdae.results.sensors import reaction_outputs
@@ -16,7 +17,16 @@ from mbdae.system.prepare import Prepared
 #: largest number of unknowns at all steps of a run beside the one that is returned that is kept whole (16 MB, with its
 #: derivatives and stages 50 MB); larger ones are kept at the times of the comparison alone
 WHOLE = 2_000_000
+#: smallest and largest number of times at which a run is compared with another, and number of all unknowns at them between these:
+#: impacts are short, and of 200 times of a run with 5000 steps one companion met them and another did not
+FEWEST, MOST, NUMBERS = 200, 2000, 400_000
 KINDS = ("companion", "window", "mesh", "closer")  #: see `OtherRun`
+
+
+def some_of(times: Array, unknowns: int, most: int = MOST) -> Array:
+    """Those of the times of a comparison at which two runs are read: equally many between any two of them."""
+    count = int(np.clip(NUMBERS // max(unknowns, 1), FEWEST, most))
+    return times[distinct(np.linspace(0, len(times) - 1, count).astype(int))]
 
 
 def wrenches(prepared: Prepared, at: States) -> Array:

@@ -14,6 +14,8 @@ from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.values import BadValueError, shown
 
+TIMES = 400  #: largest number of times at which each is stored
+
 
 def header_of(errors: Errors | None) -> dict[str, Any]:
     """What the header says of them: names of unknowns, share and kind of each, and what was told about quantities. Runs on
@@ -29,7 +31,8 @@ def arrays_of(errors: Errors | None) -> dict[str, Array]:
     """Times and unknowns of each."""
     found: dict[str, Array] = {}
     for i, other in enumerate(_stored(errors) if errors is not None else ()):
-        found |= {f"other{i}_t": other.times, f"other{i}_y": other.run(other.times)}
+        times = other.times[:: len(other.times) // TIMES + 1]
+        found |= {f"other{i}_t": times, f"other{i}_y": other.run(times)}
     return found
 
 

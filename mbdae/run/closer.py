@@ -10,16 +10,13 @@ import warnings
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
-from mbdae.deferred import distinct
 from mbdae.errors import AccuracyWarning, MbdaeError, SolverError
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.checkpoints.keeper import keeping_runs
 from mbdae.integrators.distance import check_times
 from mbdae.integrators.solution import Solution
-from mbdae.results.reactions import OtherRun
+from mbdae.results.reactions import OtherRun, some_of
 from mbdae.run.control import closer
 from mbdae.system.prepare import Prepared
 
@@ -29,7 +26,6 @@ RESOLVED = 0.1
 #: it may take so many evaluations of the residual: MORE times those of the run, and SPARE over the number of unknowns (a fraction
 #: of a second for all sizes)
 MORE, SPARE = 4.0, 1.5e6
-SAMPLES = 600  #: largest number of times at which it is compared with the run
 SHARE = 1.1  #: ratio of the error of the run to its difference from one with a CLOSER tolerance, at most
 REACHED = 0.02  #: where its work ended before it had this fraction of the time, it shows nothing
 
@@ -71,8 +67,7 @@ class CloserRun:
         whole = found.t[-1] >= end
         if not whole and found.t[-1] - begin < REACHED * (end - begin):
             return None
-        times = check_times(found)
-        times = times[distinct(np.linspace(0, len(times) - 1, SAMPLES).astype(int))]
+        times = some_of(check_times(found), system.n)
         return OtherRun.beside(found, times, SHARE, kind="closer" if whole else "window")
 
     def _tighter(self, label: str) -> Solver | None:

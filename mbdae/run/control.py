@@ -26,7 +26,7 @@ from mbdae.integrators.halving import halved
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.second_method import second_method
 from mbdae.integrators.solution import Solution
-from mbdae.results.reactions import OtherRun
+from mbdae.results.reactions import OtherRun, some_of
 from mbdae.run.contact_tolerances import largest_tolerance, resolving
 from mbdae.run.estimate import Run, companions, estimated, share_of
 from mbdae.run.excitations import beginning_at, windows
@@ -71,9 +71,7 @@ COARSE = 3.0
 #: SHALLOW: a contact inside a step counts if its penetration is above this fraction of the accuracy times the scene's length (m;
 #: for gaps that are angles, rad); REPEATS: largest number of times that a run is repeated because of such contacts
 SHALLOW, REPEATS = 0.1, 5
-#: largest number of times at which reactions of two runs are compared, and of steps whose speeds a comparison of motions relates
-#: to
-SAMPLES = 200
+SAMPLES = 200  #: largest number of steps whose speeds a comparison of motions relates to
 #: length, in longest steps of the run, of the short runs that show vibrations shorter than a step, and number of times of the
 #: comparison
 FIRST_STEPS, PROBES = 5.0, 200
@@ -117,14 +115,13 @@ def measure_of(system: System, prepared: Prepared | None) -> Measure:
 
 def other_run(system: System, prepared: Prepared | None, run: Solution, times: Array, share: float,
               kind: str = "companion", ratio: float = 0.0) -> tuple[OtherRun, ...]:  # fmt: skip
-    """States of a companion run at SAMPLES of the `times` of its comparison with the run that is returned, to estimate the error
-    of reactions too. share: assumed ratio of the error to the difference of the two runs; 1 with contacts, because the error of
-    forces was measured to fall more slowly than that of the motion."""
+    """A companion run with some of the `times` of its comparison with the run that is returned, to estimate the error of all that
+    is read of it. share: assumed ratio of the error to the difference of the two runs; 1 with contacts, because the error of
+    forces was measured to fall more slowly than that of the motion; ratio: its tolerance over that of the run."""
     if prepared is None or not isinstance(system, SceneSystem):
         return ()
     share = 1.0 if prepared.contacts else share
-    chosen = distinct(np.linspace(0, len(times) - 1, SAMPLES).astype(int))
-    return (OtherRun.beside(run, times[chosen], share, kind=kind, ratio=ratio),)
+    return (OtherRun.beside(run, some_of(times, run.y.shape[1]), share, kind=kind, ratio=ratio),)
 
 
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,

@@ -18,7 +18,7 @@ from typing import Any, TextIO, overload
 
 import numpy as np
 
-from mbdae.errors import ListsAttributes, OptionError, interrupted, naming_arguments
+from mbdae.errors import ListsAttributes, OptionError, interrupted, naming_arguments, warn
 from mbdae.files import read_file, write_file
 from mbdae.notation import counted
 from mbdae.scene.scene import SceneData
@@ -38,20 +38,19 @@ Progress = Callable[[int, int], None]  #: called with the number of points done 
 @dataclass(frozen=True)
 class SweepRow:
     """A point and the values that the job returned there, or its error (type and text). died: whether its worker process
-    ended."""
+    ended; warnings: AccuracyWarnings of the job there, such as that about a peak that is not within the accuracy."""
 
     point: dict[str, Any]
     values: dict[str, Any] | None
     error: str | None = None
     died: bool = False
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Sweep(ListsAttributes):
     """Rows of a sweep in the order of its points; after an interruption there are fewer rows than `points`.
-
-    axes: {name: values} where the grid is all combinations of values, None where a list of points was given.
-    """
+    axes: {name: values} where the grid is all combinations of values, None where a list of points was given."""
 
     points: tuple[dict[str, Any], ...]
     done: dict[int, SweepRow]
@@ -66,6 +65,11 @@ class Sweep(ListsAttributes):
     def failures(self) -> list[SweepRow]:
         """Rows of points that failed."""
         return [row for row in self.rows if row.values is None]
+
+    @property
+    def warnings(self) -> dict[int, str]:
+        """{number of a point: its warnings}, of jobs in worker processes; in threads they are issued as usual."""
+        return {i: "; ".join(row.warnings) for i, row in sorted(self.done.items()) if row.warnings}
 
     @property
     def complete(self) -> bool:
@@ -184,6 +188,9 @@ def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int
             come_so_far = interruption(resume, len(done), len(points), "points")
             interrupted(error, f"{come_so_far}; this exception has them as its attribute `solution`", made)
             raise
+    if told := made.warnings:
+        said = next(iter(told.values()))
+        warn(f"sweep: {counted(len(told), 'point')} of {len(points)} warned, see its `warnings`; first {said}")
     return made
 
 
@@ -203,9 +210,9 @@ def _points(grid: Any) -> tuple[list[dict[str, Any]], dict[str, list[Any]] | Non
 
 
 def _point(value: Any) -> Mapping[str, Any]:
-    if isinstance(value, Mapping):
-        return value
-    raise BadValueError(f"{shown(value)} is not a dict, as a point is")
+    if not isinstance(value, Mapping):
+        raise BadValueError(f"{shown(value)} is not a dict, as a point is")
+    return value
 
 
 def _listed(values: Any) -> Any:
@@ -249,7 +256,7 @@ def _row(point: dict[str, Any], found: Outcome) -> SweepRow:
     if found.values is None:
         return SweepRow(point, None, found.error, found.died)
     try:
-        return SweepRow(point, json.loads(_json(found.values)))
+        return SweepRow(point, json.loads(_json(found.values)), warnings=found.warnings)
     except (TypeError, ValueError) as error:
         return SweepRow(point, None, f"TypeError: the job returned what cannot be kept: {error}; "
                                      f"return numbers, texts, lists and arrays")  # fmt: skip
@@ -318,7 +325,8 @@ class _Kept:
                 continue  # the line is incomplete, because the process ended while it was written
             with damage_refused(path):
                 number = whole(data["number"], least=0, most=len(self.points) - 1)
-                row = SweepRow(self.points[number], *(data[key] for key in ("values", "error", "died")))
+                parts = [data[key] for key in ("values", "error", "died")]
+                row = SweepRow(self.points[number], *parts, tuple(data.get("warnings", ())))
                 if not (isinstance(row.values, dict | None) and isinstance(row.error, str | None) and isinstance(row.died, bool)):
                     raise BadValueError(f"in the row of a point, values, error or died is of a wrong type: {shown(data)}")
             if not (row.died or (self.again and row.error)):
@@ -339,4 +347,4 @@ class _Kept:
 
 
 def _line(i: int, row: SweepRow) -> dict[str, Any]:
-    return {"number": i, "values": row.values, "error": row.error, "died": row.died}
+    return {"number": i, "values": row.values, "error": row.error, "died": row.died, "warnings": row.warnings}
