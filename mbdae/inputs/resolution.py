@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from math import inf
+from math import ceil, inf
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -82,6 +82,33 @@ class LongestStep(NamedTuple):
         if i + 2 >= len(edges):
             return share * (b - a)
         return min(share * (b - a), b - t + share * (t - a) / (b - a) * (float(edges[i + 2]) - b))
+
+
+class Bound(NamedTuple):
+    """The longest step (s) in a part of a run, from `begin` to `end` (s)."""
+
+    begin: float
+    end: float
+    longest: float
+
+
+def divided(bounds: Sequence[Bound], t0: float, t1: float, share: float) -> Array:
+    """Edges (s) of the intervals of a run from t0 to t1 (s) to which its steps are confined so that they keep `share` times every
+    bound."""
+    found = [np.array([t0, t1])]
+    for bound in bounds:
+        a, b = max(bound.begin, t0), min(bound.end, t1)
+        if b > a:
+            found.append(np.linspace(a, b, ceil((b - a) / (bound.longest * share)) + 1))
+    return distinct(np.concatenate(found))
+
+
+def with_edges(longest: LongestStep | None, edges: Array, share: float = 1.0) -> LongestStep:
+    """A bound of the steps by the intervals between `edges` (s), in addition to those of `longest`. Without `longest` a step may
+    be at most the fraction `share` of the interval in which it begins."""
+    if longest is None:
+        return LongestStep(distinct(edges), share)
+    return longest._replace(edges=distinct(np.concatenate([longest.edges, edges])))
 
 
 def stretches(expressions: Sequence[Expr], edges: Array, tolerance: float = TOLERANCE) -> Stretches:

@@ -18,8 +18,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from mbdae.errors import OptionError
-from mbdae.inputs.breaks import distinct
-from mbdae.inputs.resolution import LongestStep
+from mbdae.inputs.resolution import Bound, divided, with_edges
 from mbdae.integrators.checkpoints.keeper import active
 from mbdae.integrators.checkpoints.record import Record
 from mbdae.integrators.loop import StepLoop
@@ -195,16 +194,19 @@ class Solver(ABC):
         if system.timeline is not None:
             line = system.timeline(system.t0, loop.run_end, self.aimed(system.label))
         sampler = system.sampled(system.t0) if system.sampled is not None else None
-        if line is None and sampler is None and further is None:
+        if line is None and sampler is None and further is None and not asked.bounds:
             self._part(loop, h0)
             return
         longest = None if line is None else line.longest_step(SHARE if share is None and self.fixed else share or 1.0)
         # a run and its companion must differ in their steps, also where only the instants of controllers bound the steps
         if sampler is not None and share is not None and share < 1:
-            longest = _with_edges(longest, sampler.instants(loop.run_end), share)
+            longest = with_edges(longest, sampler.instants(loop.run_end), share)
         if further is not None:
             inner = further[(further > system.t0) & (further < loop.run_end)]
-            longest = _with_edges(longest, np.concatenate([[system.t0], inner, [loop.run_end]]))
+            longest = with_edges(longest, np.concatenate([[system.t0], inner, [loop.run_end]]))
+        if asked.bounds:
+            own = share if share is not None and longest is None else 1.0  # else `longest` has the share already
+            longest = with_edges(longest, divided(asked.bounds, system.t0, loop.run_end, own))
         edges = [system.t0, loop.run_end] if line is None else line.edges.tolist()
         try:
             for a, b in pairwise(edges):
@@ -247,7 +249,8 @@ class Solver(ABC):
 class Asked:
     """Arguments of `Solver.solve` after they have been read and checked. stop: function of the Solution so far, called now and
     then, that returns whether the run may end; edges: times (s): no step may be longer than the interval between two of them in
-    which it begins; impacts: factor on the longest step during an impact."""
+    which it begins; bounds: longest steps in parts of the run, times `share`; impacts: factor on the longest step during an
+    impact."""
 
     t_end: float
     times: Array | None = None
@@ -260,6 +263,7 @@ class Asked:
     stop: Callable[[Solution], bool] | None = None
     impacts: float = 1.0
     edges: Array | None = None
+    bounds: tuple[Bound, ...] = ()
 
     @classmethod
     def of(cls, system: System, t_end: Any, outputs: Any = None, *, max_wall: Any = None, progress: Any = None, h0: Any = None,
@@ -341,10 +345,3 @@ def absolute_tolerance(system: System, rtol: float, atol: Any) -> Array:
         raise OptionError(f"atol has shape {values.shape}: give one number or {system.n}, one per unknown")
     return np.broadcast_to(values, (system.n,)).copy()
 
-
-def _with_edges(longest: LongestStep | None, edges: Array, share: float = 1.0) -> LongestStep:
-    """A bound of the steps by the intervals between `edges` (s), in addition to those of `longest`. Without `longest` a step may
-    be at most the fraction `share` of the interval in which it begins."""
-    if longest is None:
-        return LongestStep(distinct(edges), share)
-    return longest._replace(edges=distinct(np.concatenate([longest.edges, edges])))

@@ -27,6 +27,7 @@ class Accuracy:
     method; verified by another method; or None.
     reactions: error of the forces and torques of joints and force elements, over the largest of the run (torques are divided by
     the scene's length); from the same runs as the errors of motion and mesh.
+    amplification: growth of small disturbances over the run, computed when it is read (some 50 us of CPU a step).
     mesh: error of positions and angles, all along the beams and of all bodies, caused by the elements of beams; None where it was
     not measured.
     `covers` names the errors within the accuracy asked, `not_covered` the others with the reason.
@@ -40,6 +41,8 @@ class Accuracy:
     unknown: Mapping[str, str] = field(default_factory=dict)  #: name of an error -> why it is not known
     #: error of the reactions, or what computes it when it is read
     found_reactions: Callable[[], float] | float | None = field(default=None, compare=False)
+    #: growth of small disturbances, or what computes it when it is read
+    found_amplification: Callable[[], float | None] | float | None = field(default=None, compare=False)
 
     @property
     def motion(self) -> float | None:
@@ -50,6 +53,13 @@ class Accuracy:
     def reactions(self) -> float | None:
         """Error of forces and torques over the largest force of the run (times the scene's length); None where not known."""
         return self.found_reactions() if callable(self.found_reactions) else self.found_reactions
+
+    @cached_property
+    def amplification(self) -> float | None:
+        """Natural logarithm of the largest factor by which small disturbances grow from one time of the run to a later one; None
+        where an impact or a switch leaves it unknown. A disturbance is measured by positions and angles, and by velocities in
+        units in which they are as large. Its error is some tenths."""
+        return self.found_amplification() if callable(self.found_amplification) else self.found_amplification
 
     @property
     def errors(self) -> Errors | None:
@@ -99,7 +109,8 @@ class Accuracy:
     def as_data(self) -> dict[str, Any]:
         """Plain data; `Accuracy(**data)` is equal to this one."""
         return {"asked": self.asked, "estimated": self.estimated, "verified": self.verified, "mesh": self.mesh,
-                "has_mesh": self.has_mesh, "unknown": dict(self.unknown), "found_reactions": self.reactions}  # fmt: skip
+                "has_mesh": self.has_mesh, "unknown": dict(self.unknown), "found_reactions": self.reactions,
+                "found_amplification": self.amplification}  # fmt: skip
 
     def __repr__(self) -> str:
         told = (f"{name}={value:.2g}" for name, value in (("asked", self.asked), ("estimated", self.estimated),

@@ -178,7 +178,8 @@ def _dense(value: Any, where: str) -> None:
 _TEXTS, _SHARE = _many(_text), _optional(_real(0.0, finite=False, known=False))
 _STATS = {f.name: _whole() if f.type == "int" else _each(_whole()) if f.name == "unresolved" else _real(0.0, finite=False)
           for f in fields(Stats)}  # fmt: skip
-_ACCURACY = {"mesh": _SHARE, "has_mesh": _flag, "unknown": _each(_text), "found_reactions": _SHARE}
+_ACCURACY = {"mesh": _SHARE, "has_mesh": _flag, "unknown": _each(_text), "found_reactions": _SHARE,
+             "found_amplification": _SHARE}  # fmt: skip
 _INFO = {
     "solver": _record({"class": _text, "options": _each(lambda value, where: None)}), "form": _text,
     "accuracy": _record({"asked": _SHARE, "estimated": _SHARE, "verified": _SHARE}, _ACCURACY), "stats": _record({}, _STATS),

@@ -11,6 +11,8 @@ from mbdae.results.result import Result
 from mbdae.run.checks import doubts
 from mbdae.run.control import SLOW, Controlled
 from mbdae.run.drift import energy_drift, joint_drift
+from mbdae.run.growth.amplification import decided_by_round_off
+from mbdae.run.growth.roots import left_behind, total
 from mbdae.run.quaternion_lengths import unequal_lengths
 from mbdae.run.reliability import Assessment, doubts_of_steps, reliability
 from mbdae.run.singular_positions import singular_passages
@@ -35,6 +37,8 @@ WITHIN = 10.0
 TORN = 1e-3
 #: a body turns about an axis where the rate is more than ASIDE times its largest rate and 1 / characteristic time of the scene
 ASIDE = 1e-6
+#: accuracy that words about growing disturbances assume for runs with constant steps
+SHARE = 1e-3
 ENERGY_SAMPLES = 1000  #: largest number of outputs (of steps, where an input depends on time) at which energies are evaluated
 
 
@@ -51,9 +55,19 @@ def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
     rows = (joint_drift(found.prepared, run, known.asked) if drifts else []) or broken
     changed = dict.fromkeys(c for c in found.prepared.start.changes if isinstance(c, ChangedVelocity))
     notes = [*changed, *_missed(known, run), *of_run, *rows, *doubts(found.prepared), *doubts_of_steps(run), *contact.notes,
-             *singular, *unequal_lengths(found), *turned_aside(found), *energy_drift(found, run, known.asked)]  # fmt: skip
+             *singular, *_growth(found.prepared, run, known.asked), *unequal_lengths(found), *turned_aside(found),
+             *energy_drift(found, run, known.asked)]  # fmt: skip
     reliable = contact.reliable and off <= TORN and not run.solution.stats.missed_dips
     return Assessment(tuple(notes), reliable, bool(singular), off)
+
+
+def _growth(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:
+    """Words about disturbances that grow so much that round-off decides, and about those that constant steps do not follow."""
+    solution = run.solution
+    if not run.growth or not solution.systems:
+        return []
+    accuracy = asked or run.solver.rtol or SHARE
+    return [*decided_by_round_off(prepared, solution, total(run.growth), accuracy), *left_behind(run.growth)]
 
 
 def turned_aside(result: Result) -> list[str]:

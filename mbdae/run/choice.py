@@ -205,19 +205,27 @@ class Rates:
         return finite_eigenvalues(fy, fyp)
 
     @property
+    def time(self) -> float:
+        """The time in which the motion changes, s: the shortest of its characteristic time, the length of the run, and the time
+        in which the fastest disturbance grows by the factor e. (What leaves an unstable rest at a rate would decay backwards in
+        time at the same rate, which is not stiff.)"""
+        p, growth = self._prepared, np.max(self._eigenvalues.real[np.isfinite(self._eigenvalues)], initial=0.0)
+        return min(p.time, p.model.conditions.end - p.start.t, 1 / float(growth) if growth > 0 else np.inf)
+
+    @property
     def decay(self) -> float:
         """Largest decay rate times the characteristic time."""
-        return float(-np.min(self._eigenvalues.real, initial=0.0)) * self._prepared.time
+        return float(-np.min(self._eigenvalues.real, initial=0.0)) * self.time
 
     @property
     def oscillation(self) -> float:
         """Largest angular frequency times the characteristic time."""
-        return float(np.max(np.abs(self._eigenvalues.imag), initial=0.0)) * self._prepared.time
+        return float(np.max(np.abs(self._eigenvalues.imag), initial=0.0)) * self.time
 
     def __str__(self) -> str:
         if not np.isfinite(self.decay):
             return f"more than {EIGENVALUES} unknowns, too many to compute the fastest vibrations"
-        T = self._prepared.time
+        T = self.time
         what = f"decay at up to {self.decay / T:.3g} 1/s" if self.decay > self.oscillation else (
             f"oscillate at up to {self.oscillation / T:.3g} rad/s")  # fmt: skip
         return f"small disturbances {what}, the motion changes in {T:.3g} s"

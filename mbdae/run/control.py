@@ -30,6 +30,7 @@ from mbdae.results.reactions import OtherRun, some_of
 from mbdae.run.contact_tolerances import largest_tolerance, resolving
 from mbdae.run.estimate import Run, companions, estimated, share_of
 from mbdae.run.excitations import beginning_at, windows
+from mbdae.run.growth.roots import AT_LEAST, Growth, growing, unfollowed, unseen
 from mbdae.run.hidden_contacts import Hidden, hidden_contacts
 from mbdae.system.base import Array, System
 from mbdae.system.distance import distance
@@ -82,7 +83,7 @@ class Controlled:
     """A run, its estimated error, the number of runs made for it and their CPU time (s). others: runs that it was compared with;
     waves: whether it resolves all vibrations of beams although its form does not demand it; told: for every run with an estimate,
     in order, its tolerance (or constant step, s) and the estimate from runs of its method alone; limit: the smallest tolerance
-    that round-off allows; hidden: contacts that close and open inside its steps."""
+    that round-off allows; hidden: contacts that close and open inside its steps; growth: of small disturbances along it."""
 
     solution: Solution
     solver: Solver
@@ -95,6 +96,7 @@ class Controlled:
     told: tuple[tuple[float, float], ...] = ()
     limit: float = 0.0
     hidden: tuple[Hidden, ...] = ()
+    growth: tuple[Growth, ...] = ()
 
     def after(self, runs: int, cpu_s: float) -> Controlled:
         """The same run, with a number of other runs and their CPU time (s) added to `runs` and `cpu_s`."""
@@ -131,7 +133,7 @@ def run_controlled(system: System, prepared: Prepared | None, solver: Solver, ac
     asked = replace(asked, begin=time.perf_counter() if asked.begin is None else asked.begin)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AccuracyWarning)
-        run = _with_hidden_contacts(system, prepared, solver, accuracy, asked, outputs)
+        run = _passing_nothing_over(system, prepared, solver, accuracy, asked, outputs)
         second = None if solver.by_steps else second_method(solver, system, asked, accuracy, measure_of(system, prepared))
         if second is not None:
             distance = second.distance(run.solution, run.estimate)
@@ -146,10 +148,11 @@ def _last_of_each_kind(notes: Sequence[str]) -> tuple[str, ...]:
     return tuple({note.split(" at t = ")[0]: note for note in notes}.values())
 
 
-def _with_hidden_contacts(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
+def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
                           outputs: Array) -> Controlled:  # fmt: skip
-    """A run in which no contact closes and opens inside a step: where one does, the run is repeated with shorter steps there, at
-    most REPEATS times. A run that misses the accuracy is also repeated because of such contacts in its companions."""
+    """A run in which no contact closes and opens inside a step, and whose steps follow every disturbance that grows unseen: where
+    they do not, the run is repeated with shorter steps there, at most REPEATS times. A run that misses the accuracy is also
+    repeated because of such contacts in its companions."""
     depth, runs, cpu = SHALLOW * accuracy * (1.0 if prepared is None else prepared.length), 0, 0.0
     for _ in range(REPEATS + 1):
         made: list[Run] = []
@@ -157,11 +160,20 @@ def _with_hidden_contacts(system: System, prepared: Prepared | None, solver: Sol
         hidden = hidden_contacts(system, run.solution, depth)
         of_companions = [] if hidden or run.estimate <= accuracy else [
             one for _, other in made for one in hidden_contacts(system, other, depth)]  # fmt: skip
-        if not hidden and not of_companions:
-            return run
+        growth = growing(system, run.solution, run.solver, accuracy)
+        bounds = unfollowed(growth)
+        if not bounds and not asked.bounds and made and unseen(growth):  # else such an estimate was made
+            measure = measure_of(system, prepared)
+            run = replace(run, estimate=max(run.estimate, estimated(system, solver, made, measure, outputs, AT_LEAST)))
+            bounds = () if run.estimate <= accuracy else unseen(growth)
+        if not hidden and not of_companions and not bounds:
+            return replace(run, growth=tuple(growth))
         runs, cpu = run.runs, run.cpu_s
-        known = [] if asked.edges is None else [asked.edges]
-        asked = replace(asked, edges=distinct(np.concatenate([*known, *(one[1:] for one in hidden + of_companions)])))
+        asked = replace(asked, bounds=(*asked.bounds, *bounds))
+        if hidden or of_companions:
+            known = [] if asked.edges is None else [asked.edges]
+            asked = replace(asked, edges=distinct(np.concatenate([*known, *(one[1:] for one in hidden + of_companions)])))
+    run = replace(run, growth=tuple(growth))
     return replace(run, estimate=float("inf"), others=(), hidden=tuple(hidden)) if hidden else run
 
 
@@ -202,7 +214,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
         made[:], count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are dropped: they take much memory
-        told.append((tight.tolerance, estimated(system, solver, made, measure, outputs)))
+        told.append((tight.tolerance, estimated(system, solver, made, measure, outputs, AT_LEAST if asked.bounds else 0.0)))
         estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(
             system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before),

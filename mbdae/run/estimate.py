@@ -65,17 +65,17 @@ def contradicted(gaps: Sequence[float], ratios: Sequence[float], fall: float) ->
     return bool(wide * (close**fall - 1) < near * (far**fall - 1))
 
 
-def estimated(system: System, solver: Solver, runs: Sequence[Run], measure: Measure, outputs: Array) -> float:
+def estimated(system: System, solver: Solver, runs: Sequence[Run], measure: Measure, outputs: Array, least: float = 0.0) -> float:
     """Estimated error of the last of several runs with falling tolerances. Its companions are the runs before it, one or, with
     contacts, two (`companions`). The largest of their estimates is taken; where two show that errors fall more slowly than
-    assumed, at least the larger difference."""
+    assumed, at least the larger difference. least: smallest ratio assumed of the error to a difference."""
     tolerance, fine = runs[-1]
     gaps, ratios, found = [], [], 0.0
     for before, coarse in runs[-1 - len(companions(system, solver)) : -1]:
         times = check_times(coarse, outputs)
         gaps.append(float(np.max(measure(times, coarse(times), fine(times)))))
         ratios.append(before / tolerance)
-        found = max(found, gaps[-1] * share_of(system, solver, tolerance / before))
+        found = max(found, gaps[-1] * max(share_of(system, solver, tolerance / before), least))
     if len(gaps) == 2 and contradicted(gaps, ratios, fall_of(system, solver)):
         found = max(found, *gaps)
     return found

@@ -47,15 +47,16 @@ from mbdae.run.checkpoint import kept_value
 from mbdae.run.choice import Choice, alternatives
 from mbdae.run.closer import CloserRun
 from mbdae.run.contact_tolerances import refuse_unresolved
-from mbdae.run.control import SHALLOW, UNTESTED, Controlled, cpu_of, run_controlled
+from mbdae.run.control import CLOSER, REPEATS, SHALLOW, UNTESTED, Controlled, cpu_of, run_controlled
 from mbdae.run.drift import joint_drift
+from mbdae.run.growth.roots import growing, unfollowed
 from mbdae.run.hidden_contacts import hidden_contacts
 from mbdae.run.lost_vibrations import with_lost_vibrations
 from mbdae.run.recheck import Rechecked, rechecked
 from mbdae.run.reliability import Assessment
 from mbdae.run.singular_positions import singular_stop
 from mbdae.run.verification import accuracy_of, nothing_known, verified
-from mbdae.system.base import Array
+from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
 from mbdae.system.without_multipliers import WithoutMultipliers
@@ -68,6 +69,8 @@ LOOSER, MOST = 10.0, 1e-3
 #: without contacts, and where the ratio of estimate to accuracy is below this, a tighter run is tried before one that resolves
 #: all vibrations of beams
 NEARLY = 10.0
+#: ratio of the first to the last estimate of a search above which the runs count as convergent
+CONVERGED = 10.0
 
 
 def _same(value: Any) -> Any:
@@ -99,13 +102,10 @@ class Job:
             if not solver.fixed and solver.rtol is None and getattr(solver, "atol", None) is not None:
                 solver = solver.at_accuracy(self.accuracy, system.label)  # atol is the user's: one run, with the usual rtol
             if solver.fixed or solver.rtol is not None:
-                with python_warnings.catch_warnings(record=True) as caught:
-                    python_warnings.simplefilter("always", AccuracyWarning)
-                    solution = solver.run(system, self.asked)
-                notes = tuple(dict.fromkeys(str(w.message) for w in caught))
+                once = run_once(system, solver, self.asked)
                 exactly = self.accuracy if solver.rtol is None else solver.rtol
-                hidden = hidden_contacts(system, solution, SHALLOW * exactly * self.prepared.length)
-                return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s, notes, hidden=tuple(hidden))
+                hidden = hidden_contacts(system, once.solution, SHALLOW * exactly * self.prepared.length)
+                return replace(once, hidden=tuple(hidden))
             run = self._controlled(system, solver)
             if not system.numbering.stresses or self.form.waves:
                 return run
@@ -188,7 +188,7 @@ class Job:
             if best is None or run.estimate < best[0].estimate:
                 best = run, job
             missed = job._missed(run)
-            if not missed or isinstance(solver, RadauIIA):
+            if not missed or isinstance(solver, RadauIIA) or _at_round_off(run):
                 break
             why = f"{solver.label} {missed}"
         if best is None:
@@ -255,6 +255,28 @@ class Job:
                     stop, _, message = str(error).partition(": ")
                     error.args = (f"{stop}: {place} (solver: {message})",)
             raise
+
+
+def _at_round_off(run: Controlled) -> bool:
+    """Whether the tolerance of a run is the smallest that round-off allows, and its estimates fell with the tolerance until then:
+    the other methods, whose smallest tolerances are larger, would come no nearer."""
+    return len(run.told) > 1 and run.told[-1][0] <= run.limit * (1 + 1e-9) and run.estimate < run.told[0][1] / CONVERGED
+
+
+def run_once(system: System, solver: Solver, asked: Asked) -> Controlled:
+    """A run with the tolerance or step of the solver, without an estimate of its error. Where its steps are not constant and do
+    not follow a disturbance that grows unseen, it is repeated with shorter ones."""
+    with python_warnings.catch_warnings(record=True) as caught:
+        python_warnings.simplefilter("always", AccuracyWarning)
+        for repeats in range(REPEATS + 1):
+            run = solver.run(system, asked)
+            growth = growing(system, run, solver, solver.rtol or SHALLOW)
+            bounds = () if solver.fixed or repeats == REPEATS else unfollowed(growth)
+            if not bounds:
+                break
+            asked = replace(asked, bounds=(*asked.bounds, *bounds), share=CLOSER)
+    notes = tuple(dict.fromkeys(str(w.message) for w in caught))
+    return Controlled(run, solver, math.nan, 1 + repeats, run.stats.cpu_s, notes, growth=tuple(growth))
 
 
 def _better(run: Controlled, attempt: Callable[[], Controlled]) -> Controlled:

@@ -16,6 +16,7 @@ from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy
 from mbdae.results.errors import Errors
 from mbdae.results.reactions import OtherRun
 from mbdae.run.control import Controlled, measure_of, other_run, run_controlled
+from mbdae.run.growth.amplification import Amplified
 from mbdae.run.mesh import mesh_error
 from mbdae.system.prepare import Prepared
 
@@ -71,7 +72,7 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
     """The known errors of a run, and why others are not known; found: errors that verify=True has shown, or None."""
     estimate = None if math.isnan(run.estimate) else run.estimate
     if estimate is None and found is None:
-        return Accuracy(None, None, has_mesh=bool(prepared.model.lines))
+        return Accuracy(None, None, has_mesh=bool(prepared.model.lines), found_amplification=Amplified(run.solution))
     found = found or Verified()
     in_time = found.reactions or run.others
     forces = Errors(prepared, run.solution, (*in_time, *found.finer)) if in_time else None
@@ -79,7 +80,8 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
     if forces is not None:
         forces.asked = asked
     unknown = {"reactions": NO_RUN_BESIDE, "mesh": NOT_REPEATED} | found.unknown
-    return Accuracy(asked, estimate, found.motion, found.mesh, bool(prepared.model.lines), unknown, forces)
+    return Accuracy(asked, estimate, found.motion, found.mesh, bool(prepared.model.lines), unknown, forces,
+                    Amplified(run.solution))
 
 
 def nothing_known(prepared: Prepared, why: str) -> Accuracy:

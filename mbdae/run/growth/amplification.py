@@ -1,0 +1,153 @@
+"""How much small disturbances grow over a run: the linearised equations, carried along its steps.
+
+In every step E x' + A x = 0, with E = dF/dy' and A = dF/dy in the middle of the step, is solved by one step of Radau IIA(3) for
+some disturbances at once. `growth` sees to it that the steps of a run follow what grows, so that the steps of the run serve.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.integrators.matrices.iteration import IterationMatrix
+from mbdae.integrators.runge_kutta.tables import radau_table
+from mbdae.integrators.solution import Solution, systems_at
+from mbdae.native.sparse import SingularMatrixError
+from mbdae.system.base import Array, System
+from mbdae.system.prepare import Prepared
+from mbdae.threads import single_threaded
+from mbdae.ties import largest
+
+ROUNDED = 1e-16  #: relative round-off of a coordinate
+#: words are said where round-off, as it grows over the run, may make more than this fraction of the accuracy asked
+DECIDES = 0.3
+LEAST = 10.0  #: growth with frozen coefficients below which round-off decides nothing that can be asked
+COPIES = 2  #: number of disturbances, drawn at random, that are carried along
+MOST = 20_000  #: largest number of steps along which disturbances are carried
+SLACK = 3.0  #: growth (natural logarithm) beyond that asked for after which it is not carried on
+TINY = 1e-300
+PLACES = 50  #: number of times at which the largest coordinate is sought
+
+
+class Disturbances:
+    """Small disturbances of a run of a system, as they grow along its steps."""
+
+    def __init__(self, system: System, run: Solution) -> None:
+        self._system, self._run = system, run
+        self._matrix: IterationMatrix | None = None
+        kinds = np.array(system.kinds)
+        self._fast = kinds == "v"
+        self._slow = ~np.isin(kinds, ("v", "lambda", "mu", "z"))
+
+    @single_threaded
+    def growth(self, enough: float = math.inf) -> tuple[float, float] | None:
+        """(natural logarithm of the largest factor by which a disturbance grows from one time of the run to a later one, time of
+        the largest, s). It ends early where the logarithm exceeds `enough`. None where an impact leaves it unknown, where the
+        equations are singular, or with more than MOST steps."""
+        run = self._run
+        if run.stats.contacts or len(run.t) < 2 or len(run.t) > MOST:
+            return None
+        x = np.random.default_rng(11).normal(size=(COPIES, self._system.n)) * self._system.scale
+        middle, h = (run.t[1:] + run.t[:-1]) / 2, np.diff(run.t)
+        states = run(middle), run.derivative(middle)
+        sizes: list[tuple[float, float]] = []
+        size = least = 0.0
+        for i, system in enumerate(systems_at(run, middle, self._system)):
+            try:
+                x = self._carried(system, float(middle[i]), states[0][i], states[1][i], float(h[i]), x)
+            except SingularMatrixError:
+                return None
+            scaled = x / self._system.scale
+            both = [float(np.linalg.norm(scaled[:, kind])) for kind in (self._slow, self._fast)]
+            now = math.hypot(*both)
+            if not (math.isfinite(now) and now > 0):
+                return None
+            sizes.append((size + math.log(max(both[0], TINY)), size + math.log(max(both[1], TINY))))
+            size, x = size + math.log(now), x / now
+            least = min(least, size) if i else size
+            if size - least > enough + SLACK:
+                break
+        return _largest(np.array(sizes), run.t[1:])
+
+    def _carried(self, system: System, t: float, y: Array, yp: Array, h: float, x: Array) -> Array:
+        """Disturbances (k, n) at the end of a step h (s), from those at its begin; t, y, yp: time (s) and state in its middle."""
+        real, pair, weights = _weights()
+        if self._matrix is None or self._matrix.system is not system:
+            self._matrix = IterationMatrix(system, real, pair)
+        matrix = self._matrix
+        matrix.refresh(t, y, yp)
+        matrix.factor(h)
+        out = np.empty_like(x)
+        for k, one in enumerate(x):
+            right = matrix.row * matrix.mass(one) / h
+            parts = [weight * factors.solve(right) for weight, factors in zip(weights, matrix.factors, strict=True)]
+            out[k] = matrix.column * sum(part if part.dtype.kind == "f" else 2 * part.real for part in parts)
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Amplified:
+    """The growth of disturbances over a run (natural logarithm of the factor), None where not known; computed when it is called.
+    A copy in another process does not have the equations and returns None."""
+
+    run: Solution
+
+    def __call__(self) -> float | None:
+        found = Disturbances(self.run.systems[0][1], self.run).growth() if self.run.systems else None
+        return None if found is None else found[0]
+
+
+def decided_by_round_off(prepared: Prepared, run: Solution, frozen: float, accuracy: float) -> list[str]:
+    """Words about a run in which small disturbances grow so much that round-off decides digits of the accuracy asked. frozen: the
+    sum of the growth with frozen coefficients; where it is too small for that, the growth along the run is not computed."""
+    system = run.systems[0][1]
+    if frozen < LEAST:
+        return []
+    enough = math.log(DECIDES * accuracy / (ROUNDED * _farthest(prepared, run)))
+    found = Disturbances(system, run).growth(enough) if frozen > enough else None
+    if found is None or found[0] < enough:
+        return []
+    factor = f"e^{found[0]:.0f} (1e{found[0] / math.log(10):.0f})"
+    decisive = accuracy * math.exp(-min(found[0], 300.0))
+    return [f"small disturbances grow by a factor of {factor} up to t = {found[1]:.4g} s: what is below {decisive:.0e} of the "
+            f"scene's length (or rad) at the start, round-off too, decides whether an accuracy of {accuracy:g} is kept; a "
+            "shorter run, or a start farther from the unstable rest, can be predicted"]  # fmt: skip
+
+
+def _farthest(prepared: Prepared, run: Solution) -> float:
+    """Largest coordinate of a place of a body in a run over the scene's length, 1 where that is less (angles in rad)."""
+    some = run.t[:: len(run.t) // PLACES + 1]
+    q = prepared.states(some, run(some))[0]
+    places = [np.max(np.abs(q[:, node.q : node.q + node.kind.translations])) for node in prepared.model.nodes
+              if node.unit == "m" and node.kind.translations]  # fmt: skip
+    return max(1.0, float(max(places, default=0.0)) / prepared.length)
+
+
+def _largest(sizes: Array, t: Array) -> tuple[float, float]:
+    """Largest rise of a disturbance from one time to a later one, and the later time (s). sizes (k, 2): logarithms of its
+    positions and of its velocities at times t. Velocities are measured in units in which they are as large as the positions in
+    the median, so that a vibration rises by nothing."""
+    apart = np.median(sizes[:, 0] - sizes[:, 1]) if len(sizes) else 0.0
+    both = np.logaddexp(2 * sizes[:, 0], 2 * (sizes[:, 1] + apart)) / 2
+    rises = both - np.minimum.accumulate(both)
+    i = largest(rises)
+    return float(rises[i]), float(t[i])
+
+
+@cache
+def _weights() -> tuple[Array, NDArray[np.complex128], tuple[complex, ...]]:
+    """The real and the complex eigenvalue m of A^-1 of Radau IIA(3), and the weights w with which one of its steps of h is the
+    sum of w (m E / h + A)^-1 E / h, of the complex one twice the real part."""
+    table = radau_table(3)
+    values, vectors = np.linalg.eig(table.A_inv)
+    start = np.linalg.solve(vectors.astype(complex), np.ones(len(values), complex))
+    weights = vectors[-1] * values * start
+    found = []
+    for value in (*table.real, *table.pairs):
+        j = int(np.argmin(np.abs(values - value)))
+        found.append(weights[j].real if abs(values[j].imag) < 1e-9 else weights[j])
+    return table.real, table.pairs, tuple(found)

@@ -1,0 +1,123 @@
+"""Motions that leave an unstable rest: their growth is followed, its amount told, and needless words are not said."""
+
+from __future__ import annotations
+
+from math import log, sqrt
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from scipy.integrate import solve_ivp
+
+import mbdae as mb
+from mbdae.run import control
+from mbdae.run.growth import roots
+
+G = 9.81
+RATE = sqrt(1.5 * G)  #: 1/s, of an upright rod of 1 m
+
+
+def rod(off: float, wheel: bool = False, **options: Any) -> Any:
+    """An upright rod 1 m long, `off` rad off; wheel: with one that spins beside, so that the characteristic time is short."""
+    s = mb.Scene("rod", gravity=(0, -G, 0))
+    s.revolute("hinge", s.ground, s.link("rod", (0, 0), (0, 1), mass=1.0), at=(0, 0), angle0=off, **options)
+    if wheel:
+        s.revolute("axle", s.ground, s.rigid_body("wheel", 1.0, 0.1, at=(3, 0)), at=(3, 0), rate0=5.0)
+    return s
+
+
+def fallen(off: float, times: Any) -> Any:
+    return solve_ivp(lambda t, y: [y[1], 1.5 * G * np.sin(y[0])], (0, times[-1]), [off, 0], method="DOP853", rtol=3e-14,
+                     atol=1e-20, t_eval=times).y[0]  # fmt: skip
+
+
+@pytest.mark.parametrize("options", [
+    {}, {"solver": mb.RadauIIA(3), "form": mb.GGL()}, {"solver": mb.RadauIIA(5)}, {"solver": mb.IDA()},
+    {"solver": mb.CVODE(method="BDF")}, {"solver": mb.HHT()},
+], ids=lambda o: str(next(iter(o.values()), "default"))[:12])  # fmt: skip
+@pytest.mark.parametrize("wheel", [False, True])
+def test_a_rod_that_seems_to_stand_falls(options: dict[str, Any], wheel: bool) -> None:
+    off = 1e-10
+    times = np.linspace(0, log(6 / off) / RATE, 61)
+    r = rod(off, wheel, model=mb.Kinematic()).simulate(times[-1], accuracy=1e-3, outputs=times, **options)
+    assert np.max(np.abs(r["hinge"].angle - fallen(off, times))) < 3e-3 or r.warnings
+
+
+def test_without_bounds_the_rod_stands_and_both_runs_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the bounds are for: two runs that take the growth for decay agree, and nothing is told."""
+    monkeypatch.setattr(control, "growing", lambda *_: [])
+    off = 1e-12
+    r = rod(off, model=mb.Kinematic()).simulate(8.28, accuracy=1e-3, solver=mb.RadauIIA(3), form=mb.GGL())
+    assert abs(r["hinge"].angle[-1]) < 1e-6
+    assert r.accuracy.estimated < 1e-3
+    assert fallen(off, np.array([0, 8.28]))[-1] > 5
+
+
+def test_growth_is_that_of_the_equations() -> None:
+    """The logarithm of the largest factor: of an upright rod RATE t, of a swing about the lowest point 0, of Mathieu's equation
+    that of its Floquet multiplier, which no frozen equation shows."""
+    T = 3.0
+    assert rod(1e-9).simulate(T).accuracy.amplification == pytest.approx(RATE * T - log(2), abs=0.8)
+    hanging = rod(np.pi - 0.5).simulate(T)
+    assert hanging.accuracy.amplification < 0.5
+    s = mb.Scene("Mathieu")
+    x = s.sensor("guide.displacement")
+    s.prismatic("guide", s.ground, s.rigid_body("mass", 1.0, 1.0, at=(0, 0)), at=(0, 0), axis=(1, 0, 0), position0=1e-6,
+                force=-(1 + 0.4 * sp.cos(2 * mb.t)) * x)  # fmt: skip
+    found, period = s.simulate(20 * np.pi).accuracy.amplification, np.pi
+    turned = solve_ivp(lambda t, y: np.r_[y[2:], -(1 + 0.4 * np.cos(2 * t)) * y[:2]], (0, period), [1, 0, 0, 1], rtol=1e-11,
+                       atol=1e-12)  # fmt: skip
+    multiplier = np.max(np.abs(np.linalg.eigvals(turned.y[:, -1].reshape(2, 2))))
+    assert found == pytest.approx(20 * log(multiplier), abs=0.5)
+
+
+def test_turning_over_the_top_is_no_growth() -> None:
+    """The roots of frozen equations add up to e^30 or more, disturbances grow in proportion to time: nothing is said."""
+    r = rod(0.0, rate0=20.0).simulate(20.0, accuracy=1e-8)
+    assert roots.total(roots.growing(r.solution.systems[0][1], r.solution, r.info.solver, 1e-8)) > 25
+    assert r.warnings == ()
+    assert r.accuracy.amplification < 8
+
+
+def test_round_off_that_decides_is_told() -> None:
+    with pytest.warns(mb.AccuracyWarning, match="small disturbances grow by a factor of e"):
+        r = rod(1e-13).simulate(8.5, accuracy=1e-6, solver=mb.DOP853())
+    assert r.accuracy.amplification > 25
+
+
+def test_constant_steps_that_do_not_follow_growth_are_told() -> None:
+    off, kinematic = 1e-9, {"model": mb.Kinematic()}
+    with pytest.warns(mb.AccuracyWarning, match="do not follow"):
+        rod(off, **kinematic).simulate(5.0, solver=mb.RadauIIA(3, step=1.0))
+    assert rod(off, **kinematic).simulate(5.0, solver=mb.RadauIIA(3, step=0.05)).warnings == ()
+
+
+def test_a_tolerance_of_ones_own_follows_growth_too() -> None:
+    off = 1e-10
+    times = np.linspace(0, 6.5, 14)
+    r = rod(off, model=mb.Kinematic()).simulate(6.5, outputs=times, solver=mb.RadauIIA(3, rtol=1e-3), form=mb.GGL())
+    np.testing.assert_allclose(r["hinge"].angle, fallen(off, times), atol=0.05)
+
+
+@pytest.mark.parametrize("off", [1e-8, np.pi - 1e-8])
+def test_a_slow_start_is_not_stiff(off: float) -> None:
+    """Near a rest the characteristic time at the start is long, and a decay is quick beside it only because it is a growth
+    reversed in time, or an oscillation in few periods."""
+    assert rod(off).simulate(4.0, accuracy=1e-4).info.solver.label == "DOP853"
+
+
+def test_growth_of_beams_and_large_chains_is_seen() -> None:
+    """The test without all roots: an upright chain of 40 rods has growth, the same chain hanging has none."""
+    for sign, grows in ((1, True), (-1, False)):
+        s, below = mb.Scene("chain", gravity=(0, -G, 0)), None
+        for j in range(40):
+            body = s.link(f"rod {j}", (0, sign * 0.1 * j), (0, sign * 0.1 * (j + 1)), mass=0.1)
+            s.revolute(f"J{j}", s.ground if below is None else below, body, at=(0, sign * 0.1 * j),
+                       angle0=1e-9 if j == 0 else None)  # fmt: skip
+            below = body
+        r = s.simulate(0.05, accuracy=1e-3)
+        system = r.solution.systems[0][1]
+        found = roots.growing(system, r.solution, r.info.solver, 1e-3)
+        assert system.n > roots.SMALL
+        assert (roots.total(found) > 0.1) == grows
