@@ -17,15 +17,16 @@ from mbdae.system.prepare import Prepared
 #: largest number of unknowns at all steps of a run beside the one that is returned that is kept whole (16 MB, with its
 #: derivatives and stages 50 MB); larger ones are kept at the times of the comparison alone
 WHOLE = 2_000_000
-#: smallest and largest number of times at which a run is compared with another, and number of all unknowns at them between these:
-#: impacts are short, and of 200 times of a run with 5000 steps one companion met them and another did not
+#: number of times at which a run is compared with another; with contacts up to MOST, as far as all unknowns at them are at most
+#: NUMBERS: impacts are short, and of 200 times of a run with 5000 steps one companion met them and another did not
 FEWEST, MOST, NUMBERS = 200, 2000, 400_000
 KINDS = ("companion", "window", "mesh", "closer")  #: see `OtherRun`
 
 
-def some_of(times: Array, unknowns: int, most: int = MOST) -> Array:
-    """Those of the times of a comparison at which two runs are read: equally many between any two of them."""
-    count = int(np.clip(NUMBERS // max(unknowns, 1), FEWEST, most))
+def some_of(times: Array, unknowns: int, contacts: bool) -> Array:
+    """Those of the times of a comparison at which two runs are read: equally many between any two of them. contacts: whether
+    their scene has some."""
+    count = int(np.clip(NUMBERS // max(unknowns, 1), FEWEST, MOST if contacts else FEWEST))
     return times[distinct(np.linspace(0, len(times) - 1, count).astype(int))]
 
 

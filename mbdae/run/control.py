@@ -123,7 +123,7 @@ def other_run(system: System, prepared: Prepared | None, run: Solution, times: A
     if prepared is None or not isinstance(system, SceneSystem):
         return ()
     share = 1.0 if prepared.contacts else share
-    return (OtherRun.beside(run, some_of(times, run.y.shape[1]), share, kind=kind, ratio=ratio),)
+    return (OtherRun.beside(run, some_of(times, run.y.shape[1], bool(prepared.contacts)), share, kind=kind, ratio=ratio),)
 
 
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,

@@ -6,7 +6,8 @@ Modules of this folder in the order in which a run uses them:
 2. `control`          runs of the solver until the estimated error (`estimate`) is below the accuracy; `contact_tolerances` bounds
                       the tolerance where there is contact or friction;
 3. `lost_vibrations`  vibrations of stiff beams that long steps damp away, after the start and after `excitations`;
-   `verification`     with verify=True: a run of another method, and one on a finer `mesh` of the beams;
+   `verification`     with verify=True: a run of another method, and one on a finer `mesh` of the beams; a closer run when
+                      a quantity is read that the estimate does not cover;
 4. `assessment`       warnings about the run that is returned: `reliability`, `drift`, `singular_positions`,
                       `quaternion_lengths`;
 5. `recheck`          steps with a large `defect` are integrated again, since something may have acted between the points at
@@ -45,7 +46,6 @@ from mbdae.results.run_info import RunInfo
 from mbdae.run.assessment import assessed
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.choice import Choice, alternatives
-from mbdae.run.closer import CloserRun
 from mbdae.run.contact_tolerances import refuse_unresolved
 from mbdae.run.control import CLOSER, REPEATS, SHALLOW, UNTESTED, Controlled, cpu_of, run_controlled
 from mbdae.run.drift import joint_drift
@@ -55,7 +55,7 @@ from mbdae.run.lost_vibrations import with_lost_vibrations
 from mbdae.run.recheck import Rechecked, rechecked
 from mbdae.run.reliability import Assessment
 from mbdae.run.singular_positions import singular_stop
-from mbdae.run.verification import accuracy_of, nothing_known, verified
+from mbdae.run.verification import CloserRun, accuracy_of, nothing_known, verified
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
