@@ -73,9 +73,9 @@ def peak(result: Any, quantity: Quantity) -> Peak:
     """The largest magnitude of a quantity from the first of the result's times to the last, evaluated inside every step of the
     run and then searched more closely where it is largest."""
     unit, name = unit_of(result, quantity), named(quantity)
-    with result.silently():
+    with result._silently():
         found = largest(result, quantity, float(result.t[0]), float(result.t[-1]))
-    error = result.judge_peak(quantity, *found) if math.isfinite(found[0]) else None
+    error = result._judge_peak(quantity, *found) if math.isfinite(found[0]) else None
     return Peak(*found, unit, name, error)
 
 

@@ -172,9 +172,9 @@ class Result(RunStates, ListsAttributes):
         """A sensor by its path, e.g. "C.angle", "crank.position" or "beam.at(0.5).position" (nt, ...), one component of it,
         "crank.position[1]" (nt,), or a state, signal or output of a controller by its name (nt,)."""
         path = option("sensor", path, text, "name a sensor such as 'C.angle' or 'crank.position'")
-        with self.silently():
+        with self._silently():
             found = self._read(path)
-        self.judge(path)
+        self._judge(path)
         return found
 
     def _read(self, path: str) -> Array:
@@ -205,26 +205,26 @@ class Result(RunStates, ListsAttributes):
     def value(self, quantity: Quantity) -> Array:
         """A quantity at the result's times, (nt,) or (nt, n): a sensor, an expression of sensors such as "J.torque[2]*J.rate" or
         "norm(b.velocity)", or a function of the result."""
-        with self.silently():
+        with self._silently():
             found = value(self, quantity)
-        self.judge(quantity)
+        self._judge(quantity)
         return found
 
     def error(self, quantity: Quantity) -> float | None:
         """Estimated error of a quantity (see `value`) over the run, in its unit, from the runs made beside this one; None where
         there were none, as with a solver's own tolerance or step."""
         errors = self.accuracy.errors
-        with self.silently():
+        with self._silently():
             value(self(self.t[:1]), quantity)  # raises the error of a quantity that is none
         found = None if errors is None else errors.of(self, quantity)
         return None if found is None else found.error
 
-    def judge(self, quantity: Quantity) -> None:
+    def _judge(self, quantity: Quantity) -> None:
         """Warn where the error of a quantity that was read is above the accuracy asked."""
         if not self._silent and (errors := self.info.accuracy.errors) is not None:
             errors.judge(self, quantity)
 
-    def judge_peak(self, quantity: Quantity, size: float, t: float) -> float | None:
+    def _judge_peak(self, quantity: Quantity, size: float, t: float) -> float | None:
         """The error of the largest magnitude of a quantity, which it has at t (s); a warning where it is above the accuracy."""
         if self.info is None or (errors := self.info.accuracy.errors) is None:
             return None

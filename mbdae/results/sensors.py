@@ -35,9 +35,9 @@ class judged(property):  # noqa: N801, used as `property` is
             return self
         known = vars(sensor)
         if (kept := f"_{self._name}_read") not in known:
-            with sensor._result.silently():
+            with sensor._result._silently():
                 known[kept] = super().__get__(sensor, owner)
-        sensor._result.judge(f"{sensor._path}.{self._name}")
+        sensor._result._judge(f"{sensor._path}.{self._name}")
         return known[kept]
 
 
@@ -203,7 +203,7 @@ class ConnectionSensor(ListsAttributes):
             return found[name in rates]
         if name in drives_of(item):
             found_drive = self._drive(name, drives_of(item)[name])
-            self._result.judge(f"{self._path}.{name}")
+            self._result._judge(f"{self._path}.{name}")
             return found_drive
         if name in ("length", "rate") and has_length(item):
             return self._length[:, ("length", "rate").index(name)]

@@ -81,11 +81,11 @@ class RunStates(NamesArguments):
         self.prepared, self.solution, self.t = prepared, solution, np.asarray(t, dtype=float)
         self._silent = False  # while an expression is read, its sensors tell nothing: it does
 
-    def judge(self, quantity: Any) -> None:
+    def _judge(self, quantity: Any) -> None:
         """Tell where the error of a quantity that was read is above the accuracy asked; here nothing is known of it."""
 
     @contextmanager
-    def silently(self) -> Iterator[None]:
+    def _silently(self) -> Iterator[None]:
         """Context in which what is read is not judged: a part of something that is."""
         before, self._silent = self._silent, True
         try:

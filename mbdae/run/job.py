@@ -217,7 +217,7 @@ class Job:
             info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, (), self.choice)
             times = self.times[self.times <= run.solution.t[-1]]
             made = Result(self.prepared, run.solution, info, times)
-            with made.silently():
+            with made._silently():
                 found = kept_value(lambda: assessed(made, run, self.form.spec().drifts), tuple, lambda kept: Assessment(*kept))
             known = found.within(known)
             if found.reliable and not found.singular:  # else a warning already says that the run is not to be relied on
