@@ -53,6 +53,8 @@ UNTESTED = "the run attached (attribute `solution`) is complete; whether its ste
 #: a run is stopped, as too expensive, after this many times the residual evaluations of its companion, plus 10000, plus those
 #: that CUT allows
 CRAWL = 10
+#: factor on that number where a run leaves an unstable rest: its companion, in which less growth may have come out, moves less
+LEAVING = 10
 #: number of residual evaluations that CRAWL allows in addition for every stretch and edge of inputs of time, where steps end
 CUT = 100
 #: with contact: a run is not repeated any more where its estimate, after two or more repeats, is still above the largest earlier
@@ -197,6 +199,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         loose, coarse = made[-1]
         try:
             most_residuals = CRAWL * coarse.stats.residuals + 10000 + CUT * _cuts(system, tight, asked.t_end)
+            most_residuals *= LEAVING if asked.bounds else 1
             with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
                 fine = tight.run(system, closer(replace(asked, max_residuals=most_residuals), solver, count, kept))
         except WallClockError as error:
