@@ -224,9 +224,10 @@ class Errors:
 
     def judge(self, result: Any, quantity: Quantity) -> None:
         """Tell where a quantity that was read is not within the accuracy; of positions and velocities the run itself tells."""
-        unit = unit_of(result, quantity)
-        if self.asked is not None and unit not in self._of_motion and named(quantity) not in self.told:
-            self.tell(named(quantity), unit, self.of(result, quantity), self.asked)
+        unit, name = unit_of(result, quantity), named(quantity)
+        of_motion = unit in self._of_motion or name.partition("[")[0].endswith(".rotation")
+        if self.asked is not None and not of_motion and name not in self.told:
+            self.tell(name, unit, self.of(result, quantity), self.asked)
 
     def judge_peak(self, result: Any, quantity: Quantity, size: float, t: float, silent: bool) -> float | None:
         """The error of the largest magnitude `size` of a quantity, which it has at the time t (s), told where it is above the

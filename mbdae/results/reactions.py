@@ -27,7 +27,7 @@ def some_of(times: Array, unknowns: int, contacts: bool) -> Array:
     """Those of the times of a comparison at which two runs are read: equally many between any two of them. contacts: whether
     their scene has some."""
     count = int(np.clip(NUMBERS // max(unknowns, 1), FEWEST, MOST if contacts else FEWEST))
-    return times[distinct(np.linspace(0, len(times) - 1, count).astype(int))]
+    return np.asarray(times[distinct(np.linspace(0, len(times) - 1, count).astype(int))])
 
 
 def wrenches(prepared: Prepared, at: States) -> Array:

@@ -25,6 +25,7 @@ from mbdae.run.control import Controlled, closer, measure_of, other_run, run_con
 from mbdae.run.growth.amplification import Amplified
 from mbdae.run.mesh import mesh_error
 from mbdae.system.prepare import Prepared
+from mbdae.threads import one_thread
 
 CLOSER = 0.03  #: tolerance of a closer run over that of the run
 #: with vibrations of beams that the run leaves out, its tolerance over that which delivers the accuracy in positions
@@ -122,7 +123,7 @@ class CloserRun:
         """The run beside the one returned, up to the time at which its work ended; None where there is none."""
         form: Any = replace(self.form, waves=True) if self.waves else self.form  # type: ignore[type-var]
         try:
-            with warnings.catch_warnings(), keeping_runs(None):
+            with warnings.catch_warnings(), keeping_runs(None), one_thread():
                 warnings.simplefilter("ignore", AccuracyWarning)
                 system = system_for(self.prepared, form, self.solver.highest_index)
                 solver = self._tighter(system.label)

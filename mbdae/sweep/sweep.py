@@ -189,8 +189,8 @@ def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int
             interrupted(error, f"{come_so_far}; this exception has them as its attribute `solution`", made)
             raise
     if told := made.warnings:
-        said = next(iter(told.values()))
-        warn(f"sweep: {counted(len(told), 'point')} of {len(points)} warned, see its `warnings`; first {said}")
+        first = next(iter(told.values()))
+        warn(f"sweep: {counted(len(told), 'point')} of {len(points)} warned, see its `warnings`; first {first}")
     return made
 
 
@@ -326,7 +326,7 @@ class _Kept:
             with damage_refused(path):
                 number = whole(data["number"], least=0, most=len(self.points) - 1)
                 parts = [data[key] for key in ("values", "error", "died")]
-                row = SweepRow(self.points[number], *parts, tuple(data.get("warnings", ())))
+                row = SweepRow(self.points[number], *parts, warnings=tuple(data.get("warnings", ())))
                 if not (isinstance(row.values, dict | None) and isinstance(row.error, str | None) and isinstance(row.died, bool)):
                     raise BadValueError(f"in the row of a point, values, error or died is of a wrong type: {shown(data)}")
             if not (row.died or (self.again and row.error)):
