@@ -325,8 +325,8 @@ class _Kept:
                 continue  # the line is incomplete, because the process ended while it was written
             with damage_refused(path):
                 number = whole(data["number"], least=0, most=len(self.points) - 1)
-                parts = [data[key] for key in ("values", "error", "died")]
-                row = SweepRow(self.points[number], *parts, warnings=tuple(data.get("warnings", ())))
+                told = tuple(data.get("warnings", ()))
+                row = SweepRow(self.points[number], data["values"], data["error"], data["died"], told)
                 if not (isinstance(row.values, dict | None) and isinstance(row.error, str | None) and isinstance(row.died, bool)):
                     raise BadValueError(f"in the row of a point, values, error or died is of a wrong type: {shown(data)}")
             if not (row.died or (self.again and row.error)):

@@ -21,7 +21,8 @@ TIMES = 1001  #: at which values over time are compared
 @dataclass(frozen=True)
 class Reading:
     """A quantity that was read of a run: error and estimate over its size, what was asked, and whether the reader was told;
-    peak: the largest magnitude alone, else its values over time."""
+    peak: the largest magnitude alone, else its values over time; doubted: whether the run says of itself that its motion is not
+    within the accuracy, or not reliable."""
 
     seed: int
     family: str
@@ -31,11 +32,12 @@ class Reading:
     error: float
     estimate: float
     told: bool
+    doubted: bool
 
     @property
     def silent(self) -> bool:
         """Off by more than SILENT times the accuracy, and nobody was told."""
-        return self.error > SILENT * self.asked and not self.told
+        return self.error > SILENT * self.asked and not (self.told or self.doubted)
 
     @property
     def needless(self) -> bool:
@@ -77,14 +79,15 @@ def readings(seed: int, accuracies: tuple[float, ...]) -> list[Reading]:
                 size = float(np.max(magnitudes(values)))
                 if abs(peak - peak_again) <= AGREE * accuracy * size:
                     mine = r.peak(quantity)
-                    told = any(quantity in note for note in r.warnings) or r.reliable is False
+                    told = any(note.startswith(f"{quantity} has") for note in r.warnings)
                     estimate = np.nan if mine.error is None else mine.error / mine.value
-                    found.append(Reading(seed, d.family, quantity, True, accuracy, abs(mine.value - peak) / peak, estimate, told))
+                    error = abs(mine.value - peak) / peak
+                    found.append(Reading(seed, d.family, quantity, True, accuracy, error, estimate, told, r.reliable is False))
                 if float(np.max(magnitudes(values - again))) <= AGREE * accuracy * size:
                     error = float(np.max(magnitudes(r(times).value(quantity) - values))) / size
                     estimate = (r.error(quantity) or np.nan) / size
-                    told = estimate > accuracy or r.reliable is False
-                    found.append(Reading(seed, d.family, quantity, False, accuracy, error, estimate, told))
+                    told = estimate > accuracy
+                    found.append(Reading(seed, d.family, quantity, False, accuracy, error, estimate, told, r.reliable is False))
     return found
 
 
