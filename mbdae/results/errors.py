@@ -123,8 +123,8 @@ class Errors:
         return self._known[quantity]
 
     def of_peak(self, result: Any, quantity: Quantity, size: float, t: float) -> Estimate | None:
-        """The error of the largest magnitude `size` of a quantity, which it has at the time t (s). Where the quantity over time is
-        above the accuracy, its peak is not trusted to runs that may all damp what makes it: a closer run is asked first."""
+        """The error of the largest magnitude `size` of a quantity, which it has at the time t (s). Where the error over time is
+        above the accuracy, the peak is not trusted to runs that may all damp what makes it: a closer run is asked first."""
         over_time = self.of(result, quantity)
         found = self._closely(lambda: self._estimated_peak(result, quantity, size, t))
         if found is None or over_time is None or any(other.kind == "closer" for other in self.others):
