@@ -12,7 +12,7 @@ from mbdae.run.checks import doubts
 from mbdae.run.control import SLOW, Controlled
 from mbdae.run.drift import energy_drift, joint_drift
 from mbdae.run.growth.amplification import decided_by_round_off
-from mbdae.run.growth.roots import left_behind, total
+from mbdae.run.growth.growing import left_behind, total
 from mbdae.run.quaternion_lengths import unequal_lengths
 from mbdae.run.reliability import Assessment, doubts_of_steps, reliability
 from mbdae.run.singular_positions import singular_passages

@@ -30,7 +30,7 @@ from mbdae.results.reactions import OtherRun, some_of
 from mbdae.run.contact_tolerances import largest_tolerance, resolving
 from mbdae.run.estimate import Run, companions, estimated, share_of
 from mbdae.run.excitations import beginning_at, windows
-from mbdae.run.growth.roots import AT_LEAST, Growth, growing, unfollowed, unseen
+from mbdae.run.growth.growing import Growth, at_least, growing, unfollowed, unseen
 from mbdae.run.hidden_contacts import Hidden, hidden_contacts
 from mbdae.system.base import Array, System
 from mbdae.system.distance import distance
@@ -74,6 +74,7 @@ COARSE = 3.0
 #: SHALLOW: a contact inside a step counts if its penetration is above this fraction of the accuracy times the scene's length (m;
 #: for gaps that are angles, rad); REPEATS: largest number of times that a run is repeated because of such contacts
 SHALLOW, REPEATS = 0.1, 5
+FOLLOWING = 3  #: largest number of times that a run is repeated because its steps do not follow a disturbance that grows
 SAMPLES = 200  #: largest number of steps whose speeds a comparison of motions relates to
 #: length, in longest steps of the run, of the short runs that show vibrations shorter than a step, and number of times of the
 #: comparison
@@ -156,17 +157,23 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
     they do not, the run is repeated with shorter steps there, at most REPEATS times. A run that misses the accuracy is also
     repeated because of such contacts in its companions."""
     depth, runs, cpu = SHALLOW * accuracy * (1.0 if prepared is None else prepared.length), 0, 0.0
-    for _ in range(REPEATS + 1):
+    for repeats in range(REPEATS + 1):
         made: list[Run] = []
-        run = _controlled(system, prepared, solver, accuracy, asked, outputs, made).after(runs, cpu)
+        try:
+            run = _controlled(system, prepared, solver, accuracy, asked, outputs, made).after(runs, cpu)
+        except SolverError as error:
+            if not asked.bounds or isinstance(error, FINAL):
+                raise
+            run = run.after(1 + len(made), cpu_of(error) + sum(other.stats.cpu_s for _, other in made))
+            return replace(run, estimate=math.inf, others=(), notes=(*run.notes, f"a run with shorter steps failed: {error}"))
         hidden = hidden_contacts(system, run.solution, depth)
         of_companions = [] if hidden or run.estimate <= accuracy else [
             one for _, other in made for one in hidden_contacts(system, other, depth)]  # fmt: skip
-        growth = growing(system, run.solution, run.solver, accuracy)
-        bounds = unfollowed(growth)
+        growth = growing(system, run.solution, run.solver, accuracy, bool(asked.bounds))
+        bounds = unfollowed(growth) if repeats < FOLLOWING else ()
         if not bounds and not asked.bounds and made and unseen(growth):  # else such an estimate was made
             measure = measure_of(system, prepared)
-            run = replace(run, estimate=max(run.estimate, estimated(system, solver, made, measure, outputs, AT_LEAST)))
+            run = replace(run, estimate=max(run.estimate, estimated(system, solver, made, measure, outputs, at_least(solver))))
             bounds = () if run.estimate <= accuracy else unseen(growth)
         if not hidden and not of_companions and not bounds:
             return replace(run, growth=tuple(growth))
@@ -217,7 +224,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
         made[:], count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are dropped: they take much memory
-        told.append((tight.tolerance, estimated(system, solver, made, measure, outputs, AT_LEAST if asked.bounds else 0.0)))
+        least = at_least(solver) if asked.bounds else 0.0
+        told.append((tight.tolerance, estimated(system, solver, made, measure, outputs, least)))
         estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(
             system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before),
@@ -232,8 +240,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             continue
         if system.guards is not None and len(estimates) > 2 and best.estimate > max(estimates[:-1]) / CHAOTIC:
             return replace(best, notes=(*best.notes, CHAOS.format(max(estimates[:-1]), best.estimate)))
-        least = (0.5 * accuracy / best.estimate) ** (1 / _fall(told))
-        wanted = tight.tolerance * float(np.clip(least, *(FINER if system.guards is None else FINER_WITH_IMPACTS)))
+        falls = (0.5 * accuracy / best.estimate) ** (1 / _fall(told))
+        wanted = tight.tolerance * float(np.clip(falls, *(FINER if system.guards is None else FINER_WITH_IMPACTS)))
         tight = _with_rtol(tight, max(wanted, limit))
     return best
 

@@ -49,7 +49,7 @@ from mbdae.run.choice import Choice, alternatives
 from mbdae.run.contact_tolerances import refuse_unresolved
 from mbdae.run.control import CLOSER, REPEATS, SHALLOW, UNTESTED, Controlled, cpu_of, run_controlled
 from mbdae.run.drift import joint_drift
-from mbdae.run.growth.roots import growing, unfollowed
+from mbdae.run.growth.growing import growing, unfollowed
 from mbdae.run.hidden_contacts import hidden_contacts
 from mbdae.run.lost_vibrations import with_lost_vibrations
 from mbdae.run.recheck import Rechecked, rechecked
@@ -270,7 +270,7 @@ def run_once(system: System, solver: Solver, asked: Asked) -> Controlled:
         python_warnings.simplefilter("always", AccuracyWarning)
         for repeats in range(REPEATS + 1):
             run = solver.run(system, asked)
-            growth = growing(system, run, solver, solver.rtol or SHALLOW)
+            growth = growing(system, run, solver, solver.rtol or SHALLOW, repeats > 0)
             bounds = () if solver.fixed or repeats == REPEATS else unfollowed(growth)
             if not bounds:
                 break

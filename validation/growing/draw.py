@@ -75,8 +75,10 @@ def run(seed: int) -> Run:
         verdict = "right" if error <= RIGHT else "silent"
         if said or reliable is False:
             verdict = "told"
-    except mb.MbdaeError as stopped:
-        said, verdict = str(stopped), "refused"
+    except mb.SolverError as stopped:  # a wall clock that ran out, an accuracy that constant steps do not reach
+        said, verdict = str(stopped), "told"
+    except mb.MbdaeError as refused:
+        said, verdict = str(refused), "refused"
     except Exception as failed:
         said, verdict = f"{type(failed).__name__}: {failed}", "crashed"
     growth = problem.growth()

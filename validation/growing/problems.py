@@ -269,7 +269,7 @@ def hilltop(rng: np.random.Generator) -> Problem:
         s = mb.Scene("hilltop", gravity=(0, -G, 0), space="planar")
         ball = s.rigid_body("ball", m, 0.4 * m * small**2, at=(rest * sin(e), rest * cos(e)))
         s.contact("drum", s.ground, ball, mb.Cylinder(at=(0, 0), radius=big, length=0.4), mb.Sphere(radius=small),
-                  normal=mb.Hertz(K, 1.0))  # fmt: skip
+                  normal=mb.Hertz(K))  # fmt: skip
         return s
 
     return Problem("hilltop", e, scene, log(0.3 / e) / rate, rates, lambda seed: [rest * sin(seed), rest * cos(seed), 0.0, 0.0],

@@ -24,7 +24,7 @@ from mbdae.ties import largest
 
 ROUNDED = 1e-16  #: relative round-off of a coordinate
 #: words are said where round-off, as it grows over the run, may make more than this fraction of the accuracy asked
-DECIDES = 0.3
+DECIDES = 1.0
 LEAST = 10.0  #: growth with frozen coefficients below which round-off decides nothing that can be asked
 COPIES = 2  #: number of disturbances, drawn at random, that are carried along
 MOST = 20_000  #: largest number of steps along which disturbances are carried
@@ -43,11 +43,22 @@ class Disturbances:
         self._fast = kinds == "v"
         self._slow = ~np.isin(kinds, ("v", "lambda", "mu", "z"))
 
-    @single_threaded
     def growth(self, enough: float = math.inf) -> tuple[float, float] | None:
         """(natural logarithm of the largest factor by which a disturbance grows from one time of the run to a later one, time of
-        the largest, s). It ends early where the logarithm exceeds `enough`. None where an impact leaves it unknown, where the
-        equations are singular, or with more than MOST steps."""
+        the largest, s). It ends early where the logarithm exceeds `enough`. None where `course` is None."""
+        course = self.course(enough)
+        if course is None:
+            return None
+        t, size = course
+        rises = size - np.minimum.accumulate(size)
+        i = largest(rises)
+        return float(rises[i]), float(t[i])
+
+    @single_threaded
+    def course(self, enough: float = math.inf) -> tuple[Array, Array] | None:
+        """Times (k,), s, at the ends of steps, and there the natural logarithm of the size (k,) of the disturbances that grow
+        most. Velocities are measured in units in which they are as large as the positions in the median, so that a vibration
+        rises by nothing. None where an impact leaves it unknown, equations are singular, or there are more than MOST steps."""
         run = self._run
         if run.stats.contacts or len(run.t) < 2 or len(run.t) > MOST:
             return None
@@ -71,7 +82,8 @@ class Disturbances:
             least = min(least, size) if i else size
             if size - least > enough + SLACK:
                 break
-        return _largest(np.array(sizes), run.t[1:])
+        slow, fast = np.array(sizes).T
+        return run.t[1 : 1 + len(slow)], np.logaddexp(2 * slow, 2 * (fast + np.median(slow - fast))) / 2
 
     def _carried(self, system: System, t: float, y: Array, yp: Array, h: float, x: Array) -> Array:
         """Disturbances (k, n) at the end of a step h (s), from those at its begin; t, y, yp: time (s) and state in its middle."""
@@ -125,17 +137,6 @@ def _farthest(prepared: Prepared, run: Solution) -> float:
     places = [np.max(np.abs(q[:, node.q : node.q + node.kind.translations])) for node in prepared.model.nodes
               if node.unit == "m" and node.kind.translations]  # fmt: skip
     return max(1.0, float(max(places, default=0.0)) / prepared.length)
-
-
-def _largest(sizes: Array, t: Array) -> tuple[float, float]:
-    """Largest rise of a disturbance from one time to a later one, and the later time (s). sizes (k, 2): logarithms of its
-    positions and of its velocities at times t. Velocities are measured in units in which they are as large as the positions in
-    the median, so that a vibration rises by nothing."""
-    apart = np.median(sizes[:, 0] - sizes[:, 1]) if len(sizes) else 0.0
-    both = np.logaddexp(2 * sizes[:, 0], 2 * (sizes[:, 1] + apart)) / 2
-    rises = both - np.minimum.accumulate(both)
-    i = largest(rises)
-    return float(rises[i]), float(t[i])
 
 
 @cache

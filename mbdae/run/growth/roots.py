@@ -1,97 +1,32 @@
-"""Small disturbances that grow: how fast, where along a run, and steps short enough to follow them.
-
-A motion that begins nearer to an unstable rest than its tolerance leaves the steps free, and a step that is long beside the
-growth takes it for decay: Radau IIA(3) multiplies a disturbance that grows by e^z in a step by less than 1 from z = 12 on. A
-companion run does the same, so that the two agree. Therefore the equations are asked: their linearisation at some states of a
-run, with frozen coefficients, has roots, and a root with a positive real part bounds the steps there (`growing`), if the
-disturbance is too small for the error test of the solver to see it. Steps of FOLLOWED divided by the root's magnitude and less
-follow the growth to a relative accuracy that does not depend on how small the disturbance is, and runs with other bounds show
-the error.
-
-These roots bound steps and nothing else: a pendulum that turns over the top has roots whose growth adds up to e^43, while a small
-disturbance grows by e^5. How much disturbances grow is computed along the run (`amplification`).
-"""
+"""The roots of the linearised equations at states of a run, with frozen coefficients: which disturbances grow, and which of them
+are too small to be seen by the error test of a solver."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from itertools import pairwise
-from math import log
-from typing import NamedTuple
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import distinct, eig
-from mbdae.inputs.resolution import Bound
-from mbdae.integrators.base import Solver
+from mbdae.deferred import eig
 from mbdae.integrators.matrices.iteration import IterationMatrix, as_csc
-from mbdae.integrators.solution import Solution, systems_at
 from mbdae.native.sparse import SingularMatrixError
 from mbdae.system.base import Array, System
 
-#: a step follows a growing disturbance if step times magnitude of its root is at most FOLLOWED
-FOLLOWED = 0.4
-#: growth (natural logarithm of the factor) over the whole run below which steps are not bounded: a disturbance that the tolerance
-#: hides, which is a third of the accuracy at most, does not reach three times the accuracy by it
-HARMLESS = 1.0
-#: a disturbance counts as seen by the error test where it is above SEEN times the tolerance, or above VISIBLE, relative to the
-#: scale. Measured on an upright rod at 40 times the tolerance: two runs took the same long step, with the same error of 2e-5 of
-#: the growth, because only the largest ratio of two steps bounded it
-SEEN, VISIBLE = 1e3, 0.03
-#: a disturbance that is not seen is behind where the logarithm of its growth from one state to the next is below KEEPS times that
-#: of its root less SPARE: methods of low order damp what oscillates and grows slowly, at steps that follow the oscillation
-KEEPS, SPARE = 0.8, 0.5
-CLOSER = 2.0  #: a part of a run in which one is behind gets a bound of this fraction of its step
-#: where bounds by growth are in force, the error is at least this many times the difference of a run from its companion: methods
-#: of varying order follow an unseen disturbance at a low one (measured with IDA, 2.4 times)
-AT_LEAST = 2.0
-#: number of states of a run at which roots are sought: FEW, or SOME with more than SMALL unknowns
-FEW, SOME, SMALL = 8, 3, 60
+#: growth (natural logarithm of the factor) over the whole run below which steps are not bounded: a disturbance below a third of
+#: the accuracy does not reach three times the accuracy by it
+HARMLESS = 2.0
+SMALL = 60  #: with more unknowns, all roots are computed only where `_rises` finds that something grows
 MOST = 300  #: largest number of unknowns for which all roots are computed
 #: roots are found best near SHIFT over the step; those beyond RESOLVED times that are left out: constraints have infinite roots,
 #: which are inexact in a computer
 SHIFT, RESOLVED = 3.0, 1e3
 #: number of multiplications by which growth is sought among many roots, and the ratio by which it then shows from their middle to
 #: their end: the largest that vibrations alone gave was 1.1
-ROUNDS, GROWS = 24, 1.5
-
-
-class Growth(NamedTuple):
-    """Growth in a part of a run, from `begin` to `end` (s): rate, 1/s, the largest real part of a root there; unseen: the largest
-    magnitude (1/s) of a root whose disturbance grows without being seen by the solver; behind: the inverse of the steps (s) asked
-    for because they do not follow it; 0 where there is none."""
-
-    begin: float
-    end: float
-    rate: float
-    unseen: float
-    behind: float
-
-
-def growing(system: System, run: Solution, solver: Solver, accuracy: float) -> list[Growth]:
-    """The growth of small disturbances along a run, in parts that cover it."""
-    t0, t1 = float(run.t[0]), float(run.t[-1])
-    if len(run.t) < 2 or not t1 > t0:
-        return []
-    tolerance = accuracy if solver.by_steps or solver.rtol is None else solver.rtol
-    count = FEW if system.n <= SMALL else SOME
-    wanted = t0 + (t1 - t0) * (np.arange(count) + 0.5) / count
-    steps = distinct(np.clip(np.searchsorted(run.t, wanted, side="right") - 1, 0, len(run.t) - 2))
-    times, h = (run.t[steps] + run.t[steps + 1]) / 2, run.t[steps + 1] - run.t[steps]
-    edges = np.concatenate([[t0], (times[1:] + times[:-1]) / 2, [t1]])
-    y, yp = run(times), run.derivative(times)
-    looks = [Look(at, float(times[i]), y[i], yp[i], float(h[i]), t1 - t0) for i, at in enumerate(systems_at(run, times, system))]
-    found = _at(looks, min(SEEN * tolerance, VISIBLE))
-    behind = [max(late, one.unseen if one.unseen * look.h > FOLLOWED else 0.0)
-              for look, one, late in zip(looks, found, _behind(looks, found), strict=True)]  # fmt: skip
-    return [Growth(float(a), float(b), one.rate, one.unseen, asked)
-            for a, b, one, asked in zip(edges[:-1], edges[1:], found, behind, strict=True)]  # fmt: skip
-
-
-def total(parts: Sequence[Growth]) -> float:
-    """The sum over a run of rate times duration: the growth that a disturbance would have with frozen coefficients."""
-    return sum(part.rate * (part.end - part.begin) for part in parts)
+ROUNDS, GROWS = 20, 1.5
 
 
 class Look(NamedTuple):
@@ -116,13 +51,15 @@ class Found(NamedTuple):
     size: float = 0.0
 
 
-def _at(looks: list[Look], seen: float) -> list[Found]:
+def found_at(looks: list[Look], seen: float) -> list[Found]:
     """What is found at every state; seen: size of a disturbance that is seen, over the scales."""
-    n = looks[0].system.n
-    if n > MOST:
-        return [Found(1 / look.h, 1 / look.h) if _grows_sparse(look) else Found() for look in looks]
-    shifted = np.array([_shifted(look) for look in looks])
-    if n <= SMALL:
+    system = looks[0].system
+    if system.n > MOST or (system.n > SMALL and system.has_pattern):
+        rising = _rising_sparse(looks)
+        if system.n > MOST or not any(rising):
+            return [Found(1 / look.h, 1 / look.h) if up else Found() for look, up in zip(looks, rising, strict=True)]
+    shifted = _shifted(looks)
+    if system.n <= SMALL:
         return [_roots(look, S, values, seen) for look, S, values in zip(looks, shifted, np.linalg.eigvals(shifted), strict=True)]
     return [_roots(look, S, np.linalg.eigvals(S), seen) if _grows(S) else Found()
             for look, S in zip(looks, shifted, strict=True)]  # fmt: skip
@@ -143,36 +80,42 @@ def _roots(look: Look, S: Array, values: NDArray[np.complex128], seen: float) ->
     return Found(rate, float(np.max(np.abs(roots[unseen]), initial=0.0)), size)
 
 
-def _behind(looks: list[Look], found: list[Found]) -> list[float]:
-    """For every state the inverse of the step (1/s) that is asked for because the disturbance that grows fastest, not seen by the
-    solver, has grown by less until the next state than its roots say; 0 where it has not."""
-    asked = [0.0] * len(looks)
-    for i, (a, b) in enumerate(pairwise(found)):
-        if a.size > 0 and b.size > 0:
-            expected = (a.rate + b.rate) / 2 * (looks[i + 1].t - looks[i].t)
-            if log(b.size / a.size) < KEEPS * expected - SPARE:
-                for k in (i, i + 1):
-                    asked[k] = CLOSER / min(looks[i].h, looks[i + 1].h)
-    return asked
+def vibrating(looks: list[Look], seen: float) -> list[Found]:
+    """Of disturbances that neither grow nor decay with frozen coefficients what `found_at` finds of growing ones: the largest
+    magnitude of a root that is not seen, and the size of all of them together."""
+    found = []
+    for look, S in zip(looks, _shifted(looks), strict=True):
+        values, left, right = eig(S, left=True)
+        roots = _back(values, look.h)
+        idle = np.flatnonzero((np.abs(roots.real) * look.span < np.abs(roots.imag)) & (np.abs(roots.imag) * look.span > HARMLESS))
+        sizes = np.array([_size(left[:, j], right[:, j], look, abs(roots[j])) for j in idle])
+        unseen = sizes < seen
+        found.append(Found(0.0, float(np.max(np.abs(roots[idle][unseen]), initial=0.0)), float(np.linalg.norm(sizes[unseen]))))
+    return found
 
 
-def _shifted(look: Look) -> Array:
-    """The matrix (E + h A / SHIFT)^-1 E of the linearised equations E x' + A x = 0 at a state, in scaled unknowns. A root r of
-    the equations is an eigenvalue 1 / (1 - h r / SHIFT) of it; infinite roots, of constraints, are 0. It is 0 where the
+def _shifted(looks: list[Look]) -> Array:
+    """The matrices (k, n, n) (E + h A / SHIFT)^-1 E of the linearised equations E x' + A x = 0 at k states, in scaled unknowns. A
+    root r of the equations is an eigenvalue 1 / (1 - h r / SHIFT); infinite roots, of constraints, are 0. A matrix is 0 where the
     equations are singular."""
-    system, zero = look.system, np.zeros((look.system.n, look.system.n))
-    fy, fyp = system.jacobian_parts(look.t, look.y, look.yp)
-    if fy.ndim == 1:
-        fy, fyp = as_csc(system, fy).toarray(), as_csc(system, fyp).toarray()
-    E = fyp * system.scale
-    both = fy * (system.scale * (look.h / SHIFT)) + E
-    size = np.max(np.abs(both), axis=1, keepdims=True)
-    if not np.isfinite(both).all() or not np.all(size > 0):
-        return zero
-    try:
-        return np.asarray(np.linalg.solve(both / size, E / size))
-    except np.linalg.LinAlgError:
-        return zero
+    scale, h = looks[0].system.scale, np.array([look.h for look in looks])[:, None, None]
+    A, E = (np.array(part) for part in zip(*map(_jacobians, looks), strict=True))
+    both, E = (A * (h / SHIFT) + E) * scale, E * scale
+    size = np.max(np.abs(both), axis=2, keepdims=True)
+    sound = np.isfinite(both).all(axis=(1, 2)) & np.all(size > 0, axis=(1, 2))
+    out = np.zeros_like(both)
+    for i in np.flatnonzero(sound):
+        with suppress(np.linalg.LinAlgError):
+            out[i] = np.linalg.solve(both[i] / size[i], E[i] / size[i])
+    return np.asarray(out)
+
+
+def _jacobians(look: Look) -> tuple[Array, Array]:
+    """dF/dy and dF/dy' (n, n) at a state."""
+    parts = look.system.jacobian_parts(look.t, look.y, look.yp)
+    if parts[0].ndim == 2:
+        return parts
+    return np.asarray(as_csc(look.system, parts[0]).toarray()), np.asarray(as_csc(look.system, parts[1]).toarray())
 
 
 def _back(values: NDArray[np.complex128], h: float) -> NDArray[np.complex128]:
@@ -199,22 +142,31 @@ def _grows(S: Array) -> bool:
     return _rises(lambda x: np.asarray(S @ x), np.random.default_rng(3).normal(size=(len(S), 3)))
 
 
-def _grows_sparse(look: Look) -> bool:
-    """As `_grows`, for a system with too many unknowns for full matrices."""
-    system = look.system
-    matrix = IterationMatrix(system, np.ones(1), np.zeros(0, complex))
-    try:
-        matrix.refresh(look.t, look.y, look.yp)
-        matrix.factor(look.h / SHIFT)
-    except SingularMatrixError:
-        return False
-    scale = system.scale[:, None]
+def _rising_sparse(looks: list[Look]) -> list[bool]:
+    """As `_grows`, at every state of a system with a sparsity pattern, or with too many unknowns for full matrices."""
+    matrix, found = None, []
+    for look in looks:
+        scale = look.system.scale
+        if matrix is None or matrix.system is not look.system:
+            matrix = IterationMatrix(look.system, np.ones(1), np.zeros(0, complex))
+        try:
+            matrix.refresh(look.t, look.y, look.yp)
+            matrix.factor(look.h / SHIFT)
+        except SingularMatrixError:
+            found.append(False)
+            continue
+        E = as_csc(look.system, matrix.fyp * (SHIFT / look.h)) if look.system.sparse else None
+        found.append(_rises(partial(_product, matrix, E, scale, SHIFT / look.h),
+                            np.random.default_rng(3).normal(size=(look.system.n, 3))))  # fmt: skip
+    return found
 
-    def product(x: Array) -> Array:
-        right = np.array([matrix.mass(one) for one in (x * scale).T])
-        return np.asarray(matrix.solved(right).T / scale * (SHIFT / look.h))
 
-    return _rises(product, np.random.default_rng(3).normal(size=(system.n, 3)))
+def _product(matrix: IterationMatrix, E: Any, scale: Array, inverse: float, x: Array) -> Array:
+    """The matrix of `_shifted` times x (n, k), with sparse factors. E: dF/dy' over the step, None where it is not stored so;
+    inverse: 1 over that step (1/s)."""
+    given = (x.T * scale) if E is None else x * scale[:, None]
+    right = np.array([matrix.mass(one) for one in given]) * inverse if E is None else np.ascontiguousarray((E @ given).T)
+    return np.asarray((matrix.solved(right) / scale).T)
 
 
 def _rises(product: Callable[[Array], Array], x: Array) -> bool:
@@ -228,25 +180,3 @@ def _rises(product: Callable[[Array], Array], x: Array) -> bool:
         sizes.append(float(np.linalg.norm(x)))
     half = ROUNDS // 2
     return max(sizes[-2:]) > GROWS * max(sizes[half - 2 : half])
-
-
-def unfollowed(parts: Sequence[Growth]) -> tuple[Bound, ...]:
-    """The bounds of the steps in the parts of a run in which they do not follow a disturbance that is not seen. A run and its
-    companions keep different shares of them."""
-    return tuple(Bound(part.begin, part.end, 1 / part.behind) for part in parts if part.behind > 0)
-
-
-def unseen(parts: Sequence[Growth]) -> tuple[Bound, ...]:
-    """The bounds of the steps in the parts of a run in which a disturbance grows that is not seen, followed or not."""
-    return tuple(Bound(part.begin, part.end, 1 / part.unseen) for part in parts if part.unseen > 0)
-
-
-def left_behind(parts: Sequence[Growth]) -> list[str]:
-    """Words about disturbances that the steps of a run do not follow."""
-    slow = [part for part in parts if part.behind > 0]
-    if not slow:
-        return []
-    fastest = max(part.behind for part in slow)
-    return [f"from about t = {slow[0].begin:.4g} to {slow[-1].end:.4g} s small disturbances grow at {fastest:.3g} 1/s, which the "
-            "steps do not follow, so that a disturbance may fade in the run although it grows in the equations; take steps of "
-            f"{FOLLOWED / fastest:.2g} s or less, or a solver with error control"]

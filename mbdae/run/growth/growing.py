@@ -1,0 +1,150 @@
+"""Small disturbances that grow: how fast, where along a run, and steps short enough to follow them.
+
+A motion that begins nearer to an unstable rest than its tolerance leaves the steps free, and a step that is long beside the
+growth takes it for decay: Radau IIA(3) multiplies a disturbance that grows by e^z in a step by less than 1 from z = 12 on. A
+companion run does the same, so that the two agree. Therefore the equations are asked: their linearisation at some states of a
+run, with frozen coefficients, has roots, and a root with a positive real part bounds the steps there (`growing`), if the
+disturbance is too small for the error test of the solver to see it. Steps of FOLLOWED divided by the root's magnitude and less
+follow the growth to a relative accuracy that does not depend on how small the disturbance is, and runs with other bounds show
+the error.
+
+These roots bound steps and nothing else: a pendulum that turns over the top has roots whose growth adds up to e^43, while a small
+disturbance grows by e^5. How much disturbances grow is computed along the run (`amplification`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from math import log
+from typing import NamedTuple
+
+import numpy as np
+
+from mbdae.deferred import distinct
+from mbdae.inputs.resolution import Bound
+from mbdae.integrators.base import Solver
+from mbdae.integrators.solution import Solution, systems_at
+from mbdae.run.growth.amplification import Disturbances
+from mbdae.run.growth.roots import SMALL, Found, Look, found_at, vibrating
+from mbdae.system.base import System
+
+#: a step follows a growing disturbance if step times magnitude of its root is at most FOLLOWED
+FOLLOWED = 0.4
+#: a disturbance counts as seen by the error test where it is above SEEN times the tolerance, or above VISIBLE, relative to the
+#: scale. Measured on an upright rod at 40 times the tolerance: two runs took the same long step, with the same error of 2e-5 of
+#: the growth, because only the largest ratio of two steps bounded it
+SEEN, VISIBLE = 1e3, 0.03
+#: a disturbance that is not seen is behind where the logarithm of its growth from one state to the next is below KEEPS times that
+#: of its root less SPARE: methods of low order damp what oscillates and grows slowly, at steps that follow the oscillation
+KEEPS, SPARE = 0.8, 0.5
+CLOSER = 2.0  #: a part of a run in which one is behind gets a bound of this fraction of its step
+#: where bounds by growth are in force, the error is at least this many times the difference of a run from its companion; the
+#: second number is for BDF, which follow an unseen disturbance at a low order (measured with IDA, 2.4 times)
+AT_LEAST = (1.0, 2.0)
+#: growth (natural logarithm of the factor) by equations that vary in time from which on steps have to follow it
+VARYING = 2.0
+#: numbers of states of a run at which roots are sought, by the largest number of unknowns for each; LAST with still more. Where
+#: growth was found and the run repeated, CLOSELY times as many
+LOOKS, LAST, CLOSELY = ((6, 10), (4, 30), (3, 60)), 2, 3
+
+class Growth(NamedTuple):
+    """Growth in a part of a run, from `begin` to `end` (s): rate, 1/s, the largest real part of a root there; unseen: the largest
+    magnitude (1/s) of a root whose disturbance grows without being seen by the solver; behind: the inverse of the steps (s) asked
+    for because they do not follow it; 0 where there is none."""
+
+    begin: float
+    end: float
+    rate: float
+    unseen: float
+    behind: float
+
+
+def growing(system: System, run: Solution, solver: Solver, accuracy: float, closely: bool = False) -> list[Growth]:
+    """The growth of small disturbances along a run, in parts that cover it; closely: in more parts."""
+    t0, t1 = float(run.t[0]), float(run.t[-1])
+    if len(run.t) < 2 or not t1 > t0:
+        return []
+    tolerance = accuracy if solver.by_steps or solver.rtol is None else solver.rtol
+    count = next((looks for looks, unknowns in LOOKS if system.n <= unknowns), LAST) * (CLOSELY if closely else 1)
+    wanted = t0 + (t1 - t0) * (np.arange(count) + 0.5) / count
+    steps = distinct(np.clip(np.searchsorted(run.t, wanted, side="right") - 1, 0, len(run.t) - 2))
+    times, h = (run.t[steps] + run.t[steps + 1]) / 2, run.t[steps + 1] - run.t[steps]
+    edges = np.concatenate([[t0], (times[1:] + times[:-1]) / 2, [t1]])
+    y, yp = run(times), run.derivative(times)
+    looks = [Look(at, float(times[i]), y[i], yp[i], float(h[i]), t1 - t0) for i, at in enumerate(systems_at(run, times, system))]
+    seen = min(SEEN * tolerance, VISIBLE)
+    found = found_at(looks, seen)
+    late = _late(looks, found)
+    if not any(one.unseen for one in found) and system.n <= SMALL and _varies(system, t0, t1):
+        found, late = _by_varying(system, run, looks, found, seen)
+    behind = [max(asked, one.unseen if one.unseen * look.h > FOLLOWED else 0.0)
+              for look, one, asked in zip(looks, found, late, strict=True)]  # fmt: skip
+    return [Growth(float(a), float(b), one.rate, one.unseen, asked)
+            for a, b, one, asked in zip(edges[:-1], edges[1:], found, behind, strict=True)]  # fmt: skip
+
+
+def total(parts: Sequence[Growth]) -> float:
+    """The sum over a run of rate times duration: the growth that a disturbance would have with frozen coefficients."""
+    return sum(part.rate * (part.end - part.begin) for part in parts)
+
+
+def _late(looks: list[Look], found: list[Found]) -> list[float]:
+    """For every state the inverse of the step (1/s) that is asked for because the disturbance that grows fastest, not seen by the
+    solver, has grown by less until the next state than its roots say; 0 where it has not."""
+    asked = [0.0] * len(looks)
+    for i, (a, b) in enumerate(pairwise(found)):
+        if a.size > 0 and b.size > 0:
+            expected = (a.rate + b.rate) / 2 * (looks[i + 1].t - looks[i].t)
+            if log(b.size / a.size) < KEEPS * expected - SPARE:
+                for k in (i, i + 1):
+                    asked[k] = CLOSER / min(looks[i].h, looks[i + 1].h)
+    return asked
+
+
+def _varies(system: System, t0: float, t1: float) -> bool:
+    """Whether inputs of time vary within a run from t0 to t1 (s), so that disturbances may grow that no frozen equation shows."""
+    return system.timeline is not None and system.timeline(t0, t1) is not None
+
+
+def _by_varying(system: System, run: Solution, looks: list[Look], found: list[Found],
+                seen: float) -> tuple[list[Found], list[float]]:  # fmt: skip
+    """Growth by equations that vary in time: what is found at every state, and the inverse of the step (1/s) asked for there. It
+    is sought, along the run, where something vibrates unseen."""
+    idle = vibrating(looks, seen)
+    hidden = [i for i, one in enumerate(idle) if one.size > 0]
+    course = Disturbances(system, run).course() if len(hidden) > 1 else None
+    if course is None or np.max(course[1]) - np.min(course[1]) < VARYING:
+        return found, [0.0] * len(looks)
+    first, last = hidden[0], hidden[-1]
+    expected = float(np.interp(looks[last].t, *course) - np.interp(looks[first].t, *course))
+    slow = log(idle[last].size / idle[first].size) < KEEPS * expected - 2 * SPARE
+    late = [CLOSER / look.h if slow and one.size > 0 else 0.0 for look, one in zip(looks, idle, strict=True)]
+    return [a._replace(unseen=b.unseen) for a, b in zip(found, idle, strict=True)], late
+
+
+def unfollowed(parts: Sequence[Growth]) -> tuple[Bound, ...]:
+    """The bounds of the steps in the parts of a run in which they do not follow a disturbance that is not seen. A run and its
+    companions keep different shares of them."""
+    return tuple(Bound(part.begin, part.end, 1 / part.behind) for part in parts if part.behind > 0)
+
+
+def unseen(parts: Sequence[Growth]) -> tuple[Bound, ...]:
+    """The bounds of the steps in the parts of a run in which a disturbance grows that is not seen, followed or not."""
+    return tuple(Bound(part.begin, part.end, 1 / part.unseen) for part in parts if part.unseen > 0)
+
+
+def left_behind(parts: Sequence[Growth]) -> list[str]:
+    """Words about disturbances that the steps of a run do not follow."""
+    slow = [part for part in parts if part.behind > 0]
+    if not slow:
+        return []
+    fastest = max(part.behind for part in slow)
+    return [f"from about t = {slow[0].begin:.4g} to {slow[-1].end:.4g} s small disturbances grow at {fastest:.3g} 1/s, which the "
+            "steps do not follow, so that a disturbance may fade in the run although it grows in the equations; take steps of "
+            f"{FOLLOWED / fastest:.2g} s or less, or a solver with error control"]
+
+
+def at_least(solver: Solver) -> float:
+    """Smallest ratio of the error to the difference of a run from its companion where steps are bounded by growth."""
+    return AT_LEAST[solver.bdf_order > 0]
