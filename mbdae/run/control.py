@@ -76,8 +76,7 @@ COARSE = 3.0
 SHALLOW, REPEATS = 0.1, 5
 FOLLOWING = 3  #: largest number of times that a run is repeated because its steps do not follow a disturbance that grows
 SAMPLES = 200  #: largest number of steps whose speeds a comparison of motions relates to
-#: length, in longest steps of the run, of the short runs that show vibrations shorter than a step, and number of times of the
-#: comparison
+#: length, in longest steps, of short runs that show vibrations shorter than a step, and number of times of the comparison
 FIRST_STEPS, PROBES = 5.0, 200
 
 
@@ -118,14 +117,13 @@ def measure_of(system: System, prepared: Prepared | None) -> Measure:
     return lambda t, a, b: scaled_distance(system, a, b)
 
 
-def other_run(system: System, prepared: Prepared | None, run: Solution, times: Array, share: float,
-              kind: str = "companion", ratio: float = 0.0) -> tuple[OtherRun, ...]:  # fmt: skip
-    """A companion run with some of the `times` of its comparison with the run that is returned, to estimate the error of all that
-    is read of it. share: assumed ratio of the error to the difference of the two runs; 1 with contacts, because the error of
-    forces was measured to fall more slowly than that of the motion; ratio: its tolerance over that of the run."""
+def other_run(system: System, prepared: Prepared | None, run: Solution, times: Array, share: float, kind: str = "companion",
+              ratio: float = 0.0) -> tuple[OtherRun, ...]:  # fmt: skip
+    """A companion run with some of the `times` of its comparison with the run that is returned, to estimate errors of all that is
+    read. share: assumed ratio of the error to the difference of both; 1 with contacts; ratio: its tolerance over the run's."""
     if prepared is None or not isinstance(system, SceneSystem):
         return ()
-    share = 1.0 if prepared.contacts else share
+    share = 1.0 if prepared.contacts else share  # errors of forces were measured to fall more slowly than those of the motion
     return (OtherRun.beside(run, some_of(times, run.y.shape[1], bool(prepared.contacts)), share, kind=kind, ratio=ratio),)
 
 
