@@ -20,6 +20,7 @@ from mbdae.errors import (
     meant,
     methods_naming_arguments,
 )
+from mbdae.forks import in_forked_process as in_forked_process  # first of all: forking may come while another module is imported
 from mbdae.memory import collector_paused
 
 if TYPE_CHECKING:
@@ -135,6 +136,13 @@ class _Package(ModuleType):
     def __setattr__(self, name: str, value: Any) -> None:
         if not (name in _HOME and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """By name, so that functions of a script or notebook that say `mb.` reach the workers of a cluster: cloudpickle takes
+        modules of the class ModuleType alone."""
+        from importlib import import_module
+
+        return import_module, (self.__name__,)
 
 
 sys.modules[__name__].__class__ = _Package

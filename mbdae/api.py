@@ -12,6 +12,7 @@ from mbdae.formulations import Form, default_form, system_for
 from mbdae.formulations.named import form_of
 from mbdae.integrators.base import Asked, Solver, end_after, output_times
 from mbdae.integrators.named import solver_of
+from mbdae.limits import limited
 from mbdae.results.result import Result
 from mbdae.results.storage import load as load
 from mbdae.run.checkpoint import keeper_of, kept, statement_of
@@ -137,7 +138,7 @@ class Scene(SceneData):
         said = partial(statement_of, self, keeper.every if keeper else 0, method, own, start, t_end=end, accuracy=accuracy,
                        outputs=times, verify=verify, until=[c.name for c in watched.until],
                        record=[c.name for c in watched.record])  # fmt: skip
-        with kept(keeper, said):
+        with limited(wall), kept(keeper, said):
             return self._simulated(end, accuracy, method, own, times, start, verify, asked, watched,
                                    DEFAULT_OUTPUTS if outputs is None else outputs)  # fmt: skip
 
@@ -160,7 +161,8 @@ class Scene(SceneData):
             def made(job: Job) -> tuple[Controlled, Job]:
                 return job.run_default(choice, own)
 
-        if not watched:
-            run, job = made(job)
-            return job.result(run, verify)
-        return watched.result(job, taken, made, outputs, verify)
+        with job.attaching(taken):
+            if not watched:
+                run, job = made(job)
+                return job.result(run, verify)
+            return watched.result(job, taken, made, outputs, verify)

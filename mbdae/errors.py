@@ -7,7 +7,8 @@
     │   └── StartError      no consistent start: loops that cannot close, prescribed values that contradict
     ├── LawError            a joint or force law is not well stated
     ├── OptionError         an option has a value that cannot be used (also a ValueError)
-    │   └── ExpressionError an expression of mb.t where only a number has a meaning (also a TypeError)
+    │   ├── ExpressionError an expression of mb.t where only a number has a meaning (also a TypeError)
+    │   └── DiskError       a run cannot be kept in its folder, which is full or gone; with the solution so far
     ├── SolverError         the integration stopped; with the time, the culprit and the solution so far
     │   ├── WallClockError  its wall-clock time was used up
     │   └── ChatteringError the motion switches back and forth without end
@@ -109,19 +110,29 @@ class WallClockError(SolverError):
     """The wall-clock time allowed for a run was used up."""
 
 
+class DiskError(OptionError):
+    """A run cannot be kept in the folder named for it (`checkpoint`), because the disk is full or the folder is gone. The folder
+    holds an earlier state of it, from which the same call goes on; solution: what was computed until now, or None."""
+
+    solution: Any = None
+
+
 class ChatteringError(SolverError):
     """The motion switches back and forth without end: a force jumps at a state to which it drives the motion from both sides."""
 
 
-FINAL = (WallClockError, ChatteringError)  #: errors of a run after which no other solver or tolerance is tried
+FINAL = (WallClockError, ChatteringError, DiskError)  #: errors of a run after which no other solver or tolerance is tried
 
 
 class StoppedError(MbdaeError):
     """A run that is kept in a folder was ended by SIGTERM, after the step under way; the same call goes on with it."""
 
 
+ENDS = (KeyboardInterrupt, SystemExit, DiskError)  #: what ends a call, and carries what was computed until then
+
+
 def interrupted(error: BaseException, text: str, solution: Any) -> None:
-    """Say in a KeyboardInterrupt (or SystemExit) what it stopped, and attach what was computed until then as `solution`.
+    """Say in a KeyboardInterrupt what it stopped, and attach what was computed until then as `solution` to it or another of ENDS.
 
     The class of the exception stays: a script that does not catch it ends as Ctrl-C ends any script.
     """
@@ -132,10 +143,10 @@ def interrupted(error: BaseException, text: str, solution: Any) -> None:
 
 @contextmanager
 def keeping(solution: Any, text: str) -> Iterator[None]:
-    """Context that attaches `solution` to a KeyboardInterrupt raised inside; text: description of what is kept."""
+    """Context that attaches `solution` to one of ENDS raised inside; text: description of what is kept."""
     try:
         yield
-    except (KeyboardInterrupt, SystemExit) as error:
+    except ENDS as error:
         interrupted(error, f"interrupted: {text}", solution)
         raise
 
@@ -197,6 +208,14 @@ def warn(text: str) -> None:
     while frame.f_back is not None and frame.f_code.co_filename.startswith(package):
         level, frame = level + 1, frame.f_back
     warnings.warn(text, AccuracyWarning, stacklevel=level)
+
+
+def say(text: str) -> None:
+    """Tell on the error stream, by Python's `logging` (logger "mbdae"), what goes another way or takes long: no part of a result,
+    and no doubt about it."""
+    import logging
+
+    logging.getLogger("mbdae").warning("mbdae: %s", text)
 
 
 def meant(name: str, known: Iterable[str]) -> str:

@@ -47,8 +47,10 @@ def replacing(path: Any) -> Iterator[Path]:
             _flush(part)
             os.replace(part, place)
             _flush_folder(place.parent)
-        except BaseException:
+        except BaseException as error:
             part.unlink(missing_ok=True)
+            if isinstance(error, KeyboardInterrupt) and not error.args:
+                error.args = (f"interrupted while '{named}' was written: what was there before stays",)
             raise
     except OSError as error:
         raise OptionError(f"'{named}' cannot be written: {error.strerror or error}; name a file in a folder that exists, may be "

@@ -1,4 +1,4 @@
-"""One BLAS thread for small matrices.
+"""One BLAS thread for small matrices; equations that one thread runs at a time.
 
 Matrices of a hundred unknowns gain nothing from several threads, and where the machine is busy the threads wait for
 each other: a run of 0.1 s was seen to take 13 s of CPU on two loaded cores.
@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import lru_cache, wraps
-from threading import Lock
+from threading import Lock, get_ident, local
 from typing import Any, ParamSpec, TypeVar
+
+from mbdae.errors import OptionError
+from mbdae.forks import in_forked_process
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -30,15 +34,22 @@ class _OneThread:
 
     def __init__(self) -> None:
         self.depth, self.limits, self.lock = 0, list[Any](), Lock()
+        self._here = local()  # depth of this thread
 
     def __enter__(self) -> None:
         with self.lock:
             self.depth += 1
+            self._here.depth = getattr(self._here, "depth", 0) + 1
             self.limit()
+
+    def forked(self) -> None:
+        """Go on in a forked process, without the other threads."""
+        self.lock, self.depth = Lock(), getattr(self._here, "depth", 0)
 
     def __exit__(self, *_: object) -> None:
         with self.lock:
             self.depth -= 1
+            self._here.depth -= 1
             while self.limits and not self.depth:
                 self.limits.pop().restore_original_limits()
 
@@ -81,3 +92,38 @@ def keep_one_thread() -> None:
 
     os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")
     threadpool_limits(limits=1, user_api="blas")
+
+
+class Owner:
+    """The thread that runs equations: runs of one System write to the same arrays. A copy of the equations by pickle or deepcopy
+    has an owner of its own."""
+
+    def __init__(self, what: str) -> None:
+        """what: name of the equations in messages."""
+        self.what, self._lock = what, Lock()
+        self._by: tuple[int, int, int] | None = None  # process, thread, and number of runs inside each other
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Owner, (self.what,)
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Context of a run of the equations; OptionError where another thread runs them."""
+        by, me = self._by, (os.getpid(), get_ident())
+        if by is not None and by[0] != me[0]:  # the thread that ran them is in the process that this one was forked from
+            self._lock, self._by, by = Lock(), None, None
+        inside = by is not None and by[:2] == me
+        if not inside and not self._lock.acquire(blocking=False):
+            raise OptionError(f"{self.what} is run by another thread: runs of one System at the same time would write to the "
+                              f"same arrays. Give every thread its own, by scene.system() or mb.DAE(...), or call "
+                              f"scene.simulate, which makes its own")  # fmt: skip
+        self._by = *me, by[2] + 1 if by is not None and inside else 1
+        try:
+            yield
+        finally:
+            self._by = by if inside else None
+            if not inside:
+                self._lock.release()
+
+
+in_forked_process(_INSIDE.forked)

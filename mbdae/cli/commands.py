@@ -176,16 +176,26 @@ def _partial_kept(a: argparse.Namespace, out: Path | None, t_end: float) -> Iter
         what = "the whole run, its error not known," if r.complete else f"what was computed until t = {until:.6g} s"
         kept = f"{what} is lost; with --out DIR it would be kept"
         if out is not None:
-            path = out / f"{Path(a.file).stem}.npz"
-            r.save(path)
-            a.written.append(str(path))
-            kept = f"{what} is in {path}"
+            kept = f"{what} is {_saved_partly(a, r, out / f'{Path(a.file).stem}.npz')}"
         if isinstance(error, KeyboardInterrupt):
             where = "while its error was measured" if r.complete else f"at t = {until:.6g} of {t_end:.6g} s"
             error.args = (f"interrupted {where}: {kept}",)
         else:
             print(f"mbdae: {kept}", file=sys.stderr)
         raise
+
+
+def _saved_partly(a: argparse.Namespace, r: Any, path: Path) -> str:
+    """Save a part of a run, and say before that this is done: it may take some seconds. Returns what became of it, in words."""
+    print(f"mbdae: saving what was computed in {path} (Ctrl-C again ends without)", file=sys.stderr, flush=True)
+    try:
+        r.save(path)
+    except KeyboardInterrupt:
+        return "lost, since saving it was interrupted too"
+    except OptionError as error:
+        return f"lost: {error}"
+    a.written.append(str(path))
+    return f"in {path}"
 
 
 def _summary(r: Any, measure: str | None, final: Any, written: list[str]) -> dict[str, Any]:

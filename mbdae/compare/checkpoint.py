@@ -15,7 +15,7 @@ from mbdae.compare.reference import Reference
 from mbdae.compare.rows import Row
 from mbdae.sweep.resume import ResumeFile, record
 from mbdae.system.base import Array
-from mbdae.values import BadValueError, number, whole
+from mbdae.values import BadValueError, number, shown, whole
 
 
 @dataclass
@@ -33,7 +33,10 @@ class State:
 class Checkpoint(ResumeFile):
     """The JSON file of a comparison in progress."""
 
-    kind, file_format = "comparison", "mbdae comparison in progress 1"
+    kind, file_format, in_order = "comparison", "mbdae comparison in progress 2", True
+
+    def row_name(self, row: Any) -> str:
+        return f"the run {shown(row.get('label'))} at accuracy {shown(row.get('accuracy'))}" if isinstance(row, dict) else "a run"
 
     def load(self) -> State:
         """The state stored in the file; an empty one where there is no file."""

@@ -45,7 +45,7 @@ class Execution:
         before = self.state.cpu_s, self.state.total_cpu_s
         try:
             self._do(tell, before)
-        except KeyboardInterrupt as error:
+        except (KeyboardInterrupt, SystemExit) as error:
             done = interruption(self.kept.path, len(self.state.rows), len(self.queue), "runs")
             interrupted(error, done, None)
             raise

@@ -5,12 +5,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from hashlib import sha256
+from types import FunctionType
 from typing import Any
 
 import numpy as np
 
 from mbdae.compare.problem import Problem
 from mbdae.compare.run import Run
+from mbdae.results.reads import own_classes, own_of, reads
+from mbdae.results.storage import own_laws
 from mbdae.run.environment import environment
 from mbdae.scene.record import encode
 from mbdae.system.base import Array, System
@@ -31,12 +34,14 @@ def _scene(problem: Problem) -> dict[str, Any]:
     s = problem.scene
     if s is None:
         return _equations(problem.system(None), problem.t_end)
-    return {"name": s.name, "gravity": s.gravity.tolist(), "space": s.space, "statements": s.statements}
+    return {"name": s.name, "gravity": s.gravity.tolist(), "space": s.space, "statements": s.statements,
+            "laws": own_laws(problem.stated.prepared.model) if problem.stated.prepared else {}, "own": own_of(s)}  # fmt: skip
 
 
 def _run(run: Run) -> dict[str, Any]:
     models = {name: encode(model) for name, model in run.models.items()}
-    return {"solver": encode(run.solver), "form": encode(run.form), "model": models or None, "label": run.label}
+    return {"solver": encode(run.solver), "form": encode(run.form), "model": models or None, "label": run.label,
+            "own": own_classes(run.solver, run.form)}  # fmt: skip
 
 
 def _equations(system: System, t_end: float) -> dict[str, Any]:
@@ -49,7 +54,8 @@ def _equations(system: System, t_end: float) -> dict[str, Any]:
         values.append(out.copy())
     start = {"t0": system.t0, "y0": system.y0.tolist(), "yp0": system.yp0.tolist()}
     index = np.asarray(system.index).tolist()
-    return {"names": list(system.names), "index": index, **start, "residuals": _digest(np.array(values))}
+    own = {name: reads(thing) for name, thing in vars(system).items() if isinstance(thing, FunctionType)}
+    return {"names": list(system.names), "index": index, **start, "residuals": _digest(np.array(values)), "functions": own}
 
 
 def _digest(values: Array) -> str:

@@ -81,12 +81,12 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
     first = new_problem(base, end, measure, max_wall)
     parameters = varied(scene, end, asked)
     chosen = ways(first, own)
-    kept = checkpoint(resume, first, asked, own, accuracy)
+    kept = checkpoint(resume, scene, first, asked, own, accuracy)
     total = sum(len(p.values) for p in parameters)
     execution = _Execution(measure, max_wall, accuracy, chosen, first, runs is None, kept, tell, total * (len(chosen) + 1))
     try:
         blocks = tuple(execution.block(p) for p in parameters)
-    except KeyboardInterrupt as error:
+    except (KeyboardInterrupt, SystemExit) as error:
         interrupted(error, interruption(kept.path, len(kept.rows), total, "values"), None)
         raise
     return Extremes(base.name, end, accuracy, measure, first.what, blocks, kept.cpu_s + time.process_time() - begin)

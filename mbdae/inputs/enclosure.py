@@ -17,6 +17,7 @@ import symengine as se
 from mbdae.inputs import tables
 from mbdae.inputs.table_range import table_range
 from mbdae.inputs.timed import SIDE, TIME, sided
+from mbdae.limits import check
 from mbdae.symbolic.rebuild import nodes
 from mbdae.symbolic.vectors import Expr
 
@@ -62,6 +63,7 @@ class Enclosure:
         found: list[Any] = []
         with np.errstate(all="ignore"):
             for i, node in enumerate(self.nodes):
+                check("inputs of time were examined")
                 bounds = self._one(node, [found[j] for j in node.args], low, high, side)
                 found.append(tighter[i](bounds, low, high, side) if i in tighter else bounds)
         return found

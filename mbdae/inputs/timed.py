@@ -156,7 +156,7 @@ def sided(e: Expr) -> Expr:
         if isinstance(node, se.FunctionSymbol) and len(args) == 1 and TIME in node.free_symbols:
             return se.Function(node.get_name())(args[0], args[0].subs({TIME: SIDE}))
         if isinstance(node, se.Piecewise):
-            conditions = [node.args[i].subs({TIME: SIDE}) for i in range(1, len(args), 2)]
+            conditions = [condition.subs({TIME: SIDE}) for condition in node.args[1::2]]
             return se.Piecewise(*zip(args[::2], conditions, strict=True))
         return node.subs({TIME: SIDE}) if type(node).__name__ == "floor" else None
 

@@ -23,6 +23,7 @@ from mbdae.integrators.checkpoints.keeper import active
 from mbdae.integrators.checkpoints.record import Record
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Interpolant, Solution, Stats
+from mbdae.limits import came
 from mbdae.system.base import Array, System
 from mbdae.values import array, function, number, of_class, option, optional, sequence, set_option, several, shown, text, whole
 
@@ -46,19 +47,16 @@ class Solver(ABC):
     #: ratio of the tolerance of the companion run, whose distance from a run estimates its error, to that of the run; with
     #: contacts there are two companions, at this ratio to the power 1.5 and 0.5
     companion: ClassVar[float] = 10.0
-    #: factor on the longest step during an impact (IMPACT of `watched.contact_steps`) in runs whose error is estimated; it is
-    #: further reduced in each of them and enlarged in their companions (CLOSER_IMPACTS of `run.control`)
+    #: factor on the longest step during an impact in runs whose error is estimated (CLOSER_IMPACTS of `run.control` reduces it)
     impacts: ClassVar[float] = 1.0
-    #: largest ratio of position tolerance to the penetration of a contact with which the penetration is accurate to some %
+    #: largest ratio of position tolerance to the penetration of a contact with which that is accurate to some %
     penetration_share: ClassVar[float] = 0.01
     #: order of positions, velocities and multipliers with constant steps, by label of the solver and of the form
     orders: ClassVar[dict[str, dict[str, tuple[int, int, int]]]] = {}
-    #: highest index of an unknown that this method can solve for; 0: ordinary differential equations only
-    highest_index: ClassVar[int] = 1
+    highest_index: ClassVar[int] = 1  #: of an unknown that this method can solve for; 0: ordinary differential equations only
     #: short name of the method on the command line; "": the name of the class in small letters
     word: ClassVar[str] = ""
-    #: whether a run stored on disk restarts the method at its checkpoints; False where `integrate` calls `loop.goes_on`
-    #: before its first step and `loop.keep` between steps
+    #: whether a run stored on disk restarts the method at its checkpoints; False where `integrate` calls `goes_on` and `keep`
     restarts: ClassVar[bool] = True
     rtol: float | None  #: relative tolerance; None: it is chosen from the accuracy asked for (in a direct call of `solve`, 1e-6)
 
@@ -168,24 +166,26 @@ class Solver(ABC):
         max_residuals: evaluations before a SolverError; begin: time.perf_counter() from which max_wall counts, the start
         of this run by default; share: longest step, as a fraction of the time scale on which an input of time varies
         (for a narrow pulse about its width); 1 by default, less for constant steps.
-        At a break of an input of time a step ends, and the method restarts there.
-        Ctrl-C raises KeyboardInterrupt, whose attribute `solution` is the Solution so far.
+        At a break of an input of time a step ends, and the method restarts there. OptionError where another thread runs this
+        System. Ctrl-C raises KeyboardInterrupt, whose attribute `solution` is the Solution so far.
         """
         return self.run(system, Asked.of(system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0,
                                          max_residuals=max_residuals, begin=begin, share=share))  # fmt: skip
 
     def run(self, system: System, asked: Asked) -> Solution:
-        """`solve` with options that have been read and checked."""
-        check_start(system)
-        solver = self if self.fixed or self.rtol is not None else self.at_accuracy(DEFAULT_ACCURACY, system.label)
-        solver.check(system)
-        keeper = active()
-        record = None if keeper is None else Record(keeper, solver.restarts, f"{solver!r} of {system.label} to {asked.t_end!r} s")
-        with StepLoop(system, solver, asked.t_end, asked.times, asked.max_wall, asked.progress, asked.max_residuals,
-                      asked.begin, asked.stop, record, asked.impacts) as loop, (
-                          nullcontext() if record is None else record.guarding(loop)):  # fmt: skip
-            solver._between_breaks(loop, asked)
-        return loop.solution()
+        """`solve` with options that have been read."""
+        with system.owner.running():
+            check_start(system)
+            solver = self if self.fixed or self.rtol is not None else self.at_accuracy(DEFAULT_ACCURACY, system.label)
+            solver.check(system)
+            what = f"{solver!r} of {system.label} to {asked.t_end!r} s"
+            record = Record(keeper, solver.restarts, what) if (keeper := active()) else None
+            with StepLoop(system, solver, asked.t_end, asked.times, asked.max_wall, asked.progress, asked.max_residuals,
+                          asked.begin, asked.stop, record, asked.impacts) as loop, (
+                              nullcontext() if record is None else record.guarding(loop)):  # fmt: skip
+                solver._between_breaks(loop, asked)
+                came(solution := loop.solution())
+            return solution
 
     def _between_breaks(self, loop: StepLoop, asked: Asked) -> None:
         """Integrate from one break of the inputs of time to the next, with consistent values at the beginning of each part."""

@@ -1,111 +1,147 @@
 """The steps of a run, stored row by row: in memory, and on disk where they take much memory.
 
-What does not fit into `IN_MEMORY` bytes goes to a folder for temporary files (TMPDIR says where), in files 000001.npy, 000002.npy
-and so on, each of which is there as a whole or not at all. In the end they become one file that is mapped into memory, so that a
-result reads from disk what is asked of it; the folder is removed when Python ends, on most systems as soon as the file is mapped.
+What does not fit into `IN_MEMORY` bytes goes to a temporary file (TMPDIR says where; on most systems it has no name, and goes
+with the process), which is mapped into memory in the end, so that a result reads from disk what is asked of it. Where there is
+no room or no folder for it, all rows stay in memory.
+
+Ctrl-C may come between any two instructions. So what is stored is one tuple, `_state`, which is replaced as a whole after what it
+names is complete: rows are in it once, at every instant.
 """
 
 from __future__ import annotations
 
 import mmap
-from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
-from shutil import rmtree
-from tempfile import mkdtemp
-from typing import Any
-from weakref import finalize
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from tempfile import TemporaryFile
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbdae.errors import OptionError, SolverError
+from mbdae.errors import say
 from mbdae.system.base import Array
 
 BLOCK = 1000  #: largest number of single rows that are collected before they become part of a block
 SPARE = 8  #: a block that is full grows to 1 + 1 / SPARE times the rows needed, so that it is not resized for every row
 FEW = 8  #: up to this number of rows `extend` adds rows one by one to `tail`, not as a block
 IN_MEMORY = 2**24  #: bytes of memory that each array of a run (y, y', ...) may take before its rows are written to disk
+AT_ONCE = 2**22  #: bytes that are written to the disk at once: a signal waits for them
 
 
-class Block:
-    """Rows (count, ...) in one array that grows in place. Joining many small arrays instead would leave their memory free, but in
-    pieces too small to be used again."""
+class Room:
+    """An array that grows in place, for rows that are joined. Joining many small arrays instead would leave their memory free,
+    but in pieces too small to be used again. given: whether other objects read the array, which is then never changed."""
 
-    def __init__(self, row: Array) -> None:
-        """row: an array with the shape and type of all rows."""
-        self._own, self.count, self._given = np.empty((BLOCK, *row.shape), row.dtype), 0, False
+    def __init__(self, own: Array, given: bool = False) -> None:
+        self.own, self.given = own, given
 
-    @classmethod
-    def of(cls, rows: Array) -> Block:
-        """A block that begins with rows (m, ...) which other objects read too."""
-        found = cls.__new__(cls)
-        found._own, found.count, found._given = rows, len(rows), True
-        return found
-
-    def extend(self, rows: Any) -> None:
-        """Add rows (m, ...)."""
-        count = self.count + len(rows)
-        if self._given or count > len(self._own):
-            self._resize(count + count // SPARE)
-        self._own[self.count : count] = rows
-        self.count = count
-
-    def _resize(self, count: int) -> None:
-        """Make room for `count` rows: in place, or in a new array where other objects hold the present one."""
-        shape = count, *self._own.shape[1:]
-        if not self._given:
+    def resize(self, count: int, rows: int) -> None:
+        """Make room for `rows` rows, of which the first `count` are kept: in place, or in a new array where other objects hold
+        the present one."""
+        if not self.given:
             try:
-                self._own.resize(shape)
+                self.own.resize(rows, *self.own.shape[1:])
                 return
             except ValueError:  # another object, such as a debugger, refers to the array
                 pass
-        own, self._given = np.empty(shape, self._own.dtype), False
-        own[: self.count] = self.rows
-        self._own = own
+        own = np.empty((rows, *self.own.shape[1:]), self.own.dtype)
+        own[:count] = self.own[:count]
+        self.own, self.given = own, False
+
+
+@dataclass(frozen=True)
+class Block:
+    """The first `count` rows in a room."""
+
+    room: Room
+    count: int
 
     @property
     def rows(self) -> Array:
         """The rows (count, ...), to be used before more rows are added."""
-        return self._own[: self.count]
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the rows."""
-        return self.rows.nbytes
-
-    def given(self) -> Array:
-        """The rows (count, ...) for other objects to keep: later changes of this block go to a copy."""
-        if not self._given:
-            self._resize(self.count)
-        self._given = True
-        return self.rows
+        return self.room.own[: self.count]
 
     def __len__(self) -> int:
         return self.count
 
-    def __iter__(self) -> Iterator[Array]:
+    def __iter__(self) -> Iterator[Any]:
         return iter(self.rows)
+
+    def extended(self, rows: Any) -> Block:
+        """The block with further rows (m, ...); this one stays as it is."""
+        count = self.count + len(rows)
+        if self.room.given or count > len(self.room.own):
+            self.room.resize(self.count, count + count // SPARE)
+        self.room.own[self.count : count] = rows
+        return Block(self.room, count)
+
+    def given(self) -> Array:
+        """The rows (count, ...) for other objects to keep: later changes go to a copy."""
+        if not self.room.given:
+            self.room.resize(self.count, self.count)
+        self.room.given = True
+        return self.rows
+
+
+class Spill:
+    """A temporary file for rows of one shape, of the process that made it: one that is forked from it shares the file. given:
+    whether other objects read it."""
+
+    def __init__(self, name: str) -> None:
+        self.file = TemporaryFile(prefix=f"mbdae-{name}-", buffering=0)  # noqa: SIM115 - open as long as its rows are read
+        self.process, self.given = os.getpid(), False
+
+    def __del__(self) -> None:
+        if hasattr(self, "file"):
+            self.file.close()
+
+    @property
+    def ours(self) -> bool:
+        """Whether it may be written to."""
+        return not self.given and self.process == os.getpid()
+
+    def mapped(self, rows: int, shape: tuple[int, ...], dtype: Any) -> Array:
+        """The first rows (rows, ...), mapped into memory."""
+        return np.asarray(np.memmap(self.file, dtype, "r", 0, (rows, *shape)))
+
+
+class State(NamedTuple):
+    """Number of rows in the file; parts behind them, each a Block, or a list where rows are not arrays; rows that are in no part
+    yet, the last one always among them."""
+
+    saved: int
+    parts: tuple[Any, ...]
+    tail: list[Any]
 
 
 class Rows:
     """A growing list of arrays of one shape (y of every step, for example), stored as rows of large blocks, because many small
     arrays take several times the memory of their numbers.
 
-    Rows that are not arrays (None: a step without a polynomial of its own) stay in a list. name: for the folder of its files."""
+    Rows that are not arrays (None: a step without a polynomial of its own) stay in a list. name: for the name of its file."""
 
     def __init__(self, name: str, *first: Array) -> None:
         self.name = name
-        self._blocks: list[Any] = []  # each a Block, or a list where rows are not arrays
-        self.tail: list[Any] = list(first)  #: rows that are not in a block yet; always includes the last row
-        self._chunks: list[tuple[Path, tuple[int, ...]]] = []
-        self._folder: Path | None = None
-        self._remove: Callable[[], Any] = _nothing
+        self._state = State(0, (), list(first))
+        self._row: tuple[tuple[int, ...], Any] = (), float  # shape and type of the rows in the file
+        self._spill: Spill | None = None
+        self._memory_only = False
+
+    @property
+    def tail(self) -> list[Any]:
+        """Rows that are not in a block yet; always includes the last row."""
+        return self._state.tail
 
     def append(self, row: Any) -> None:
         """Add a row."""
-        if len(self.tail) >= BLOCK or (isinstance(row, np.ndarray) and len(self.tail) * row.nbytes > IN_MEMORY):
-            self._close(self.tail)
-            self.tail = []
-        self.tail.append(row)
+        saved, parts, tail = self._state
+        if len(tail) < BLOCK and not (isinstance(row, np.ndarray) and len(tail) * row.nbytes > IN_MEMORY):
+            tail.append(row)
+            return
+        self._state = State(saved, _joined(parts, tail), [row])
+        self._relieve()
 
     def extend(self, rows: Any) -> None:
         """Add rows (m, ...)."""
@@ -113,88 +149,109 @@ class Rows:
             for row in rows:
                 self.append(row)
             return
-        self._close(self.tail)
-        self._close(rows[:-1])
-        self.tail = [rows[-1]]
+        saved, parts, tail = self._state
+        self._state = State(saved, _joined(_joined(parts, tail), rows[:-1]), [rows[-1]])
+        self._relieve()
 
-    def _close(self, rows: Sequence[Any]) -> None:
-        """Move rows to a block, and write the block to disk where it is larger than `IN_MEMORY`."""
-        if not len(rows):
+    def _relieve(self) -> None:
+        """Move rows to the disk where they take more than `IN_MEMORY` bytes."""
+        saved, parts, tail = self._state
+        if self._memory_only or len(parts) != 1 or not isinstance(parts[0], Block) or parts[0].rows.nbytes <= IN_MEMORY:
             return
-        if any(not isinstance(row, np.ndarray) for row in rows):
-            self._blocks.append(list(rows))
-            return
-        if not (self._blocks and isinstance(self._blocks[-1], Block)):
-            self._blocks.append(Block(rows[0]))
-        self._blocks[-1].extend(rows)
-        if len(self._blocks) == 1 and self._blocks[0].nbytes > IN_MEMORY:
-            self._write(self._blocks.pop().rows)
-
-    def _write(self, rows: Array) -> None:
-        if self._folder is None:
-            self._folder = Path(mkdtemp(prefix=f"mbdae-{self.name}-"))
-            self._remove = finalize(self, rmtree, self._folder, ignore_errors=True)
-        path = self._folder / f"{len(self._chunks) + 1:06d}.npy"
-        part = path.with_suffix(".part")
         try:
-            with part.open("wb") as file:  # not flushed to the disk (fsync), because the file is removed when this process ends
-                np.save(file, rows)
-            part.replace(path)
+            self._write(saved, parts[0].rows)
         except OSError as error:
-            raise OptionError(f"'{path}' with steps of the run cannot be written: {error.strerror or error}; let TMPDIR name a "
-                              f"folder on a disk with room") from error  # fmt: skip
-        self._chunks.append((path, rows.shape))
+            self._memory_only = True
+            _say_full(str(error.strerror or error))
+            return
+        self._state = State(saved + len(parts[0]), (), tail)
+
+    def _write(self, saved: int, rows: Array) -> None:
+        """Write rows behind the first `saved` ones of the file; not flushed to the disk (fsync), since the file goes with this
+        process."""
+        self._row = rows.shape[1:], rows.dtype
+        if self._spill is None or not self._spill.ours:
+            spill = Spill(self.name)
+            if saved:
+                _put(spill.file, 0, self._mapped(saved))
+            self._spill = spill
+        _put(self._spill.file, saved * rows[0].nbytes, rows)
+
+    def _mapped(self, saved: int) -> Array:
+        """The first `saved` rows of the file, mapped into memory."""
+        assert self._spill is not None
+        return self._spill.mapped(saved, *self._row)
 
     def array(self, count: int) -> Any:
         """The first `count` rows as an array (count, ...), or as a list where some are not arrays."""
+        saved, parts, tail = self._state
         if not self._of_arrays:
-            return [row for block in (*self._blocks, self.tail) for row in block][:count]
-        self._close(self.tail)
-        found = self._joined() if self._chunks else self._blocks[0].given()
-        self._blocks, self.tail = [Block.of(found[:-1])], [found[-1]]  # views of the result, so that rows are not stored twice
+            return [row for part in (*parts, tail) for row in part][:count]
+        block = _joined(parts, tail)[0]
+        found, mapped = self._on_disk(saved, block) if saved else (block.given(), False)
+        # views of the result, so that rows are not stored twice
+        before = len(found) - 1
+        self._state = State(before, (), [found[-1]]) if mapped else State(0, (Block(Room(found, True), before),), [found[-1]])
         return found[:count]
+
+    def _on_disk(self, saved: int, block: Block) -> tuple[Array, bool]:
+        """All rows, and whether they are mapped from the file: in memory where the disk is full."""
+        try:
+            self._write(saved, block.rows)
+        except OSError:
+            return np.concatenate([self._mapped(saved), block.rows]), False
+        assert self._spill is not None
+        self._spill.given = True
+        return self._mapped(saved + len(block)), True
 
     def since(self, first: int) -> list[Any]:
         """The rows from number `first` on."""
-        parts: list[Any] = [self.tail]
-        begin = len(self) - len(self.tail)
-        for block in reversed(self._blocks):
+        saved, parts, tail = self._state
+        wanted: list[Any] = [tail]
+        begin = len(self) - len(tail)
+        for part in reversed(parts):
             if begin <= first:
                 break
-            parts, begin = [block.rows if isinstance(block, Block) else block, *parts], begin - len(block)
-        for path, shape in reversed(self._chunks):
-            if begin <= first:
-                break
-            parts, begin = [read_chunk(path, shape), *parts], begin - shape[0]
-        return [row for part in parts for row in part][first - begin :]
+            wanted, begin = [part, *wanted], begin - len(part)
+        if saved and begin > first:
+            wanted, begin = [np.array(self._mapped(saved)[first:]), *wanted], first
+        return [row for part in wanted for row in part][first - begin :]
 
     @property
     def _of_arrays(self) -> bool:
         """Whether there are rows, and all of them are arrays."""
-        rows = [row for block in (*self._blocks, self.tail) if isinstance(block, list) for row in block]
-        return bool(self._chunks or self._blocks or rows) and all(isinstance(row, np.ndarray) for row in rows)
+        saved, parts, tail = self._state
+        rows = [row for part in (*parts, tail) if isinstance(part, list) for row in part]
+        return bool(saved or parts or rows) and all(isinstance(row, np.ndarray) for row in rows)
 
     def __len__(self) -> int:
-        return sum(shape[0] for _, shape in self._chunks) + sum(map(len, (*self._blocks, self.tail)))
+        return self._state.saved + sum(map(len, (*self._state.parts, self._state.tail)))
 
-    def _joined(self) -> Array:
-        """All rows as an array that is mapped from one file, which takes the place of all files and blocks."""
-        assert self._folder is not None
-        parts = [block.rows for block in self._blocks]
-        rows = sum(shape[0] for _, shape in self._chunks) + sum(map(len, parts))
-        whole, shape = self._folder / "all.npy", (rows, *self._chunks[0][1][1:])
-        head = {"descr": np.lib.format.dtype_to_descr(np.dtype(float)), "fortran_order": False, "shape": shape}
-        with whole.open("wb") as file:
-            np.lib.format.write_array_header_2_0(file, head)
-            for path, of_chunk in self._chunks:
-                read_chunk(path, of_chunk).tofile(file)
-                path.unlink()
-            for part in parts:
-                part.tofile(file)
-        found = np.load(whole, mmap_mode="r")
-        self._remove()  # the folder is removed here where the system allows that (Linux); the mapped file remains readable
-        self._chunks, self._folder = [], None
-        return np.asarray(found)
+
+def _joined(parts: tuple[Any, ...], rows: Sequence[Any]) -> tuple[Any, ...]:
+    """Parts with further rows behind them."""
+    if not len(rows):
+        return parts
+    if any(not isinstance(row, np.ndarray) for row in rows):
+        return (*parts, list(rows))
+    if parts and isinstance(parts[-1], Block):
+        return (*parts[:-1], parts[-1].extended(rows))
+    return (*parts, Block(Room(np.empty((BLOCK, *rows[0].shape), rows[0].dtype)), 0).extended(rows))
+
+
+@lru_cache(maxsize=16)
+def _say_full(reason: str) -> None:
+    """Once in a process for every reason, not for every array of every run."""
+    say(f"steps of runs stay in memory: they cannot be written to the folder for temporary files ({reason}); let TMPDIR name a "
+        f"folder on a disk with room")  # fmt: skip
+
+
+def _put(file: Any, place: int, rows: Array) -> None:
+    """Write rows to a file without buffer, from a place (bytes) on."""
+    left = memoryview(np.ascontiguousarray(rows).data).cast("B")
+    file.seek(place)
+    while len(left):
+        left = left[file.write(left[:AT_ONCE]) :]
 
 
 def leave(*arrays: Array) -> None:
@@ -206,21 +263,3 @@ def leave(*arrays: Array) -> None:
             base = base.base
         if isinstance(base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
             base.madvise(mmap.MADV_DONTNEED)
-
-
-def _nothing() -> None:
-    """In place of the function that removes a folder, where there is none."""
-
-
-def read_chunk(path: Path, shape: tuple[int, ...]) -> Array:
-    """The rows of a file that this run wrote; SolverError, which names it, where it is damaged or gone."""
-    try:
-        found = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise SolverError(f"the file '{path}' with steps of the run cannot be read: {error}; leave the folder for temporary "
-                          f"files alone while a run is made, and see that its disk is not full", 0.0) from error  # fmt: skip
-    if found.shape != shape or found.dtype != float:
-        raise SolverError(f"the file '{path}' with steps of the run holds {found.dtype} of shape {found.shape} instead of "
-                          f"float64 of shape {shape}: "
-                          "another program changed it; run again, and leave the folder for temporary files alone", 0.0)
-    return np.asarray(found)

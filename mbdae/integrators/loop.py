@@ -12,11 +12,12 @@ from typing import Any, Self
 
 import numpy as np
 
-from mbdae.errors import OptionError, SolverError, WallClockError, interrupted
+from mbdae.errors import ENDS, OptionError, SolverError, WallClockError, interrupted, keeping
 from mbdae.integrators.checkpoints.record import Record
 from mbdae.integrators.dense import joined
 from mbdae.integrators.kept_rows import Rows
 from mbdae.integrators.solution import Interpolant, Method, Outputs, Solution, Stats
+from mbdae.limits import check
 from mbdae.system.base import Array, System
 from mbdae.threads import one_thread
 
@@ -44,10 +45,8 @@ class StepLoop:
         record: Record | None = None,
         impacts: float = 1.0,
     ) -> None:
-        #: factor on the longest step during an impact
-        self.impacts = impacts
-        self.record = record
-        # whether the present stretch ends for a planned restart; CPU and wall time (s) of this run in earlier processes
+        self.impacts, self.record = impacts, record  # impacts: factor on the longest step during an impact
+        # whether the stretch ends for a planned restart; CPU and wall time (s) of this run in earlier processes
         self._planned, self._before = False, (0.0, 0.0)
         self.system, self.solver, self.t_end, self.run_end = system, solver, t_end, t_end
         self.stats = Stats()
@@ -66,10 +65,9 @@ class StepLoop:
         self._systems: list[tuple[float, System]] = [(float(system.t0), system)]
         self._restarted = 0  # number of the step at which the run was restarted last
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the restart there
-        #: number of a kink -> sign changes of its argument in the whole run, and time of the first (`watched.chattering`)
+        #: number of a kink -> sign changes of its argument in the run, and time of the first (`watched.chattering`)
         self.switched: dict[int, tuple[int, float]] = {}
-        # number of a step -> y and yp after the restart there, of restarts in an earlier process
-        self._anew: dict[int, tuple[Array, Array]] = {}
+        self._anew: dict[int, tuple[Array, Array]] = {}  # the same after restarts that an earlier process made
 
     @property
     def t(self) -> float:
@@ -101,19 +99,21 @@ class StepLoop:
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         self._threads.__exit__(kind, error, trace)
         self._clock()
-        if isinstance(error, KeyboardInterrupt | SystemExit):
+        if isinstance(error, MemoryError):
+            raise self.failure("the memory is used up: loosen the accuracy, or make the run shorter", "") from error
+        if isinstance(error, ENDS):
             self._interrupted(error)
         elif isinstance(error, SolverError):
             error.solution = self.solution() if error.solution is None else error.solution
         elif error is not None:
             error.add_note(f"raised in {self.solver.label} after t = {self.t:.9g} s (steps made: {self.stats.steps})")
 
-    def _interrupted(self, error: KeyboardInterrupt | SystemExit) -> None:
-        """Attach the solution so far to an exception that ends the process (Ctrl-C, or one raised by a user's handler)."""
-        whole = len(self._pieces) + 1  # a step of which only t or y was stored when the exception came is dropped
-        del self._t[whole:]
+    def _interrupted(self, error: BaseException) -> None:
+        """Attach the solution so far to an exception that ends the call (Ctrl-C, one raised by a user's handler, a full disk)."""
+        with keeping(None, "a second time, while what was computed was put together: it is lost"):
+            solution = self.solution()
         where = f"{self.solver.label} was interrupted at t = {self.t:.9g} s of {self.run_end:.9g} s"
-        interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", self.solution())
+        interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", solution)
 
     def _clock(self) -> None:
         self.stats.wall_s = time.perf_counter() - self._wall + self._before[1]
@@ -198,6 +198,7 @@ class StepLoop:
 
     def guard(self) -> None:
         """Check the wall time and the number of evaluations, and report progress."""
+        check("steps were made")
         now = time.perf_counter()
         if now - (self._wall if self._begin is None else self._begin) > self._max_wall:
             raise self.failure(f"max_wall = {self._max_wall:g} s of wall time is used up: raise max_wall, or loosen the "
@@ -319,7 +320,8 @@ class StepLoop:
             self._pieces.extend([next(inner) if have else None for have in part["have"][some]])
 
     def solution(self) -> Solution:
-        """The steps accepted so far."""
+        """The steps accepted so far; one of which only t or y was stored when an exception came is dropped."""
+        del self._t[len(self._pieces) + 1 :]
         t = np.array(self._t)
         y, yp = self._y.array(len(t)), self._yp.array(len(t))
         interpolant = self._interpolant(t, y, yp, self._pieces.array(len(t) - 1))

@@ -15,6 +15,7 @@ from mbdae.disk.entries import keep, part_key, recall
 from mbdae.disk.exact import code_key
 from mbdae.errors import internal
 from mbdae.kernels.oracle import numpy_function
+from mbdae.limits import check
 from mbdae.native.program import Operations, block
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.vectors import Expr
@@ -51,6 +52,7 @@ class Kernel:
         key = self.key or code_key(self.symbols, self.expressions, self.level)
         found = recall(key)
         if found is None:
+            check("equations were compiled")
             keep(key, found := self._compiled_now())
         return found
 

@@ -2,11 +2,16 @@
    and keeps them alive; nothing is allocated here. */
 #ifndef MBDAE_CORE_H
 #define MBDAE_CORE_H
+#if !defined(_WIN32)
+#define _POSIX_C_SOURCE 199309L /* clock_gettime */
+#endif
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
 #include <time.h>
 #if defined(_WIN32)
+/* of windows.h, which takes the names `near` and `far` for itself */
+__declspec(dllimport) unsigned long long __stdcall GetTickCount64(void);
 #define API __declspec(dllexport)
 #else
 #define API __attribute__((visibility("default")))
@@ -73,10 +78,15 @@ static inline int all_finite(const double *x, I n) {
   return 1;
 }
 
-/* Wall time, s. */
+/* Time from an arbitrary begin, s, on a clock that nobody sets: a call that ends by the time of day would go on for ever where that
+   is set back. */
 static inline double clock_s(void) {
+#if defined(_WIN32)
+  return 1e-3 * (double)GetTickCount64();
+#else
   struct timespec now;
-  timespec_get(&now, TIME_UTC);
+  clock_gettime(CLOCK_MONOTONIC, &now);
   return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+#endif
 }
 #endif

@@ -11,6 +11,8 @@ import signal
 import threading
 from typing import Any, Self
 
+from mbdae.forks import in_forked_process
+
 NUMBERS = tuple(signal.valid_signals())
 
 
@@ -23,9 +25,12 @@ class Signals:
         self.inside = False
         self.waiting: list[tuple[int, Any]] = []
         self._before: dict[int, Any] = {}
+        self._thread = 0
 
     def __enter__(self) -> Self:
+        self._thread = threading.get_ident()
         if threading.current_thread() is threading.main_thread():
+            _present.append(self)
             for number in NUMBERS:
                 handler = signal.getsignal(number)
                 if callable(handler):
@@ -35,10 +40,16 @@ class Signals:
 
     def __exit__(self, *error: object) -> None:
         self.inside = False
+        if self in _present:
+            _present.remove(self)
+        self.restore()
+        self.deliver()
+
+    def restore(self) -> None:
+        """Set the handlers that were there before."""
         for number, handler in self._before.items():
             if signal.getsignal(number) == self._handle:
                 signal.signal(number, handler)
-        self.deliver()
 
     def _handle(self, number: int, frame: Any) -> None:
         if self.inside:
@@ -51,3 +62,15 @@ class Signals:
         while self.waiting:
             number, frame = self.waiting.pop(0)
             self._before[number](number, frame)
+
+
+_present: list[Signals] = []  #: those that have replaced handlers, in order
+
+
+@in_forked_process
+def _handled_again() -> None:
+    """In a process forked by another thread than the main one, C does not run: signals are handled at once."""
+    for signals in reversed(_present):
+        if signals._thread != threading.get_ident():
+            signals.restore()
+    _present.clear()

@@ -23,10 +23,11 @@ from mbdae.formulations import Form
 from mbdae.integrators.base import Solver
 from mbdae.integrators.checkpoints.keeper import Keeper, Stopping, active, keeping_runs
 from mbdae.integrators.checkpoints.trees import DamagedError
+from mbdae.results.reads import own_classes, own_of
 from mbdae.results.result import Result
 from mbdae.results.storable import by_item, statements
 from mbdae.results.storage import own_laws
-from mbdae.run.environment import environment
+from mbdae.run.environment import versions
 from mbdae.scene.scene import SceneData
 from mbdae.system.prepare import modelled
 from mbdae.values import option, optional, path, shown, whole
@@ -36,11 +37,9 @@ T = TypeVar("T")
 #: the last one. Methods that restart at checkpoints restart after every so many steps, with and without a checkpoint there
 EVERY = 1000
 FEW = 1000  #: an option (such as output times) with more values than this is stored as a hash in the statement of the call
-FORMAT = "mbdae run in progress 2"
+FORMAT = "mbdae run in progress 3"
 STATEMENT = "statement.json"
 FOLDER = "give the name of a folder, new or one that such a call made, or None"
-#: what may change the last digits of a result: an interrupted call is continued with the same versions and machine only
-HERE = ("mbdae", "python", "numpy", "scipy", "scikit-sundae", "symengine", "machine")
 
 
 def keeper_of(checkpoint: Any, every: Any) -> Keeper | None:
@@ -89,11 +88,10 @@ def statement_of(scene: SceneData, every: int, solver: Solver | None, form: Form
     except OptionError as error:
         raise OptionError(f"checkpoint: the folder has to hold the scene, and this scene cannot be stored: "
                           f"{error}; or run it without checkpoint=") from error  # fmt: skip
-    found = environment()
     return {"scene": by_item(stated), "laws": own_laws(modelled(scene)[0]),
             "solver": repr(solver), "form": repr(form), "every": every,
             "start": None if start is None else _digest(start.solution.t[-1:], start.solution.y[-1], start.solution.yp[-1]),
-            "versions": {name: found[name] for name in HERE},
+            "own": own_of(scene) | own_classes(solver, form), "versions": versions(),
             **{name: _told(value) for name, value in options.items()}}  # fmt: skip
 
 

@@ -320,6 +320,8 @@ def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled
                 most = 10 * solution.stats.residuals + 10000
                 close = probe.solver.run(beginning_at(probe.system, solution, begin),
                                          Asked(end, max_residuals=most, share=SHARE))  # fmt: skip
+        except WallClockError:
+            raise
         except SolverError as error:
             if error.solution is None or len(error.solution.t) < 3:
                 return replace(run, estimate=float("inf"), others=()).after(1, cpu_of(error))

@@ -16,6 +16,11 @@ def environment() -> dict[str, str | int]:
     return found | {"machine": f"{platform.system()} {platform.machine()}", "cpus": _cpus()}
 
 
+def versions() -> dict[str, str | int]:
+    """What may change the last digits of a result: `environment` without the number of CPUs."""
+    return {name: value for name, value in environment().items() if name != "cpus"}
+
+
 def _version(package: str) -> str:
     # imported here because it imports e-mail and sockets too, which takes 0.02 s
     from importlib.metadata import PackageNotFoundError, version

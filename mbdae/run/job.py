@@ -26,13 +26,14 @@ from functools import partial
 from typing import Any
 
 from mbdae.errors import (
+    ENDS,
     FINAL,
     AccuracyWarning,
-    ChatteringError,
     MbdaeError,
     OptionError,
     SolverError,
     WallClockError,
+    interrupted,
     keeping,
     warn,
 )
@@ -41,6 +42,7 @@ from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.checkpoints.keeper import keeping_runs
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
+from mbdae.limits import furthest
 from mbdae.results.result import Result
 from mbdae.results.run_info import RunInfo
 from mbdae.run.assessment import assessed
@@ -98,7 +100,7 @@ class Job:
         system = self._system(solver)
         if isinstance(system, WithoutMultipliers):
             system = system.strictly(strict)
-        with self._attaching(solver):
+        with self.attaching(solver):
             if not solver.fixed and solver.rtol is None and getattr(solver, "atol", None) is not None:
                 solver = solver.at_accuracy(self.accuracy, system.label)  # atol is the user's: one run, with the usual rtol
             if solver.fixed or solver.rtol is not None:
@@ -207,7 +209,7 @@ class Job:
     def result(self, run: Controlled, verify: bool = False) -> Result:
         """The Result with its warnings, each also issued as an AccuracyWarning; verify: compare with another method at a tenth of
         the accuracy, and beams with a finer mesh."""
-        with self._attaching(run.solver), keeping(run.solution, UNTESTED):
+        with self.attaching(run.solver), keeping(run.solution, UNTESTED):
             other = None
             if verify:
                 begin = time.process_time()
@@ -234,23 +236,25 @@ class Job:
         return made
 
     @contextmanager
-    def _attaching(self, solver: Solver) -> Iterator[None]:
+    def attaching(self, solver: Solver) -> Iterator[None]:
         """Context in which a run is made: where it fails or is interrupted, what was computed is attached to the error as a
         Result."""
         try:
             yield
-        except (SolverError, KeyboardInterrupt, SystemExit) as error:
+        except (SolverError, *ENDS) as error:
             solution, singular = getattr(error, "solution", None), self.prepared.rank.singular_here
-            if isinstance(error, SolverError) and singular and error.time <= self.prepared.start.t:
+            if solution is None and (solution := furthest()) is not None and not isinstance(error, SolverError):
+                interrupted(error, f"interrupted: {UNTESTED}", solution)
+            stopped = isinstance(error, SolverError) and not isinstance(error, FINAL)
+            if isinstance(error, SolverError) and stopped and singular and error.time <= self.prepared.start.t:
                 error.args = (f"{error}; the scene starts in a singular position, where constraint {singular[0].name} depends on "
                               "the others: start it slightly away from that position",)  # fmt: skip
             if isinstance(solution, Solution):
-                why = "the run failed before its end" if isinstance(error, SolverError) else "the run was interrupted"
+                why = "the run failed before its end" if isinstance(error, MbdaeError) else "the run was interrupted"
                 known, stats = nothing_known(self.prepared, why), solution.stats
                 info = RunInfo(solver, self.form.label, known, stats, 1, stats.cpu_s, (str(error),))
                 made = Result(self.prepared, solution, info, self.times[self.times <= solution.t[-1]])
                 error.solution = made  # type: ignore[union-attr]
-                stopped = isinstance(error, SolverError) and not isinstance(error, WallClockError | ChatteringError)
                 if stopped and (place := singular_stop(made, self.form.spec().drifts)):
                     stop, _, message = str(error).partition(": ")
                     error.args = (f"{stop}: {place} (solver: {message})",)

@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from mbdae.deferred import distinct
-from mbdae.errors import AccuracyWarning, SolverError
+from mbdae.errors import AccuracyWarning, SolverError, WallClockError
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Solver
 from mbdae.integrators.runge_kutta.radau import RadauIIA
@@ -57,6 +57,8 @@ class FineRun:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore", AccuracyWarning)
                     part = self.solver.solve(system, stop, max_residuals=BUDGET, h0=min(first, stop - system.t0))
+            except WallClockError:
+                raise
             except SolverError:
                 return suspect.effect
             times = distinct(np.r_[np.linspace(system.t0, stop, BETWEEN), part.t])

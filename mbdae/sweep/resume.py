@@ -1,7 +1,11 @@
-"""The file that a user names by `resume=`: it stores what is finished, so that the same call continues after an interruption."""
+"""The file that a user names by `resume=`: it stores what is finished, so that the same call continues after an interruption.
+
+Every row has a digest of itself and of the call that it belongs to. A row that was changed, cut or taken from another file is
+computed again, and a warning names it."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import zlib
@@ -11,7 +15,7 @@ from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
-from mbdae.errors import OptionError
+from mbdae.errors import OptionError, warn
 from mbdae.files import first_difference, read_file, write_file
 from mbdae.values import BadValueError, file_to_write, optional, shown
 
@@ -29,6 +33,7 @@ class ResumeFile:
 
     kind: ClassVar[str]  #: word for what the file stores, in messages
     file_format: ClassVar[str]
+    in_order: ClassVar[bool] = False  #: whether rows are known by their order, so that those behind a damaged one go with it
 
     @contextmanager
     def stored(self) -> Iterator[dict[str, Any] | None]:
@@ -46,13 +51,57 @@ class ResumeFile:
             raise OptionError(f"resume = '{self.path}' is not a {self.kind} kept by resume; name another file")
         check_same(self.path, self.kind, data.get("statement"), self.identity)
         with damage_refused(self.path):
-            yield data
+            rest = {name: value for name, value in data.items() if name != "rows"}
+            if rest.pop("digest") != digest(key_of(self.identity), rest):
+                raise BadValueError("its entries beside the rows are not those that were stored")
+            yield data | {"rows": self._sound(data["rows"])}
+
+    def _sound(self, rows: list[Any]) -> list[Any]:
+        """The rows that are as they were stored."""
+        key = key_of(self.identity)
+        sound = [is_sound(key, row) for row in rows]
+        for i, row in enumerate(rows):
+            if not sound[i]:
+                computed_again(self.path, f"{self.row_name(row)} (row {i + 1})")
+        last = sound.index(False) if self.in_order and False in sound else len(rows)
+        return [{name: value for name, value in row.items() if name != "digest"}
+                for row, good in zip(rows[:last], sound[:last], strict=True) if good]  # fmt: skip
+
+    def row_name(self, row: Any) -> str:
+        """What a row is of, in words, for messages; the row may be damaged."""
+        return "what was computed"
 
     def store(self, data: dict[str, Any]) -> None:
         """Replace the file as a whole, so that it is valid whenever the run stops."""
         if self.path is not None:
-            content = {"format": self.file_format, "statement": self.identity, **data}
+            rest = {"format": self.file_format, "statement": self.identity, **data}
+            key = key_of(self.identity)
+            rows = [row | {"digest": digest(key, row)} for row in rest.pop("rows")]
+            content = rest | {"digest": digest(key, rest), "rows": rows}
             write_file(self.path, json.dumps(content, indent=1) + "\n")
+
+
+def key_of(identity: Any) -> str:
+    """A digest of the identity of a call, with which its rows are stored."""
+    return digest("", identity)
+
+
+def digest(key: str, row: Any) -> str:
+    """A digest of plain data of the call with this key, the same before and after they are written and read."""
+    text = json.dumps([key, json.loads(json.dumps(row))], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def is_sound(key: str, row: Any) -> bool:
+    """Whether a row, with its digest, is as it was stored."""
+    if not isinstance(row, dict):
+        return False
+    return row.get("digest") == digest(key, {name: value for name, value in row.items() if name != "digest"})
+
+
+def computed_again(path: Any, what: str) -> None:
+    """Warn that a stored row is not used. what: which one, in words."""
+    warn(f"resume = '{path}': {what} was changed or damaged after it was stored, so it is computed again")
 
 
 def resume_path(path: Any) -> Path | None:

@@ -18,22 +18,24 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import ListsAttributes, OptionError, interrupted
+from mbdae.errors import ENDS, DiskError, ListsAttributes, OptionError, interrupted
 from mbdae.files import first_difference, path_of, read_file, write_file
 from mbdae.integrators.base import end_after, output_times
 from mbdae.integrators.checkpoints.trees import DamagedError, read_tree, write_tree
+from mbdae.results.reads import own_of
 from mbdae.results.storable import by_item
 from mbdae.results.storage import own_laws
 from mbdae.run.control import plausible
+from mbdae.run.environment import versions
 from mbdae.scene.scene import SceneData
-from mbdae.sweep.resume import interruption
+from mbdae.sweep.resume import computed_again, interruption
 from mbdae.sweep.scenes import SceneJob, planned, solved
 from mbdae.sweep.workers import THREADS, with_executor, with_processes
 from mbdae.system.base import Array
 from mbdae.system.prepare import modelled
 from mbdae.values import BadValueError, array, number, option, several, shown, text, whole
 
-FORMAT = "mbdae sweep of a scene 3"
+FORMAT = "mbdae sweep of a scene 4"
 #: largest number of points per part: PART in native batches, ALONE where every point is a run of its own; a part that failed is
 #: divided into PIECES
 PART, ALONE, PIECES = 512, 8, 8
@@ -190,7 +192,10 @@ class SceneSweep(ListsAttributes):
         self._parts[place] = part
         if self._folder is not None:
             path = self._folder / f"part{place[0]:08d}-{place[1]:08d}.npz"
-            write_tree(path, part | {"sweep": self._key})
+            try:
+                write_tree(path, part | {"sweep": self._key})
+            except OptionError as error:
+                raise DiskError(f"resume: {error}; the parts before it are there: make room, and the call goes on") from error
             self._parts[place] = path
 
     def read_folder(self, again: bool) -> None:
@@ -200,7 +205,11 @@ class SceneSweep(ListsAttributes):
             named = _NAME.fullmatch(path.name)
             if named is None:
                 continue
-            part = _part(path)
+            try:
+                part = read_tree(path)
+            except DamagedError:
+                computed_again(self._folder, f"the file {path.name} of the points {int(named[1])} to {int(named[2]) - 1}")
+                continue
             if part.get("sweep") != self._key:
                 raise OptionError(f"resume = '{self._folder}' holds another sweep: {path.name} is not of this one; "
                                   f"delete the folder, or name another one")  # fmt: skip
@@ -240,7 +249,7 @@ def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers:
     left = [(a, min(a + size, last)) for first, last in made.missing() for a in range(first, last, size)]
     try:
         _compute(made, functools.partial(solved, job), points, left, executor, workers, tell)
-    except (KeyboardInterrupt, SystemExit) as error:
+    except ENDS as error:
         told = interruption(resume, made.done, len(points), "points")
         interrupted(error, f"{told}; this exception has them as its attribute `solution`", made)
         raise
@@ -295,7 +304,7 @@ def _folder(resume: Any, job: SceneJob, points: Points) -> tuple[Path | None, st
     stated = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": scene.statements}
     said = {"format": FORMAT, "scene": by_item(stated), "laws": own_laws(modelled(scene)[0]), "accuracy": job.accuracy,
             "t_end": job.t_end, "outputs": job.outputs.tolist(), "grid": dict(zip(points.names, values, strict=True)),
-            "listed": points.axes is None}  # fmt: skip
+            "listed": points.axes is None, "own": own_of(scene), "versions": versions()}  # fmt: skip
     place, statement = folder / STATEMENT, json.dumps(said)
     try:
         folder.mkdir(parents=True, exist_ok=True)

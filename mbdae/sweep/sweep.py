@@ -13,38 +13,26 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, TextIO, overload
+from typing import Any, overload
 
 import numpy as np
 
-from mbdae.errors import ListsAttributes, OptionError, interrupted, naming_arguments, warn
-from mbdae.files import read_file, write_file
+from mbdae.errors import ENDS, ListsAttributes, OptionError, interrupted, naming_arguments, warn
 from mbdae.notation import counted
+from mbdae.results.reads import reads
+from mbdae.run.environment import versions
 from mbdae.scene.scene import SceneData
-from mbdae.sweep.resume import check_same, damage_refused, interruption, resume_path
+from mbdae.sweep.resume import interruption
+from mbdae.sweep.rows import FORMAT, Kept, SweepRow, as_line
 from mbdae.sweep.scene_sweep import SceneSweep, sweep_scene
 from mbdae.sweep.workers import THREADS, Job, Outcome, with_executor, with_processes
 from mbdae.sweep.writing import as_json
 from mbdae.system.base import Array
 from mbdae.values import BadValueError, flag, function, option, optional, sequence, shown, text, whole
 
-FORMAT = "mbdae sweep 1"
 MOST_WORKERS = 1024
 GRID = "give a mapping of names to lists of values, or a list of points (dicts)"
 Progress = Callable[[int, int], None]  #: called with the number of points done and of all points
-
-
-@dataclass(frozen=True)
-class SweepRow:
-    """A point and the values that the job returned there, or its error (type and text). died: whether its worker process
-    ended; warnings: AccuracyWarnings of the job there, such as that about a peak that is not within the accuracy."""
-
-    point: dict[str, Any]
-    values: dict[str, Any] | None
-    error: str | None = None
-    died: bool = False
-    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -114,7 +102,7 @@ class Sweep(ListsAttributes):
     def to_json(self, path: Any = None) -> str:
         """Rows as JSON text; path: a file to write it to. Numbers that are not finite become null."""
         rows = [{"point": row.point, "values": row.values, "error": row.error} for row in self.rows]
-        return as_json({"complete": self.complete, "rows": _finite(json.loads(_json(rows)))}, path)
+        return as_json({"complete": self.complete, "rows": _finite(json.loads(as_line(rows)))}, path)
 
     def __repr__(self) -> str:
         return f"<Sweep: {len(self.done)} of {len(self.points)} points done, {len(self.failures)} failed>"
@@ -172,7 +160,7 @@ def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int
     if executor is None:
         _check_job(job, points)
     said = points if axes is None else {name: [_scalar(value) for value in values] for name, values in axes.items()}
-    with _Kept(resume, {"format": FORMAT, "job": _name(job), "grid": said}, points, again) as kept:
+    with Kept(resume, lambda: _statement(job, said), points, again) as kept:
         done = kept.rows
         left = {i: point for i, point in enumerate(points) if i not in done}
         come = with_executor(executor, job, left) if executor is not None else with_processes(job, left, workers)
@@ -184,7 +172,7 @@ def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int
                     kept.add(i, done[i])
                     if tell is not None:
                         tell(len(done), len(points))
-        except (KeyboardInterrupt, SystemExit) as error:
+        except ENDS as error:
             come_so_far = interruption(resume, len(done), len(points), "points")
             interrupted(error, f"{come_so_far}; this exception has them as its attribute `solution`", made)
             raise
@@ -251,25 +239,20 @@ def _name(job: Any) -> str:
     return f"{getattr(job, '__module__', '?')}.{getattr(job, '__qualname__', type(job).__qualname__)}"
 
 
+def _statement(job: Any, grid: Any) -> dict[str, Any]:
+    """What a stored sweep is known by: the job, all that it reads, the grid, and versions."""
+    return {"format": FORMAT, "job": _name(job), "reads": reads(job), "grid": grid, "versions": versions()}
+
+
 def _row(point: dict[str, Any], found: Outcome) -> SweepRow:
     """The row of a point, with plain values as they would be read from a file."""
     if found.values is None:
         return SweepRow(point, None, found.error, found.died)
     try:
-        return SweepRow(point, json.loads(_json(found.values)), warnings=found.warnings)
+        return SweepRow(point, json.loads(as_line(found.values)), warnings=found.warnings)
     except (TypeError, ValueError) as error:
         return SweepRow(point, None, f"TypeError: the job returned what cannot be kept: {error}; "
                                      f"return numbers, texts, lists and arrays")  # fmt: skip
-
-
-def _json(value: Any) -> str:
-    return json.dumps(value, default=_plain)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.generic | np.ndarray) and not np.iscomplexobj(value):
-        return value.tolist()
-    raise TypeError(f"{value!r} of type {type(value).__name__} cannot be written to a file")
 
 
 def _finite(value: Any) -> Any:
@@ -282,69 +265,3 @@ def _finite(value: Any) -> Any:
 
 def _cell(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else "" if value is None else str(value)
-
-
-class _Kept:
-    """The file of a sweep: a JSON line with job and grid, then one for every row. path None: no file."""
-
-    def __init__(self, path: Any, statement: dict[str, Any], points: list[dict[str, Any]], again: bool) -> None:
-        self.statement, self.points, self.again = statement, points, again
-        self.rows: dict[int, SweepRow] = {}
-        self.file: TextIO | None = None
-        where = resume_path(path)
-        if where is not None:
-            self._open(where)
-
-    def _open(self, path: Path) -> None:
-        try:
-            head = _json(self.statement)
-        except TypeError as error:
-            raise OptionError(f"resume = '{path}': points cannot be kept: {error}; let them have numbers or texts") from error
-        try:
-            lines = read_file(path).splitlines(keepends=True) if path.exists() else []
-        except (OSError, ValueError) as error:
-            raise OptionError(f"resume = '{path}' cannot be read as text ({error}); name another file, or delete it") from error
-        if lines:
-            self._read(path, lines, json.loads(head))
-        rows = [_json(_line(i, row)) for i, row in self.rows.items()]
-        write_file(path, "\n".join([head, *rows]) + "\n")  # without an incomplete last line and rows to be computed again
-        self.file = path.open("a", encoding="utf-8")
-
-    def _read(self, path: Path, lines: list[str], meant: dict[str, Any]) -> None:
-        try:
-            said = json.loads(lines[0])
-        except (ValueError, RecursionError):
-            said = None
-        if not isinstance(said, dict) or said.get("format") != FORMAT:
-            raise OptionError(f"resume = '{path}' is not a sweep kept by resume; name another file")
-        check_same(path, "sweep", said, meant)
-        for line in lines[1:]:
-            try:
-                data = json.loads(line)
-            except (ValueError, RecursionError):
-                continue  # the line is incomplete, because the process ended while it was written
-            with damage_refused(path):
-                number = whole(data["number"], least=0, most=len(self.points) - 1)
-                told = tuple(data.get("warnings", ()))
-                row = SweepRow(self.points[number], data["values"], data["error"], data["died"], told)
-                if not (isinstance(row.values, dict | None) and isinstance(row.error, str | None) and isinstance(row.died, bool)):
-                    raise BadValueError(f"in the row of a point, values, error or died is of a wrong type: {shown(data)}")
-            if not (row.died or (self.again and row.error)):
-                self.rows[number] = row
-
-    def add(self, i: int, row: SweepRow) -> None:
-        """Append the row of point number i to the file, so that it is there if the process ends."""
-        if self.file is not None:
-            self.file.write(_json(_line(i, row)) + "\n")
-            self.file.flush()
-
-    def __enter__(self) -> _Kept:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self.file is not None:
-            self.file.close()
-
-
-def _line(i: int, row: SweepRow) -> dict[str, Any]:
-    return {"number": i, "values": row.values, "error": row.error, "died": row.died, "warnings": row.warnings}

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
 from mbdae.inputs.resolution import LongestStep
+from mbdae.threads import Owner
 from mbdae.values import array, function, sequence, set_option, shown, text, word
 
 Array = NDArray[np.float64]
@@ -178,6 +179,18 @@ class System:
     sampled: Any = None
     #: function of the time that returns the longest step (s) allowed from there; None: no bound
     longest_step: LongestStep | None = None
+
+    @property
+    def owner(self) -> Owner:
+        """Which thread runs these equations, or others that share their arrays."""
+        found: Owner = vars(self).setdefault("_owner", Owner(f"the System {self.label} ({self.names[0]}, ...)"))
+        return found
+
+    def __copy__(self) -> Self:
+        """A System that shares everything with this one."""
+        other = type(self).__new__(type(self))
+        vars(other).update(vars(self) | {"_owner": self.owner})
+        return other
 
     def starting(self, t: float, y: Array, yp: Array, longest_step: LongestStep | None = None) -> Self:
         """These equations with another start (t, y, yp) and bound of steps, for a part of a run: a new System that shares

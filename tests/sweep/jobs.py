@@ -8,6 +8,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+LAG = 0.0  #: a constant that jobs of other files read
+
 
 def product(a: float, b: float) -> dict[str, Any]:
     """A value and a list; refuses a = 2."""

@@ -1,6 +1,5 @@
 """Scenes of many bodies: sparse rank, start and accelerations against closed relations and against dense matrices."""
 
-import errno
 import tracemalloc
 from pathlib import Path
 
@@ -213,34 +212,6 @@ def test_rows_given_out_stay_as_they_were():
         rows.append(np.full(2, 5.0))
     assert np.array_equal(first, before)
     assert np.array_equal(rows.array(5001)[[0, 1, 1999, 2000, 2001, 5000], 0], [0, 1, 1, 7, 5, 5])
-
-
-def test_a_disk_without_room_for_steps_is_named(monkeypatch):
-    def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(kept_rows, "IN_MEMORY", 100)
-    monkeypatch.setattr(kept_rows.np, "save", full)
-    rows = kept_rows.Rows("y", np.zeros(10))
-    with pytest.raises(mb.OptionError, match=r"000001\.npy.*No space left on device; let TMPDIR name"):
-        rows.extend(np.ones((20, 10)))
-
-
-@pytest.mark.parametrize("damage", ["cut", "gone", "other"])
-def test_a_damaged_file_of_steps_is_named(damage, monkeypatch):
-    monkeypatch.setattr(kept_rows, "IN_MEMORY", 100)
-    rows = kept_rows.Rows("y", np.zeros(10))
-    for first in range(3):
-        rows.extend(np.full((20, 10), float(first)))
-    path, _ = rows._chunks[1]
-    if damage == "cut":
-        path.write_bytes(path.read_bytes()[:200])
-    elif damage == "gone":
-        path.unlink()
-    else:
-        np.save(path, np.zeros(3))
-    with pytest.raises(mb.SolverError, match=r"000002\.npy"):
-        rows.array(61)
 
 
 @pytest.mark.parametrize("rows", [1, 2, 7])

@@ -1,4 +1,4 @@
-"""Runs that were killed twenty times and went on, against runs that were not."""
+"""Runs that were killed twenty times and went on, and work that Ctrl-C or a full disk disturbed, against what was not."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import tempfile
 from functools import partial
 from pathlib import Path
 
+import disturbed_work as work
 import interrupted_scenes as scenes
 from runner import Case, Claim, Found, Row, measure
 
@@ -25,12 +26,29 @@ def different(name: str, kills: int, how: int) -> Found:
     return Found(float(bits != whole), note=f"{hits} of {kills} signals came before its end")
 
 
+SIGNALS, DISKS, SOME = 30, 4, 3
+
+
+def disturbed(name: str, count: int, full: bool) -> Found:
+    """1 where what comes out is wrong; count: signals, or full disks."""
+    with tempfile.TemporaryDirectory() as folder:
+        how = work.filling if full else work.interrupting
+        try:
+            hits = work.disturbed(name, Path(folder), count, how)
+        except work.WrongError as error:
+            return Found(1.0, note=str(error))
+    return Found(0.0, note=f"{hits} of {count} came in the middle")
+
+
 def cases() -> list[Case]:
     every, kill = scenes.RUNS, signal.SIGKILL
     kinds = ((KILLS, kill, every), (FEW, signal.SIGTERM, every), (FEW, kill, KEPT))
     return [Case(f"{kills} {how.name}", name, partial(different, name, kills, how),
                  slow=not (kills == FEW and how == kill and name in QUICK))
-            for kills, how, names in kinds for name in names]  # fmt: skip
+            for kills, how, names in kinds for name in names] + [
+        Case(f"{count} {'full disks' if full else 'Ctrl-C'}", name, partial(disturbed, name, count, full), slow=count > SOME)
+        for count, full in ((SIGNALS, False), (DISKS, True), (SOME, False)) for name in work.WORK
+        if count > SOME or name in ("simulate", "sweep")]  # fmt: skip
 
 
 def run() -> list[Row]:

@@ -14,6 +14,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import TypeVar
 
+from mbdae.errors import DiskError, OptionError
 from mbdae.integrators.checkpoints.trees import DamagedError, Tree, read_tree, write_tree
 
 T = TypeVar("T")
@@ -55,7 +56,7 @@ class Keeper:
         writing an interrupted zip archive would raise another error."""
         self.inside += 1
         try:
-            write_tree(self._place, [plain, self._runs])
+            _write(self._place, [plain, self._runs])
         finally:
             self.inside -= 1
         if self.stop:
@@ -96,16 +97,24 @@ class RunFiles:
     def write(self, state: dict[str, Tree], chunks: int, steps: Tree) -> None:
         """Store a state of the run in one file, with the number `chunks` of files that hold the steps before, and further
         steps."""
-        write_tree(self._state, state | {"chunks": chunks, "steps": steps})
+        _write(self._state, state | {"chunks": chunks, "steps": steps})
         self.keeper.written()
 
     def write_chunk(self, i: int, steps: Tree) -> None:
         """Store steps in the numbered file i. `read` returns them only after the next `write`, which states the number of
         files."""
-        write_tree(self._chunk(i), steps)
+        _write(self._chunk(i), steps)
 
     def _chunk(self, i: int) -> Path:
         return self.keeper.folder / f"{self.name}.{i:06d}.npz"
+
+
+def _write(path: Path, tree: Tree) -> None:
+    """Replace a file of the folder; DiskError where the system refuses."""
+    try:
+        write_tree(path, tree)
+    except OptionError as error:
+        raise DiskError(f"checkpoint: {error}; the folder holds an earlier state, from which the same call goes on") from error
 
 
 _active: ContextVar[Keeper | None] = ContextVar("keeper", default=None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import zlib
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 from mbdae.deferred import csc_matrix, issparse
 from mbdae.files import regular, replacing
 
-TEXT = "tree"
+TEXT, DIGEST = "tree", "digest"
 Tree = Any  #: None, booleans, numbers, texts, arrays, sparse matrices (CSC), and lists, tuples and dictionaries of these
 
 
@@ -28,6 +29,7 @@ def write_tree(path: Path, tree: Tree) -> None:
     """Replace a file by a tree, which is on the disk when this returns."""
     arrays: dict[str, Any] = {}
     text = json.dumps(packed(tree, arrays))
+    arrays[DIGEST] = np.frombuffer(_digest(text, arrays), dtype=np.uint8)
     with replacing(path) as part, part.open("wb") as file:
         np.savez(file, allow_pickle=False, **arrays, **{TEXT: np.frombuffer(text.encode(), dtype=np.uint8)})
 
@@ -38,10 +40,21 @@ def read_tree(path: Path) -> Tree:
 
     try:
         with regular(path) as file, np.load(file, allow_pickle=False) as stored:
-            return unpacked(json.loads(stored[TEXT].tobytes().decode()), stored)
+            text, arrays = stored[TEXT].tobytes().decode(), {name: stored[name] for name in stored.files if name != TEXT}
+            if arrays.pop(DIGEST).tobytes() != _digest(text, arrays):
+                raise ValueError("its numbers are not those that were stored")
+            return unpacked(json.loads(text), arrays)
     except (OSError, ValueError, KeyError, TypeError, BadZipFile, zlib.error, EOFError) as error:
         raise DamagedError(f"file '{path}' cannot be read or is damaged ({error}): delete it with its folder, or name another "
                            "folder") from error
+
+
+def _digest(text: str, arrays: dict[str, Any]) -> bytes:
+    found = hashlib.sha256(text.encode())
+    for name in sorted(arrays):
+        found.update(f"{name} {arrays[name].dtype.str} {arrays[name].shape}".encode())
+        found.update(np.ascontiguousarray(arrays[name]).data)
+    return found.digest()
 
 
 def packed(value: Tree, arrays: dict[str, Any]) -> Any:

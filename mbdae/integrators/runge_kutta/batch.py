@@ -89,10 +89,10 @@ def solve_batch(system: System, t_end: float, solver: Any = None, *, starts: Any
     asked = Asked.of(system, t_end, outputs, max_wall=max_wall)
     method = method if method.rtol is not None else method.at_accuracy(DEFAULT_ACCURACY, system.label)
     method.check(system)
-    points = _Points.of(system, starts, {} if numbers is None else numbers)
-    run = _Run(system, method, asked, points, tell)
-    with one_thread(), points.restored():
-        return run.result()
+    with system.owner.running(), one_thread():
+        points = _Points.of(system, starts, {} if numbers is None else numbers)
+        with points.restored():
+            return _Run(system, method, asked, points, tell).result()
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import OptionError, SolverError, warn
+from mbdae.errors import OptionError, SolverError, WallClockError, warn
 from mbdae.inputs.breaks import beyond
 from mbdae.inputs.sensed import paths
 from mbdae.integrators.base import Solver, output_times
@@ -108,6 +108,8 @@ class Watched:
             try:
                 times = np.append(job.times[job.times < stop], stop)
                 run, done = made(replace(job, asked=replace(job.asked, t_end=stop), times=times))
+            except WallClockError:
+                raise
             except SolverError as error:
                 known = getattr(error.solution, "solution", None)
                 event = self.end(job.prepared, known, job.accuracy) if isinstance(known, Solution) else None
