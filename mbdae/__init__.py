@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from mbdae.system.base import Switches
     from mbdae.system.dae import DAE
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 #: name -> module it comes from, imported on first use so that `import mbdae` stays light
 _HOME = {

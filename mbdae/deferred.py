@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from mbdae.threads import limit_what_was_loaded
 
 __all__ = ["LinearOperator", "as_full", "bmat", "connected_components", "csc_matrix", "csr_matrix", "cython_lapack", "dijkstra",
-           "distinct", "eig", "eigsh", "eigvals", "entries_of", "identity", "issparse", "maximum_flow", "median", "qr", "sp",
+           "distinct", "eigsh", "eigvals", "entries_of", "identity", "issparse", "maximum_flow", "median", "qr", "sp",
            "splu"]  # fmt: skip
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
-    from scipy.linalg import cython_lapack, eig, eigvals, qr
+    from scipy.linalg import cython_lapack, eigvals, qr
     from scipy.sparse import bmat, csc_matrix, csr_matrix, identity, issparse
     from scipy.sparse.csgraph import connected_components, dijkstra, maximum_flow
     from scipy.sparse.linalg import LinearOperator, eigsh, splu
@@ -48,7 +48,6 @@ else:
     bmat, csc_matrix = _Deferred("scipy.sparse", "bmat"), _Deferred("scipy.sparse", "csc_matrix")
     csr_matrix, identity = _Deferred("scipy.sparse", "csr_matrix"), _Deferred("scipy.sparse", "identity")
     cython_lapack, qr = _Deferred("scipy.linalg.cython_lapack"), _Deferred("scipy.linalg", "qr")
-    eig = _Deferred("scipy.linalg", "eig")
     eigvals = _Deferred("scipy.linalg", "eigvals")
     connected_components = _Deferred("scipy.sparse.csgraph", "connected_components")
     dijkstra = _Deferred("scipy.sparse.csgraph", "dijkstra")

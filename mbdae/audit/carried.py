@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.audit.evaluate import SizeError, Value, expression_function
+from mbdae.audit.evaluate import SizeError, Value
+from mbdae.audit.expressions import expression_function
 from mbdae.audit.notation import GIVE_OWN_CLASS
 from mbdae.laws import joints
 from mbdae.symbolic.frames import Axes, NodeKind

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.audit.evaluate import SizeError, Value, attempt, evaluate, infinite
-from mbdae.audit.motion import VECTORS, Motion
+from mbdae.audit.assumptions import bounds
+from mbdae.audit.evaluate import NO_VALUE, OutsideError, SizeError, Value, attempt, evaluate, infinite
+from mbdae.audit.motion import VECTORS, WIDE, Motion
 from mbdae.audit.notation import Node, Statement
 from mbdae.audit.phrases import Env
 from mbdae.audit.reading import Printed
@@ -19,12 +20,14 @@ from mbdae.errors import MbdaeError
 
 SAME = 1e-9  #: relative difference below which two sides count as equal
 STATES = 4  #: number of random states of each kind; sides that differ agree in a random state by accident only
+TRIED = 2 * WIDE  #: number of random states among which those are looked for in which a formula is real
 INFINITE = float("inf")
 
 
 @dataclass
 class States:
-    """The states an equation is compared in: states of two free bodies, then states in which the text's joint connects them."""
+    """The states an equation is compared in: states of two free bodies, then states in which the text's joint connects them. In
+    all of them what the text assumes holds and the formulas have real values."""
 
     equation: Printed
     inner: str = "l"  #: the body that carries the inner race
@@ -35,17 +38,43 @@ class States:
     fill: int = 1  #: number of rows of a literal 0 whose size nothing else gives
 
     def of(self, kind: str, count: int = STATES) -> list[Env]:
-        """Values of the symbols in random states of one kind ("free", "clearance", a joint)."""
-        return [self._env(kind, seed) for seed in range(count)]
+        """Values of the symbols in random states of one kind ("free", "clearance", a joint), the first in which all sides are
+        real. Where there are hardly any, states in which the same sides are; SizeError where no side is."""
+        known, wanted = dict[tuple[bool, ...], list[Env]](), set[str]()
+        for seed in range(TRIED):
+            env = self.env(kind, seed)
+            real = self.real(env, wanted)
+            known.setdefault(real, []).append(env)
+            if all(real) and len(known[real]) == count:
+                break
+        known = {real: envs for real, envs in known.items() if any(real)}
+        for real in sorted(known, key=lambda real: (not all(real), -len(known[real]))):
+            if len(known[real]) >= min(STATES, count):
+                return known[real][:count]
+        raise OutsideError(" and ".join([*(one.text for one in self.equation.assumed), *sorted(wanted)]))
 
-    def _env(self, kind: str, seed: int) -> Env:
+    def real(self, env: Env, wanted: set[str]) -> tuple[bool, ...]:
+        """Whether the sides of the equation are real in a state, False for all where an assumption does not hold; the conditions
+        of those that are not are added to `wanted`."""
+        holds = all(one.holds(env) for one in self.equation.assumed)
+        return tuple(holds and _real(side, env, wanted) for s in self.equation.statements for side in s.sides)
+
+    def env(self, kind: str, seed: int) -> Env:
+        """Values of the symbols in one random state."""
         section = self.equation.states
         if (kind, seed, section) not in self.shared:
             self.shared[kind, seed, section] = Motion(seed, kind, self.equation.scope.own, section)
         motion = self.shared[kind, seed, section]
         motion = motion.without(self.absent) if self.absent else motion
-        motion = motion.taking({f"parameter {n}": v for n, v in self.neutral}) if self.neutral else motion
+        drawn = self.drawn
+        if self.neutral or drawn:
+            motion = motion.taking({f"parameter {n}": v for n, v in self.neutral}, drawn)
         return Env(motion, self.equation.scope, self.inner, self.side, self.fill)
+
+    @cached_property
+    def drawn(self) -> dict[str, tuple[float, float]]:
+        """Bounds of numbers of the text, by the words of their meaning."""
+        return bounds(self.equation.assumed, self.equation.scope, self.equation.scope.reached(self.equation.used))
 
     @property
     def _everywhere(self) -> str:
@@ -79,6 +108,18 @@ class States:
             if all(_fits(s, found) for s in self.equation.statements):
                 return found
         return self
+
+
+def _real(side: Node, env: Env, wanted: set[str]) -> bool:
+    try:
+        with np.errstate(all="ignore"):
+            evaluate(side, env)
+    except OutsideError as outside:
+        wanted |= {outside.condition} - {""}
+        return False
+    except NO_VALUE:
+        pass  # told where the sides are compared
+    return True
 
 
 def _fits(statement: Statement, states: States) -> bool:
@@ -174,6 +215,8 @@ def vanishes(statement: Statement, envs: Sequence[Env]) -> float:
 def compared(statement: Statement, states: States) -> Compared:
     """Difference of the sides in free states; that in states of the joint where the sides agree in those only. Where they agree
     in neither, the smaller difference."""
+    if statement not in states.equation.statements:  # a repaired one has states of its own, as it may be real elsewhere
+        states = replace(states, equation=replace(states.equation, statements=(statement,), quantity=None))
     equation = states.equation
     if vanishes(statement, states.joint) > SAME:
         return Compared(vanishes(statement, states.joint))

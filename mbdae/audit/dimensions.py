@@ -11,7 +11,8 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.audit import notation
-from mbdae.audit.evaluate import SizeError, evaluate, expression_value, size
+from mbdae.audit.evaluate import SizeError, evaluate, size
+from mbdae.audit.expressions import expression_value
 from mbdae.audit.laws import Own, derived, part_class
 from mbdae.audit.motion import Motion
 from mbdae.audit.notation import Node, Statement, bare
@@ -19,17 +20,25 @@ from mbdae.audit.phrases import Definition, Env
 from mbdae.errors import MbdaeError
 from mbdae.reports.units import BASIC, law_faults, powers_of, scales, shown, unit
 
+PLAIN = dict.fromkeys(BASIC, 1.0)  #: sizes of the basic units; where there are sizes, functions need not be real
+
 
 def powers(node: Node, envs: Sequence[Env]) -> NDArray[np.float64] | None:
     """Exponents of m, kg and s of every entry (nan where it is 0); None where an entry has no unit."""
     with np.errstate(all="ignore"):
-        before = np.array([np.ravel(evaluate(node, env)) for env in envs])
-        after = [np.array([np.ravel(evaluate(node, replace(env, scale=scale, store={}))) for env in envs]) for scale in scales()]
+        before, *after = (np.array([np.ravel(evaluate(node, replace(env, scale=scale, store={}))) for env in envs])
+                          for scale in (PLAIN, *scales()))  # fmt: skip
     return powers_of(before, after)
+
+
+def united(node: Node, envs: Sequence[Env]) -> bool:
+    """Whether a formula and every sum in it have a unit."""
+    return powers(node, envs) is not None and not _culprit(node, envs)
 
 
 def faults(statement: Statement, envs: Sequence[Env]) -> list[str]:
     """Errors in the units of a statement, in words; an empty list where the units agree."""
+    envs = [replace(env, scale=PLAIN, store={}) for env in envs]
     try:
         found = [(side, powers(side, envs)) for side in statement.sides if not notation.is_zero(side)]
         sizes = dict.fromkeys(size(evaluate(side, envs[0])) for side, _ in found)
@@ -106,11 +115,10 @@ def _of_part(cls: Any) -> list[str]:
     """The functions of a normal law or friction law that return a wrong unit, in words."""
     if getattr(cls, "states", ()):
         return []
-    plain = dict.fromkeys(BASIC, 1.0)
     for function, (units, wanted) in _FUNCTIONS.items() if cls else ():
         if function in vars(cls):
             before, *after = (np.array([[_returned(cls, function, units, seed, scale)] for seed in range(3)])
-                              for scale in (plain, *scales()))  # fmt: skip
+                              for scale in (PLAIN, *scales()))  # fmt: skip
             p = powers_of(before, after)
             if p is None:
                 return [f"its {function} has terms with different units"]

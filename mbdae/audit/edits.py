@@ -11,11 +11,12 @@ import numpy as np
 from mbdae.audit import latex
 from mbdae.audit.evaluate import attempt
 from mbdae.audit.fits import places
-from mbdae.audit.notation import Node, bare, made, negated, symbol
+from mbdae.audit.notation import BINDING, Node, bare, made, negated, symbol
 from mbdae.audit.phrases import Env, Scope
 
 Edited = tuple["Edit", Node]
-_EXCHANGED = {"sin": "cos", "cos": "sin"}
+_EXCHANGED = {a: b for one, other in (("sin", "cos"), ("sinh", "cosh"), ("asin", "acos"), ("asinh", "acosh"))
+              for a, b in ((one, other), (other, one))}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,11 @@ class Candidates:
             value = attempt(symbol(name), self.env)
             self.sizes[name] = (0,) if value is None else np.shape(value)
         return self.sizes[name]
+
+    def is_number(self, node: Node) -> bool:
+        """Whether a piece has a value in this state that is a number."""
+        value = attempt(node, self.env)
+        return value is not None and np.ndim(value) == 0
 
     def of(self, name: str) -> Iterator[tuple[str, float]]:
         """Names that may replace `name`, each with its rank: lowest for the same letter, highest for another unit."""
@@ -120,12 +126,20 @@ def _here(node: Node, candidates: Candidates) -> Iterator[Edited]:
         yield from _in_product(node)
     if kind == "call":
         yield from _in_call(node)
+    if kind in ("sum", "product") and len(parts) == 2 and all(_plain(p) and candidates.is_number(p) for p in parts):  # a + b, a b
+        new = made("sum" if kind == "product" else "product", *parts)
+        yield Edit("{} -> {}", (node, new), size=1.9), new
+
+
+def _plain(node: Node) -> bool:
+    return node.kind in ("symbol", "power", "call")
 
 
 def _in_sum(node: Node) -> Iterator[Edited]:
     parts = node.parts
     for i, term in enumerate(parts):
-        yield Edit("sign of {}", (bare(term),), size=1), node.with_parts((*parts[:i], negated(term), *parts[i + 1 :]))
+        edit = Edit("sign of {}", (bare(term),), size=1 if i else 1.01)  # the first term has hardly ever the wrong sign
+        yield edit, node.with_parts((*parts[:i], negated(term), *parts[i + 1 :]))
         yield Edit("without the term {}", (term,), resizes=True, size=1.8), node.with_parts((*parts[:i], *parts[i + 1 :]))
     for i, term in enumerate(parts):  # a (b) + c -> a (b + c)
         if term.kind == "product" and len(parts) > 1:
@@ -152,6 +166,10 @@ def _in_product(node: Node) -> Iterator[Edited]:
 def _in_call(node: Node) -> Iterator[Edited]:
     if node.value == "abs":
         yield Edit("{} -> {}", (node, node.parts[0]), size=1.4), node.parts[0]
+    for i, part in enumerate(node.parts if node.value not in BINDING else ()):
+        if part.kind == "sum":  # f(a - b) -> f(b - a)
+            turned = part.with_parts(tuple(sorted(map(negated, part.parts), key=lambda term: term.kind == "neg")))
+            yield Edit("sign of {}", (part,), size=1), node.with_parts((*node.parts[:i], turned, *node.parts[i + 1 :]))
     if node.value in _EXCHANGED:
         yield Edit("{} -> {}", (node.value, _EXCHANGED[node.value]), size=1.1), Node("call", _EXCHANGED[node.value], node.parts)
     if node.value == "atan2":

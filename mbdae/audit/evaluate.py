@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import cmath
-import math
-from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import symengine as se
 
 from mbdae.audit.notation import Node
-from mbdae.errors import LawError, MbdaeError
+from mbdae.errors import MbdaeError
 from mbdae.symbolic.functions import complex_atan2
-from mbdae.symbolic.source import Language, called, defined, python_power, written
 
 STEP = 1e-30  #: size of the complex step; its error, of order STEP^2, is far below round-off, and nothing is subtracted
-FINITE = 0.02  #: spacing of the finite differences for the outer one of two nested derivatives: FINITE^10 is below round-off
-#: coefficients of central differences of order 10 at 1 to 5 steps
-_CENTRAL = (5 / 6, -5 / 21, 5 / 84, -5 / 504, 1 / 1260)
+FINITE = 0.01  #: spacing of the finite differences for the outer one of two nested derivatives: FINITE^10 is below round-off
+#: coefficients of central differences at 1 to 5 steps, of order 10 and of order 8
+_CENTRAL = np.array([[5 / 6, -5 / 21, 5 / 84, -5 / 504, 1 / 1260], [4 / 5, -1 / 5, 4 / 105, -1 / 280, 0]])
+#: largest relative difference of the two orders: the error of order 10 was then below 2e-10 next to edges of roots
+SMOOTH = 1e-9
 Value = Any  #: a complex number, or a matrix (rows, columns) of them
 Source = Any  #: an `Env` (phrases.py): the values of symbols in a state, and states moved from it for derivatives
 
@@ -28,6 +26,18 @@ class SizeError(Exception):
     """A value that cannot be computed, mostly because sizes do not fit."""
 
     placed = False  #: whether the message already names the piece of the formula
+
+
+class OutsideError(SizeError):
+    """A function has no real value in this state, which is no test of the formula then. condition: under which it has one; empty
+    where the state is too near to an edge or a corner for a derivative by differences."""
+
+    placed = True
+
+    def __init__(self, condition: str = "") -> None:
+        self.condition = condition
+        what = f"a side is real for {condition} alone" if condition else "its derivatives exist away from edges and corners alone"
+        super().__init__(f"{what}, where none of the states tried is together with the other sides: say what is assumed")
 
 
 class NestedError(SizeError):
@@ -58,7 +68,21 @@ def derivative(value_at: Callable[[complex], Value], stepped: bool = False) -> V
             return np.imag(value_at(1j * STEP)) / STEP + 0j
         except NestedError:
             pass
-    return sum(c * (value_at(n * FINITE) - value_at(-n * FINITE)) for n, c in enumerate(_CENTRAL, 1)) / FINITE
+    ends = [value_at(n * FINITE) - value_at(-n * FINITE) for n in range(1, 6)]
+    fine, rough = (sum(c * e for c, e in zip(row, ends, strict=True)) / FINITE for row in _CENTRAL)
+    for a, b in ((np.real(fine), np.real(rough)), (np.imag(fine) / STEP, np.imag(rough) / STEP)):
+        if np.max(np.abs(a - b)) > SMOOTH * max(1.0, float(np.max(np.abs(a)))):
+            raise OutsideError
+    return fine
+
+
+def shifted(value: Value, entry: int, amount: complex) -> Value:
+    """A value with a number added to one of its entries."""
+    if np.ndim(value) == 0:
+        return value + amount
+    out = np.array(value, dtype=complex)
+    out.flat[entry] += amount
+    return out
 
 
 def _ndim(v: Value) -> int:
@@ -106,8 +130,16 @@ _PLAIN: dict[str, Callable[..., Value]] = {
     "norm": _length, "abs": lambda v: magnitude(_number(v)), "atan2": lambda y, x: complex_atan2(_number(y), _number(x)),
     "sqrt": lambda v: np.sqrt(_number(v) + 0j), "sign": lambda v: np.sign(np.real(_number(v))) + 0j,
     "log": lambda v: np.log(_number(v) + 0j), "asin": lambda v: np.arcsin(_number(v)), "acos": lambda v: np.arccos(_number(v)),
-    "atan": lambda v: np.arctan(_number(v)), "trace": lambda m: np.trace(_square(m)), "det": lambda m: np.linalg.det(_square(m)),
+    "atan": lambda v: np.arctan(_number(v)), "asinh": lambda v: np.arcsinh(_number(v)),
+    "acosh": lambda v: np.arccosh(_number(v) + 0j), "atanh": lambda v: np.arctanh(_number(v)),
+    "trace": lambda m: np.trace(_square(m)), "det": lambda m: np.linalg.det(_square(m)),
 }  # fmt: skip
+#: functions with real values for some arguments alone: whether the real part is one of those, and the condition in words
+_REAL: dict[str, tuple[Callable[[float], bool], str]] = {
+    "sqrt": (lambda x: x >= 0, "{} > 0"), "log": (lambda x: x > 0, "{} > 0"), "acosh": (lambda x: x >= 1, "{} > 1"),
+    **dict.fromkeys(("asin", "acos", "atanh"), (lambda x: abs(x) <= 1, "{} in (-1, 1)")),
+}  # fmt: skip
+PARTIAL = (*_REAL, "power", "inverse", "tan")  #: functions and pieces that are not defined for all arguments
 
 
 def evaluate(node: Node, at: Source) -> Value:
@@ -130,11 +162,13 @@ def infinite(node: Node, at: Source) -> Node | None:
     return inner or (node if value is not None and not np.all(np.isfinite(np.asarray(value, dtype=complex))) else None)
 
 
-def attempt(node: Node, at: Source) -> Any:
-    """The value of a formula; None where it has none."""
+def attempt(node: Node, at: Source, outside: Any = None) -> Any:
+    """The value of a formula; None where it has none, `outside` where it is not real."""
     try:
         with np.errstate(all="ignore"):
             return evaluate(node, at)
+    except OutsideError:
+        return outside
     except NO_VALUE:
         return None
 
@@ -179,11 +213,16 @@ def _power(node: Node, at: Source) -> Value:
         return 0j
     if exponent == 2:
         return base * base
+    if np.real(base) < 0 and (np.real(exponent) % 1 or np.imag(exponent)) and at.scale is None:
+        raise OutsideError(f"{node.parts[0]} > 0")
+    if np.real(exponent) < 0:
+        at.watched(node.parts[0], base)
     return np.asarray(base, dtype=complex)[()] ** exponent
 
 
 def _inverse(node: Node, at: Source) -> Value:
     below = _number(evaluate(node.parts[0], at))
+    at.watched(node.parts[0], below)
     return 1 / below if isinstance(below, se.Basic) else np.complex128(1) / below
 
 
@@ -206,6 +245,12 @@ def _call(node: Node, at: Source) -> Value:
     if name == "integral":
         return _integral(node, at)
     values = [evaluate(p, at) for p in parts]
+    if name in _REAL and at.scale is None and not isinstance(values[0], se.Basic):
+        real, condition = _REAL[name]
+        if not real(np.real(_number(values[0]))):
+            raise OutsideError(condition.format(parts[0]))
+    if name == "tan":
+        at.watched(Node("call", "cos", parts), np.cos(np.real(values[0])))
     if name in _PLAIN:
         return _PLAIN[name](*values)
     v = _number(values[0])  # sin, cos, tan, sinh, cosh, tanh, exp
@@ -272,61 +317,3 @@ _BY_KIND: dict[str, Callable[[Node, Source], Value]] = {
     "neg": lambda n, at: -evaluate(n.parts[0], at), "inverse": _inverse, "power": _power, "call": _call,
     "cross": lambda n, at: cross(evaluate(n.parts[0], at)), "transposed": _transposed, "block": _block,
 }  # fmt: skip
-
-
-# -- expressions of laws, evaluated here because symengine computes powers by logarithms, which makes complex steps inexact
-
-
-def _no_case() -> Value:
-    raise SizeError("a se.Piecewise in the class of the law has no case that holds in this state; end it with the case (value, "
-                    "True)")  # fmt: skip
-
-
-def _cases(*parts: str) -> str:
-    """Python text of a Piecewise, whose parts are value, condition, value, ...: it evaluates the value of the first condition
-    that holds and no other value, which may be undefined."""
-    return f"({parts[0]} if {parts[1]} else {_cases(*parts[2:])})" if parts else "_no_case()"
-
-
-def _compared(sign: str) -> Callable[..., str]:
-    return lambda a, b: f"({a}.real {sign} {b}.real)"
-
-
-_FUNCTIONS: dict[str, Callable[..., Any]] = {
-    **{name: getattr(cmath, name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "log")},
-    **{name: getattr(cmath, name) for name in ("asin", "acos", "atan", "asinh", "acosh", "atanh")},
-    "atan2": complex_atan2, "floor": lambda a: complex(math.floor(a.real)),
-}  # fmt: skip
-_PYTHON = Language(
-    lambda e: f"({e})" if isinstance(e, se.Integer) else f"({complex(e)!r})", python_power,
-    {name: called(name) for name in _FUNCTIONS} | dict.fromkeys(("let", "UnevaluatedExpr"), lambda a: a)
-    | {"StrictLessThan": _compared("<"), "LessThan": _compared("<="), "Equality": _compared("=="), "Unequality": _compared("!=")}
-    | {"And": lambda *a: f"({' and '.join(a)})", "Or": lambda *a: f"({' or '.join(a)})", "Not": lambda a: f"(not {a})"}
-    | {"BooleanTrue": lambda: "True", "BooleanFalse": lambda: "False", "Piecewise": _cases})  # fmt: skip
-
-
-def expression_function(symbols: Sequence[Any], steps: Mapping[Any, Any], outputs: Sequence[Any]) -> Callable[..., list[Any]]:
-    """Expressions as a Python function: it takes the complex values of the symbols, a sequence in their order, and returns the
-    list of values of the outputs. steps: intermediate results, {name: expression of symbols and earlier names}."""
-    names = {s: f"x[{i}]" for i, s in enumerate(symbols)}
-    found = []
-    try:
-        for i, (name, e) in enumerate(steps.items()):
-            found.append((f"a{i}", written(e, names, _PYTHON)))
-            names[name] = f"a{i}"
-        values = [written(e, names, _PYTHON) for e in outputs]
-    except LawError as error:
-        raise SizeError(str(error)) from error
-    return defined(found, values, _FUNCTIONS | {"_sqrt": cmath.sqrt, "_exp": cmath.exp, "_no_case": _no_case})
-
-
-@lru_cache(maxsize=4096)
-def _alone(e: Any) -> tuple[list[Any], Callable[..., list[Any]]]:
-    symbols = list(e.free_symbols)
-    return symbols, expression_function(symbols, {}, [e])
-
-
-def expression_value(e: Any, known: Mapping[Any, complex]) -> Any:
-    """Value of an expression for values of its symbols."""
-    symbols, function = _alone(e)
-    return complex(function([known[s] for s in symbols])[0])

@@ -7,10 +7,11 @@ a product of powers of quantities of the text, times a simple number.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from itertools import combinations
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ UNKNOWN = symbol("@")
 _ONE = number(1)
 EXACT = 1e-7  #: largest error of a fitted exponent, of the fitted logarithms and, relative, of the fitted constant
 MANY = 6_000  #: the search for a missing term ends where there are more products of vectors and matrices than this
-LARGE = 64  #: a missing numerical factor p/q counts as simple up to this product p q, with q up to 48
+LARGE = 150  #: a missing numerical factor p/q counts as simple up to this product p q, with q up to 48
 LONG = 6  #: largest number of nodes of a subexpression (its operations and symbols) that is tried as a base of a missing factor
 MOST = 30  #: largest number of scalar quantities whose powers are tried as a missing factor; their pairs are tried too
 Rebuilt = Callable[[Node], Node]
@@ -40,6 +41,15 @@ def places(node: Node, rebuilt: Rebuilt = lambda new: new, around: tuple[Node, .
                 return rebuilt(node.with_parts((*node.parts[:i], new, *node.parts[i + 1 :])))
 
             yield from places(part, outer, (node, *around))
+
+
+def _number(node: Node) -> Fraction | None:
+    """The value of a number, or of 1 over a number, that stands in a formula as a small fraction; None for other pieces."""
+    if node.kind == "inverse":
+        below = _number(node.parts[0])
+        return 1 / below if below else None
+    value = Fraction(node.value).limit_denominator(1000) if node.kind == "number" else None
+    return value if value is not None and abs(float(value) - node.value) < 1e-12 else None
 
 
 def _ratio(value: Fraction) -> list[Node]:
@@ -65,10 +75,12 @@ class Monomial:
         return out
 
     def times(self, node: Node | None = None) -> Node:
-        """The formula times this monomial."""
+        """The formula times this monomial, its numbers in one."""
         inside = () if node is None or node == _ONE else node.parts if node.kind == "product" else (node,)
-        factors = [f for f in (*self.factors, *inside) if not (f == _ONE and (inside or len(self.factors) > 1))]
-        new = made("product", *factors)
+        whole = replace(self, c=self.c * prod((_number(f) or Fraction(1) for f in inside), start=Fraction(1)))
+        factors = (*whole.factors, *(f for f in inside if _number(f) is None))
+        factors = tuple(f for f in factors if f != _ONE) or (_ONE,)
+        new = made("product", *((_ONE,) if factors[0].kind == "inverse" else ()), *factors)
         return negated(new) if self.c < 0 else new
 
 

@@ -24,6 +24,7 @@ _E3 = np.array([[0.0], [0.0], [1.0]])
 #: independent vectors of each body: position, velocity, acceleration, angular velocity, angular acceleration
 VECTORS = ("x", "v", "a", "w", "alpha")
 T = TypeVar("T")
+WIDE = 256  #: from this seed on numbers are drawn from 0.03 to 30, for formulas that are real only where numbers differ much
 _TERMS = 24  #: number of terms of the series of a rotation: round-off for the angles drawn, at most 2.1 rad
 
 
@@ -64,11 +65,12 @@ def about_axis(phi: Value) -> Value:
 @lru_cache(maxsize=4096)
 def _drawn(seed: int, name: str, kind: str, shape: tuple[int, ...] = ()) -> Value:
     """A random value, reproducible: equal seeds and names give equal values. kind: "uniform" (entries in -1.2 to 1.2), "number"
-    (0.3 to 1.5, either sign) or "positive" (0.3 to 1.5)."""
+    (0.3 to 1.5, either sign) or "positive" (0.3 to 1.5); see `WIDE`."""
     rng = np.random.default_rng([seed, crc32(name.encode())])
     if kind == "uniform":
         return rng.uniform(-1.2, 1.2, shape)
-    return rng.uniform(0.3, 1.5) * (rng.choice([-1, 1]) if kind == "number" else 1)
+    size = rng.uniform(0.3, 1.5) if seed < WIDE else np.exp(rng.uniform(np.log(0.03), np.log(30)))
+    return size * (rng.choice([-1, 1]) if kind == "number" else 1)
 
 
 class Motion:
@@ -76,6 +78,7 @@ class Motion:
 
     symbolic = False  #: whether the quantities are symbols instead of numbers
     neutral: Mapping[str, float] = MappingProxyType({})  #: prescribed values of positive numbers, by name
+    bounds: Mapping[str, tuple[float, float]] = MappingProxyType({})  #: bounds of numbers and functions of time, by name
 
     def __init__(self, seed: int, kind: str = "free", own: Any = (), section: str = "") -> None:
         self.seed, self.kind, self.absent = seed, kind, frozenset[str]()
@@ -98,14 +101,23 @@ class Motion:
     # -- random quantities, reproducible by name and state
 
     def number(self, name: str) -> float:
-        """A random number with absolute value between 0.3 and 1.5 and either sign."""
-        return float(_drawn(self.seed, name, "number"))
+        """A random number with absolute value between 0.3 and 1.5 and either sign, or between its bounds."""
+        return self._between(name) if name in self.bounds else float(_drawn(self.seed, name, "number"))
 
     def positive(self, name: str) -> float:
-        """A random number between 0.3 and 1.5, or the value prescribed for it."""
+        """A random number between 0.3 and 1.5, or between its bounds, or the value prescribed for it."""
         if name in self.neutral:
             return self.neutral[name]
-        return float(_drawn(self.seed, name, "positive"))
+        return self._between(name) if name in self.bounds else float(_drawn(self.seed, name, "positive"))
+
+    def _between(self, name: str) -> float:
+        """A random number between the bounds of a name; beyond one bound, where the other is infinite."""
+        low, high = self.bounds[name]
+        part = 0.5 + float(_drawn(self.seed, name, "uniform")) / 2.5  # 0.02 to 0.98
+        width = 2 * max(1.0, abs(low) if np.isfinite(low) else abs(high))
+        if not np.isfinite(high):
+            return low + width * part
+        return low + (high - low) * part if np.isfinite(low) else high - width * part
 
     def vector(self, name: str) -> Value:
         """A random vector (3, 1)."""
@@ -119,7 +131,8 @@ class Motion:
     def polynomial(self, name: str, x: complex, shape: tuple[int, ...] = ()) -> Value:
         """A random function of x whose first three derivatives at 0 differ from 0."""
         c = _drawn(self.seed, name, "uniform", (4, *shape))
-        return c[0] + x * c[1] + x * x * c[2] / 2 + x**3 * c[3] / 6 + 0j
+        first = self._between(name) if name in self.bounds else c[0]
+        return first + x * c[1] + x * x * c[2] / 2 + x**3 * c[3] / 6 + 0j
 
     def ingredient(self, name: str) -> Value:
         """A random vector (3, 1) that the derivation contains and a text may leave out: zero in states made by `without`."""
@@ -136,10 +149,10 @@ class Motion:
         other.absent, other.memory = self.absent | {name}, {}
         return other
 
-    def taking(self, values: Mapping[str, float]) -> Motion:
-        """A copy of this state with prescribed values of some positive numbers."""
+    def taking(self, values: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> Motion:
+        """A copy of this state with prescribed values of some positive numbers, and bounds of some numbers."""
         other = copy(self)
-        other.neutral, other.memory = values, {}
+        other.neutral, other.bounds, other.memory = values, bounds, {}
         return other
 
     def once(self, key: Any, compute: Callable[[], T]) -> T:

@@ -5,7 +5,7 @@
     b'                              transposed
     [a, b; c, d]                    blocks; a 0 takes the size of its row and column, I is 3 x 3
     M^-1                            inverse, of a matrix too
-    norm(u) abs(v) sign sin cos tan asin acos atan sinh cosh tanh exp log sqrt atan2(y, x) trace(M) det(M)
+    norm(u) abs(v) sign sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh exp log sqrt atan2(y, x) trace(M) det(M)
     delta(e)                        change of e by a virtual displacement
     rate(e)                         time derivative of e, rate(rate(e)) the second one
     slope(e)                        derivative of e by the length of a line
@@ -13,7 +13,7 @@
     sum(e, i, a, b)                 sum of e over i = a, a + 1, ..., b
     integral(e, x, a, b)            integral of e over x from a to b
 
-A statement is `side = side`, `side = side = 0` or `side <= side`.
+A statement is `side = side`, `side = side = 0` or `side <= side`; an assumption `a < b`, `a < b < c`, `a != b`, `a in (b, c)`.
 """
 
 from __future__ import annotations
@@ -26,11 +26,13 @@ from typing import Any
 
 from mbdae.errors import MbdaeError
 
-PLAIN = ("abs", "sign", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")
+PLAIN = ("abs", "sign", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh",
+         "atanh", "exp", "log", "sqrt")
 FUNCTIONS = dict.fromkeys((*PLAIN, "norm", "trace", "det", "delta", "rate", "slope"), 1) | {
     "atan2": 2, "diff": 2, "sum": 4, "integral": 4}  # fmt: skip
 BINDING = ("sum", "integral")  #: functions whose second argument is a bound name
-_TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?)|([^\W\d]\w*)|(<=|[-+*/^'~()\[\],;=]))")
+_TOKEN, _COMPARED = (re.compile(rf"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?)|([^\W\d]\w*)|({signs}[-+*/^'~()\[\],;=]))")
+                     for signs in ("<=|", "<=|>=|!=|<|>|"))  # fmt: skip
 
 GIVE_OWN_CLASS = "give a class of your own as mb.audit(..., laws={{'{0}': {0}}})"  #: what to do where a law is not known
 
@@ -85,6 +87,9 @@ class Node:
 
     def __str__(self) -> str:
         return _text(self, 0)
+
+
+Comparison = tuple[Node, str, Node]  #: the sides of an assumption with the sign between them
 
 
 @dataclass(frozen=True)
@@ -157,8 +162,9 @@ def negated(node: Node) -> Node:
 class Reader:
     """Reads one statement."""
 
-    def __init__(self, text: str, line: int = 0) -> None:
-        self.text, self.line, self.tokens, self.at = text, line, _tokens(text, line), 0
+    def __init__(self, text: str, line: int = 0, relations: bool = False) -> None:
+        self.text, self.line, self.at = text, line, 0
+        self.tokens = _tokens(text, line, _COMPARED if relations else _TOKEN)
 
     def statement(self) -> Statement:
         """The whole text as a statement; AuditError where it is none."""
@@ -172,6 +178,21 @@ class Reader:
         if len(sides) == 1:
             raise self._error("a statement needs '=' or '<=' between two sides")
         return Statement(tuple(sides), relation, self.line)
+
+    def assumption(self) -> tuple[Comparison, ...]:
+        """The whole text as comparisons; AuditError where it is none."""
+        sides, signs = [self._sum()], list[str]()
+        while sign := self._accept("<", ">", "<=", ">=", "!="):
+            signs.append(sign)
+            sides.append(self._sum())
+        if not signs and self._accept("in") and self._accept("(", "["):
+            low, *high = self._list()
+            if len(high) == 1 and self._accept(")", "]"):
+                sides, signs = [low, sides[0], high[0]], ["<", "<"]
+        self._end()
+        if not signs:
+            raise self._error("an assumption needs '<', '>', '<=', '>=' or '!=' between two sides, or is `x in (a, b)`")
+        return tuple(zip(sides, signs, sides[1:], strict=False))
 
     def expression(self) -> Node:
         """A formula without a relation."""
@@ -274,10 +295,10 @@ class Reader:
         return made("block", *rows)
 
 
-def _tokens(text: str, line: int) -> list[str]:
+def _tokens(text: str, line: int, pattern: re.Pattern[str]) -> list[str]:
     found, at = [], 0
     while text[at:].strip():
-        match = _TOKEN.match(text, at)
+        match = pattern.match(text, at)
         if text[at:].strip().startswith((">", "<")) and match is None:
             raise AuditError(f"line {line}: write a bound as `smaller <= larger`, not with '<', '>', '>=' (in '{text.strip()}')")
         if match is None:
@@ -307,7 +328,7 @@ def _text(node: Node, level: int) -> str:
     if kind == "transposed":
         return _text(parts[0], 2) + "'"
     if kind == "power":
-        return _text(parts[0], 2) + "^" + _text(parts[1], 2)
+        return _text(parts[0], 2) + ("^-" if parts[1].kind == "neg" else "^") + _text(bare(parts[1]), 2)
     text, own = _compound(node)
     return f"({text})" if level > own else text
 

@@ -23,8 +23,9 @@ from mbdae.values import path as path_of
 HOW = (
     "Every formula is evaluated in random states of two bodies and compared with what the laws of mbdae, the virtual rotation "
     r"$\delta a = \delta\psi \times a$ and complex steps give for the quantity it is said to be: first in states of free bodies, "
-    "then in states of bodies connected by the joint the text speaks of; formulas that are polynomials in free vectors also in "
-    "symbols. The file of the formulas holds no verdicts and no repairs."
+    "then in states of bodies connected by the joint the text speaks of, always where the formulas are real and what the text "
+    "assumes holds; formulas that are polynomials in free vectors also in symbols. The file of the formulas holds no "
+    "verdicts and no repairs."
 )
 
 
@@ -106,7 +107,7 @@ class Audit:
             "equations": [
                 {"equation": r.equation, "printed": r.printed.text, "derived": r.derived, "verdict": r.verdict,
                  "repair": r.repair or None, "residual": _finite(r.residual), "remark": r.remark or None,
-                 "section": r.printed.section, "repaired": r.repaired.text if r.repaired else None,
+                 "where": r.where or None, "section": r.printed.section, "repaired": r.repaired.text if r.repaired else None,
                  "residual_repaired": _finite(r.repaired_residual), "symbolic": r.symbolic} for r in self.equations],
             "claims": [
                 {"claim": c.claimed.words, "printed": c.claimed.count, "derived": c.counted, "verdict": c.verdict,
@@ -155,8 +156,9 @@ def _blocks(row: Row) -> list[Block]:
     if not row.printed.statements:
         return [Paragraph(f"{escaped(row.equation)}: {escaped(row.printed.raw)}: {row.verdict}: {escaped(row.remark)}.")]
     out: list[Block] = [Equation(_latex(row.printed), row.equation, row.verdict + how)]
-    if row.repair or row.remark:
-        out.append(Paragraph(told(row.tex or escaped(row.repair), escaped(row.remark)) + "."))
+    if row.said:
+        out.append(Paragraph(told(escaped(f"for {row.where}" * bool(row.where)), row.tex or escaped(row.repair),
+                                  escaped(row.remark)) + "."))  # fmt: skip
     after = ", the sides are identical in symbols" if row.symbolic else ""
     if row.repaired is not None and row.repaired.statements != row.printed.statements:
         out.append(Equation(_latex(row.repaired), None, f"repaired, residual {_shown(row.repaired_residual)}{after}"))

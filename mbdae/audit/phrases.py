@@ -16,7 +16,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.audit import latex
-from mbdae.audit.evaluate import STEP, SizeError, Value, derivative, evaluate
+from mbdae.audit.evaluate import STEP, SizeError, Value, derivative, evaluate, shifted
 from mbdae.audit.laws import WITH_COORDINATES, Own
 from mbdae.audit.motion import Motion
 from mbdae.audit.notation import AuditError, Node, Statement
@@ -184,8 +184,9 @@ class Env:
     fill: int = 1  #: number of rows of a literal 0 where no neighbouring block gives it
     scale: Mapping[str, float] | None = None  #: sizes of the basic units, for the check of units
     zero: str | None = None  #: a symbol that is set to zero
-    #: for derivatives: the meaning of a symbol in words, the index of one of its entries, and the increment added to this entry
-    shift: tuple[str, int, Value] | None = None
+    #: for derivatives: meanings of symbols in words, each with the index of one of its entries and the increment added to it
+    shifts: tuple[tuple[str, int, Value], ...] = ()
+    watch: dict[str, set[bool]] | None = None  #: where it is kept by the formula of a divisor whether this was positive
     complete: bool = False  #: whether a force on a body that the text does not list raises an error
     #: wordings declared outside of this scope, which the formula of an earlier `let` may need
     stated: frozenset[str] = frozenset()
@@ -214,9 +215,9 @@ class Env:
         return self.store.setdefault(key, {})
 
     def _value(self, name: str) -> Value:
-        if name == "I":
+        if name == "I" and name not in self.scope.symbols:  # a text may mean a second moment of area by it
             return np.eye(3, dtype=int).astype(object) if self.motion.symbolic else np.eye(3) + 0j
-        if name == "pi":
+        if name == "pi" and name not in self.scope.symbols:
             return se.pi if self.motion.symbolic else complex(np.pi)
         meaning = self._meaning(name)
         if isinstance(meaning, Definition):
@@ -224,8 +225,8 @@ class Env:
                                                    store=self._inner(id(meaning))))  # fmt: skip
         else:
             value = meaning.value(self.plain) * self._sign(meaning.phrase)
-        if self.shift is not None and self.shift[0] == meaning.text and not meaning.phrase.drawn:
-            value = shifted(value, *self.shift[1:])
+        if not meaning.phrase.drawn:
+            value = self._shifted(value, meaning.text)
         if self.scale is not None and not isinstance(meaning, Definition):
             value = value * scaled(meaning.units, value, self.scale)
         return value * 0 if name == self.zero else value
@@ -245,7 +246,7 @@ class Env:
     @property
     def stepped(self) -> bool:
         """Whether the values carry the imaginary part of a complex step."""
-        return self.motion.stepped or (self.shift is not None and bool(np.imag(self.shift[2])))
+        return self.motion.stepped or any(np.imag(amount) for *_, amount in self.shifts)
 
     def size_of(self, what: str) -> float:
         """Size of the unit of a step: s for "time", m for "line"; 1 for the others and unless units are checked."""
@@ -278,14 +279,23 @@ class Env:
         """This state with a number, or one entry of a column, increased."""
         if name in self.names:
             return replace(self, names={**self.names, name: self.names[name] + amount})
-        if self.shift is not None:
-            raise SizeError("an audit cannot evaluate a diff inside of another diff: write the result of the inner one")
         meaning = self._meaning(name)
         if isinstance(meaning, Definition):
             raise SizeError(f"diff is by '{name}', which `let` defines by other symbols: differentiate by one of those")
         factors = 1.0 if self.scale is None else scaled(meaning.units, self.plain.value(name), self.scale)
-        size = float(np.real(np.ravel(factors)[0]))
-        return replace(self, shift=(meaning.text, entry, amount / size), store=self._inner(name, entry, amount))
+        shifts = (*self.shifts, (meaning.text, entry, amount / float(np.real(np.ravel(factors)[0]))))
+        return replace(self, shifts=shifts, store=self._inner(name, entry, amount))
+
+    def _shifted(self, value: Value, text: str) -> Value:
+        """The value of the quantity with a wording, with its increments."""
+        for name, entry, amount in self.shifts:
+            value = shifted(value, entry, amount) if name == text else value
+        return value
+
+    def watched(self, divisor: Node, value: Value) -> None:
+        """Keep the sign of a divisor where `watch` asks for it."""
+        if self.watch is not None and divisor.free.isdisjoint(self.names):
+            self.watch.setdefault(str(divisor), set()).add(bool(np.real(value) > 0))
 
     def touching(self) -> Env:
         """This state without a step, moved so far that the pin touches its race."""
@@ -302,8 +312,7 @@ class Env:
 
     def drawn(self, key: str, draw: Callable[[str], Value]) -> Value:
         """A random value, reproducible by its wording, plus its increment if it is the shifted quantity."""
-        value = draw(key) + 0j
-        return shifted(value, *self.shift[1:]) if self.shift is not None and self.shift[0] == key else value
+        return self._shifted(draw(key) + 0j, key)
 
     def number(self, key: str) -> Value:
         """A random number of either sign, reproducible by its wording."""
@@ -329,15 +338,6 @@ class Env:
     def of(self, text: str) -> Value:
         """The value of the quantity with a wording."""
         return understand(text, ()).value(self)
-
-
-def shifted(value: Value, entry: int, amount: complex) -> Value:
-    """A value with a number added to one of its entries."""
-    if np.ndim(value) == 0:
-        return value + amount
-    out = np.array(value, dtype=complex)
-    out.flat[entry] += amount
-    return out
 
 
 def scaled(units: tuple[Unit, ...], value: Value, scale: Mapping[str, float]) -> Any:

@@ -3,11 +3,12 @@
     title: TEXT
     inner race: k                    (contact only) the body that the text calls the inner race
     section: TEXT
+    assume: x in (-1, 1), l > r      what the text assumes of its quantities from here on, also without `assume:`
     states: revolute                 the section speaks of bodies connected by that joint ("only": of no other states)
     forces: applied                  (or left) side of the equations of motion of the forces that follow in the section
     NAME [UNIT]: MEANING             a symbol, from here on; NAME [UNIT] $TEX$: MEANING says how the text prints it
     let NAME [UNIT] = FORMULA        a symbol that the text defines; [?] where its entries have several units
-    NUMBER: STATEMENT                an equation; further statements and lines are indented
+    NUMBER: STATEMENT                an equation; further statements and lines are indented; it may end in `for x > 0, ...`
     NUMBER (MEANING): STATEMENT      an equation for a quantity that has no symbol
     claims:                          from here on `NAME: NUMBER = WORDS`
 
@@ -26,6 +27,7 @@ import numpy as np
 import sympy
 
 from mbdae.audit import rules_contact, rules_laws, rules_motion
+from mbdae.audit.assumptions import SAID, Assumption, assumptions
 from mbdae.audit.evaluate import SizeError, Value
 from mbdae.audit.laws import Own
 from mbdae.audit.motion import checked_kind
@@ -39,6 +41,8 @@ _LETTER = r"(?:\$([^$]*)\$\s*)?"
 _SYMBOL = re.compile(r"([^\W\d]\w*)\s*\[([^\]]*)\]\s*" + _LETTER + r":\s*(.+)$", re.S)
 _LET = re.compile(r"let\s+([^\W\d]\w*)\s*\[([^\]]*)\]\s*" + _LETTER + r"=\s*(.+)$", re.S)
 _EQUATION = re.compile(r"([\w.]+)\s*(?:\((.*?)\))?\s*:\s*(.+)$")
+_WITHIN = re.compile(r"(.*?)(?:,? ((?:in ?[(\[]|[<>!]).*))?")  #: a meaning, and an interval or bound after it
+_ASSUMING = re.compile(r"\s(?:for|where|if)\s+")  #: between an equation and what it assumes
 _CONSTANTS = {"I", "pi"}
 RULES = (rules_contact, rules_laws, rules_motion)  #: named here so that they are imported, which registers their phrases
 
@@ -59,6 +63,7 @@ class Printed:
     trouble: str = ""  #: why the equation cannot be read
     raw: str = ""  #: the equation as the file has it, where it cannot be read
     before: Mapping[str, str] = field(default_factory=dict)  #: symbol -> its earlier meaning, where its unit was another
+    stated: tuple[Assumption, ...] = ()  #: what the text assumes
 
     @property
     def text(self) -> str:
@@ -69,6 +74,12 @@ class Printed:
     def used(self) -> set[str]:
         """The symbols that appear, without names bound by sums and integrals."""
         return set().union(*(s.symbols() for s in self.statements)) & set(self.scope.symbols)
+
+    @property
+    def assumed(self) -> list[Assumption]:
+        """What the text assumes of the quantities that appear, or of those that they are defined by."""
+        reached = self.scope.reached(self.used)
+        return [one for one in self.stated if one.names & reached]
 
 
 @dataclass(frozen=True)
@@ -101,6 +112,7 @@ class _File:
         self.symbols: dict[str, Meaning] = {}
         self.before: dict[str, str] = {}
         self.unread: dict[str, str] = {}  #: why a symbol has no meaning, by its name
+        self.assumed: list[Assumption] = []
         self.places: dict[str, int] = {}  #: the line of every equation, by its number
         self.printed: dict[str, tuple[Statement, ...]] = {}
         self.section, self.states, self.only, self.sides, self.doubt = "", "free", False, "", ""
@@ -135,7 +147,7 @@ class _File:
 
     def _setting(self, line: str) -> str:
         word = line.partition(":")[0]
-        return word if word in ("title", "inner race", "section", "states", "forces", "claims") else ""
+        return word if word in ("title", "inner race", "section", "states", "forces", "claims", "assume") else ""
 
     def _item(self, at: int, line: str) -> None:
         word, rest = self._setting(line), line.partition(":")[2].strip()
@@ -149,6 +161,8 @@ class _File:
             self._symbol(at, match[1], match[2], match[3], match[4])
         elif match := _EQUATION.match(" ".join(line.split("\n", 1)[:1])):
             self._equation(at, line, match)
+        elif SAID.search(line):
+            self.assumed += self._assumptions(at, line)
         else:
             raise AuditError(f"line {at}: '{line}' is neither a symbol nor an equation: write `NAME [UNIT]: MEANING`, "
                              f"`let NAME [UNIT] = FORMULA` or `NUMBER: STATEMENT`")  # fmt: skip
@@ -165,6 +179,8 @@ class _File:
             self.sides = "" if sides == "open" else sides
         elif word == "claims":
             self.in_claims = True
+        elif word == "assume":
+            self.assumed += self._assumptions(at, rest)
         else:
             self._states(at, rest)
 
@@ -173,6 +189,12 @@ class _File:
             self.doubt = f"line {at}: '{what}': say {' or '.join(known)}"
             raise AuditError(self.doubt)
         return given
+
+    def _assumptions(self, at: int, text: str) -> list[Assumption]:
+        found = assumptions(text, at)
+        for one in found:
+            self._known(one.text, f"line {at}", one.names, self._scope())
+        return found
 
     def _states(self, at: int, words: str) -> None:
         only = words.endswith(" only")
@@ -186,14 +208,16 @@ class _File:
 
     def _symbol(self, at: int, name: str, units: str, letter: str | None, meaning: str, defined: bool = False) -> None:
         old = self.symbols.pop(name, None)
+        self.assumed = [one for one in self.assumed if name not in one.names]
+        meaning, within = _WITHIN.fullmatch(" ".join(meaning.split())).groups("")  # type: ignore[union-attr]
         try:
             if letter is not None and not _prints(letter):
                 raise AuditError(f"line {at}: '${letter}$' prints nothing or is no TeX: give the TeX of the letter that the text "
                                  f"prints for {name}")  # fmt: skip
             known = () if defined and units.strip() == "?" else tuple(_unit(u, at) for u in units.split(","))
-            words = " ".join(meaning.split())
-            self.symbols[name] = self._defined(at, name, words, known, letter or "") if defined else (
-                self._understood(at, name, words, known, letter or ""))  # fmt: skip
+            self.symbols[name] = self._defined(at, name, meaning, known, letter or "") if defined else (
+                self._understood(at, name, meaning, known, letter or ""))  # fmt: skip
+            self.assumed += self._assumptions(at, f"{name} {within}") if within else []
             self.unread.pop(name, None)
             if old is not None and [u.powers for u in old.units] != [u.powers for u in known]:
                 self.before[name] = old.text
@@ -227,7 +251,7 @@ class _File:
     def _scope(self) -> Scope:
         return Scope(dict(self.symbols), dict(self.printed), self.own, self.sides)
 
-    def _known(self, where: Node | Statement, line: str, names: Set[str], scope: Scope) -> None:
+    def _known(self, where: Node | Statement | str, line: str, names: Set[str], scope: Scope) -> None:
         for name in sorted(names - set(scope.symbols) - _CONSTANTS):
             if name in self.unread:
                 declared = self.unread[name]
@@ -241,13 +265,15 @@ class _File:
         if first != at:
             raise AuditError(f"line {at}: the equation in line {first} is {match[1]} too: give each a number of its own")
         said = understand(match[2], (), at) if match[2] else None
-        statements = tuple(Reader(text, at + shift).statement() for shift, text in _statements(line[match.start(3) :]))
+        body, *assumed = _ASSUMING.split(line[match.start(3) :], maxsplit=1)
+        statements = tuple(Reader(text, at + shift).statement() for shift, text in _statements(body))
         scope = self._scope()
         for statement in statements:
             self._known(statement, f"line {statement.line}", statement.symbols(), scope)
+        stated = (*self.assumed, *(one for text in assumed for one in self._assumptions(at, text)))
         self.printed[match[1]] = statements
         self._add(Printed(match[1], statements, scope, self.section, self.states, self.only, said, self.found.inner, self.doubt,
-                          before=dict(self.before)))  # fmt: skip
+                          before=dict(self.before), stated=stated))  # fmt: skip
 
     def _add(self, equation: Printed) -> None:
         self.found.equations.append(equation)

@@ -9,8 +9,8 @@ from itertools import chain
 import numpy as np
 
 from mbdae.audit import notation
-from mbdae.audit.compare import SAME, States, compared, difference
-from mbdae.audit.dimensions import faults, powers
+from mbdae.audit.compare import SAME, STATES, States, compared, difference
+from mbdae.audit.dimensions import faults, united
 from mbdae.audit.edits import Candidates, Edit, applied, edits, everywhere, supplements
 from mbdae.audit.evaluate import SizeError, Value, attempt, evaluate
 from mbdae.audit.fits import Fit, factors, terms, wrapped
@@ -85,11 +85,18 @@ class _Goal:
     banned: frozenset[Node] = frozenset()
 
     def met(self, node: Node) -> bool:
-        """Whether a formula has the values in all states."""
+        """Whether a formula has the values in all states in which it is real."""
         if notation.is_zero(node):
             return max(float(np.max(np.abs(v))) for v in self.values) < SAME
-        found = ((attempt(node, e), v) for e, v in zip(self.envs, self.values, strict=True))
-        return node not in self.banned and all(a is not None and difference(a, v) < SAME for a, v in found)
+        if node in self.banned:
+            return False
+        inside = 0
+        for env, wanted in zip(self.envs, self.values, strict=True):
+            found = attempt(node, env, outside=self)
+            if found is None or (found is not self and difference(found, wanted) >= SAME):
+                return False
+            inside += found is not self
+        return inside >= min(STATES, len(self.envs))
 
     def sized(self, node: Node) -> bool:
         """Whether a formula has the size (rows, columns) of the values."""
@@ -102,7 +109,7 @@ class _Goal:
         Its sums must have units wherever those of the original have, and no new piece may be without effect."""
         if self._idle(new) - self._idle(node):
             return False
-        return powers(new, self.envs[:2]) is not None or powers(node, self.envs[:2]) is None
+        return united(new, self.envs[:2]) or not united(node, self.envs[:2])
 
     def _idle(self, node: Node) -> set[Node]:
         """Function calls with the same value in all states, such as derivatives of constants, and inner sums that are 0."""
@@ -142,7 +149,7 @@ def _at_level(statement: Statement, states: States, known: Sequence[Edit], level
         found = _side(statement.sides[i], goal, candidates, known, level)
         if found is not None and (best is None or _extent(found[1]) < _extent(best[1])):
             tried = replace(statement, sides=(*statement.sides[:i], found[0], *statement.sides[i + 1 :]))
-            if compared(tried, states).same and (misfit or not faults(tried, states.free[:2])):
+            if compared(tried, states).same and not faults(tried, states.free[:2]):
                 best = tried, found[1]
     return best
 
@@ -231,8 +238,8 @@ def _fit(node: Node, goal: _Goal, candidates: Candidates) -> tuple[Fit, list[Nod
     columns = [n for n in used if n.value not in numbers]
     columns += [n for n in others if n.value not in numbers] if columns or np.shape(goal.values[0]) else []
     inside = [n for n in dict.fromkeys(node.walk()) if n != node and n.kind in ("product", "sum", "call")]
-    lengths = [Node("call", "norm", (n,)) for n in (*used, *others)]
-    pieces = [n for n in (*used, *inside, *others, *lengths) if n not in goal.banned]
+    here, there = ([Node("call", "norm", (n,)) for n in names if n.value not in numbers] for names in (used, others))
+    pieces = [n for n in (*used, *inside, *here, *others, *there) if n not in goal.banned]
     return Fit(goal.envs, goal.values, pieces), columns[:COLUMNS]
 
 
@@ -242,6 +249,7 @@ def lacking(node: Node, goal: _Goal, candidates: Candidates) -> Iterator[tuple[E
     for piece, monomial, new in factors(node, fit):
         sign = monomial.c == -1 and not monomial.powers
         size = 1.0 if sign else 1.3 + 0.5 * len(monomial.powers) + 0.02 * (abs(monomial.c.numerator) + monomial.c.denominator)
+        size -= 0.05 * (piece.kind == "number" and not monomial.powers)  # a number for another is likelier than one left out
         edit = Edit("sign of {}", (piece,)) if sign else Edit("the factor {} at {}", (monomial.times(), piece))
         yield replace(edit, size=size), new
     for piece, wrap, new in wrapped(node, goal.envs[0]):

@@ -11,11 +11,12 @@ import numpy as np
 
 from mbdae.audit.compare import SAME, Compared, States, compared, identical
 from mbdae.audit.dimensions import faults, of_definitions, of_laws
-from mbdae.audit.evaluate import NO_VALUE, attempt, reason
-from mbdae.audit.left_out import left_out, may_vanish
+from mbdae.audit.domains import domain, in_part
+from mbdae.audit.evaluate import NO_VALUE, reason
+from mbdae.audit.left_out import left_out
 from mbdae.audit.motion import Motion
-from mbdae.audit.notation import Node, Statement, is_zero
-from mbdae.audit.phrases import Definition, Env, Meaning, Scope
+from mbdae.audit.notation import Statement, is_zero
+from mbdae.audit.phrases import Definition, Meaning, Scope
 from mbdae.audit.reading import Printed, Text
 from mbdae.audit.remarks import remarks
 from mbdae.audit.rules_laws import UnlistedError
@@ -23,7 +24,7 @@ from mbdae.audit.search import Repair, missing_term, repair
 
 RIGHT, MISPRINT, INCOMPLETE, AMBIGUOUS, CANNOT = "RIGHT", "MISPRINT", "INCOMPLETE", "AMBIGUOUS", "CANNOT JUDGE"
 VERDICTS = {
-    RIGHT: "both sides agree in random states of motion, and are defined wherever the text speaks of",
+    RIGHT: "both sides agree in random states of motion in which they are real, under the conditions said after `for`",
     MISPRINT: "the sides differ; the repair is the smallest change after which they agree",
     INCOMPLETE: "right, but a term with a quantity the text names nowhere, a case, or a listed force is missing",
     AMBIGUOUS: "right on one side of the equations of motion, while formulas that belong to it are right on the other",
@@ -51,6 +52,7 @@ class Row:
     symbolic: bool = False  #: whether the sides (after a repair, if any) are also identical polynomials in symbols
     side: int | None = None  #: key of SIDES: side on which a force is right, where the text leaves the side open
     tex: str = ""  #: the repair with the formulas in TeX
+    where: str = ""  #: of a formula that is right, the conditions under which it is: "x in (-1, 1)"; "" where it holds everywhere
 
     @property
     def equation(self) -> str:
@@ -63,8 +65,8 @@ class Row:
 
     @property
     def said(self) -> str:
-        """Repair and remark in one text."""
-        return told(self.repair, self.remark)
+        """Domain, repair and remark in one text."""
+        return told(f"for {self.where}" if self.where else "", self.repair, self.remark)
 
     @property
     def derived(self) -> str:
@@ -168,13 +170,13 @@ def _verdict(equation: Printed, states: States, search: bool) -> Row:
     if not all(c.same for c in gaps):
         return _wrong(equation, states, gaps, search)
     nowhere_else = "" if all(c.everywhere for c in gaps) else "holds where the bodies are joined as the text says"
-    undefined = _undefined_at(equation, states)
-    if undefined:
-        return Row(equation, INCOMPLETE, residual, f"say what holds where {undefined} = 0",
-                   told(f"not defined where {undefined} = 0", nowhere_else))  # fmt: skip
+    found = domain(equation, states)
+    if found.gap:
+        return Row(equation, INCOMPLETE, residual, f"say what holds where {found.gap} = 0",
+                   told(f"not defined where {found.gap} = 0", nowhere_else))  # fmt: skip
     units = "; ".join(f for s in equation.statements for f in faults(s, states.free[:2]))
     said = units or told(nowhere_else, *remarks(equation, states))
-    return Row(equation, MISPRINT if units else RIGHT, residual, remark=said,
+    return Row(equation, MISPRINT if units else RIGHT, residual, remark=said, where="" if units else found.said,
                symbolic=not nowhere_else and identical(equation, states.inner))  # fmt: skip
 
 
@@ -234,8 +236,13 @@ def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool
         said = "holds where a revolute joint connects the bodies, which the text does not say"
         return Row(equation, INCOMPLETE, residual, "states: revolute", said)
     found = repair(equation, states) if search else None
+    part = "" if doubt or units else in_part(equation, states)
+    if part:
+        return Row(equation, INCOMPLETE, residual, f"say that it holds for {part}", f"or {found}" if found else "",
+                   repaired=found.equation if found else None)  # fmt: skip
     if found is not None:
-        return _repaired(Row(equation, MISPRINT, residual, str(found), units, tex=found.tex), found, states)
+        why = told(*dict.fromkeys((units, doubt)))
+        return _repaired(Row(equation, MISPRINT, residual, str(found), why, tex=found.tex), found, states)
     free = _free_numbers(equation) if search else ""
     if doubt or free:
         return _cannot(equation, doubt or f"the text gives {free} as a number and does not say which: the formula may define it")
@@ -306,24 +313,6 @@ def _lacking(equation: Printed, states: States) -> tuple[str, str] | None:
         if all(compared(s, without).same for s in equation.statements):
             return name, scope.symbols[name].text
     return None
-
-
-def _undefined_at(equation: Printed, states: States) -> str:
-    """A quantity that may be zero and at whose zero a side of the equation is not finite; empty where there is none."""
-    for statement in equation.statements:
-        for name in sorted(statement.symbols() & set(equation.scope.symbols)):
-            meaning = equation.scope.symbols[name]
-            if isinstance(meaning, Definition) or not may_vanish(meaning, equation.scope.own):
-                continue
-            for side in statement.sides:
-                if not is_zero(side) and not _finite(side, replace(states.joint[0], zero=name, store={})):
-                    return name
-    return ""
-
-
-def _finite(side: Node, env: Env) -> bool:
-    value = attempt(side, env)
-    return value is not None and bool(np.all(np.isfinite(value)))
 
 
 def _of_group(row: Row, rows: list[Row]) -> Row:

@@ -36,7 +36,8 @@ class Export:
     """Equations in the language of another system, made by `mb.export`.
 
     inputs      {name of an input vector: entries with name, unit and value}: of a scene "t" (s), "y", "yp" (at the start) and "p"
-                (parameters, with the values of the scene); of a law "x" (unknowns of its frames, multipliers, states) and "p"
+                (parameters, with the values of the scene), "signals" (those that are numbers, with these; empty where there are
+                none); of a law "x" (unknowns of its frames, multipliers, states) and "p"
     outputs     {function: entries with name and unit}, in the order of its outputs; arguments: {function: names of its inputs}
     pattern     rows and columns (nnz,) of the entries of the Jacobian, column by column; None for a law
     missing     {function: reason}, for those that the scene does not have in this form
@@ -120,7 +121,8 @@ def export(what: Any, format: str = "sympy", form: Any = None, frames: Any = Non
     frames: of a law, the kinds of its nodes: "spatial", "planar", "point", "ground", ...; by default bodies in space.
     options: of a class of a law, as in `mb.report`.
 
-    Functions of a scene, in SI units and rad: residual F(t, y, y', p), jacobian (entries of dF/dy and dF/dy'), rates
+    Functions of a scene, in SI units and rad; signals are one more argument of each where the scene has some: residual F(t, y,
+    y', p), jacobian (entries of dF/dy and dF/dy'), rates
     y' = f(t, y, p) where the form has it, joint_forces (force on body l, N, and torque about the joint, N m, of every item).
     p: parameters of the laws by "item.name" and points of joints on their bodies; directions of axes, and all of beams, are
     numbers in the text. Switches of inputs of time are evaluated at t.
@@ -136,5 +138,6 @@ def export(what: Any, format: str = "sympy", form: Any = None, frames: Any = Non
     else:
         program = law_program(what.joint if isinstance(what, Connection) else what, frames, options)
     functions = program.functions.items()
-    return Export(format, program, program.inputs, {name: f.outputs for name, f in functions},
+    inputs = program.inputs if "x" in program.inputs else {**program.inputs, "signals": program.inputs.get("signals", ())}
+    return Export(format, program, inputs, {name: f.outputs for name, f in functions},
                   {name: f.arguments for name, f in functions}, program.pattern, program.missing)  # fmt: skip

@@ -49,9 +49,9 @@ class Function:
 class Program:
     """All exported functions of a scene or a law.
 
-    title: what is exported; inputs: entries of the vectors by name ("t", "y", "yp", "p", of a law "x" and "p"); slots: pairs
-    (entry, slot) by vector, where inputs are written; numbers: initial values of the work array, followed by zeros; pattern: rows
-    and columns of the entries of the Jacobian; missing: {function that cannot be given: reason}."""
+    title: what is exported; inputs: entries of the vectors by name ("t", "y", "yp", "p", "signals", of a law "x" and "p"); slots:
+    pairs (entry, slot) by vector, where inputs are written; numbers: initial values of the work array, followed by zeros;
+    pattern: rows and columns of the entries of the Jacobian; missing: {function that cannot be given: reason}."""
 
     title: str
     operations: Operations
@@ -68,7 +68,8 @@ class Program:
     def add(self, name: str, meaning: str, arguments: Sequence[str], outputs: Sequence[Entry], at: Any,
             part: Operations) -> None:  # fmt: skip
         """Add a function. at: slots of its outputs; part: operations that compute them, of which those without influence on the
-        outputs are left out."""
+        outputs are left out. Signals, where there are any, are an argument of every function."""
+        arguments = [*arguments, *(["signals"] if "signals" in self.inputs else [])]
         at, W = np.asarray(at, dtype=np.int64), filled(self.operations, self.numbers)
         steps, live = _needed(part.steps, at, len(W))
         for vector in arguments:

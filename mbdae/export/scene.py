@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
 from mbdae.export.program import Entry, Program, filled, shifted
-from mbdae.export.units import parameter_entries, rate_of, row_units, unknown_units
+from mbdae.export.units import parameter_entries, rate_of, row_units, signal_entries, unknown_units
 from mbdae.formulations import Form, Index1, default_form, system_for
 from mbdae.kernels.plan import plan
 from mbdae.native.program import Operations
@@ -93,6 +93,7 @@ class _Made:
         # where multipliers are eliminated, u' in the array is what is solved for: the exported y' has slots of its own
         self.dotted = assembly.n if n == assembly.n else self.operations.slots(n)
         self.parameters, self.pairs = parameter_entries(self.numbering, fixed)
+        self.signals, self.signal_pairs = signal_entries(self.numbering)
         self.numbers, pattern = self.numbering.workspace(1)[0], assembly.pattern
         assert pattern is not None  # trees that are evaluated joint by joint were replaced above
         self.rows, self.columns = pattern.indices, np.repeat(np.arange(assembly.n), np.diff(pattern.indptr))
@@ -107,8 +108,9 @@ class _Made:
         y = tuple(map(Entry, system.names, units, system.y0.tolist()))
         rates = [Entry(f"d/dt {e.name}", rate_of(e.unit), v) for e, v in zip(y, system.yp0.tolist(), strict=True)]
         slots = {"t": [(0, self.e.at), (0, self.e.at + 1)], "y": [(i, i) for i in range(n)],
-                 "yp": [(i, self.dotted + i) for i in range(n)], "p": self.pairs}  # fmt: skip
+                 "yp": [(i, self.dotted + i) for i in range(n)], "p": self.pairs, "signals": self.signal_pairs}  # fmt: skip
         vectors = {"t": (Entry("t", "s", 0.0),), "y": y, "yp": tuple(rates), "p": tuple(self.parameters)}
+        vectors |= {"signals": tuple(self.signals)} if self.signals else {}
         return Program(title, self.operations, vectors, slots, self.numbers)
 
     def as_integrated(self, program: Program, names: Sequence[str]) -> None:
@@ -238,8 +240,9 @@ def _of_all_bodies(made: _Made, program: Program, prepared: Prepared) -> tuple[O
     to, from_ = np.array(_motion(made, part, other.numbering), dtype=np.intp).reshape(-1, 2).T
     part.set(base + to, from_)
     part.steps += [shifted(step, base) for step in solved.steps]
-    pairs = np.array(other.pairs, dtype=np.int64).reshape(-1, 2) + np.array([0, base])
-    program.slots["p"] = np.concatenate([program.slots["p"], pairs])
+    for vector, found in (("p", other.pairs), ("signals", other.signal_pairs)):
+        pairs = np.array(found, dtype=np.int64).reshape(-1, 2) + np.array([0, base])
+        program.slots[vector] = np.concatenate([program.slots[vector], pairs])
     return part, other.numbering, base
 
 

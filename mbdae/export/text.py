@@ -125,4 +125,5 @@ def _words(text: str) -> str:
 
 
 def _letter(vector: str, i: int) -> str:
-    return "t" if vector == "t" else f"\\dot{{y}}_{{{i}}}" if vector == "yp" else f"{vector}_{{{i}}}"
+    letter = {"yp": r"\dot{y}", "signals": "u"}.get(vector, vector)
+    return "t" if vector == "t" else f"{letter}_{{{i}}}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 from mbdae.export.program import Entry
+from mbdae.inputs.sensed import path_of
 from mbdae.reports.scenes.units import parameter_unit, unit_of_row
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.assembled.assembly import Assembly
@@ -99,3 +100,18 @@ def parameter_entries(nb: Numbering, baked: set[tuple[str, str]]) -> tuple[list[
         entries.append(Entry(name, OF_FORMS.get(name, ""), float(value)))
         pairs.append((len(entries) - 1, nb.slot(-2, 0, name)))
     return entries, pairs
+
+
+def signal_entries(nb: Numbering) -> tuple[list[Entry], list[tuple[int, int]]]:
+    """Entries of the input vector "signals": every signal of the scene whose value is a number, with that value; and pairs
+    (entry, slot) as of `parameter_entries`. The unit is that of the parameters that are the signal alone, "" where they have
+    none or several."""
+    stated = {one.name: one.value for one in nb.model.scene.signals if isinstance(one.value, float)}
+    units: dict[str, set[str]] = {name: set() for name in stated}
+    pairs: list[tuple[int, int]] = []
+    for g, i, one in nb.model.instances():
+        pairs += [(list(stated).index(name), nb.slot(g, i, symbol)) for symbol, name in one.signals.items()]
+        for parameter in one.law.params if one.signals else ():
+            if (name := path_of(getattr(one.law, parameter))) in stated:
+                units[name].add(parameter_unit(one, parameter))
+    return [Entry(name, min(units[name]) if len(units[name]) == 1 else "", value) for name, value in stated.items()], pairs

@@ -8,6 +8,7 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,8 @@ from mbdae.symbolic.fingerprint import fingerprint
 BOUND = 1e-10  #: largest relative difference that is attributed to round-off
 KERNEL, DERIVED, MOVED = "the compiled kernel", "the derived equations", "a complex step along a motion of the bodies"
 BALANCE = "the energy balance of a run"
+#: part of its largest value below which a divisor counts as 0: what is divided by it loses up to four of sixteen digits above
+NEXT_TO_ZERO = 1e-4
 SYMBOLS = ["symbol", "unit", "meaning"]  #: headings of a table of symbols
 #: tokens that occur in formulas but in no single symbol
 _FORMULA = {"+", "-", r"\times", r"\cdot", r"\frac", r"\begin", r"\left"}
@@ -63,7 +66,7 @@ class Printed:
     """Displayed equations of some sections, read back from their LaTeX.
 
     known: values of given symbols; wanted: required values of left-hand sides. Every other left-hand side is a definition,
-    which some checked equation has to use."""
+    which some checked equation has to use. A printed condition "x \\ne 0" takes points next to zeros of x out of all checks."""
 
     def __init__(self, known: Mapping[str, Any], wanted: Mapping[str, Wanted], points: int = POINTS) -> None:
         self.points, self.wanted = points, {key_of(latex): (latex, w) for latex, w in wanted.items()}
@@ -75,6 +78,7 @@ class Printed:
         self.used: set[Key] = set()
         self.seen: set[Key] = set()
         self.checks: list[Check] = []
+        self.conditions: list[Key] = []  #: what the page says to differ from 0
 
     def read(self, blocks: Sequence[Block]) -> list[Check]:
         """Checks of all equations in the blocks."""
@@ -84,6 +88,7 @@ class Printed:
             chain = members(key_of(equation.latex))
             left = chain[0][1] or left
             rest = chain[1:] or chain
+            self.conditions += [left for relation, part in rest if relation == r"\ne" and part in _ZEROS]
             if len(chain) > 1 and self._defines(left, rest):
                 self.defined[left] = equation
                 self.symbols.add(left, lambda left=left, line=rest[0][1]: self._defined(left, line))
@@ -104,6 +109,10 @@ class Printed:
     def _defined(self, left: Key, line: Key) -> Any:
         self.used.add(left)
         return self._value(line)
+
+    def value(self, line: Key) -> Any:
+        """Values of a symbol or formula at the points, which `read` has made known."""
+        return self.symbols.value(line) if line in self.symbols else self._value(line)
 
     def _value(self, line: Key) -> Any:
         with np.errstate(all="ignore"):
@@ -126,15 +135,55 @@ class Printed:
                 terms = max(1.0, self.largest) if wanted.values is None else 1.0
                 got = self._value(part)
                 size = np.broadcast_shapes(np.shape(got), np.shape(want))
-                error = residual(np.broadcast_to(got, size) / terms, np.broadcast_to(want, size) / terms)
+                got, want = (np.broadcast_to(value, size) / terms for value in (got, want))
+                error = residual(got[self.stated], want[self.stated]) if size else residual(got, want)
             except (UnreadError, ValueError) as found:
                 self._failed(equation, f"cannot be read: {found}")
                 continue
             source = "both sides" if wanted.values is None else f"${name}$, {wanted.source}"
             self.checks.append(Check(f"({equation.number}) {source}", error))
 
+    @cached_property
+    def stated(self) -> Any:
+        """(points,) whether no divisor is next to a zero that the page names."""
+        found = np.ones(self.points, dtype=bool)
+        for key in self.conditions:
+            value = np.abs(np.broadcast_to(self.value(key), (self.points,)))
+            found &= value > NEXT_TO_ZERO * np.max(value, where=np.isfinite(value), initial=0.0)
+        return found
+
+    def undivided(self, blocks: Sequence[Block]) -> list[Check]:
+        """A failed check for every divisor with symbols of which no condition says that it differs from 0."""
+        found = []
+        for equation in every(Equation, blocks):
+            for divisor in divisors(key_of(equation.latex)):
+                if divisor not in self.conditions and any(self.symbols.at(divisor, i) for i in range(len(divisor))):
+                    found.append(Check(f"({equation.number}) does not say that its divisor {' '.join(divisor)} differs from 0",
+                                       float("inf")))  # fmt: skip
+        return found
+
     def _failed(self, equation: Equation, why: str) -> None:
         self.checks.append(Check(f"({equation.number}) {why}".replace("$", ""), float("inf")))
+
+
+def divisors(line: Key) -> list[Key]:
+    r"""What stands below the bars of the fractions of a formula."""
+    found: list[Key] = []
+    for i, token in enumerate(line):
+        if token == r"\frac":
+            above = _group_end(line, i + 1)
+            found.append(line[above + 1 : _group_end(line, above) - 1])
+    return found
+
+
+def _group_end(line: Key, i: int) -> int:
+    """The place after the group in braces that begins at i."""
+    depth = 0
+    while True:
+        depth += (line[i] == "{") - (line[i] == "}")
+        i += 1
+        if not depth:
+            return i
 
 
 def checks_section(checks: Sequence[Check]) -> Section:

@@ -180,7 +180,10 @@ class Writer:
             if dot is not None and dot[0] == dot[1] and int(exponent.q) == 2:
                 return f"\\lVert {self.atom(dot[0])}\\rVert^{{{int(exponent.p)}}}", _POWER
             return f"{self.factor(base, _ATOM)}^{{{int(exponent.p)}/{int(exponent.q)}}}", _POWER
-        return f"{self.factor(base, _ATOM)}^{{{self.scalar(exponent)}}}", _POWER
+        text = self.factor(base, _ATOM)
+        if isinstance(base, se.Symbol) and "^" in text:  # TeX takes one superscript alone
+            text = f"\\left({text}\\right)"
+        return f"{text}^{{{self.scalar(exponent)}}}", _POWER
 
     def _comparison(self, e: Expr, name: str) -> str:
         left, right = e.args

@@ -9,8 +9,9 @@ import numpy as np
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.result import Result
 from mbdae.run.checks import doubts
-from mbdae.run.control import SLOW, Controlled
+from mbdae.run.control import LARGE, Controlled
 from mbdae.run.drift import energy_drift, joint_drift
+from mbdae.run.estimate import SLOW
 from mbdae.run.growth.amplification import decided_by_round_off
 from mbdae.run.growth.growing import left_behind, total
 from mbdae.run.quaternion_lengths import unequal_lengths
@@ -54,8 +55,8 @@ def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
     of_run = run.notes if known.met is False or run.solver.fixed or known.asked is None else ()
     rows = (joint_drift(found.prepared, run, known.asked) if drifts else []) or broken
     changed = dict.fromkeys(c for c in found.prepared.start.changes if isinstance(c, ChangedVelocity))
-    notes = [*changed, *_missed(known, run), *of_run, *rows, *doubts(found.prepared), *doubts_of_steps(run), *contact.notes,
-             *singular, *_growth(found.prepared, run, known.asked), *unequal_lengths(found), *turned_aside(found),
+    notes = [*changed, *_missed(known, run), *of_run, *rows, *doubts(found.prepared), *doubts_of_steps(run, known.asked),
+             *contact.notes, *singular, *_growth(found.prepared, run, known.asked), *unequal_lengths(found), *turned_aside(found),
              *energy_drift(found, run, known.asked)]  # fmt: skip
     reliable = contact.reliable and off <= TORN and not run.solution.stats.missed_dips
     return Assessment(tuple(notes), reliable, bool(singular), off)
@@ -117,7 +118,9 @@ def _advice(error: float, asked: float, run: Controlled) -> str:
     before, earlier = told[-2]
     errors_so_far = f"with {size.format(before)} the error was {earlier:.1e}, with {size.format(last)} {estimate:.1e}"
     if estimate > earlier * (last / before) ** SLOW:
-        return f"{errors_so_far}: a smaller accuracy comes no nearer where the motion is chaotic, only a shorter run does"
+        chaos = "a smaller accuracy comes no nearer where the motion is chaotic, only a shorter run does"
+        unknown = "it is not known whether a smaller accuracy comes nearer; a run over a shorter time does"
+        return f"{errors_so_far}: {chaos if estimate > LARGE else unknown}"
     return f"{errors_so_far}, so that accuracy={asked / 10:g} comes nearer"
 
 

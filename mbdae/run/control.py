@@ -28,7 +28,7 @@ from mbdae.integrators.second_method import second_method
 from mbdae.integrators.solution import Solution
 from mbdae.results.reactions import OtherRun, some_of
 from mbdae.run.contact_tolerances import largest_tolerance, resolving
-from mbdae.run.estimate import Run, companions, estimated, share_of
+from mbdae.run.estimate import Run, companions, estimated, fall_shown, share_of
 from mbdae.run.excitations import beginning_at, windows
 from mbdae.run.growth.growing import Growth, at_least, growing, unfollowed, unseen
 from mbdae.run.hidden_contacts import Hidden, hidden_contacts
@@ -41,6 +41,7 @@ from mbdae.values import number, option
 LOOSEST = 1e-2  #: largest rtol of a companion; the other runs have at most half of it
 #: largest number of runs from the last of the first companions on, failed ones included; for batches largest number of estimates
 ATTEMPTS = 5
+FURTHER = 2  #: with contact, number of further runs: impacts multiply errors, and the first tolerance may be far too large
 #: from one run to the next the longest step, as a fraction of the time scale of an input of time, is reduced by this factor.
 #: Where only inputs bound the steps of two runs, these must differ, else the difference of the runs is no measure of the error.
 #: It is below 1/2 because the time scales are known up to a factor of 2
@@ -58,13 +59,11 @@ LEAVING = 10
 #: number of residual evaluations that CRAWL allows in addition for every stretch and edge of inputs of time, where steps end
 CUT = 100
 #: with contact: a run is not repeated any more where its estimate, after two or more repeats, is still above the largest earlier
-#: one divided by this
-CHAOTIC = 2.0
+#: one divided by CHAOTIC, and above LARGE, because differences have grown to the size of the motion. Smaller estimates that do
+#: not fall come from one unlucky step of a companion, which the next run does not have
+CHAOTIC, LARGE = 2.0, 1e-2
 CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic and not predictable beyond "
          "some time; rely on energies, forces and statistics, or on a shorter run")  # fmt: skip
-#: FALL: errors are assumed to fall with this power of the tolerance, or with the power that the last two runs showed where that
-#: is smaller; SLOW: smallest power assumed
-FALL, SLOW = 0.9, 0.4
 #: smallest and largest ratio of the tolerance of a repeated run to that of the run before, without and with contacts; a tolerance
 #: that round-off or penetrations bound is not subject to them
 FINER, FINER_WITH_IMPACTS = (1e-3, 0.3), (0.1, 0.3)
@@ -198,7 +197,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     tight = solver.at_accuracy(accuracy, system.label)
     tight = _with_rtol(tight, min(tight.tolerance, LOOSEST / 2, max(ceiling, limit)))
     best, made[:] = companions_of(system, tight, asked)
-    most, count, kept = ATTEMPTS - 1 + best.runs, len(made), len(companions(system, solver))
+    most = best.runs + ATTEMPTS - 1 + (0 if system.guards is None else FURTHER)
+    count, kept = len(made), len(companions(system, solver))
     told: list[tuple[float, float]] = []  # tolerance and estimated error of every run after the companions
     while best.runs < most:
         loose, coarse = made[-1]
@@ -236,9 +236,10 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         if too_coarse:
             tight = _with_rtol(tight, ceiling)
             continue
-        if system.guards is not None and len(estimates) > 2 and best.estimate > max(estimates[:-1]) / CHAOTIC:
+        stuck = len(estimates) > 2 and best.estimate > max(LARGE, max(estimates[:-1]) / CHAOTIC)
+        if system.guards is not None and stuck:
             return replace(best, notes=(*best.notes, CHAOS.format(max(estimates[:-1]), best.estimate)))
-        falls = (0.5 * accuracy / best.estimate) ** (1 / _fall(told))
+        falls = (0.5 * accuracy / best.estimate) ** (1 / fall_shown(told))
         wanted = tight.tolerance * float(np.clip(falls, *(FINER if system.guards is None else FINER_WITH_IMPACTS)))
         tight = _with_rtol(tight, max(wanted, limit))
     return best
@@ -248,16 +249,6 @@ def closer(asked: Asked, solver: Solver, count: int, kept: int) -> Asked:
     """`asked` for a run that follows `count` others, with shorter longest steps than theirs; kept: how many of these were the
     first companions."""
     return replace(asked, share=CLOSER**count, impacts=solver.impacts * CLOSER_IMPACTS ** (count - kept))
-
-
-def _fall(told: list[tuple[float, float]]) -> float:
-    """The power of the tolerance with which the error is assumed to fall: FALL, or the power that the last two runs showed where
-    that is smaller, as where looser runs leave out vibrations that tighter ones resolve. told: tolerance and estimate of every
-    run."""
-    if len(told) < 2:
-        return FALL
-    (loose, before), (tight, now) = told[-2:]
-    return min(max(math.log(before / now) / math.log(loose / tight), SLOW), FALL) if 0 < now < before else SLOW
 
 
 def _cuts(system: System, solver: Solver, end: float) -> int:

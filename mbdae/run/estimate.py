@@ -22,6 +22,7 @@ themselves as estimate where they contradict the assumed fall (`contradicted`), 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -33,6 +34,9 @@ from mbdae.system.base import Array, System
 
 FALL_WITH_IMPACTS = 0.5
 LEAST = 0.05  #: smallest ratio that is assumed of the error of a run to its difference from a companion
+#: FALL: errors are assumed to fall with this power of the tolerance, or with the power that the last two runs showed where that
+#: is smaller; SLOW: smallest power assumed
+FALL, SLOW = 0.9, 0.4
 
 Run = tuple[float, Solution]  #: tolerance and solution of a run
 
@@ -79,3 +83,13 @@ def estimated(system: System, solver: Solver, runs: Sequence[Run], measure: Meas
     if len(gaps) == 2 and contradicted(gaps, ratios, fall_of(system, solver)):
         found = max(found, *gaps)
     return found
+
+
+def fall_shown(told: list[tuple[float, float]]) -> float:
+    """The power of the tolerance with which the error is assumed to fall: FALL, or the power that the last two runs showed where
+    that is smaller, as where looser runs leave out vibrations that tighter ones resolve. told: tolerance and estimate of every
+    run."""
+    if len(told) < 2:
+        return FALL
+    (loose, before), (tight, now) = told[-2:]
+    return min(max(math.log(before / now) / math.log(loose / tight), SLOW), FALL) if 0 < now < before else SLOW

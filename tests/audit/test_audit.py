@@ -203,8 +203,8 @@ def test_force_of_a_spring() -> None:
     text = MEANINGS.replace("on move l", "on move k, move l")
     good = "1: F = [u; -u]*(K*(norm(u) - L) + C*u'*(vl - vk)/norm(u))/norm(u)\n"
     found = mb.audit(text + good + good.replace("- L", "+ L").replace("1:", "2:"))
-    assert [r.verdict for r in found.equations] == ["INCOMPLETE", "MISPRINT"]  # a length in a denominator
-    assert found.equations[0].remark == "not defined where u = 0"
+    assert [r.verdict for r in found.equations] == ["RIGHT", "MISPRINT"]
+    assert found.equations[0].where == "u != 0"  # a length in a denominator, where the law of the spring is undefined too
 
 
 def test_forces_that_are_not_listed() -> None:

@@ -66,7 +66,7 @@ def test_states_are_those_of_a_motion(kind: str) -> None:
     ("1: abs(b1k'*b1l) <= 1", "CANNOT JUDGE", "too few reach it"),
     ("1: u = n*b1k", "CANNOT JUDGE", "the text gives n as a number"),
     ("n2 [1]: number\n1: n = n2", "CANNOT JUDGE", "nothing but this formula says what n is"),
-    ("1: phi = log(0*n)", "CANNOT JUDGE", "infinite or undefined in a random state"),
+    ("1: phi = log(0*n)", "CANNOT JUDGE", "a side is real for 0*n > 0 alone"),
     ("1: ~u*~wk*wl + ~wk*~wl*u + ~wl*~u*wk = 0", "RIGHT", ""),
     ("1: ~u*~wk*wl + ~wk*~wl*u - ~wl*~u*wk = 0", "MISPRINT", ""),
     ("1: b1k'*b2k = 0", "RIGHT", ""),

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+import sympy
+from scipy.integrate import solve_ivp
 
 import mbdae as mb
 from mbdae.integrators.halving import _order as shown_order
-from mbdae.run.control import FALL, SLOW
-from mbdae.run.control import _fall as fall
-from mbdae.run.estimate import companions, estimated
+from mbdae.run.estimate import FALL, SLOW, companions, estimated
+from mbdae.run.estimate import fall_shown as fall
 
 SMOOTH, TOUCHING = SimpleNamespace(guards=None), SimpleNamespace(guards=object())
 
@@ -71,6 +73,65 @@ def test_steps_that_impacts_bound_differ_between_a_run_and_its_companions(dampin
     exact = bouncing(damping).simulate(0.3, solver=mb.DOP853(rtol=1e-12), form="index1")
     error = float(np.max(np.abs(run["ball"].velocity - exact["ball"].velocity))) / 2.1  # m/s, over the speed of the throw
     assert error < 2 * run.accuracy.estimated
+
+
+class Shaken(NamedTuple):
+    """A kilogram with play between stops, in a carriage that is shaken for 3 s: amplitude (m) and angular frequency (1/s) of the
+    carriage, stiffness (N/m), damping (N s/m) and limits (m) of the stops."""
+
+    amplitude: float
+    w: float
+    stiffness: float
+    damping: float
+    low: float
+    high: float
+
+    def scene(self):
+        s = mb.Scene("shaken")
+        base, c = s.rigid_body("base", 1.0, 1.0, at=(0, 0)), s.rigid_body("c", 1.0, 1.0, at=(0, 0))
+        s.prismatic("d", s.ground, base, at=(0, 0), axis=(1, 0, 0), position=self.amplitude * sympy.sin(self.w * mb.t))
+        s.prismatic("j", base, c, at=(0, 0), axis=(1, 0, 0), rate0=0.05, limits=(self.low, self.high),
+                    stop=mb.Stop(self.stiffness, self.damping))  # fmt: skip
+        return s.recursive()
+
+    def exactly(self, times):
+        """Displacements by SciPy, in steps of a twentieth of the time scale of an impact."""
+        def equations(t, y):
+            below, above = self.low - y[0], y[0] - self.high
+            force = max(0.0, self.stiffness * below - self.damping * y[1]) if below > 0 else 0.0
+            force -= max(0.0, self.stiffness * above + self.damping * y[1]) if above > 0 else 0.0
+            return [y[1], force + self.amplitude * self.w**2 * np.sin(self.w * t)]
+
+        return solve_ivp(equations, (0, times[-1]), [0, 0.05], method="DOP853", rtol=1e-12, atol=1e-14, t_eval=times,
+                         max_step=0.05 / self.stiffness**0.5).y[0]  # fmt: skip
+
+
+@pytest.mark.parametrize(("case", "accuracy"), [
+    (Shaken(0.0949, 13.564, 12841.0, 0.677, -0.0847, 0.0239), 1e-3),
+    (Shaken(0.15, 9.0, 3.5e4, 0.0, -0.032, 0.011), 1e-5)])  # fmt: skip
+def test_stops_that_are_hit_often_need_no_word_about_runs_that_are_right(case, accuracy):
+    """Twenty to thirty impacts multiply what the tolerance leaves. The search goes on until the runs agree, and calls nothing
+    chaotic."""
+    times = np.linspace(0, 3.0, 301)
+    run = case.scene().simulate(3.0, accuracy=accuracy, outputs=times)
+    error = np.max(np.abs(run["j"].displacement - case.exactly(times))) / run.prepared.length
+    assert error < accuracy
+    assert not run.warnings
+    assert run.reliable
+
+
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-4, 1e-5])
+def test_a_body_that_hardly_touches_needs_no_word(accuracy):
+    """An oscillator of amplitude a meets a stop at (1 - 1e-6) a, of a penetration far below the tolerance: without damping the
+    stop takes nothing from it."""
+    s, amplitude, w = mb.Scene("grazing"), 0.3, 6.0
+    mass = s.rigid_body("c", 1.0, 1.0, at=(0, 0))
+    s.prismatic("j", s.ground, mass, at=(0, 0), axis=(1, 0, 0), spring=w**2, rate0=amplitude * w,
+                limits=(None, amplitude * (1 - 1e-6)), stop=mb.Stop(1e4))  # fmt: skip
+    run = s.simulate(3.0, accuracy=accuracy)
+    q, v = run["j"].displacement, run["j"].rate
+    assert np.max(np.abs(np.hypot(q, v / w) - amplitude)) < accuracy * run.prepared.length
+    assert not run.warnings
 
 
 @pytest.mark.parametrize(("gaps", "expected"), [

@@ -4,22 +4,50 @@ from __future__ import annotations
 
 import re
 import runpy
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.documents.blocks import numbered
+from mbdae.documents.blocks import Equation, Section, numbered
 from mbdae.reports.page import Printed
 from mbdae.reports.reading import key_of
 from mbdae.reports.scenes.forces import ClosedForms
+from mbdae.system.prepare import prepare
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def four_bar():
     return runpy.run_path(str(EXAMPLES / "four_bar.py"))["scene"]()
+
+
+def rotor():
+    return runpy.run_path(str(EXAMPLES / "ground_resonance.py"))["scene"]()
+
+
+def undriven():
+    """A four-bar that turns freely: every two of its moments have positions in which they do not give the forces."""
+    s = mb.Scene("four-bar", gravity=(0, -9.81, 0))
+    at = [(0, 0), (0, 0.3), (0.5, 0.6), (0.6, 0)]
+    links = [s.link(name, a, b, mass=0.5) for name, a, b in zip(("crank", "coupler", "rocker"), at, at[1:], strict=False)]
+    for i, name in enumerate("ABCD"):
+        ends = [s.ground, *links, s.ground][i : i + 2]
+        s.revolute(name, *ends, at=at[i], **({"rate0": 12.0} if name == "A" else {}))
+    return s
+
+
+def gearbox():
+    s = mb.Scene("gearbox", gravity=(0, -9.81, 0))
+    at = {"A": (0, 0), "B": (0.3, 0), "C": (0.6, 0.1)}
+    for i, (name, point) in enumerate(at.items()):
+        wheel = s.rigid_body(f"wheel {name}", 1.0 + i, 0.01 * (1 + i), at=(point[0], point[1] + 0.01))
+        s.revolute(name, s.ground, wheel, at=point, damper=0.02 * i, **({"torque": 1.0, "rate0": 3.0} if name == "A" else {}))
+    s.gear("AB", "A", "B", ratio=-2.0)
+    s.gear("BC", "B", "C", ratio=-1.5)
+    return s
 
 
 def slider_crank():
@@ -51,9 +79,9 @@ def spatial():
     return s
 
 
-@pytest.mark.parametrize("scene", [four_bar, slider_crank, tree, spatial])
+@pytest.mark.parametrize("scene", [rotor, four_bar, undriven, slider_crank, tree, spatial, gearbox])
 def test_printed_forces_are_those_of_a_run(scene):
-    """At 100 positions, all joints; the accuracy of a run is that of its motion, which both share."""
+    """At 100 positions, all joints; the accuracy of a run is that of its motion, which both share. No position is left out."""
     s = scene()
     r = s.simulate(1.0, accuracy=1e-7, outputs=np.linspace(0, 1, 101)[1:])
     page = ClosedForms(r.prepared)
@@ -66,6 +94,7 @@ def test_printed_forces_are_those_of_a_run(scene):
     printed.read(blocks)
     for c in s.joints:
         shown = r[c.name].force
+        assert printed.stated.all()
         for i in range(3):
             key = key_of(f"F_{{\\text{{{c.name}}},{'xyz'[i]}}}")
             found = printed.symbols.value(key) if key in printed.symbols else np.zeros(100)
@@ -85,3 +114,40 @@ def test_a_scene_without_closed_form_says_why():
     s = mb.Scene("free")
     s.rigid_body("body", 1.0, (1, 1, 1))
     assert "There is none: the scene has no joints" in mb.report(s).to_markdown()
+
+
+def unconditioned(block):
+    """Blocks whose equations do not say what differs from 0."""
+    if isinstance(block, Section):
+        return replace(block, blocks=[unconditioned(b) for b in block.blocks])
+    return replace(block, latex=block.latex.replace(r" \ne 0", "")) if isinstance(block, Equation) else block
+
+
+@pytest.mark.parametrize("scene", [rotor, four_bar, gearbox])
+def test_a_divisor_without_its_condition_is_seen_where_it_vanishes(scene):
+    """By the print alone, and by states next to its zero, where the formulas are off. (In the gearbox they are not: the
+    multipliers of a run grow there as the formulas do.)"""
+    page = ClosedForms(prepare(scene()))
+    blocks = numbered(page.blocks())
+    assert all(check.holds for check in page.printed(blocks))
+    failed = [check.what for check in page.printed([unconditioned(b) for b in blocks]) if not check.holds]
+    assert any("does not say that its divisor" in what for what in failed)
+    assert scene is gearbox or any("next to zeros" in what for what in failed)
+
+
+def test_the_rotor_divides_by_directions_of_its_slides_alone():
+    """Force balances give all forces but those across the slides: no arm of a blade is a divisor."""
+    page = ClosedForms(prepare(rotor()))
+    conditions = [e.latex for e in page.solution() if isinstance(e, Equation) and r"\ne 0" in e.latex]
+    assert conditions
+    assert not any("blade" in latex for latex in conditions)
+
+
+def test_a_law_that_divides_states_its_condition():
+    """The force of a rod of fixed length has the direction of the line between its points."""
+    s = mb.Scene("rod", gravity=(0, -9.81, 0))
+    bob = s.point_mass("bob", 1.0, at=(0.6, -0.8))
+    s.distance("D", s.ground, bob, at_k=(0, 0), at_l=(0.6, -0.8))
+    page = ClosedForms(prepare(s))
+    blocks = numbered(page.blocks())
+    assert all(check.holds for check in page.printed(blocks)), [c for c in page.printed(blocks) if not c.holds]

@@ -39,8 +39,9 @@ def test_where_round_off_limits_a_smaller_accuracy_is_the_same_run_and_the_warni
 
 @pytest.mark.parametrize(("told", "limit", "error", "words"), [
     (((1e-6, 1e-2), (1e-7, 1e-3)), 1e-13, 1e-3, "so that accuracy=1e-05 comes nearer"),
-    (((1e-6, 1e-3), (1e-7, 8e-4)), 1e-13, 8e-4, "with rtol = 1e-06 the error was 1.0e-03, with rtol = 1e-07 8.0e-04: a smaller "
-                                                "accuracy comes no nearer where the motion is chaotic"),
+    (((1e-6, 0.1), (1e-7, 0.08)), 1e-13, 0.08, "with rtol = 1e-06 the error was 1.0e-01, with rtol = 1e-07 8.0e-02: a smaller "
+                                               "accuracy comes no nearer where the motion is chaotic"),
+    (((1e-6, 1e-3), (1e-7, 8e-4)), 1e-13, 8e-4, "it is not known whether a smaller accuracy comes nearer"),
     (((1e-6, 1e-2), (1e-7, 1e-3)), 1e-7, 1e-3, "the smallest that round-off allows"),
     (((1e-6, 1e-2), (1e-7, 1e-6)), 1e-13, 1e-3, "alone differ by 1.0e-06, the larger error is what another method or shorter "
                                                 "steps show"),

@@ -66,6 +66,19 @@ def right() -> list[Found]:
                   + ", ".join(partial))]  # fmt: skip
 
 
+def domains() -> list[Found]:
+    """Formulas that hold on a domain alone: those that are not called RIGHT there; errors planted in them that are called RIGHT,
+    and those that are not mended."""
+    file = FILES[[f.stem for f in FILES].index("domains")]
+    open_ = [right.number for right, row in verdicts(file, False) if row.verdict != "RIGHT"]
+    planted = verdicts(file, True)
+    cleared = [right.number for right, row in planted if row.verdict == "RIGHT"]
+    unmended = [right.number for right, row in planted if not _mended(right, row)]
+    return [Found(len(open_), len(planted) / 10, quantity="right, not called so", note=", ".join(open_)),
+            Found(len(cleared), quantity="errors called right", note=", ".join(cleared)),
+            Found(len(unmended), len(planted) / 8, quantity="errors not mended", note=", ".join(unmended))]  # fmt: skip
+
+
 def errors() -> list[Found]:
     """Planted errors that are not found; and those that no repair mends by the term that was right."""
     rows = _all(planted=True)
@@ -102,7 +115,8 @@ def _values(node: Node, env: Env, sign: int) -> list[Any]:
 
 
 def cases() -> list[Case]:
-    return [Case("right formulas", "none", right, slow=True), Case("planted errors", "none", errors, slow=True)]
+    return [Case("right formulas", "none", right, slow=True), Case("planted errors", "none", errors, slow=True),
+            Case("domains", "none", domains, slow=True)]  # fmt: skip
 
 
 def run() -> list[Row]:

@@ -1,21 +1,20 @@
 """The equations of motion of a scene in symbols, solved for the multipliers.
 
-The rows are M u' + G^T lambda = f with the entries of G that the laws of this scene have. Each force balance gives one
-multiplier (its coefficient is 1 or -1); the remaining rows are split into the smallest blocks that can be solved one after
-the other: single rows in trees, from leaves to root, and two rows per dyad. Each block is solved by determinants.
+The rows are M u' + G^T lambda = f with the entries of G that the laws of this scene have; `solution` has their order.
 """
 
 from __future__ import annotations
 
 import re
 from functools import cached_property
-from itertools import combinations, count
+from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
 import symengine as se
 
 from mbdae.reports.letters import of_name
+from mbdae.reports.scenes.solution import ZERO, Row, solved
 from mbdae.reports.scenes.units import parameter_unit, unit_of_row
 from mbdae.reports.states import POINTS, value
 from mbdae.reports.units import Unit, unit
@@ -27,11 +26,8 @@ from mbdae.symbolic.outputs import Target, scatter_pair
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.system.prepare import Prepared
 
-LARGEST_BLOCK = 3  #: largest number of rows that are solved together by determinants
 LARGEST_SCENE = 60  #: largest number of multipliers for which a closed form is sought; with more the page says that there is none
 SHORT = 2  #: largest number of symbols in an entry of G that is written out instead of getting a letter
-_ZERO = se.Integer(0)
-Row = dict[Any, Expr]  #: coefficients by multiplier; the constant term under None
 
 
 def symbols_of_rows(d: Derived) -> list[tuple[Target, Expr]]:
@@ -85,9 +81,7 @@ class SceneEquations:
         self.entries: dict[str, tuple[int, int]] = {}  #: letter of an entry of G -> (row, place in u)
         self.places: dict[Any, str] = {}  #: (group, instance, symbol of the law) -> name of the letter
         self.rows = self._equations()
-        #: blocks in order of solution: unknowns, rows that determine them, places of these rows in u
-        self.steps: list[tuple[list[Any], list[Row], list[int]]] = []
-        self._solve()
+        self.steps = solved(self.rows, self._number, {at: str(v.effort) for at, v in self.velocities.items()})
         self.on_l = self._forces_on_l()
 
     def _refuse(self) -> None:
@@ -197,57 +191,6 @@ class SceneEquations:
 
     # -- solution of the equations
 
-    def _solve(self) -> None:
-        """Fill `steps`: first blocks of the rows without pivots 1 or -1, then the multipliers that follow from them."""
-        left, later = {at: dict(row) for at, row in self.rows.items()}, list[tuple[list[Any], list[Row], list[int]]]()
-        while (found := self._pivot(left)) is not None:
-            at, unknown = found
-            row = left.pop(at)
-            c = row.pop(unknown)
-            value = {key: -e * c for key, e in row.items()}  # c is 1 or -1, so that dividing by c is multiplying by it
-            later.insert(0, ([unknown], [value], [at]))
-            left = {a: _inserted(r, unknown, value) for a, r in left.items()}
-        open_ = {a: r for a, r in left.items() if len(r) > 1}
-        known: set[Any] = set()
-        while open_:
-            block = self._block(open_, known)
-            if block is None:
-                raise ValueError(f"more than {LARGEST_BLOCK} constraint rows must be solved together (no mistake in the scene)")
-            places, unknowns = block
-            self.steps.append((unknowns, [open_.pop(at) for at in places], places))
-            known |= set(unknowns)
-            open_ = {a: r for a, r in open_.items() if self._unsolved(r, known)}
-        self.steps += later
-
-    @staticmethod
-    def _pivot(left: dict[int, Row]) -> tuple[int, Any] | None:
-        """A row and a multiplier in it with coefficient 1 or -1, chosen so that the multiplier appears in the fewest rows."""
-        counts: dict[Any, int] = {}
-        for row in left.values():
-            for key in row:
-                counts[key] = counts.get(key, 0) + 1
-        found = [(counts[key], at, str(key), key) for at, row in left.items() for key, e in row.items()
-                 if key is not None and e in (1, -1) and len(row) > 1]  # fmt: skip
-        best = min(found, key=lambda entry: entry[:3], default=None)
-        return None if best is None else (best[1], best[3])
-
-    @staticmethod
-    def _unsolved(row: Row, known: set[Any]) -> list[Any]:
-        return sorted((key for key in row if key is not None and key not in known), key=str)
-
-    def _block(self, rows: dict[int, Row], known: set[Any]) -> tuple[list[int], list[Any]] | None:
-        """Fewest rows with as many multipliers not in `known`: their places in u, and these; by determinant if several."""
-        for size in range(1, LARGEST_BLOCK + 1):
-            found = []
-            for places in combinations(sorted(rows), size):
-                unknowns = sorted({key for at in places for key in self._unsolved(rows[at], known)}, key=str)
-                if len(unknowns) == size:
-                    A = [[self._number(rows[at].get(unknown, _ZERO)) for unknown in unknowns] for at in places]
-                    found.append((-abs(float(np.linalg.det(A))), list(places), unknowns))
-            if found:
-                return min(found, key=lambda entry: (round(entry[0], 9), entry[1]))[1:]
-        return None
-
     @cached_property
     def _at_start(self) -> dict[str, Any]:
         start = self.prepared.start
@@ -274,7 +217,7 @@ class SceneEquations:
             for letter, part in (("F", force), ("T", moment - arm.cross(force))):
                 for i, e in enumerate(part):
                     if (entry := se.expand(e)) != 0:
-                        old = found.get((letter, instance.item, i), _ZERO)
+                        old = found.get((letter, instance.item, i), ZERO)
                         found[letter, instance.item, i] = old + sign * self._renamed(row, d, entry) * self.unknowns[n]
         return dict(sorted(found.items(), key=lambda entry: entry[0][0]))
 
@@ -325,26 +268,3 @@ class Names:
             self._known[role, name] = words
             self.renamed |= {name: words} if words != plain else {}
         return f"\\text{{{self._known[role, name]}}}"
-
-
-def _inserted(row: Row, unknown: Any, value: Row) -> Row:
-    """A row with a multiplier replaced by its expression."""
-    if unknown not in row:
-        return row
-    c, out = row[unknown], {key: e for key, e in row.items() if key != unknown}
-    for key, e in value.items():
-        out[key] = se.expand(out.get(key, _ZERO) + c * e)
-    return {key: e for key, e in out.items() if key is None or e != 0}
-
-
-def total(row: Row) -> Expr:
-    """The sum of a row's terms."""
-    return sum((e if key is None else e * key for key, e in row.items()), _ZERO)
-
-
-def determinant(A: list[list[Expr]]) -> Expr:
-    """Determinant of a square matrix, by expansion in minors."""
-    if len(A) == 1:
-        return A[0][0]
-    minors = [[row[:j] + row[j + 1 :] for row in A[1:]] for j in range(len(A))]
-    return sum(((-1) ** j * A[0][j] * determinant(minor) for j, minor in enumerate(minors)), _ZERO)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import reduce
+from itertools import combinations
 from operator import mul
 from typing import Any
 
@@ -13,10 +14,13 @@ from mbdae.documents.blocks import Block, Paragraph, Section, Table
 from mbdae.documents.formulas import escaped
 from mbdae.reports.letters import unit_text
 from mbdae.reports.page import Check, Page, Printed, Wanted, short_hash
-from mbdae.reports.scenes.equations import Row, Said, SceneEquations, determinant, total
+from mbdae.reports.scenes.equations import Said, SceneEquations
+from mbdae.reports.scenes.solution import ZERO, Row, determinant, total
+from mbdae.reports.scenes.zeros import next_to_zeros
 from mbdae.reports.states import value
 from mbdae.reports.units import Unit, unit
 from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.vectors import Expr
 
 RUN = "the multipliers of the scene at random states"
 
@@ -36,8 +40,9 @@ class ClosedForms(SceneEquations, Page):
             " is inertia minus all forces other than reactions; the multipliers $\\lambda$ of the joints enter with their arms."
         )
         how = (
-            "Each force balance gives one multiplier. The other rows are split into the smallest blocks that can be solved"
-            " one after the other, by determinants; the remaining multipliers follow:"
+            "Force balances give one multiplier each, without a division. The other rows are split into the smallest blocks that"
+            " can be solved one after the other, by determinants; where a block has more rows than multipliers, every choice of"
+            " as many counts by the square of its determinant. A block has no solution where its divisor, marked $\\ne 0$, is 0:"
         )
         told += "".join(f" The name {escaped(name)} is written {words}." for name, words in self.names.renamed.items())
         on_l = "The force $F$ (N) on body l of each joint, and the moment $T$ (N m) about its point there:"
@@ -72,25 +77,36 @@ class ClosedForms(SceneEquations, Page):
         return out
 
     def _determinants(self, unknowns: list[Any], rows: list[Row], count: int, efforts: list[Unit]) -> list[Block]:
-        """Equations of a block of rows A lambda = h, solved by Cramer's rule. efforts: units of the rows."""
-        w, n, lines = self.writer, len(unknowns), []
+        """Equations of a block of rows A lambda = h, solved by Cramer's rule for every choice of as many rows as multipliers,
+        weighted by the squares of their determinants. efforts: units of the rows."""
+        w, n, m, lines = self.writer, len(unknowns), len(rows), []
         known = [unit(self.said[self.latex[str(x)]].unit or "1") for x in unknowns]
         A = [[self.letter(f"a{count}_{i}{j}", f"a^{{({count})}}_{{{i + 1}{j + 1}}}", str(efforts[i] / known[j]),
-                          f"factor of ${self.latex[str(unknowns[j])]}$") for j in range(n)] for i in range(n)]  # fmt: skip
+                          f"factor of ${self.latex[str(unknowns[j])]}$") for j in range(n)] for i in range(m)]  # fmt: skip
         h = [self.letter(f"h{count}_{i}", f"h^{{({count})}}_{{{i + 1}}}", efforts[i].of_force, "minus the rest of the row")
-             for i in range(n)]  # fmt: skip
+             for i in range(m)]  # fmt: skip
         for i, row in enumerate(rows):
-            lines += [f"{w.scalar(A[i][j])} = {w.scalar(row.get(unknown, se.Integer(0)))}" for j, unknown in enumerate(unknowns)]
+            apart = r" \ne 0" if m == n == 1 else ""
+            lines += [f"{w.scalar(A[i][j])} = {w.scalar(row.get(unknown, ZERO))}{apart}" for j, unknown in enumerate(unknowns)]
             rest = {key: e for key, e in row.items() if key not in unknowns}
             lines.append(f"{w.scalar(h[i])} = {w.scalar(se.expand(-total(rest)))}")
-        if n == 1:
+        if m == n == 1:
             return self.lines(*lines, f"{w.scalar(unknowns[0])} = {w.scalar(h[0] / A[0][0])}")
-        size = str(reduce(mul, (e / x for e, x in zip(efforts, known, strict=True))))
-        det = self.letter(f"d{count}", f"\\Delta^{{({count})}}", size, "determinant")
-        lines.append(f"{w.scalar(det)} = {w.scalar(determinant(A))}")
+        size = reduce(mul, (e / x for e, x in zip(efforts, known, strict=False)))
+        choices = list(combinations(range(m), n))
+        minors = [determinant([A[i] for i in choice]) for choice in choices]
+        for at, (choice, e) in enumerate(zip(choices, minors, strict=True)) if m > n > 1 else ():
+            name = "".join(str(i + 1) for i in choice)
+            latex, what = f"\\Delta^{{({count})}}_{{{name}}}", f"determinant of the rows {name}"
+            minors[at] = self.letter(f"d{count}_{name}", latex, str(size), what)
+            lines.append(f"{w.scalar(minors[at])} = {w.scalar(e)}")
+        weights, size = (minors, size * size) if m > n else ([se.Integer(1)], size)
+        what = "sum of the squares of the determinants" if m > n else "determinant"
+        det = self.letter(f"d{count}", f"\\Delta^{{({count})}}", str(size), what)
+        lines.append(f"{w.scalar(det)} = {w.scalar(_weighted(minors, weights))} \\ne 0")
         for j, unknown in enumerate(unknowns):
-            replaced = [[h[i] if column == j else A[i][column] for column in range(n)] for i in range(n)]
-            lines.append(f"{w.scalar(unknown)} = {w.scalar(determinant(replaced) / det)}")
+            replaced = [determinant([[h[i] if column == j else A[i][column] for column in range(n)] for i in c]) for c in choices]
+            lines.append(f"{w.scalar(unknown)} = {w.scalar(_weighted(replaced, weights) / det)}")
         return self.lines(*lines)
 
     def _force(self, letter: str, item: str, i: int) -> str:
@@ -104,21 +120,30 @@ class ClosedForms(SceneEquations, Page):
         lines = []
         for place, e in self.on_l.items():
             lines.append(f"{self._force(*place)} = {self.writer.scalar(e)}")
-        return self.lines(*lines)
+            lines += [f"{self.writer.scalar(d)} \\ne 0" for d in _divisors(se.sympify(e))]
+        return self.lines(*dict.fromkeys(lines))
 
     def printed(self, blocks: list[Block]) -> list[Check]:
-        """Checks of the equations at random states, against the multipliers of the scene."""
-        known, multipliers = self.values(*self.states())
-        return self.read(blocks, known, multipliers)
+        """Checks of the equations at random states, and at such states with others next to zeros of the divisors, against the
+        multipliers of the scene."""
+        states = self.states()
+        checks, zeros = self.read(blocks, *self.values(*states)), next_to_zeros(self, blocks)
+        if zeros is None:
+            return checks
+        both = [np.concatenate([a, b]) for a, b in zip(states, zeros, strict=True)]
+        worst = max(c.residual for c in self.read(blocks, *self.values(*both)) if RUN in c.what)
+        what = f"multipliers and forces with {len(zeros[0])} states next to zeros of divisors, where no condition names these"
+        return [*checks, Check(what, worst)]
 
     def read(self, blocks: list[Block], known: dict[str, Any], multipliers: Any) -> list[Check]:
-        """Checks of the equations against given multipliers (nt, m)."""
+        """Checks of the equations against given multipliers (nt, m), and that every divisor has its condition."""
         wanted = {self.latex[str(s)]: Wanted(multipliers[:, i], RUN) for i, s in enumerate(self.unknowns)}
         table = {name: known[latex] for name, latex in self.latex.items() if latex in known}
         table |= {str(s): multipliers[:, n] for n, s in enumerate(self.unknowns)}
         for place, e in self.on_l.items():
             wanted[self._force(*place)] = Wanted(value(se.sympify(e), lambda symbol: table[str(symbol)]), RUN)
-        return Printed(known, wanted, len(multipliers)).read(blocks)
+        printed = Printed(known, wanted, len(multipliers))
+        return [*printed.read(blocks), *printed.undivided(blocks)]
 
     # -- tables of letters and laws
 
@@ -145,3 +170,13 @@ class ClosedForms(SceneEquations, Page):
             call, hash_ = ", ".join([f"mb.{law.__name__}", *said_]), short_hash(group.derived)
             rows.append([group.instances[i].item, f"`mb.report({call})`", kinds, names, hash_])
         return Table(["joint", "its law", "between", "rows", "sha256 of the derived equations"], rows)
+
+
+def _divisors(e: Expr) -> list[Expr]:
+    """What an expression divides by."""
+    own = [e.args[0] ** -e.args[1]] if isinstance(e, se.Pow) and e.args[1].is_Number and e.args[1] < 0 else []
+    return [*own, *(d for part in e.args for d in _divisors(part))]
+
+
+def _weighted(values: list[Expr], weights: list[Expr]) -> Expr:
+    return sum((v * weight for v, weight in zip(values, weights, strict=True)), ZERO)

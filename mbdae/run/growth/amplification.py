@@ -62,7 +62,7 @@ class Disturbances:
         run = self._run
         if run.stats.contacts or len(run.t) < 2 or len(run.t) > MOST:
             return None
-        x = np.random.default_rng(11).normal(size=(COPIES, self._system.n)) * self._system.scale
+        x = spread((COPIES, self._system.n)) * self._system.scale
         middle, h = (run.t[1:] + run.t[:-1]) / 2, np.diff(run.t)
         states = run(middle), run.derivative(middle)
         sizes: list[tuple[float, float]] = []
@@ -137,6 +137,11 @@ def _farthest(prepared: Prepared, run: Solution) -> float:
     places = [np.max(np.abs(q[:, node.q : node.q + node.kind.translations])) for node in prepared.model.nodes
               if node.unit == "m" and node.kind.translations]  # fmt: skip
     return max(1.0, float(max(places, default=0.0)) / prepared.length)
+
+
+def spread(shape: tuple[int, int]) -> Array:
+    """Numbers from -1 to 1 without any pattern that equations could have, for disturbances in all directions."""
+    return np.cos(np.arange(1.0, shape[0] * shape[1] + 1) ** 2 * math.sqrt(2)).reshape(shape)
 
 
 @cache

@@ -6,14 +6,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.deferred import eig
 from mbdae.integrators.matrices.iteration import IterationMatrix, as_csc
 from mbdae.native.sparse import SingularMatrixError
+from mbdae.run.growth.amplification import spread
 from mbdae.system.base import Array, System
 
 #: growth (natural logarithm of the factor) over the whole run below which steps are not bounded: a disturbance below a third of
@@ -24,6 +24,7 @@ MOST = 300  #: largest number of unknowns for which all roots are computed
 #: roots are found best near SHIFT over the step; those beyond RESOLVED times that are left out: constraints have infinite roots,
 #: which are inexact in a computer
 SHIFT, RESOLVED = 3.0, 1e3
+NEAR = 1e-9  #: relative distance of the shift of an inverse iteration from the eigenvalue
 #: number of multiplications by which growth is sought among many roots, and the ratio by which it then shows from their middle to
 #: their end: the largest that vibrations alone gave was 1.1
 ROUNDS, GROWS = 20, 1.5
@@ -70,10 +71,9 @@ def _roots(look: Look, S: Array, values: NDArray[np.complex128], seen: float) ->
     rate = float(np.max(_back(values, look.h).real, initial=0.0))
     if rate * look.span < HARMLESS:
         return Found(rate)
-    values, left, right = eig(S, left=True)
     roots = _back(values, look.h)
     growing = np.flatnonzero(roots.real * look.span > HARMLESS)
-    sizes = np.array([_size(left[:, j], right[:, j], look, abs(roots[j])) for j in growing])
+    sizes = np.array([_size(S, values[j], look, abs(roots[j])) for j in growing])
     roots, unseen = roots[growing], sizes < seen
     fastest = int(np.argmax(roots.real)) if len(roots) else 0
     size = float(sizes[fastest]) if len(roots) and unseen[fastest] else 0.0
@@ -85,10 +85,10 @@ def vibrating(looks: list[Look], seen: float) -> list[Found]:
     magnitude of a root that is not seen, and the size of all of them together."""
     found = []
     for look, S in zip(looks, _shifted(looks), strict=True):
-        values, left, right = eig(S, left=True)
+        values = np.linalg.eigvals(S)
         roots = _back(values, look.h)
         idle = np.flatnonzero((np.abs(roots.real) * look.span < np.abs(roots.imag)) & (np.abs(roots.imag) * look.span > HARMLESS))
-        sizes = np.array([_size(left[:, j], right[:, j], look, abs(roots[j])) for j in idle])
+        sizes = np.array([_size(S, values[j], look, abs(roots[j])) for j in idle])
         unseen = sizes < seen
         found.append(Found(0.0, float(np.max(np.abs(roots[idle][unseen]), initial=0.0)), float(np.linalg.norm(sizes[unseen]))))
     return found
@@ -124,22 +124,36 @@ def _back(values: NDArray[np.complex128], h: float) -> NDArray[np.complex128]:
     return np.where(finite, (SHIFT / h) * (1 - 1 / np.where(finite, values, 1.0)), -np.inf)
 
 
-def _size(left: Array, right: Array, look: Look, magnitude: float) -> float:
+def _size(S: Array, value: complex, look: Look, magnitude: float) -> float:
     """Size of a disturbance that grows in a motion, over the scales of the unknowns: the part of its rate along the disturbance
-    over the magnitude of the root (1/s)."""
+    over the magnitude of the root (1/s). S, value: matrix of `_shifted` and the eigenvalue that belongs to the root."""
     system = look.system
+    right, left = _vector(S, value), _vector(S.T, value)
     counts = np.array([kind not in ("lambda", "mu", "z") for kind in system.kinds])
-    overlap = abs(np.vdot(left, right))
+    overlap = abs(left @ right)
     if not overlap > 0:
         return 0.0
-    part = abs(np.vdot(left, look.yp / system.scale)) / overlap
+    part = abs(left @ (look.yp / system.scale)) / overlap
     return float(part * np.max(np.abs(right[counts]), initial=0.0) / magnitude)
+
+
+def _vector(S: Array, value: complex) -> NDArray[np.complex128]:
+    """The eigenvector (n,) of S (n, n) for an eigenvalue, by inverse iteration."""
+    shifted = S - value * (1 + NEAR) * np.eye(len(S))
+    x = np.ones(len(S), complex)
+    for _ in range(2):
+        try:
+            x = np.linalg.solve(shifted, x)
+        except np.linalg.LinAlgError:
+            return x
+        x /= np.linalg.norm(x)
+    return x
 
 
 def _grows(S: Array) -> bool:
     """Whether one of many roots r has a positive real part, from the matrix S of `_shifted`: three disturbances are multiplied
     ROUNDS times by 2 S - 1, that is (1 + z) / (1 - z) with z = h r / SHIFT, whose magnitude is 1 for undamped vibrations."""
-    return _rises(lambda x: np.asarray(S @ x), np.random.default_rng(3).normal(size=(len(S), 3)))
+    return _rises(lambda x: np.asarray(S @ x), spread((len(S), 3)))
 
 
 def _rising_sparse(looks: list[Look]) -> list[bool]:
@@ -155,17 +169,13 @@ def _rising_sparse(looks: list[Look]) -> list[bool]:
         except SingularMatrixError:
             found.append(False)
             continue
-        E = as_csc(look.system, matrix.fyp * (SHIFT / look.h)) if look.system.sparse else None
-        found.append(_rises(partial(_product, matrix, E, scale, SHIFT / look.h),
-                            np.random.default_rng(3).normal(size=(look.system.n, 3))))  # fmt: skip
+        found.append(_rises(partial(_product, matrix, scale, SHIFT / look.h), spread((look.system.n, 3))))
     return found
 
 
-def _product(matrix: IterationMatrix, E: Any, scale: Array, inverse: float, x: Array) -> Array:
-    """The matrix of `_shifted` times x (n, k), with sparse factors. E: dF/dy' over the step, None where it is not stored so;
-    inverse: 1 over that step (1/s)."""
-    given = (x.T * scale) if E is None else x * scale[:, None]
-    right = np.array([matrix.mass(one) for one in given]) * inverse if E is None else np.ascontiguousarray((E @ given).T)
+def _product(matrix: IterationMatrix, scale: Array, inverse: float, x: Array) -> Array:
+    """The matrix of `_shifted` times x (n, k), with sparse factors; inverse: 1 over the step for which they were made (1/s)."""
+    right = np.array([matrix.mass(one) for one in x.T * scale]) * inverse
     return np.asarray((matrix.solved(right) / scale).T)
 
 

@@ -54,7 +54,8 @@ class Scenery:
 class Fed:
     """The parameters of one law that are expressions of sensors. names: parameters and signals with their expressions; readings:
     the sensors in them; sides, nodes, frames: kinds, nodes and numbers of the frames that the sensors read; numbers, timed:
-    numbers and functions of time in the expressions, by symbol; states: items whose internal state is read."""
+    numbers and functions of time in the expressions, by symbol; signals: of numbers that are values of signals, these signals;
+    states: items whose internal state is read."""
 
     names: list[tuple[str, Expr]] = field(default_factory=list)
     readings: list[Reading] = field(default_factory=list)
@@ -63,6 +64,7 @@ class Fed:
     numbers: dict[str, float] = field(default_factory=dict)
     frames: dict[str, float] = field(default_factory=dict)
     timed: dict[str, Expr] = field(default_factory=dict)
+    signals: dict[str, str] = field(default_factory=dict)
     states: list[str] = field(default_factory=list)
 
     @property
@@ -86,7 +88,7 @@ class _Feeding:
     def __init__(self, scenery: Scenery) -> None:
         self.scenery, self.fed = scenery, Fed()
         self._known: dict[str, Expr] = {}  # path of a sensor -> its symbol
-        self._given: dict[tuple[str, Expr], Expr] = {}  # (kind, number or function of time) -> its symbol
+        self._given: dict[tuple[str, Expr], Expr] = {}  # (kind, number or function of time, or the signal it is of) -> its symbol
 
     def shared(self, e: Any, name: str) -> Expr:
         """The expression with its sensors, numbers and functions of time replaced by symbols, whose names begin with `name`."""
@@ -107,16 +109,19 @@ class _Feeding:
             return self.shared(parts[0], name) ** parts[1]
         return joined(e, [self.shared(part, name) for part in parts])
 
-    def _parameter(self, name: str, kind: str, e: Expr) -> Expr:
-        """The symbol that replaces a number (kind "n") or a function of time (kind "t"), e; its name begins with `name`."""
-        if (kind, e) not in self._given:
+    def _parameter(self, name: str, kind: str, e: Expr, signal: str = "") -> Expr:
+        """The symbol that replaces a number (kind "n") or a function of time (kind "t"), e; its name begins with `name`. The
+        number of a signal shares its symbol with no other number: exports have it as an input."""
+        known = (kind, signal or e)
+        if known not in self._given:
             symbol = f"{name}_{kind}{len(self._given) + 1}"
             if kind == "n":
                 self.fed.numbers[symbol] = float(e)
+                self.fed.signals |= {symbol: signal} if signal else {}
             else:
                 self.fed.timed[symbol] = e
-            self._given[kind, e] = se.Symbol(symbol)
-        return self._given[kind, e]
+            self._given[known] = se.Symbol(symbol)
+        return self._given[known]
 
     def _of(self, path: str) -> Expr:
         """The symbol of a sensor or signal, such as "hinge.angle" (path); a new one is added to `fed`."""
@@ -126,7 +131,8 @@ class _Feeding:
             except BadValueError as refused:
                 raise SceneError([str(refused)]) from None
             if isinstance(sensed.item, Signal) and sensed.item.kind == "signal":
-                value = self.shared(sensed.item.value, "signal")
+                e = sensed.item.value
+                value = self._parameter("signal", "n", e, path) if isinstance(e, float) else self.shared(e, "signal")
                 name = f"signal{len(self.fed.names) + 1}"
                 self.fed.names.append((name, value))
             else:

@@ -36,7 +36,7 @@ FLAT = 1e-12  #: distance of a point from the plane z = 0, over the scene's leng
 @dataclass
 class Instance:
     """One law of the scene with the nodes it acts between (None: the ground). numbers: points and axes of its frames and its
-    constant parameters, by name; item: name of the joint, force or body that it belongs to."""
+    constant parameters, by name; signals: of these the values of signals, with their names; item: of the joint, force or body."""
 
     law: Any
     nodes: tuple[Node | None, ...]
@@ -44,6 +44,7 @@ class Instance:
     timed: dict[str, Any]  #: parameter -> expression of time
     item: str
     states: tuple[str, ...] = ()  #: names of other items whose internal state the law reads
+    signals: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass
@@ -96,8 +97,7 @@ class Model:
     stay_kinematic: dict[str, str] = field(default_factory=dict)  #: recursive or rigid joints treated as kinematic -> why
     lines: list[Line] = field(default_factory=list)  #: flexible beams
     attached: dict[tuple[str, str], Body] = field(default_factory=dict)  #: (item, side) on a beam -> the node it is attached to
-    #: names of the vanished rows that are undefined because a point mass has no axes
-    undefined: list[str] = field(default_factory=list)
+    undefined: list[str] = field(default_factory=list)  #: vanished rows that are undefined: a point mass has no axes
     scenery: Any = None  #: nodes by which sensors are found, see `Scenery`
     conditions: ConditionTime = field(default_factory=ConditionTime)
 
@@ -304,7 +304,7 @@ def entry_of(scenery: Scenery, law: Any, bodies: tuple[Body, ...], ends: tuple[N
     numbers |= fed.frames | {p: v for p, v in values.items() if p not in timed}
     structure = replace(law.structure(frozenset(timed)), feeds=fed.feeds)
     nodes, sides = (*ends, *own, *fed.nodes), (*sides, *((n.kind, Axes.GENERAL) for n in own), *fed.sides)
-    return (type(law), structure, sides), Instance(law, nodes, numbers, timed, item, tuple(fed.states))
+    return (type(law), structure, sides), Instance(law, nodes, numbers, timed, item, tuple(fed.states), fed.signals)
 
 
 def without_rows(item: str, d: Derived) -> list[str]:
