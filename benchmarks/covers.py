@@ -29,8 +29,8 @@ import sympy as sp
 
 import mbdae as mb
 from mbdae.formulations import default_form, system_for
-from mbdae.results.reactions import OtherRun, ReactionError
-from mbdae.results.states import states_of
+from mbdae.results.errors import Errors
+from mbdae.results.reactions import OtherRun
 from mbdae.run.mesh import distance_of_meshes
 from mbdae.system.prepare import Prepared, prepare
 
@@ -75,7 +75,7 @@ def reaction_row(name: str, scene: mb.Scene, t_end: float, accuracy: float, way:
     form = replace(form, waves=True) if prepared.model.lines else form  # type: ignore[type-var]
     exact = mb.RadauIIA(3, rtol=1e-8 if prepared.model.lines else 1e-11).solve(system_for(prepared, form, 3), t_end)
     times = np.linspace(0, t_end, 501)
-    error = ReactionError(prepared, r.solution, (OtherRun(states_of(prepared, exact, times), 1.0),))()
+    error = Errors(prepared, r.solution, (OtherRun(exact, times, 1.0),))()
     return {"scene": name, "way": f"{way}: {r.info.solver.label}" if solver is None else way, "asked": f"{accuracy:.0e}",
             "motion, estimate / asked": r.accuracy.motion / accuracy, "reactions, error": error,
             "estimate / error": estimate / error, "covered": "yes" if "reactions" in r.accuracy.covers else "no",

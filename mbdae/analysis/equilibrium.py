@@ -20,7 +20,8 @@ from mbdae.errors import EquilibriumError, OptionError, StartError, naming_argum
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.notation import counted
 from mbdae.results.accuracy import Accuracy
-from mbdae.results.result import Result, RunInfo
+from mbdae.results.result import Result
+from mbdae.results.run_info import RunInfo
 from mbdae.results.states import Instant
 from mbdae.scene.components import Connection
 from mbdae.scene.scene import SceneData

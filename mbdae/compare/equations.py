@@ -12,7 +12,8 @@ from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
 from mbdae.results.accuracy import Accuracy
-from mbdae.results.result import Result, RunInfo
+from mbdae.results.result import Result
+from mbdae.results.run_info import RunInfo
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 

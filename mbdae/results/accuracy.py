@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+from mbdae.results.errors import Errors
+
 WORDS = ("motion", "reactions", "mesh")  #: the three errors of a run
 #: why an error is not known where the solver had a tolerance or a step of its own
 RUN_ONCE = "not estimated: the solver ran once, as it was given; leave out its rtol or step, or give verify=True"
@@ -58,6 +60,11 @@ class Accuracy:
         where an impact or a switch leaves it unknown. A disturbance is measured by positions and angles, and by velocities in
         units in which they are as large. Its error is some tenths."""
         return self.found_amplification() if callable(self.found_amplification) else self.found_amplification
+
+    @property
+    def errors(self) -> Errors | None:
+        """The errors of everything that the result shows; None where no other run was made, or none was kept."""
+        return self.found_reactions if isinstance(self.found_reactions, Errors) else None
 
     @property
     def met(self) -> bool | None:

@@ -14,7 +14,7 @@ from mbdae.kernels.line_nodes import Nodes
 from mbdae.laws.elements.line_mesh import LineMesh
 from mbdae.laws.elements.line_shape import Table, table
 from mbdae.results.fibres import Fibre
-from mbdae.results.sensors import BodySensor, turned_about_z
+from mbdae.results.sensors import BodySensor, judged, turned_about_z
 from mbdae.results.states import RunStates
 from mbdae.scene.components import Body
 from mbdae.symbolic.frames import NodeKind
@@ -233,27 +233,27 @@ class BeamPlace(_OnBeam):
     def _second(self) -> Array:
         return self._fields.second_rates(self._result.q, self._result.u, self._result.acceleration)
 
-    @cached_property
+    @judged
     def angular_acceleration(self) -> Array:
         """Angular acceleration of the section (nt, 3), rad/s^2, inertial frame, from the equations of motion."""
         return angular_accelerations(self._line, self._positions, self._rates, self._second)[:, 0, 0]
 
-    @cached_property
+    @judged
     def acceleration(self) -> Array:
         """Acceleration of the place (nt, 3), m/s^2, inertial frame, from the equations of motion."""
         arm, w = self.rotation @ self.arm, self.angular_velocity
         turning = np.cross(self.angular_acceleration, arm) + np.cross(w, np.cross(w, arm))
         return in_space(self._line, self._second)[:, 0, 0] + turning
 
-    @property
+    @judged
     def fibre_stress(self) -> Array:
         """(nt,) Pa: normal stress along the beam at this place of its section, N1/A + M2 x3/I2 - M3 x2/I3, tension positive."""
-        return self._fibre.normal(self.stress_resultants)
+        return self._fibre.normal(self._strains[1])
 
-    @property
+    @judged
     def von_mises(self) -> Array:
         """Von Mises stress (nt,), Pa, at this place, from the normal stress and the shear stresses of shear forces and torque."""
-        return self._fibre.von_mises(self.stress_resultants)
+        return self._fibre.von_mises(self._strains[1])
 
     @cached_property
     def _fibre(self) -> Fibre:
@@ -276,7 +276,7 @@ class BeamPlace(_OnBeam):
         strain, stress = gauss_strains(self._line, r.q, r.u, own)
         return self._extrapolated(strain), self._extrapolated(stress)
 
-    @property
+    @judged
     def strain(self) -> Array:
         """(nt, 6) in section axes, less the strain of the beam as drawn: N1 extension, N2 and N3 shear along axes 2 and 3
         (no unit), M1 twist, M2 and M3 curvature about axes 2 and 3 (1/m).
@@ -285,7 +285,7 @@ class BeamPlace(_OnBeam):
         p - 1 through them, so that two elements differ at the node they share by the error of either."""
         return self._strains[0]
 
-    @property
+    @judged
     def stress_resultants(self) -> Array:
         """(nt, 6) in section axes: N1 axial force, N2 and N3 shear forces (N), M1 torque, M2 and M3 bending moments (N m),
         of the part of the beam beyond the section on the part before it; with damping the part from the strain rate
@@ -313,12 +313,12 @@ class BeamSensor(_OnBeam):
         """Velocity of the centre of mass (nt, 3), m/s, inertial frame."""
         return self._mean("u", self._result.u)
 
-    @cached_property
+    @judged
     def acceleration(self) -> Array:
         """Acceleration of the centre of mass (nt, 3), m/s^2, inertial frame, from the equations of motion."""
         return self._mean("u", self._result.acceleration)
 
-    @cached_property
+    @judged
     def angular_acceleration(self) -> Array:
         """Angular acceleration (nt, 3), rad/s^2, of the section in the middle of the length, inertial frame."""
         return np.asarray(self._middle.angular_acceleration)

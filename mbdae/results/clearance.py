@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mbdae.results.sensors import ConnectionSensor
+from mbdae.results.sensors import ConnectionSensor, judged
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Force
 from mbdae.symbolic.outputs import Target
@@ -67,12 +67,12 @@ class ContactSensor(ConnectionSensor):
         """Depth by which the surfaces overlap, m; 0 where they are apart."""
         return np.maximum(0.0, -self.gap)
 
-    @property
+    @judged
     def normal_force(self) -> Array:
         """Normal force, N; 0 where the surfaces are apart."""
         return self._observed("normal_force")
 
-    @property
+    @judged
     def friction_force(self) -> Array:
         """Magnitude of the friction force, N. For a joint with clearance: the force on the pin along the vector product of the
         joint's axis and the contact normal, with its sign."""
@@ -84,15 +84,15 @@ class ContactSensor(ConnectionSensor):
         that of the race along the vector product of the joint's axis and the contact normal, with its sign."""
         return self._observed("slip")
 
-    @property
+    @judged
     def friction_power(self) -> Array:
         """Power lost in friction, W; negative where bristles give energy back."""
         return self._observed("friction_power")
 
-    @property
+    @judged
     def wear_rate(self) -> Array:
         """Normal force times sliding speed, W: wear by Archard's law is proportional to it."""
-        return np.asarray(self.normal_force * np.abs(self.slip))
+        return np.asarray(self._observed("normal_force") * np.abs(self.slip))
 
     @cached_property
     def wear(self) -> float:

@@ -16,6 +16,7 @@ from mbdae.values import BadValueError, shown
 
 FORMAT, VERSION = "mbdae result", 1
 DEEPEST = 60  #: largest number of lists and tables that may be inside each other; a header with more is refused
+MOST_OTHERS = 20  #: largest number of runs beside the one that is stored
 MOST = 2**53  #: largest magnitude of a whole number that a header may contain
 Kind = Callable[[Any, str], None]
 
@@ -103,9 +104,9 @@ def _optional(kind: Kind) -> Kind:
     return lambda value, where: None if value is None else kind(value, where)
 
 
-def _many(kind: Kind, count: int | None = None) -> Kind:
+def _many(kind: Kind, count: int | None = None, most: int = MOST) -> Kind:
     def check(value: Any, where: str) -> None:
-        if not isinstance(value, list) or (count is not None and len(value) != count):
+        if not isinstance(value, list) or len(value) > most or (count is not None and len(value) != count):
             raise _refuse(value, where, f"a list{'' if count is None else f' of {count}'}")
         for i, part in enumerate(value):
             kind(part, f"{where}[{i}]")
@@ -195,4 +196,6 @@ HEADER = _record({
     "time": _real(0.0),
     "info": _record(_INFO, {"choice": _text, "reliable": _flag, "events": _many(_row(_real(), _text, _whole(-1, 1)))}),
     "run": _record({"names": _TEXTS, "complete": _flag, "dense": _dense}),
-}, {"laws": _each(_text)})  # fmt: skip
+}, {"laws": _each(_text), "told": _each(_text),
+    "others": _many(_record({"names": _TEXTS, "share": _real(0.0), "kind": _text, "ratio": _real(0.0)}), most=MOST_OTHERS),
+})  # fmt: skip

@@ -46,6 +46,11 @@ def value(result: Any, quantity: Quantity) -> Array:
     return np.asarray(found, dtype=float)
 
 
+def magnitudes(values: Array) -> Array:
+    """Magnitudes (k,) of values (k, ...): of numbers, and lengths of vectors."""
+    return np.asarray(np.abs(values) if values.ndim == 1 else np.linalg.norm(values.reshape(len(values), -1), axis=1))
+
+
 def named(quantity: Any) -> str:
     """The name of a quantity in messages and tables."""
     return quantity if isinstance(quantity, str) else str(getattr(quantity, "__name__", "a function"))

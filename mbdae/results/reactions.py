@@ -1,20 +1,33 @@
-"""Forces and torques of all joints and force elements at once, and their error from the difference of runs."""
+"""Runs beside a run, with which it is compared, and the forces and torques of all joints and force elements at once."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbdae.deferred import distinct
+from mbdae.errors import OptionError
 from mbdae.integrators.solution import Solution
 from mbdae.results.sensors import reaction_outputs
-from mbdae.results.states import States, states_of
+from mbdae.results.states import States
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
-#: rounding error of forces, relative to the force that moves the heaviest body by the scene's length in the motion's
-#: characteristic time
-NO_FORCE = 1e-9
+#: largest number of unknowns at all steps of a run beside the one that is returned that is kept whole (16 MB, with its
+#: derivatives and stages 50 MB); larger ones are kept at the times of the comparison alone
+WHOLE = 2_000_000
+#: number of times at which a run is compared with another; with contacts up to MOST, as far as all unknowns at them are at most
+#: NUMBERS: impacts are short, and of 200 times of a run with 5000 steps one companion met them and another did not
+FEWEST, MOST, NUMBERS = 200, 2000, 400_000
+KINDS = ("companion", "window", "mesh", "closer")  #: see `OtherRun`
+
+
+def some_of(times: Array, unknowns: int, contacts: bool) -> Array:
+    """Those of the times of a comparison at which two runs are read: equally many between any two of them. contacts: whether
+    their scene has some."""
+    count = int(np.clip(NUMBERS // max(unknowns, 1), FEWEST, MOST if contacts else FEWEST))
+    return np.asarray(times[distinct(np.linspace(0, len(times) - 1, count).astype(int))])
 
 
 def wrenches(prepared: Prepared, at: States) -> Array:
@@ -30,40 +43,53 @@ def wrenches(prepared: Prepared, at: States) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class OtherRun:
-    """States of a run with which the returned run is compared: the error of the latter is `share` times the difference; prepared:
-    its scene, where it has another mesh of the beams."""
+class AtTimes:
+    """Dense output of a run of which the unknowns y (k, n) at the times t (k,) alone are kept."""
 
-    states: States
-    share: float
-    prepared: Prepared | None = None
+    t: Array
+    y: Array
+
+    def value(self, t: Array) -> Array:
+        """y at times among those kept; OptionError for others."""
+        i = np.clip(np.searchsorted(self.t, t), 0, len(self.t) - 1)
+        if not np.array_equal(self.t[i], t):
+            raise OptionError("a run that was kept at some times is not known at others")
+        return self.y[i]
+
+    def derivative(self, t: Array) -> Array:
+        """y' is not kept: nan."""
+        return np.full_like(self.value(t), np.nan)
+
+
+def sampled(run: Solution, times: Array) -> Solution:
+    """A run of which the unknowns at some times (k,) alone are kept."""
+    y = run(times)
+    return replace(run, t=times, y=y, yp=np.zeros((0, y.shape[1])), outputs=None, interpolant=AtTimes(times, y), systems=())
 
 
 @dataclass(frozen=True, eq=False)
-class ReactionError:
-    """The error of the forces and torques of a run, from its difference to other runs; computed when it is called."""
+class OtherRun:
+    """A run with which the returned run is compared at some times (k,): the error of the latter is `share` times the difference.
 
-    prepared: Prepared
-    solution: Solution
-    others: tuple[OtherRun, ...]
+    kind: "companion" (the same method at a larger tolerance, or another method), "window" (a short run that resolves vibrations
+    which the run may leave out), "mesh" (the run on a finer mesh of the beams) or "closer" (a run that is far more accurate, made
+    when a quantity was read); prepared: its scene, where it has another mesh; ratio: its tolerance over that of the run (0: not
+    known)."""
 
-    def __call__(self) -> float:
-        """Sum of the errors from the other runs, each over the largest force of the run (torques are divided by the length)."""
-        return float(sum(other.share * self._difference(other) for other in self.others))
+    run: Solution
+    times: Array
+    share: float
+    prepared: Prepared | None = None
+    kind: str = "companion"
+    ratio: float = 0.0
 
-    def _difference(self, other: OtherRun) -> float:
-        length = self.prepared.length
-        if not self.prepared.model.scene.connections:
-            return 0.0
-        own = wrenches(self.prepared, states_of(self.prepared, self.solution, other.states.t))
-        compared = wrenches(other.prepared or self.prepared, other.states)
-        sizes, apart = (np.maximum(np.linalg.norm(w[..., :3], axis=2), np.linalg.norm(w[..., 3:], axis=2) / length)
-                        for w in (own, compared - own))  # fmt: skip
-        return float(np.max(apart) / max(float(np.max(sizes)), self._smallest_force))
+    @classmethod
+    def beside(cls, run: Solution, times: Array, share: float, prepared: Prepared | None = None, kind: str = "companion",
+               ratio: float = 0.0) -> OtherRun:  # fmt: skip
+        """The run, whole where it is small."""
+        kept = replace(run, systems=(), outputs=None) if run.y.size <= WHOLE else sampled(run, times)
+        return cls(kept, times, share, prepared, kind, ratio)
 
-    @property
-    def _smallest_force(self) -> float:
-        """Force, N, below which forces are rounding errors."""
-        m = self.prepared.mechanics
-        mass = float(np.max(m.mass.diagonal()[~m.rotational], initial=0.0))
-        return max(NO_FORCE * mass * self.prepared.length / self.prepared.time**2, 1e-300)
+    def until(self, end: float) -> OtherRun:
+        """The same run, compared up to a time (s)."""
+        return replace(self, times=self.times[self.times <= end])

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from mbdae.results.columns import to_csv, to_dataframe, to_xarray
 from mbdae.results.energy import Energy, energy
 from mbdae.results.peaks import Peak, peak
 from mbdae.results.quantities import Quantity, value
+from mbdae.results.run_info import Drift, Event, RunInfo
 from mbdae.results.sensors import BodySensor, ConnectionSensor
 from mbdae.results.states import RunStates
 from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Controller, Place, Signal
@@ -39,41 +39,6 @@ from mbdae.values import file_to_write, number, of_class, option, optional, show
 ATTACHED: dict[str, Callable[..., Any]] = {}
 
 
-@dataclass(frozen=True)
-class Drift:
-    """Largest constraint violation at each of the result's times: g (m, rad) and G u + g_t (m/s, rad/s), (nt,)."""
-
-    position: Array
-    velocity: Array
-
-
-class Event(NamedTuple):
-    """A condition that was met: the time (s), the condition as it was given, and 1 where it began to hold (of an equation: where
-    its left side rose through the right one), -1 where it ceased to (fell), 0 where it was only touched."""
-
-    time: float
-    name: str
-    direction: int
-
-
-@dataclass(frozen=True)
-class RunInfo:
-    """How a result was made."""
-
-    solver: Any
-    form: str
-    accuracy: Accuracy
-    stats: Stats
-    runs: int = 1
-    cpu_s: float = 0.0  #: CPU time of all runs made for this result, s: solvers tried, companions, verification, recheck
-    warnings: tuple[str, ...] = ()
-    choice: str = ""  #: why this solver, where mbdae chose it
-    #: False where the energy balance, a damped contact, a joint that is off or a contact that steps missed speaks against it;
-    #: `Result.reliable` also counts accuracy and completeness
-    reliable: bool = True
-    events: tuple[Event, ...] = ()
-
-
 class Result(RunStates, ListsAttributes):
     """A simulated scene. `r["name"]` gives the sensors of a body, joint or force, `r["beam.at(0.5)"]` those of a place on a
     body or beam; `r(t)` the result at other times."""
@@ -82,6 +47,7 @@ class Result(RunStates, ListsAttributes):
         super().__init__(prepared, solution, t)
         self.info = info
         self._sensors: dict[str, Any] = {}
+        self._silent = info is None
 
     def __getstate__(self) -> dict[str, Any]:
         """What `pickle` and `copy` keep: the run; computed sensors are left out, and computed again when they are read."""
@@ -103,8 +69,10 @@ class Result(RunStates, ListsAttributes):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What to know before trusting the result, one sentence per warning."""
-        return self.info.warnings
+        """What to know before trusting the result, one sentence per warning; also about quantities that were read and whose error
+        is above the accuracy."""
+        errors = self.info.accuracy.errors
+        return (*self.info.warnings, *(errors.told.values() if errors is not None else ()))
 
     @property
     def reliable(self) -> bool | None:
@@ -175,7 +143,9 @@ class Result(RunStates, ListsAttributes):
         times = np.atleast_1d(self.solution.times(t))
         if times.ndim > 1:
             raise OptionError(f"t = {shown(t)} has shape {times.shape}: give a time of the run in s, or a list of them")
-        return Result(self.prepared, self.solution, self.info, times)
+        made = Result(self.prepared, self.solution, self.info, times)
+        made._silent = self._silent
+        return made
 
     # -- sensors
 
@@ -202,6 +172,12 @@ class Result(RunStates, ListsAttributes):
         """A sensor by its path, e.g. "C.angle", "crank.position" or "beam.at(0.5).position" (nt, ...), one component of it,
         "crank.position[1]" (nt,), or a state, signal or output of a controller by its name (nt,)."""
         path = option("sensor", path, text, "name a sensor such as 'C.angle' or 'crank.position'")
+        with self._silently():
+            found = self._read(path)
+        self._judge(path)
+        return found
+
+    def _read(self, path: str) -> Array:
         if isinstance(self.prepared.model.scene._by_name.get(path), Signal):
             return np.asarray(self[path])
         name, quantity, entry = parsed(path)
@@ -229,10 +205,34 @@ class Result(RunStates, ListsAttributes):
     def value(self, quantity: Quantity) -> Array:
         """A quantity at the result's times, (nt,) or (nt, n): a sensor, an expression of sensors such as "J.torque[2]*J.rate" or
         "norm(b.velocity)", or a function of the result."""
-        return value(self, quantity)
+        with self._silently():
+            found = value(self, quantity)
+        self._judge(quantity)
+        return found
+
+    def error(self, quantity: Quantity) -> float | None:
+        """Estimated error of a quantity (see `value`) over the run, in its unit, from the runs made beside this one; None where
+        there were none, as with a solver's own tolerance or step."""
+        errors = self.accuracy.errors
+        with self._silently():
+            value(self(self.t[:1]), quantity)  # raises the error of a quantity that is none
+        found = None if errors is None else errors.of(self, quantity)
+        return None if found is None else found.error
+
+    def _judge(self, quantity: Quantity) -> None:
+        """Warn where the error of a quantity that was read is above the accuracy asked."""
+        if not self._silent and (errors := self.info.accuracy.errors) is not None:
+            errors.judge(self, quantity)
+
+    def _judge_peak(self, quantity: Quantity, size: float, t: float) -> float | None:
+        """The error of the largest magnitude of a quantity, which it has at t (s); a warning where it is above the accuracy."""
+        if self.info is None or (errors := self.info.accuracy.errors) is None:
+            return None
+        return errors.judge_peak(self, quantity, size, t, self._silent)
 
     def peak(self, quantity: Quantity) -> Peak:
-        """The largest magnitude of a quantity (see `value`), between the result's times too, with its time: `.value`, `.t`."""
+        """The largest magnitude of a quantity (see `value`), between the result's times too, with its time: `.value`, `.t`, and
+        the error of the value, `.error`."""
         return peak(self, quantity)
 
     def to_dataframe(self, *sensors: Quantity, **further: Quantity) -> Any:

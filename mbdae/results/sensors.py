@@ -24,6 +24,23 @@ from mbdae.system.base import Array
 from mbdae.system.model.rotations import rotation_matrices
 
 
+class judged(property):  # noqa: N801, used as `property` is
+    """A property of a sensor, computed once, with whose value the reader is told where its error is above the accuracy asked."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, sensor: Any, owner: type | None = None) -> Any:
+        if sensor is None:
+            return self
+        known = vars(sensor)
+        if (kept := f"_{self._name}_read") not in known:
+            with sensor._result._silently():
+                known[kept] = super().__get__(sensor, owner)
+        sensor._result._judge(f"{sensor._path}.{self._name}")
+        return known[kept]
+
+
 def reaction_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     """Force and torque on l at the joint."""
     return [] if isinstance(d.law, Element) else reaction(d)
@@ -55,7 +72,7 @@ class BodySensor(ListsAttributes):
     """Motion of a body's centre of mass, or of a place on it: arrays over the result's times."""
 
     def __init__(self, result: RunStates, body: Body, point: Array | None = None) -> None:
-        self._result, self._body = result, body
+        self._result, self._body, self._where = result, body, point
         drawn = body.drawn.position if point is None else point
         self._offset = body.drawn.rotation.T @ (drawn - body.drawn.position)
 
@@ -63,9 +80,17 @@ class BodySensor(ListsAttributes):
     def _called(self) -> str:
         return f"the sensor of body '{self._body.name}'"
 
+    @property
+    def _path(self) -> str:
+        """The text by which `Result.read` finds the sensor."""
+        where = "" if self._where is None else f".at({', '.join(f'{x:.12g}' for x in self._where)})"
+        return f"{self._body.name}{where}"
+
     def at(self, point: Any) -> BodySensor:
         """A place of the body, given as drawn (inertial coordinates, m), or 0..1 along a link or beam."""
-        return self._place(self._body.at(point).point)
+        made = self._place(self._body.at(point).point)
+        made._where = np.atleast_1d(np.asarray(point, dtype=float))
+        return made
 
     def _place(self, point: Array) -> BodySensor:
         """The sensor of a place (3,) as drawn, m."""
@@ -107,14 +132,14 @@ class BodySensor(ListsAttributes):
         center = self._translation(self._result.u, self._node.u if self._node is not None else 0)
         return center + np.cross(self.angular_velocity, self.rotation @ self._offset)
 
-    @cached_property
+    @judged
     def acceleration(self) -> Array:
         """Acceleration (nt, 3), m/s^2, inertial frame, from the equations of motion: 0 at rest (an accelerometer adds -g)."""
         center = self._translation(self._result.acceleration, self._node.u if self._node is not None else 0)
         arm, w = self.rotation @ self._offset, self.angular_velocity
         return center + np.cross(self.angular_acceleration, arm) + np.cross(w, np.cross(w, arm))
 
-    @cached_property
+    @judged
     def angular_acceleration(self) -> Array:
         """Angular acceleration (nt, 3), rad/s^2, inertial frame, from the equations of motion; 0 for a point mass, which has no
         axes that could turn."""
@@ -154,6 +179,11 @@ class ConnectionSensor(ListsAttributes):
     def _called(self) -> str:
         return f"the sensor of {self._item.kind} '{self._item.name}'"
 
+    @property
+    def _path(self) -> str:
+        """The text by which `Result.read` finds the sensor."""
+        return self._item.name
+
     def __getattr__(self, name: str) -> Array:
         """A coordinate of the joint by its name, (nt,) rad or m, 0 as drawn, whole turns of angles counted; its rate by
         "<name>_rate", or "rate" where there is one coordinate."""
@@ -172,7 +202,9 @@ class ConnectionSensor(ListsAttributes):
                                   f"model=mb.Classical(), where it is an unknown")  # fmt: skip
             return found[name in rates]
         if name in drives_of(item):
-            return self._drive(name, drives_of(item)[name])
+            found_drive = self._drive(name, drives_of(item)[name])
+            self._result._judge(f"{self._path}.{name}")
+            return found_drive
         if name in ("length", "rate") and has_length(item):
             return self._length[:, ("length", "rate").index(name)]
         if name == "drive" or name.startswith("drive_"):
@@ -217,12 +249,12 @@ class ConnectionSensor(ListsAttributes):
     def _wrench(self) -> Array:
         return self._result.sum_over_laws(reaction_outputs, self._item, 6)
 
-    @property
+    @judged
     def force(self) -> Array:
         """Force on body l (nt, 3), N, inertial frame."""
         return self._wrench[:, :3]
 
-    @property
+    @judged
     def torque(self) -> Array:
         """Torque on body l about the joint (nt, 3), N m, inertial frame (in a planar model: the z component only)."""
         return self._wrench[:, 3:]
@@ -249,7 +281,7 @@ class ConnectionSensor(ListsAttributes):
         found = self.contacts
         return {"contacts": len(found), "first": found.first, "deepest": found.deepest}
 
-    @cached_property
+    @judged
     def power(self) -> Array:
         """Power that the joint or force delivers to the bodies (nt,), W."""
         return self._result.sum_over_laws(power_outputs, self._item, 1)[:, 0]

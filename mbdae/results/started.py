@@ -6,7 +6,8 @@ import numpy as np
 
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.results.accuracy import Accuracy
-from mbdae.results.result import Result, RunInfo
+from mbdae.results.result import Result
+from mbdae.results.run_info import RunInfo
 from mbdae.results.states import Instant
 from mbdae.system.prepare import Prepared
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -77,6 +79,19 @@ class RunStates(NamesArguments):
 
     def __init__(self, prepared: Prepared, solution: Solution, t: Array) -> None:
         self.prepared, self.solution, self.t = prepared, solution, np.asarray(t, dtype=float)
+        self._silent = False  # while an expression is read, its sensors tell nothing: it does
+
+    def _judge(self, quantity: Any) -> None:
+        """Tell where the error of a quantity that was read is above the accuracy asked; here nothing is known of it."""
+
+    @contextmanager
+    def _silently(self) -> Iterator[None]:
+        """Context in which what is read is not judged: a part of something that is."""
+        before, self._silent = self._silent, True
+        try:
+            yield
+        finally:
+            self._silent = before
 
     @cached_property
     def _states(self) -> tuple[Array, Array, Array]:

@@ -22,10 +22,11 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.dense import Collocation, Hermite, Joined
 from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.integrators.solution import Interpolant, Solution, Stats
-from mbdae.results import archive, storable
+from mbdae.results import archive, storable, stored_others
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.header import FORMAT, VERSION, OtherFormatError, parsed
-from mbdae.results.result import ATTACHED, Event, Result, RunInfo
+from mbdae.results.result import ATTACHED, Result
+from mbdae.results.run_info import Event, RunInfo
 from mbdae.results.stored_start import start_header, start_of
 from mbdae.scene.record import encode, stored_name, without_module
 from mbdae.scene.replay import Known, replay
@@ -57,13 +58,13 @@ def save(result: Result, path: Any) -> None:
     prepared, solution = result.prepared, result.solution
     header = {
         "format": FORMAT, "version": VERSION, "scene": storable.statements(prepared.model.scene), "rank": _rank(prepared.rank),
-        "start": start_header(prepared.start),
-        "laws": storable.own_laws(prepared.model), "time": prepared.time, "info": _info(result.info),
+        "start": start_header(prepared.start), "laws": storable.own_laws(prepared.model), "time": prepared.time,
+        "info": _info(result.info), **stored_others.header_of(result.accuracy.errors),
         "run": {"names": list(solution.names), "complete": solution.complete, "dense": _dense(solution.interpolant)},
     }  # fmt: skip
-    arrays = {f"start_{name}": getattr(prepared.start, name) for name in _START}
+    arrays = {f"start_{name}": getattr(prepared.start, name) for name in _START} | _arrays(solution.interpolant)
     arrays |= {"t": result.t, "steps": solution.t, "y": solution.y, "yp": solution.yp}
-    arrays |= _arrays(solution.interpolant)
+    arrays |= stored_others.arrays_of(result.accuracy.errors)
     text = json.dumps(header)
     try:
         parsed(text)
@@ -125,6 +126,7 @@ def _result(header: dict[str, Any], arrays: dict[str, Array], known: Known) -> R
     solution = Solution(arrays["steps"], arrays["y"], arrays["yp"], None, stats, solver, tuple(run["names"]), run["complete"],
                         _interpolant(run["dense"], arrays))  # fmt: skip
     accuracy, warnings = _accuracy(info["accuracy"], prepared), tuple(info["warnings"])
+    accuracy = stored_others.with_errors(accuracy, header, arrays, prepared, solution)
     made = RunInfo(solver, _form(info["form"], known), accuracy, stats, info["runs"], info["cpu_s"], warnings,
                    info.get("choice", ""), info.get("reliable", True),
                    tuple(Event(float(t), str(name), int(sense)) for t, name, sense in info.get("events", [])))  # fmt: skip
@@ -138,9 +140,6 @@ def _accuracy(stored: dict[str, Any], prepared: Prepared) -> Accuracy:
         unknown = {"reactions": not_looked, "mesh": not_looked}
         stored = stored | {"has_mesh": bool(prepared.model.lines), "unknown": unknown if stored["asked"] is not None else {}}
     return Accuracy(**stored)
-
-
-# ---- the scene and its start -----------------------------------------------------------------------------------------
 
 
 def _rank(rank: RankReport) -> dict[str, Any]:
@@ -210,9 +209,6 @@ def _check_unknowns(prepared: Prepared, names: list[str]) -> None:
         if getattr(start, name).shape != (size,):
             shape = getattr(start, name).shape
             raise BadValueError(f"the file's start has {name} of shape {shape}, where its scene needs ({size},)")
-
-
-# ---- the run -----------------------------------------------------------------------------------------------------------
 
 
 def _info(info: RunInfo) -> dict[str, Any]:
@@ -289,9 +285,6 @@ def _interpolant(stored: dict[str, Any], arrays: dict[str, Array]) -> Interpolan
     return Hermite(arrays["steps"], arrays["y"], arrays["yp"], stored["points"])
 
 
-# ---- header and arrays must agree --------------------------------------------------------------------------------------
-
-
 def _check_shapes(header: dict[str, Any], shapes: dict[str, tuple[int, ...]]) -> None:
     """BadValueError unless the arrays are those that the header describes, with their shapes; their numbers are not read yet."""
     dense, n = header["run"]["dense"], len(header["run"]["names"])
@@ -304,6 +297,7 @@ def _check_shapes(header: dict[str, Any], shapes: dict[str, tuple[int, ...]]) ->
     if dense["kind"] == "joined":
         inside = sum(dense["steps"])
         meant |= {"part_t": (inside,), "part_y": (inside, n), "part_yp": (inside, n)}
+    meant |= stored_others.shapes_of(header, shapes)
     if set(shapes) != set(meant):
         name = min(set(shapes) ^ set(meant))
         raise BadValueError(f"the file {'has an unknown' if name in shapes else 'lacks the'} array {shown(name)}")

@@ -12,7 +12,7 @@ from mbdae.errors import ListsAttributes, OptionError, unknown_name
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.notation import counted
 from mbdae.results.accuracy import Accuracy
-from mbdae.results.result import RunInfo
+from mbdae.results.run_info import RunInfo
 from mbdae.system.base import Array
 from mbdae.values import option, shown, text
 

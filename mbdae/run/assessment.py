@@ -22,6 +22,7 @@ from mbdae.system.model.inputs import expressions_of
 from mbdae.system.motion.mechanics import row_sizes
 from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import DEPENDENT
+from mbdae.system.start.start import ChangedVelocity
 from mbdae.ties import largest
 
 ROW_SAMPLES = 2000  #: largest number of steps at which constraint rows are evaluated
@@ -53,8 +54,9 @@ def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
     off, broken = _broken_rows(found.prepared, run, known.asked)
     of_run = run.notes if known.met is False or run.solver.fixed or known.asked is None else ()
     rows = (joint_drift(found.prepared, run, known.asked) if drifts else []) or broken
-    notes = [*missed(known, run), *of_run, *rows, *doubts(found.prepared), *doubts_of_steps(run, known.asked), *contact.notes,
-             *singular, *_growth(found.prepared, run, known.asked), *unequal_lengths(found), *turned_aside(found),
+    changed = dict.fromkeys(c for c in found.prepared.start.changes if isinstance(c, ChangedVelocity))
+    notes = [*changed, *missed(known, run), *of_run, *rows, *doubts(found.prepared), *doubts_of_steps(run, known.asked),
+             *contact.notes, *singular, *_growth(found.prepared, run, known.asked), *unequal_lengths(found), *turned_aside(found),
              *energy_drift(found, run, known.asked)]  # fmt: skip
     reliable = contact.reliable and off <= TORN and not run.solution.stats.missed_dips
     return Assessment(tuple(notes), reliable, bool(singular), off)

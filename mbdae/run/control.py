@@ -26,8 +26,7 @@ from mbdae.integrators.halving import halved
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.second_method import second_method
 from mbdae.integrators.solution import Solution
-from mbdae.results.reactions import OtherRun
-from mbdae.results.states import states_of
+from mbdae.results.reactions import OtherRun, some_of
 from mbdae.run.contact_tolerances import largest_tolerance, resolving
 from mbdae.run.estimate import Run, companions, estimated, fall_shown, share_of
 from mbdae.run.excitations import beginning_at, windows
@@ -75,11 +74,8 @@ COARSE = 3.0
 #: for gaps that are angles, rad); REPEATS: largest number of times that a run is repeated because of such contacts
 SHALLOW, REPEATS = 0.1, 5
 FOLLOWING = 3  #: largest number of times that a run is repeated because its steps do not follow a disturbance that grows
-#: largest number of times at which reactions of two runs are compared, and of steps whose speeds a comparison of motions relates
-#: to
-SAMPLES = 200
-#: length, in longest steps of the run, of the short runs that show vibrations shorter than a step, and number of times of the
-#: comparison
+SAMPLES = 200  #: largest number of steps whose speeds a comparison of motions relates to
+#: length, in longest steps, of short runs that show vibrations shorter than a step, and number of times of the comparison
 FIRST_STEPS, PROBES = 5.0, 200
 
 
@@ -122,15 +118,14 @@ def measure_of(system: System, prepared: Prepared | None) -> Measure:
     return lambda t, a, b: scaled_distance(system, a, b)
 
 
-def other_run(system: System, prepared: Prepared | None, run: Solution, times: Array, share: float) -> tuple[OtherRun, ...]:
-    """States of a companion run at SAMPLES of the `times` of its comparison with the run that is returned, to estimate the error
-    of reactions too. share: assumed ratio of the error to the difference of the two runs; 1 with contacts, because the error of
-    forces was measured to fall more slowly than that of the motion."""
+def other_run(system: System, prepared: Prepared | None, run: Solution, times: Array, share: float, kind: str = "companion",
+              ratio: float = 0.0) -> tuple[OtherRun, ...]:  # fmt: skip
+    """A companion run with some of the `times` of its comparison with the run that is returned, to estimate errors of all that is
+    read. share: assumed ratio of the error to the difference of both; 1 with contacts; ratio: its tolerance over the run's."""
     if prepared is None or not isinstance(system, SceneSystem):
         return ()
-    share = 1.0 if prepared.contacts else share
-    chosen = distinct(np.linspace(0, len(times) - 1, SAMPLES).astype(int))
-    return (OtherRun(states_of(prepared, run, times[chosen]), share),)
+    share = 1.0 if prepared.contacts else share  # errors of forces were measured to fall more slowly than those of the motion
+    return (OtherRun.beside(run, some_of(times, run.y.shape[1], bool(prepared.contacts)), share, kind=kind, ratio=ratio),)
 
 
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
@@ -233,7 +228,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         told.append((tight.tolerance, estimated(system, solver, made, measure, outputs, least)))
         estimates = [estimate for _, estimate in told]
         others = tuple(one for before, run in made[-1 - kept : -1] for one in other_run(
-            system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before)))  # fmt: skip
+            system, prepared, run, check_times(run, outputs), share_of(system, solver, tight.tolerance / before),
+            ratio=before / tight.tolerance))  # fmt: skip
         best = Controlled(fine, tight, estimates[-1], runs, cpu, best.notes, others, told=tuple(told), limit=limit)
         ceiling = max(resolving(prepared, solver, fine, ceiling), limit)
         too_coarse = tight.tolerance > COARSE * ceiling
@@ -326,7 +322,7 @@ def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled
         times = np.linspace(begin, float(close.t[-1]), probe.samples)
         left = probe.margin * _apart(solution, close, times, measure)
         estimate = max(estimate, left + (run.estimate if begin == solution.t[0] else 0.0))
-        beside = other_run(probe.system, probe.prepared, close, times, probe.margin) if run.others else ()
+        beside = other_run(probe.system, probe.prepared, close, times, probe.margin, "window") if run.others else ()
         run = replace(run, others=(*run.others, *beside)).after(1, close.stats.cpu_s)
     return replace(run, estimate=estimate)
 

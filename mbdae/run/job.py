@@ -6,7 +6,8 @@ Modules of this folder in the order in which a run uses them:
 2. `control`          runs of the solver until the estimated error (`estimate`) is below the accuracy; `contact_tolerances` bounds
                       the tolerance where there is contact or friction;
 3. `lost_vibrations`  vibrations of stiff beams that long steps damp away, after the start and after `excitations`;
-   `verification`     with verify=True: a run of another method, and one on a finer `mesh` of the beams;
+   `verification`     with verify=True: a run of another method, and one on a finer `mesh` of the beams; a closer run when
+                      a quantity is read that the estimate does not cover;
 4. `assessment`       warnings about the run that is returned: `reliability`, `drift`, `singular_positions`,
                       `quaternion_lengths`;
 5. `recheck`          steps with a large `defect` are integrated again, since something may have acted between the points at
@@ -42,7 +43,8 @@ from mbdae.integrators.checkpoints.keeper import keeping_runs
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.limits import furthest
-from mbdae.results.result import Result, RunInfo
+from mbdae.results.result import Result
+from mbdae.results.run_info import RunInfo
 from mbdae.run.assessment import assessed
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.choice import Choice, alternatives
@@ -55,7 +57,7 @@ from mbdae.run.lost_vibrations import with_lost_vibrations
 from mbdae.run.recheck import Rechecked, rechecked
 from mbdae.run.reliability import Assessment
 from mbdae.run.singular_positions import singular_stop
-from mbdae.run.verification import accuracy_of, nothing_known, verified
+from mbdae.run.verification import CloserRun, accuracy_of, nothing_known, verified
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
@@ -217,13 +219,17 @@ class Job:
             info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, (), self.choice)
             times = self.times[self.times <= run.solution.t[-1]]
             made = Result(self.prepared, run.solution, info, times)
-            found = kept_value(lambda: assessed(made, run, self.form.spec().drifts), tuple, lambda kept: Assessment(*kept))
+            with made._silently():
+                found = kept_value(lambda: assessed(made, run, self.form.spec().drifts), tuple, lambda kept: Assessment(*kept))
             known = found.within(known)
             if found.reliable and not found.singular:  # else a warning already says that the run is not to be relied on
                 missed = kept_value(lambda: rechecked(self.prepared, self.form, self._system(run.solver), run, known.asked),
                                     asdict, Rechecked.again)  # fmt: skip
                 info, known = replace(info, cpu_s=info.cpu_s + missed.cpu_s), missed.within(known)
                 found = found._replace(notes=(*found.notes, *missed.notes))
+            if (errors := known.errors) is not None and not run.solver.fixed and run.solver.rtol is not None and found.reliable:
+                waves = bool(self._system(run.solver).numbering.stresses) and not (self.form.waves or run.waves)
+                errors.closer = CloserRun(self.prepared, self.form, run.solver, run.solution, self.accuracy, self.asked, waves)
             made.info = replace(info, accuracy=known, warnings=found.notes, reliable=found.reliable)
         for note in found.notes:
             warn(f"scene '{self.prepared.model.scene.name}': {note}")

@@ -56,7 +56,8 @@ def mesh_error(prepared: Prepared, form: Form, solver: Solver, run: Solution, as
     again = solver.run(system_for(finer, form, solver.highest_index), replace(asked, t_end=end))
     times = np.linspace(float(run.t[0]), end, TIMES)
     at = states_of(finer, again, times)
-    return distance_of_meshes((prepared, prepared.states(times, run(times))[0]), (finer, at.q)), OtherRun(at, 1.0, finer)
+    apart = distance_of_meshes((prepared, prepared.states(times, run(times))[0]), (finer, at.q))
+    return apart, OtherRun.beside(again, times, 1.0, finer, "mesh")
 
 
 def distance_of_meshes(a: tuple[Prepared, Array], b: tuple[Prepared, Array]) -> float:

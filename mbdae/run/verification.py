@@ -1,24 +1,40 @@
-"""The known errors of a run: its estimate, and with verify=True differences from another method and a finer mesh of beams."""
+"""The known errors of a run: its estimate, with verify=True differences from another method and a finer mesh of beams, and a
+closer run for those who read a quantity that the estimate does not cover."""
 
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from mbdae.errors import MbdaeError
+from mbdae.errors import AccuracyWarning, MbdaeError, SolverError
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Asked, Solver
+from mbdae.integrators.checkpoints.keeper import keeping_runs
+from mbdae.integrators.distance import check_times
 from mbdae.integrators.runge_kutta.radau import RadauIIA
+from mbdae.integrators.solution import Solution
 from mbdae.integrators.sundials.ida import IDA
 from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy
-from mbdae.results.reactions import OtherRun, ReactionError
-from mbdae.run.control import Controlled, measure_of, other_run, run_controlled
+from mbdae.results.errors import Errors
+from mbdae.results.reactions import OtherRun, some_of
+from mbdae.run.control import Controlled, closer, measure_of, other_run, run_controlled
 from mbdae.run.growth.amplification import Amplified
 from mbdae.run.mesh import mesh_error
 from mbdae.system.prepare import Prepared
+from mbdae.threads import one_thread
 
+CLOSER = 0.03  #: tolerance of a closer run over that of the run
+#: with vibrations of beams that the run leaves out, its tolerance over that which delivers the accuracy in positions
+RESOLVED = 0.1
+#: it may take so many evaluations of the residual: MORE times those of the run, and SPARE over the number of unknowns (a fraction
+#: of a second for all sizes)
+MORE, SPARE = 4.0, 1.5e6
+SHARE = 1.1  #: ratio of the error of the run to its difference from one with a CLOSER tolerance, at most
+REACHED = 0.02  #: where its work ended before it had this fraction of the time, it shows nothing
 CONTINUED = "not measured: the run continues another one on the same mesh, whose discretisation error it has too"
 
 
@@ -74,8 +90,10 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
         return Accuracy(None, None, has_mesh=bool(prepared.model.lines), found_amplification=Amplified(run.solution))
     found = found or Verified()
     in_time = found.reactions or run.others
-    forces = ReactionError(prepared, run.solution, (*in_time, *found.finer)) if in_time else None
+    forces = Errors(prepared, run.solution, (*in_time, *found.finer)) if in_time else None
     asked = accuracy if any(error is not None for error in (estimate, found.motion, found.mesh)) else None
+    if forces is not None:
+        forces.asked = asked
     unknown = {"reactions": NO_RUN_BESIDE, "mesh": NOT_REPEATED} | found.unknown
     return Accuracy(asked, estimate, found.motion, found.mesh, bool(prepared.model.lines), unknown, forces,
                     Amplified(run.solution))
@@ -84,3 +102,55 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
 def nothing_known(prepared: Prepared, why: str) -> Accuracy:
     """The accuracy of a run that did not reach its end, for the reason `why`."""
     return Accuracy(None, None, has_mesh=bool(prepared.model.lines), unknown=dict.fromkeys(WORDS, f"not estimated: {why}"))
+
+
+@dataclass(frozen=True, eq=False)
+class CloserRun:
+    """Makes, when it is called, a run far more accurate than the one returned. It is made when a quantity is read whose error,
+    estimated from companions, is above the accuracy: such an estimate is a bound, and says so of many numbers that are right.
+
+    waves: whether it is to resolve vibrations of beams that the run leaves out; accuracy: that was asked for."""
+
+    prepared: Prepared
+    form: Form
+    solver: Solver
+    run: Solution
+    accuracy: float
+    asked: Asked
+    waves: bool
+
+    def __call__(self) -> OtherRun | None:
+        """The run beside the one returned, up to the time at which its work ended; None where there is none."""
+        form: Any = replace(self.form, waves=True) if self.waves else self.form  # type: ignore[type-var]
+        try:
+            with warnings.catch_warnings(), keeping_runs(None), one_thread():
+                warnings.simplefilter("ignore", AccuracyWarning)
+                system = system_for(self.prepared, form, self.solver.highest_index)
+                solver = self._tighter(system.label)
+                if solver is None:
+                    return None
+                most = MORE * self.run.stats.residuals + SPARE / system.n
+                asked = closer(replace(self.asked, max_residuals=most, progress=None, max_wall=None, begin=None), solver, 4, 1)
+                found = solver.run(system, asked)
+        except SolverError as error:
+            partial = error.solution
+            if not isinstance(partial, Solution) or len(partial.t) < 3:
+                return None
+            found = partial
+        except MbdaeError:
+            return None
+        begin, end = float(self.run.t[0]), float(self.run.t[-1])
+        whole = found.t[-1] >= end
+        if not whole and found.t[-1] - begin < REACHED * (end - begin):
+            return None
+        times = some_of(check_times(found), system.n, bool(self.prepared.contacts))
+        return OtherRun.beside(found, times, SHARE, kind="closer" if whole else "window")
+
+    def _tighter(self, label: str) -> Solver | None:
+        """The solver with the smaller tolerance; None where round-off allows none."""
+        limit = self.solver.tightest.get(label, self.solver.tightest[""])
+        wanted = CLOSER * self.solver.tolerance
+        if self.waves:
+            wanted = min(wanted, RESOLVED * self.solver.at_accuracy(self.accuracy, label).tolerance)
+        wanted = max(wanted, limit)
+        return replace(self.solver, rtol=wanted) if wanted < self.solver.tolerance / 3 else None  # type: ignore[type-var]

@@ -22,12 +22,13 @@ FORMAT = "mbdae sweep 2"
 @dataclass(frozen=True)
 class SweepRow:
     """A point and the values that the job returned there, or its error (type and text). died: whether its worker process
-    ended."""
+    ended; warnings: AccuracyWarnings of the job there, such as that about a peak that is not within the accuracy."""
 
     point: dict[str, Any]
     values: dict[str, Any] | None
     error: str | None = None
     died: bool = False
+    warnings: tuple[str, ...] = ()
 
 
 def as_line(value: Any) -> str:
@@ -89,7 +90,8 @@ class Kept:
                 continue
             with damage_refused(path):
                 number = whole(data["number"], least=0, most=len(self.points) - 1)
-                row = SweepRow(self.points[number], *(data[key] for key in ("values", "error", "died")))
+                told = tuple(data.get("warnings", ()))
+                row = SweepRow(self.points[number], data["values"], data["error"], data["died"], told)
                 if not (isinstance(row.values, dict | None) and isinstance(row.error, str | None) and isinstance(row.died, bool)):
                     raise BadValueError(f"in the row of a point, values, error or died is of a wrong type: {shown(data)}")
             if not (row.died or (self.again and row.error)):
@@ -106,7 +108,7 @@ class Kept:
                                 f"rows before it are there: make room, and the same call goes on from there") from error
 
     def _line(self, i: int, row: SweepRow) -> str:
-        data = {"number": i, "values": row.values, "error": row.error, "died": row.died}
+        data = {"number": i, "values": row.values, "error": row.error, "died": row.died, "warnings": list(row.warnings)}
         return as_line(data | {"digest": digest(self.key, data)})
 
     def _point(self, data: Any) -> str:

@@ -17,7 +17,7 @@ from typing import Any, overload
 
 import numpy as np
 
-from mbdae.errors import ENDS, ListsAttributes, OptionError, interrupted, naming_arguments
+from mbdae.errors import ENDS, ListsAttributes, OptionError, interrupted, naming_arguments, warn
 from mbdae.notation import counted
 from mbdae.results.reads import reads
 from mbdae.run.environment import versions
@@ -38,9 +38,7 @@ Progress = Callable[[int, int], None]  #: called with the number of points done 
 @dataclass(frozen=True)
 class Sweep(ListsAttributes):
     """Rows of a sweep in the order of its points; after an interruption there are fewer rows than `points`.
-
-    axes: {name: values} where the grid is all combinations of values, None where a list of points was given.
-    """
+    axes: {name: values} where the grid is all combinations of values, None where a list of points was given."""
 
     points: tuple[dict[str, Any], ...]
     done: dict[int, SweepRow]
@@ -55,6 +53,11 @@ class Sweep(ListsAttributes):
     def failures(self) -> list[SweepRow]:
         """Rows of points that failed."""
         return [row for row in self.rows if row.values is None]
+
+    @property
+    def warnings(self) -> dict[int, str]:
+        """{number of a point: its warnings}, of jobs in worker processes; in threads they are issued as usual."""
+        return {i: "; ".join(row.warnings) for i, row in sorted(self.done.items()) if row.warnings}
 
     @property
     def complete(self) -> bool:
@@ -173,6 +176,9 @@ def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int
             come_so_far = interruption(resume, len(done), len(points), "points")
             interrupted(error, f"{come_so_far}; this exception has them as its attribute `solution`", made)
             raise
+    if told := made.warnings:
+        first = next(iter(told.values()))
+        warn(f"sweep: {counted(len(told), 'point')} of {len(points)} warned, see its `warnings`; first {first}")
     return made
 
 
@@ -192,9 +198,9 @@ def _points(grid: Any) -> tuple[list[dict[str, Any]], dict[str, list[Any]] | Non
 
 
 def _point(value: Any) -> Mapping[str, Any]:
-    if isinstance(value, Mapping):
-        return value
-    raise BadValueError(f"{shown(value)} is not a dict, as a point is")
+    if not isinstance(value, Mapping):
+        raise BadValueError(f"{shown(value)} is not a dict, as a point is")
+    return value
 
 
 def _listed(values: Any) -> Any:
@@ -243,7 +249,7 @@ def _row(point: dict[str, Any], found: Outcome) -> SweepRow:
     if found.values is None:
         return SweepRow(point, None, found.error, found.died)
     try:
-        return SweepRow(point, json.loads(as_line(found.values)))
+        return SweepRow(point, json.loads(as_line(found.values)), warnings=found.warnings)
     except (TypeError, ValueError) as error:
         return SweepRow(point, None, f"TypeError: the job returned what cannot be kept: {error}; "
                                      f"return numbers, texts, lists and arrays")  # fmt: skip

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import pickle
+import warnings
 from collections.abc import Callable, Generator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for
 from typing import Any
 
-from mbdae.errors import OptionError
+from mbdae.errors import AccuracyWarning, OptionError
 from mbdae.sweep.worker import Worker, WorkerDiedError
 
 DIED = "worker died"
@@ -20,11 +21,13 @@ THREADS = "executor=concurrent.futures.ThreadPoolExecutor()"  #: to work in thre
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of a point: its values, or the type and the text of its error; died: its worker process ended."""
+    """The outcome of a point: its values, or the type and the text of its error; died: its worker process ended; warnings: the
+    texts of AccuracyWarnings of its job."""
 
     values: dict[str, Any] | None
     error: str | None = None
     died: bool = False
+    warnings: tuple[str, ...] = ()
 
 
 Job = Callable[..., dict[str, Any]]
@@ -38,11 +41,24 @@ def answer(payload: bytes) -> bytes:
         job, point = pickle.loads(payload)
     except Exception as error:
         return pickle.dumps(Outcome(None, _text(error)))
-    found = outcome(job, point)
+    found = _heard(job, point)
     try:
         return pickle.dumps(found)
     except Exception as error:
         return pickle.dumps(Outcome(None, f"TypeError: the job returned what cannot be sent: {_text(error)}"))
+
+
+def _heard(job: Job, point: dict[str, Any]) -> Outcome:
+    """The outcome of a point with the AccuracyWarnings of its job, which nobody would hear in a worker process; others are
+    issued."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", AccuracyWarning)
+        found = outcome(job, point)
+    for one in caught:
+        if not issubclass(one.category, AccuracyWarning):
+            warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
+    said = dict.fromkeys(str(one.message) for one in caught if issubclass(one.category, AccuracyWarning))
+    return replace(found, warnings=tuple(said))
 
 
 def outcome(job: Job, point: dict[str, Any]) -> Outcome:

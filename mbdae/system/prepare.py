@@ -31,7 +31,7 @@ from mbdae.system.start.contacts import ExpectedContact, expected_contacts
 from mbdae.system.start.ideal_joints import ideal_start
 from mbdae.system.start.nearest import start_positions
 from mbdae.system.start.sparse_change import cheapest
-from mbdae.system.start.start import Start, Starter
+from mbdae.system.start.start import ChangedVelocity, Start, Starter
 from mbdae.system.start.typical_sizes import characteristic_time
 from mbdae.threads import single_threaded
 
@@ -325,5 +325,6 @@ def _joined_suddenly(mechanics: Mechanics, start: Start) -> tuple[Array, list[st
         change = np.linalg.lstsq(K, np.concatenate([np.zeros(len(M)), -rate]), rcond=1e-13)[0][: len(M)]
     worst = mechanics.rows[int(np.argmax(np.abs(rate)))].name
     lost = float(-(change @ (M @ (start.u + change / 2))))
-    return start.u + change, [f"joints that the run before did not have stop motions suddenly (most: {worst}): an impact without "
-                              f"rebound that dissipates {lost:.4g} J"]  # fmt: skip
+    told = ChangedVelocity(f"joints that the run before did not have stop motions suddenly (most: {worst}): an impact without "
+                           f"rebound that dissipates {lost:.4g} J")  # fmt: skip
+    return start.u + change, [told]

@@ -40,7 +40,8 @@ GIVEN = [mb.Scene, Solution, Result, Equilibrium, Linearization, Floquet, Mode, 
 #: what other tests fuzz, or who writes a solver, a form or a system of his own provides
 ELSEWHERE = {
     **dict.fromkeys(("Box", "Cylinder", "Plane", "Point", "Sphere"), "statements of a scene"),
-    **dict.fromkeys(("Result.to_csv", "Result.to_dataframe", "Result.to_xarray", "Result.value", "Result.peak"), "tests/results"),
+    **dict.fromkeys(("Result.to_csv", "Result.to_dataframe", "Result.to_xarray", "Result.value", "Result.peak", "Result.error"),
+                    "tests/results"),
     "Solver.aimed": "interface", "System.remember": "interface", "table": "tests/inputs", "read_table": "tests/inputs",
     "SceneData.__getitem__": "statements of a scene", "params": "statements of a law", "load": "files",
     "Solver.dense": "interface", "Solver.integrate": "interface", "Solver.run": "between modules",

@@ -17,7 +17,8 @@ from contact_scenes import ball
 import mbdae as mb
 from mbdae.integrators.base import Asked
 from mbdae.results.accuracy import Accuracy
-from mbdae.results.reactions import OtherRun, ReactionError, wrenches
+from mbdae.results.errors import Errors
+from mbdae.results.reactions import AtTimes, OtherRun, wrenches
 from mbdae.results.states import states_of
 from mbdae.run import verification
 from mbdae.run.control import Controlled
@@ -65,8 +66,7 @@ def test_reactions_within_the_accuracy_are_covered_and_are_within_it(solver):
 
 def true_error(r: mb.Result, exact: mb.Result, t_end: float, count: int = 201) -> float:
     """Error of the reactions of a run, over the largest force."""
-    states = states_of(r.prepared, exact.solution, np.linspace(0, t_end, count))
-    return ReactionError(r.prepared, r.solution, (OtherRun(states, 1.0),))()
+    return Errors(r.prepared, r.solution, (OtherRun(exact.solution, np.linspace(0, t_end, count), 1.0),))()
 
 
 def test_reactions_beyond_the_accuracy_of_the_motion_are_named_with_their_error():
@@ -131,10 +131,11 @@ def test_difference_of_reactions_is_over_the_largest_force():
         return s.simulate(1.0, solver=mb.RadauIIA(3, rtol=1e-8))
 
     a, b = hanging(2.0), hanging(2.2)
-    at = states_of(b.prepared, b.solution, np.linspace(0, 1, 5))
-    assert ReactionError(a.prepared, a.solution, (OtherRun(at, 0.5),))() == pytest.approx(0, abs=1e-12)  # equal states
-    moved = type(at)(at.t, at.q, at.u + np.array([0, 0, 1.0]), at.s, at.z)  # turning at 1 rad/s: m L / 2 N more
-    assert ReactionError(a.prepared, a.solution, (OtherRun(moved, 0.5),))() >= 0.5 * (2.0 * 0.5) / (2.0 * G) * (1 - 1e-9)
+    times = np.linspace(0, 1, 5)
+    assert Errors(a.prepared, a.solution, (OtherRun(b.solution, times, 0.5),))() == pytest.approx(0, abs=1e-12)  # equal states
+    y = b.solution(times) + np.array([0, 0, 0, 0, 0, 1.0, *[0] * (len(b.solution.names) - 6)])  # at 1 rad/s: m L / 2 N more
+    moved = replace(b.solution, interpolant=AtTimes(times, y))
+    assert Errors(a.prepared, a.solution, (OtherRun(moved, times, 0.5),))() >= 0.5 * (2.0 * 0.5) / (2.0 * G) * (1 - 1e-9)
 
 
 # ---- nothing is claimed where nothing was measured
@@ -210,7 +211,7 @@ def test_a_verified_run_measures_the_mesh_and_warns():
     assert r.accuracy.met is False
     assert f"about {r.accuracy.mesh:.1e}" in r.accuracy.not_covered["mesh"]
     assert any(f"the error by the mesh of the beams is about {r.accuracy.mesh:.1e}" in note for note in r.warnings)
-    in_time = ReactionError(r.prepared, r.solution, r.accuracy.found_reactions.others[:1])()
+    in_time = Errors(r.prepared, r.solution, r.accuracy.found_reactions.others[:1])()
     assert r.accuracy.reactions > 2 * in_time  # the rest is what the mesh makes of the forces
 
 
@@ -235,11 +236,11 @@ def test_reactions_of_a_verified_run_contain_what_the_mesh_makes_of_them():
 
     solver = mb.RadauIIA(3, rtol=1e-7)
     r, fine = (clamped(n, p).simulate(0.05, solver=solver) for n, p in ((2, 1), (6, 4)))
-    exact = OtherRun(states_of(fine.prepared, fine.solution, np.linspace(0, 0.05, 201)), 1.0, fine.prepared)
-    error = ReactionError(r.prepared, r.solution, (exact,))()
+    exact = OtherRun(fine.solution, np.linspace(0, 0.05, 201), 1.0, fine.prepared)
+    error = Errors(r.prepared, r.solution, (exact,))()
     _, finer = mesh_error(r.prepared, mb.GGL(), solver, r.solution, Asked(0.05))
     assert error > 0.01
-    assert ReactionError(r.prepared, r.solution, (finer,))() == pytest.approx(error, rel=0.5)
+    assert Errors(r.prepared, r.solution, (finer,))() == pytest.approx(error, rel=0.5)
 
 
 def test_a_fine_mesh_is_covered():

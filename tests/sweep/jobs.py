@@ -39,3 +39,18 @@ def deadly(number: int, folder: str, always: int, wait: float = 0.05) -> dict[st
 def calls(folder: Path) -> list[int]:
     """Numbers `deadly` was called with."""
     return sorted(int(path.name.split(".")[0]) for path in folder.iterdir())
+
+
+def largest_force(mass: float) -> dict[str, Any]:
+    """The largest pin force of an engine with an elastic rod that rings, at an accuracy that suffices for its motion alone."""
+    import mbdae as mb
+
+    s = mb.Scene("engine")
+    crank, ram = s.link("crank", (0, 0), (0.05, 0), mass=2.0), s.rigid_body("ram", mass, 1e-3, at=(0.25, 0))
+    section = mb.Section.rectangular(0.02, 0.01, E=210e9, nu=0.3, rho=7850.0)
+    rod = s.beam("rod", (0.05, 0), (0.25, 0), section=section, elements=2)
+    s.revolute("A", s.ground, crank, at=(0, 0), angle=314.0 * mb.t)
+    s.revolute("B", crank, rod, at=(0.05, 0))
+    s.revolute("C", rod, ram, at=(0.25, 0))
+    s.prismatic("D", s.ground, ram, at=(0.25, 0), axis=(1, 0, 0))
+    return {"force": s.simulate(0.005, accuracy=1e-3).peak("B.force").value}

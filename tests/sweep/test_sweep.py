@@ -44,6 +44,14 @@ def test_rows_arrays_and_failures() -> None:
         found.array("sum")
 
 
+def test_what_a_job_is_told_in_a_worker_is_told_by_the_sweep(tmp_path: Path) -> None:
+    """A force that its run does not cover: the warning of the worker is in the row, issued and kept."""
+    with pytest.warns(mb.AccuracyWarning, match="sweep: 1 point of 1 warned, .*B.force has an error of"):
+        found = mb.sweep(jobs.largest_force, {"mass": [0.5]}, workers=1, resume=tmp_path / "rows")
+    assert list(found.warnings) == [0]
+    assert mb.sweep(jobs.largest_force, {"mass": [0.5]}, workers=1, resume=tmp_path / "rows").warnings == found.warnings
+
+
 def test_workers_use_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         monkeypatch.setenv(name, "2")

@@ -13,7 +13,8 @@ import mbdae as mb
 from mbdae.formulations import system_for
 from mbdae.integrators.solution import Stats
 from mbdae.results.accuracy import Accuracy
-from mbdae.results.result import Result, RunInfo
+from mbdae.results.result import Result
+from mbdae.results.run_info import RunInfo
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
 

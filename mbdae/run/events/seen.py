@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mbdae.deferred import distinct
 from mbdae.integrators.solution import Solution
-from mbdae.results.result import Event
+from mbdae.results.run_info import Event
 from mbdae.run.events.conditions import Condition
 from mbdae.run.events.course import Course
 from mbdae.run.events.roots import SAME, Root

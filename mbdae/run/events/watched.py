@@ -14,7 +14,8 @@ from mbdae.inputs.sensed import paths
 from mbdae.integrators.base import Solver, output_times
 from mbdae.integrators.dense import cut
 from mbdae.integrators.solution import Solution
-from mbdae.results.result import Event, Result
+from mbdae.results.result import Result
+from mbdae.results.run_info import Event
 from mbdae.run.control import Controlled
 from mbdae.run.events.conditions import Condition
 from mbdae.run.events.course import Course
@@ -77,7 +78,7 @@ class Watched:
         run, job, event = self._to_event(job, solver, made) if self.until else (*made(job), None)
         if event is not None:
             job = replace(job, asked=replace(job.asked, t_end=event.time), times=_times(job, outputs, event.time))
-            others = tuple(replace(other, states=other.states.until(event.time)) for other in run.others)
+            others = tuple(other.until(event.time) for other in run.others)
             run = replace(run, solution=ended(run.solution, event.time), others=others)
         events, notes = self.events(job.prepared, run.solution, event, job.accuracy)
         found = job.result(run, verify)

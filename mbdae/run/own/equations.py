@@ -32,7 +32,7 @@ from mbdae.integrators.runge_kutta.dop853 import DOP853
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.integrators.sundials.ida import IDA
-from mbdae.results.result import RunInfo
+from mbdae.results.run_info import RunInfo
 from mbdae.results.unknowns import Unknowns, UnknownsAccuracy, UnknownsDistance
 from mbdae.run.assessment import missed
 from mbdae.run.control import SHALLOW, Controlled, cpu_of, plausible, run_controlled

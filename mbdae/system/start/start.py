@@ -31,6 +31,12 @@ from mbdae.system.start.sparse_change import sparse_least_change
 ROUNDING = 1e-11  #: error of velocities computed along a tree, over the largest speed, up to which it counts as round-off
 
 
+class ChangedVelocity(str):
+    """A sentence of `Start.changes` about velocities that joints changed: a run of such a start warns with it."""
+
+    __slots__ = ()
+
+
 @dataclass
 class Start:
     """Consistent start of a scene at time t (s): q, u of all nodes, internal states s, accelerations u', multipliers of the rows
@@ -165,8 +171,8 @@ class Starter(ConsistentPositions):
             projected, change = self._projected(q, u, [item for item in given if item not in wrong])
         for body, moves, turns in wrong:
             v, w = (float(np.linalg.norm(rows @ change)) for rows in (moves, turns))
-            self.changes.append(f"the given velocity of '{body.name}' contradicts the joints and was changed by {v:.4g} m/s "
-                                f"and {w:.4g} rad/s to fit them")  # fmt: skip
+            self.changes.append(ChangedVelocity(f"the given velocity of '{body.name}' contradicts the joints and was changed by "
+                                                f"{v:.4g} m/s and {w:.4g} rad/s to fit them"))  # fmt: skip
         return projected
 
     def fits(self, q: Array, u: Array) -> bool:

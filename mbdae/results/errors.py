@@ -1,0 +1,310 @@
+"""The error of everything that a result shows, from the runs that were made beside the one that is returned.
+
+A quantity is read from the run and from each of the others at the same times; the difference, times the share of it that is the
+error of the run, is the estimate. It is computed when the quantity is read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mbdae.deferred import distinct
+from mbdae.errors import MbdaeError, warn
+from mbdae.integrators.solution import Solution
+from mbdae.results.peaks import largest
+from mbdae.results.quantities import Quantity, magnitudes, named, unit_of, value
+from mbdae.results.reactions import AtTimes, OtherRun, wrenches
+from mbdae.results.states import states_of
+from mbdae.system.base import Array
+from mbdae.system.prepare import Prepared
+
+#: rounding error of forces, relative to the force that moves the heaviest body by the scene's length in the motion's
+#: characteristic time
+NO_FORCE = 1e-9
+#: a quantity that is smaller than this fraction of what the scene has of its kind (force, torque, power, acceleration) counts as
+#: that large: what is left of a sum that vanishes has no digits of its own
+LEAST = 1e-6
+#: the same for powers: ideal joints have none, and show what they are off times their force
+IDLE = 0.1
+#: rounding error of forces and what follows from them, relative to the largest force of the run
+ROUNDED = 1e-11
+
+
+#: of a peak outside of a window in which another run shows vibrations that this one leaves out counts MEETING times their
+#: amplitude from LATE (a fraction of the window) on; of one inside it the largest difference within NEAR of it
+MEETING, LATE, NEAR = 0.3, 2 / 3, 0.05
+POWERS = np.linspace(0.15, 1.0, 40)  #: of the tolerance, with which errors of runs with contact fall
+#: errors of functions that read what other runs do not have
+UNREADABLE = (MbdaeError, ArithmeticError, LookupError, TypeError, ValueError, AttributeError)
+
+
+class Estimate(NamedTuple):
+    """error: of a quantity, absolute, in its unit; size: what it is relative to; limit: below which it is rounding."""
+
+    error: float
+    size: float
+    limit: float = 0.0
+
+    def beyond(self, asked: float) -> bool:
+        """Whether the error is above the accuracy asked."""
+        return not self.error <= max(asked * self.size, self.limit)
+
+
+@dataclass(eq=False)
+class Errors:
+    """The errors of a run, from its differences to other runs; called, it returns that of all reactions.
+
+    asked: the accuracy; closer: makes a run that is far more accurate, or None. It is made, once, where the estimate from the
+    others is above the accuracy."""
+
+    prepared: Prepared
+    solution: Solution
+    others: tuple[OtherRun, ...]
+    asked: float | None = None
+    told: dict[str, str] = field(default_factory=dict)  #: by quantity: what its reader was told
+    reactions: float | None = None  #: error of all reactions where it is known from a file
+    closer: Callable[[], OtherRun | None] | None = field(default=None, repr=False)
+    _known: dict[str, Estimate | None] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        self.others = at_the_same_times(self.others)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What `pickle` keeps: the runs and what was told; errors are computed again when they are read."""
+        return {name: vars(self)[name] for name in ("prepared", "solution", "others", "asked", "told", "reactions")} | {
+            "closer": None, "_known": {}}  # fmt: skip
+
+    # -- reactions
+
+    def __call__(self) -> float:
+        """Error of the forces and torques of all joints and force elements over the largest force of the run (torques are divided
+        by the length)."""
+        if self.reactions is None:
+            self.reactions = together((other, apart / self._largest_force) for other, (_, apart) in self._reactions)
+        return self.reactions
+
+    @cached_property
+    def _reactions(self) -> list[tuple[OtherRun, tuple[float, float]]]:
+        """Every other run with the largest force at the times of its comparison, and the largest difference, N."""
+        return [(other, self._forces(other)) for other in self.others if len(other.times)]
+
+    def _forces(self, other: OtherRun) -> tuple[float, float]:
+        if not self.prepared.model.scene.connections:
+            return 0.0, 0.0
+        scene = other.prepared or self.prepared
+        own = wrenches(self.prepared, states_of(self.prepared, self.solution, other.times))
+        compared = wrenches(scene, states_of(scene, other.run, other.times))
+        size, apart = (float(np.max(np.maximum(np.linalg.norm(w[..., :3], axis=2),
+                                               np.linalg.norm(w[..., 3:], axis=2) / self.prepared.length)))
+                       for w in (own, compared - own))  # fmt: skip
+        return size, apart
+
+    @cached_property
+    def _largest_force(self) -> float:
+        """Largest force of the run, N; at least that below which forces are rounding errors."""
+        m = self.prepared.mechanics
+        mass = float(np.max(m.mass.diagonal()[~m.rotational], initial=0.0))
+        least = max(NO_FORCE * mass * self.prepared.length / self.prepared.time**2, 1e-300)
+        return max([least, *(size for _, (size, _) in self._reactions)])
+
+    # -- any quantity
+
+    def of(self, result: Any, quantity: Quantity) -> Estimate | None:
+        """The error of a quantity over the run; None where no other run can be read. result: the run as users see it."""
+        if not isinstance(quantity, str):
+            return self._closely(lambda: self._estimated(result, quantity))
+        if quantity not in self._known:
+            self._known[quantity] = self._closely(lambda: self._estimated(result, quantity))
+        return self._known[quantity]
+
+    def of_peak(self, result: Any, quantity: Quantity, size: float, t: float) -> Estimate | None:
+        """The error of the largest magnitude `size` of a quantity, which it has at the time t (s). Where the error over time is
+        above the accuracy, the peak is not trusted to runs that may all damp what makes it: a closer run is asked first."""
+        over_time = self.of(result, quantity)
+        found = self._closely(lambda: self._estimated_peak(result, quantity, size, t))
+        if found is None or over_time is None or any(other.kind == "closer" for other in self.others):
+            return found
+        return found._replace(error=max(found.error, MEETING * over_time.error))
+
+    def _closely(self, estimate: Callable[[], Estimate | None]) -> Estimate | None:
+        """An estimate; where it is above the accuracy, again with the closer run."""
+        found = estimate()
+        if found is None or self.asked is None or self.closer is None or not found.beyond(self.asked):
+            return found
+        make, self.closer = self.closer, None
+        other = make()
+        if other is None:
+            return found
+        self.others = (*self.others, other)
+        return estimate()
+
+    def _estimated(self, result: Any, quantity: Quantity) -> Estimate | None:
+        unit, found, size = unit_of(result, quantity), [], 0.0
+        try:
+            for other in self._shown:
+                own, compared = (value(one, quantity) for one in self._both(result, other))
+                size = max(size, float(np.max(magnitudes(own), initial=0.0)))
+                found.append((other, float(np.max(magnitudes(difference(own, compared, unit)), initial=0.0))))
+        except UNREADABLE:
+            return None
+        return Estimate(together(found), max(size, self._scale(unit)), self._rounding(unit)) if found else None
+
+    def _estimated_peak(self, result: Any, quantity: Quantity, size: float, t: float) -> Estimate | None:
+        """Of a peak counts how much another run's peak differs, and both runs at the times of both peaks."""
+        unit = unit_of(result, quantity)
+        try:
+            found = [(other, self._at_peak(result, quantity, size, t, other)) for other in self._shown]
+        except UNREADABLE:
+            return None
+        return Estimate(together(found), max(size, self._scale(unit)), self._rounding(unit)) if found else None
+
+    def _at_peak(self, result: Any, quantity: Quantity, size: float, t: float, other: OtherRun) -> float:
+        """The difference of another run that counts for the peak of this one."""
+        begin, end = float(other.times[0]), float(other.times[-1])
+        own, beside = self._both(result, other)
+        if other.kind == "window" and not begin <= t <= end:
+            # a peak elsewhere: of the vibrations that go on at the end of the window a crest may meet it
+            late = other.times >= begin + LATE * (end - begin)
+            apart = magnitudes(value(beside, quantity) - value(own, quantity))
+            over = float(np.max(magnitudes(value(beside, quantity)))) - size
+            return max(over, MEETING * float(np.max(apart[late])))
+        first, last = max(begin, float(self.solution.t[0])), min(end, float(self.solution.t[-1]))
+        if isinstance(other.run.interpolant, AtTimes):
+            sizes = magnitudes(value(beside, quantity))
+            k = int(np.argmax(sizes))
+            there, when = float(sizes[k]), float(other.times[k])
+        else:
+            there, when = largest(beside, quantity, first, last)
+        if other.kind == "closer":
+            return abs(there - size)
+        if other.kind == "window":
+            near = np.abs(other.times - t) <= NEAR * (end - begin)
+            apart = magnitudes(value(beside, quantity) - value(own, quantity))
+            return max(there - size, float(np.max(apart[near], initial=0.0)))
+        sampled = isinstance(other.run.interpolant, AtTimes)
+        at = other.times[[int(np.argmin(np.abs(other.times - t)))]] if sampled else np.array([t])
+        both = np.sort(np.r_[at, when])
+        apart = magnitudes(value(beside(both), quantity) - value(own(both), quantity))
+        return max(abs(there - size), float(np.max(apart)))
+
+    @property
+    def _shown(self) -> list[OtherRun]:
+        """The runs that count: where there is a closer one, it and that on another mesh."""
+        given = [other for other in self.others if len(other.times)]
+        close = [other for other in given if other.kind in ("closer", "mesh")]
+        return close if any(other.kind == "closer" for other in given) else given
+
+    def _both(self, result: Any, other: OtherRun) -> tuple[Any, Any]:
+        """The run and another one at the times of their comparison, to be read without telling anything."""
+        if id(other) not in self._views:
+            runs = (self.prepared, self.solution), (other.prepared or self.prepared, other.run)
+            self._views[id(other)] = tuple(type(result)(prepared, run, None, other.times) for prepared, run in runs)
+        return self._views[id(other)]
+
+    @cached_property
+    def _views(self) -> dict[int, tuple[Any, Any]]:
+        return {}
+
+    def _scale(self, unit: str) -> float:
+        """Least size of a quantity of some unit: motion is relative to length and characteristic time, as its accuracy is."""
+        L, T = self.prepared.length, self.prepared.time
+        motion = {"m": L, "rad": 1.0, "m/s": L / T, "rad/s": 1 / T}
+        return motion[unit] if unit in motion else (LEAST if unit != "W" else IDLE) * self._typical(unit)
+
+    def _rounding(self, unit: str) -> float:
+        return ROUNDED * self._typical(unit)
+
+    def _typical(self, unit: str) -> float:
+        """What the scene has of a quantity of some unit; 0 where that is not known."""
+        L, T = self.prepared.length, self.prepared.time
+        F = self._largest_force
+        return {"N": F, "N m": F * L, "N, N m": F, "W": F * L / T, "m/s^2": L / T**2, "rad/s^2": 1 / T**2}.get(unit, 0.0)
+
+    # -- telling
+
+    def judge(self, result: Any, quantity: Quantity) -> None:
+        """Tell where a quantity that was read is not within the accuracy; of positions and velocities the run itself tells."""
+        unit, name = unit_of(result, quantity), named(quantity)
+        of_motion = unit in self._of_motion or name.partition("[")[0].endswith(".rotation")
+        if self.asked is not None and not of_motion and name not in self.told:
+            self.tell(name, unit, self.of(result, quantity), self.asked)
+
+    def judge_peak(self, result: Any, quantity: Quantity, size: float, t: float, silent: bool) -> float | None:
+        """The error of the largest magnitude `size` of a quantity, which it has at the time t (s), told where it is above the
+        accuracy asked, unless silent."""
+        found, unit = self.of_peak(result, quantity, size, t), unit_of(result, quantity)
+        if not silent and self.asked is not None and unit not in self._of_motion:
+            self.tell(named(quantity), unit, found, self.asked)
+        return None if found is None else found.error
+
+    @property
+    def _of_motion(self) -> tuple[str, ...]:
+        """Units of what the accuracy of the motion speaks of; with beams it leaves velocities out."""
+        return ("m", "rad") if self.prepared.model.lines else ("m", "rad", "m/s", "rad/s")
+
+    def tell(self, name: str, unit: str, found: Estimate | None, asked: float) -> None:
+        """Warn once about a quantity whose error is above the accuracy asked."""
+        if found is None or name in self.told or not found.beyond(asked):
+            return
+        error = "an error that is not known"
+        if np.isfinite(found.error):
+            error = (f"an error of about {found.error:.2g}{f' {unit}' if unit else ''}, "
+                     f"{100 * found.error / found.size:.2g} % of its largest value")  # fmt: skip
+        self.told[name] = f"{name} has {error}, where the accuracy {asked:g} was asked: {self._remedy(asked)}"
+        warn(f"scene '{self.prepared.model.scene.name}': {self.told[name]}")
+
+    def _remedy(self, asked: float) -> str:
+        smaller = f"accuracy={asked / 10:.0e}"
+        if self.prepared.contacts:
+            return f"a small shift of the time of an impact changes forces much; rely on peaks and averages, or ask for {smaller}"
+        if any(other.kind == "window" for other in self.others):
+            return (f"the run leaves out fast vibrations of the beams, which hardly move them and carry forces; ask for "
+                    f"{smaller}, or take form=mb.GGL(waves=True) with solver=mb.RadauIIA(3): it follows them all")  # fmt: skip
+        return f"ask for {smaller}"
+
+
+def difference(own: Array, compared: Array, unit: str) -> Array:
+    """Difference of two readings of a quantity; of angles without whole turns."""
+    found = compared - own
+    return found - 2 * np.pi * np.round(found / (2 * np.pi)) if unit == "rad" else found
+
+
+def at_the_same_times(others: tuple[OtherRun, ...]) -> tuple[OtherRun, ...]:
+    """The runs, with the two companions of a run with contacts compared with it at the same times: what one of them shows at an
+    impact and the other misses is no sign that errors fall."""
+    pair = [other for other in others if other.kind == "companion" and not isinstance(other.run.interpolant, AtTimes)]
+    if len(pair) != 2:
+        return others
+    end = min(other.run.t[-1] for other in pair)
+    times = distinct(np.concatenate([other.times[other.times <= end] for other in pair]))
+    return tuple(replace(other, times=times) if other in pair else other for other in others)
+
+
+def together(found: Iterable[tuple[OtherRun, float]]) -> float:
+    """The error of a run from its differences to others: those of one kind show the same error, of which the largest counts;
+    errors of several kinds add."""
+    differences = list(found)
+    kinds: dict[str, float] = {}
+    companions = [(other, apart) for other, apart in differences if other.kind == "companion"]
+    if len(companions) == 2 and all(other.ratio > 1 for other, _ in companions):
+        kinds["companion"] = fallen(*((apart, other.ratio) for other, apart in companions))
+        differences = [(other, apart) for other, apart in differences if other.kind != "companion"]
+    for other, apart in differences:
+        kinds[other.kind] = max(kinds.get(other.kind, 0.0), other.share * apart)
+    return float(sum(kinds.values()))
+
+
+def fallen(far: tuple[float, float], near: tuple[float, float]) -> float:
+    """The error of a run from its differences to two companions, each with its tolerance over that of the run: errors e(r) at a
+    tolerance r times as large are r^p e, where p follows from the differences; at most the larger difference."""
+    (wide, far_ratio), (close, near_ratio) = max(far, near, key=lambda one: one[1]), min(far, near, key=lambda one: one[1])
+    if close <= 0 or near_ratio <= 1:
+        return 0.0 if close <= 0 else max(wide, close)
+    shown = (far_ratio**POWERS - 1) / (near_ratio**POWERS - 1)  # rises with the power
+    p = POWERS[int(np.clip(np.searchsorted(shown, wide / close), 0, len(POWERS) - 1))]
+    return float(min(close / (near_ratio**p - 1), max(wide, close)))

@@ -1,0 +1,200 @@
+"""The error of what is read: estimated by the runs beside the run, told once where it is above the accuracy, and kept."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from beam_scenes import slider_crank
+from contact_scenes import ball
+
+import mbdae as mb
+from mbdae.results.errors import fallen
+from mbdae.results.peaks import Peak, with_error
+from mbdae.results.quantities import magnitudes
+
+G = 9.81
+
+
+def four_bar() -> mb.Scene:
+    """A driven loop of rigid links."""
+    s = mb.Scene("four-bar", gravity=(0, -G, 0))
+    A, B, C, D = (0, 0), (0, 0.3), (0.5, 0.6), (0.6, 0)
+    crank, coupler, rocker = s.link("crank", A, B, mass=0.3), s.link("coupler", B, C, mass=0.6), s.link("rocker", C, D, mass=0.5)
+    s.revolute("A", s.ground, crank, at=A, angle=12.56 * mb.t)
+    s.revolute("B", crank, coupler, at=B)
+    s.revolute("C", coupler, rocker, at=C)
+    s.revolute("D", s.ground, rocker, at=D)
+    return s
+
+
+def elastic() -> mb.Scene:
+    """An engine whose elastic rod starts unstrained and rings, without damping."""
+    return slider_crank(2, 2)
+
+
+@pytest.fixture(scope="module")
+def rigid() -> mb.Result:
+    return four_bar().simulate(0.5, accuracy=1e-4)
+
+
+@pytest.fixture(scope="module")
+def ringing() -> mb.Result:
+    return elastic().simulate(0.01, accuracy=1e-3)
+
+
+def told_by(read: Any) -> list[str]:
+    """What a reader is told."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        read()
+    return [str(w.message) for w in caught if issubclass(w.category, mb.AccuracyWarning)]
+
+
+# ---- estimates
+
+
+@pytest.mark.parametrize("quantity", ["A.drive", "B.force", "B.force[1]", "D.torque", "norm(B.force)*2", "coupler.acceleration",
+                                      "D.angle", "A.drive*A.rate"])  # fmt: skip
+def test_errors_bound_the_true_ones(quantity: str, rigid: mb.Result) -> None:
+    """Against a run at 1e-9, at times between steps; estimates of smooth motion were measured to be 1 to 20 times the error."""
+    exact, times = four_bar().simulate(0.5, accuracy=1e-9), np.linspace(0, 0.5, 801)
+    error = float(np.max(magnitudes(rigid(times).value(quantity) - exact(times).value(quantity))))
+    estimate = rigid.error(quantity)
+    assert estimate is not None
+    assert error <= 3 * estimate + 1e-12
+    assert estimate <= 60 * error + 1e-9
+
+
+def test_a_function_of_the_result_has_an_error_too(rigid: mb.Result) -> None:
+    assert rigid.error(lambda r: r["B"].force) == pytest.approx(rigid.error("B.force"), rel=1e-12)
+    assert rigid.error(lambda r: np.full(len(r.t), len(r.warnings))) is None  # no run beside it has warnings
+    with pytest.raises(mb.MbdaeError, match="no sensor"):
+        rigid.error("B.forces")
+
+
+def test_a_solver_with_its_own_tolerance_has_no_errors() -> None:
+    r = four_bar().simulate(0.1, solver=mb.RadauIIA(3, rtol=1e-6))
+    found = r.peak("A.drive")
+    assert (r.error("A.drive"), found.error) == (None, None)
+    assert "its error is not known" in repr(found)
+    assert told_by(lambda: r["A"].drive) == []
+
+
+def test_errors_of_two_companions_show_how_fast_they_fall() -> None:
+    """Errors c tol^p: with the tolerances 10 and 100 times that of the run its own error follows."""
+    for p in (0.2, 0.5, 1.0):
+        e = 1e-3
+        assert fallen((e * (100**p - 1), 100.0), (e * (10**p - 1), 10.0)) == pytest.approx(e, rel=0.1)
+    assert fallen((2e-3, 100.0), (1e-3, 10.0)) == pytest.approx(2e-3)  # they hardly fall: the larger difference
+    assert fallen((0.0, 100.0), (0.0, 10.0)) == 0.0
+
+
+# ---- peaks
+
+
+def test_peaks_carry_their_error(rigid: mb.Result) -> None:
+    exact, found = four_bar().simulate(0.5, accuracy=1e-9).peak("A.drive"), rigid.peak("A.drive")
+    assert found.error is not None
+    assert abs(found.value - exact.value) <= 3 * found.error <= 3e-3 * exact.value
+    assert tuple(found) == (found.value, found.t, "N m", "A.drive")
+    assert " +- " in repr(found)
+    assert pickle.loads(pickle.dumps(found)).error == found.error
+
+
+@pytest.mark.parametrize(("value", "error", "shown"), [
+    (26.6018, 0.02, "26.60 +- 0.02"), (26.6018, 3e-7, "26.6018 +- 3e-07"), (110.667, 122.0, "111 +- 120"), (4.0, 0.0, "4"),
+    (0.001234, 2e-5, "0.00123 +- 2e-05"), (1.0, None, "1"), (31234.5, 12.0, "31230 +- 10"), (0.0, 1e-3, "0.00 +- 0.001"),
+])  # fmt: skip
+def test_values_are_printed_with_the_digits_that_their_error_leaves(value: float, error: float | None, shown: str) -> None:
+    assert with_error(value, error) == shown
+    assert shown in repr(Peak(value, 0.0, "N", "x", error))
+
+
+# ---- telling
+
+
+def test_a_force_without_its_vibrations_is_told_once_by_name(ringing: mb.Result) -> None:
+    """The motion has the accuracy of 1e-3, the pin force is off by tenths: the reader hears it at the first reading, by whatever
+    way, and the result says so from then on."""
+    exact = elastic().simulate(0.01, solver=mb.RadauIIA(3, rtol=1e-7), form=mb.GGL(waves=True))
+    r = pickle.loads(pickle.dumps(ringing))
+    assert (r.warnings, r.reliable) == ((), True)
+    (note,) = told_by(lambda: r["B"].force)
+    assert "B.force has an error of about " in note
+    assert " % of its largest value" in note
+    assert told_by(lambda: (r["B"].force, r.value("B.force"), r.peak("B.force"), r(0.005)["B"].force)) == []
+    assert any("B.force" in one for one in r.warnings)
+    times = np.linspace(0, 0.01, 2001)
+    error = np.linalg.norm(r(times)["B"].force - exact(times)["B"].force, axis=1).max()
+    assert 0.3 * error <= r.error("B.force") <= 3 * error
+    assert r.reliable is True  # which speaks of the motion
+
+
+@pytest.mark.parametrize("read", [
+    lambda r: r.peak("C.force"), lambda r: r.value("norm(C.force)"), lambda r: r.read("C.force[0]"),
+    lambda r: r["rod"].at(0.5).strain, lambda r: r["rod"].at(0.5).stress_resultants, lambda r: r["block"].acceleration,
+    lambda r: r["A"].drive, lambda r: r["A"].power,
+    lambda r: r.to_csv("forces.csv", "C.force"), lambda r: r.to_dataframe("C.force"), lambda r: r.plot("C.force"),
+    lambda r: r.value(lambda r: r["C"].force),
+])  # fmt: skip
+def test_every_way_to_read_a_force_tells(read: Any, ringing: mb.Result, tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    r = pickle.loads(pickle.dumps(ringing))
+    assert len(told_by(lambda: read(r))) == 1
+    assert len(r.warnings) == 1
+
+
+def test_what_is_within_the_accuracy_is_not_told(rigid: mb.Result, ringing: mb.Result) -> None:
+    r = pickle.loads(pickle.dumps(rigid))
+    assert told_by(lambda: (r["B"].force, r.peak("A.drive"), r["coupler"].acceleration, r.to_csv("/dev/null"))) == []
+    r = pickle.loads(pickle.dumps(ringing))
+    assert told_by(lambda: (r["block"].position, r["A"].angle, r.peak("block.position"), r.energy, repr(r))) == []
+    assert r.warnings == ()
+
+
+def test_a_force_that_vanishes_is_not_told() -> None:
+    """In a balanced rotor the axis carries rounding errors, of which no digit is right."""
+    s = mb.Scene("rotor")
+    wheel = s.rigid_body("wheel", 1.0, 0.02, at=(0, 0))
+    s.revolute("axis", s.ground, wheel, at=(0, 0), rate0=30.0, damper=0.1)
+    r = s.simulate(1.0, accuracy=1e-8)
+    assert told_by(lambda: (r["axis"].force, r["axis"].torque, r.peak("axis.force"))) == []
+
+
+def test_a_closer_run_spares_warnings_that_are_not_needed() -> None:
+    """Companions differ by more than the accuracy in the force of an impact, where the peak of the run is right: nobody warns."""
+    r, exact = (ball(1.0, mb.Hertz(1e6)).simulate(0.02, accuracy) for accuracy in (1e-4, 1e-7))
+    found, right = r.peak("J.force"), exact.peak("J.force").value
+    assert found.value == pytest.approx(right, rel=1e-4)
+    assert told_by(lambda: r.peak("J.force")) == []
+
+
+def test_changed_start_velocities_are_told_by_the_run() -> None:
+    """A bob on a rod cannot move along it: what was stated is changed, and both the check and the run say so."""
+    s = mb.Scene("pendulum", gravity=(0, -G, 0))
+    s.revolute("hinge", s.ground, s.rigid_body("rod", 1.0, 0.1, at=(1, 0), velocity=(1.0, 0.5)), at=(0, 0))
+    r = s.simulate(0.1)
+    assert any("velocity of 'rod' contradicts the joints" in note for note in r.warnings)
+    s = mb.Scene("pendulum", gravity=(0, -G, 0))
+    s.revolute("hinge", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0), rate0=1.0)
+    assert s.simulate(0.1).warnings == ()
+
+
+# ---- kept
+
+
+def test_a_stored_result_keeps_its_errors_and_what_was_told(ringing: mb.Result, tmp_path: Path) -> None:
+    r = pickle.loads(pickle.dumps(ringing))
+    _ = r["B"].force
+    r.save(tmp_path / "r.npz")
+    again = mb.load(tmp_path / "r.npz")
+    assert again.warnings == r.warnings
+    assert again.error("B.force") == pytest.approx(r.error("B.force"), rel=1e-9)
+    assert told_by(lambda: again["B"].force) == []
+    assert len(told_by(lambda: again.peak("C.force"))) == 1
+    assert again.accuracy.reactions == r.accuracy.reactions
