@@ -57,8 +57,8 @@ class Accuracy:
     @cached_property
     def amplification(self) -> float | None:
         """Natural logarithm of the largest factor by which small disturbances grow from one time of the run to a later one; None
-        where an impact or a switch leaves it unknown. A disturbance is measured by positions and angles, and by velocities in
-        units in which they are as large. Its error is some tenths."""
+        where an impact or a switch leaves it unknown, and with more than 50 000 steps. A disturbance is measured by positions and
+        angles, and by velocities in units in which they are as large. Its error is some tenths."""
         return self.found_amplification() if callable(self.found_amplification) else self.found_amplification
 
     @property

@@ -168,7 +168,7 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
         hidden = hidden_contacts(system, run.solution, depth)
         of_companions = [] if hidden or run.estimate <= accuracy else [
             one for _, other in made for one in hidden_contacts(system, other, depth)]  # fmt: skip
-        growth = growing(system, run.solution, run.solver, accuracy, bool(asked.bounds))
+        growth = growing(system, run.solution, bool(asked.bounds))
         bounds = unfollowed(growth) if repeats < FOLLOWING else ()
         if not bounds and not asked.bounds and made and unseen(growth):  # else such an estimate was made
             measure = measure_of(system, prepared)

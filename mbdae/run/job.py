@@ -274,7 +274,7 @@ def run_once(system: System, solver: Solver, asked: Asked) -> Controlled:
         python_warnings.simplefilter("always", AccuracyWarning)
         for repeats in range(REPEATS + 1):
             run = solver.run(system, asked)
-            growth = growing(system, run, solver, solver.rtol or SHALLOW, repeats > 0)
+            growth = growing(system, run, repeats > 0)
             bounds = () if solver.fixed or repeats == REPEATS else unfollowed(growth)
             if not bounds:
                 break

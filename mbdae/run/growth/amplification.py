@@ -1,7 +1,8 @@
 """How much small disturbances grow over a run: the linearised equations, carried along its steps.
 
-In every step E x' + A x = 0, with E = dF/dy' and A = dF/dy in the middle of the step, is solved by one step of Radau IIA(3) for
-some disturbances at once. `growth` sees to it that the steps of a run follow what grows, so that the steps of the run serve.
+In every step E x' + A x = 0, with E = dF/dy' and A = dF/dy, is solved by one step of Radau IIA(3) for some disturbances at once;
+with many unknowns E and A are those in the middle of the step. Steps in which positions change much are divided. `growing` sees
+to it that the steps of a run follow what grows.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.integrators.matrices.iteration import IterationMatrix
+from mbdae.integrators.matrices.iteration import IterationMatrix, as_csc
 from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.native.sparse import SingularMatrixError
@@ -26,10 +27,12 @@ ROUNDED = 1e-16  #: relative round-off of a coordinate
 #: words are said where round-off, as it grows over the run, may make more than this fraction of the accuracy asked
 DECIDES = 1.0
 LEAST = 10.0  #: growth with frozen coefficients below which round-off decides nothing that can be asked
+SMALL = 60  #: largest number of unknowns for which all stages of a step are solved together
 COPIES = 2  #: number of disturbances, drawn at random, that are carried along
-MOST = 20_000  #: largest number of steps along which disturbances are carried
+MOST = 50_000  #: largest number of steps along which disturbances are carried
 SLACK = 3.0  #: growth (natural logarithm) beyond that asked for after which it is not carried on
 TINY = 1e-300
+TURNED, PARTS = 0.1, 16  #: largest change of a position in one part of a step, and largest number of parts
 PLACES = 50  #: number of times at which the largest coordinate is sought
 
 
@@ -63,14 +66,18 @@ class Disturbances:
         if run.stats.contacts or len(run.t) < 2 or len(run.t) > MOST:
             return None
         x = spread((COPIES, self._system.n)) * self._system.scale
-        middle, h = (run.t[1:] + run.t[:-1]) / 2, np.diff(run.t)
+        ends = self._divided()
+        middle, h = (ends[1:] + ends[:-1]) / 2, np.diff(ends)
         states = run(middle), run.derivative(middle)
         sizes: list[tuple[float, float]] = []
         size = least = 0.0
         for i, system in enumerate(systems_at(run, middle, self._system)):
             try:
-                x = self._carried(system, float(middle[i]), states[0][i], states[1][i], float(h[i]), x)
-            except SingularMatrixError:
+                if system.n <= SMALL:
+                    x = self._exactly(system, float(ends[i]), float(h[i]), x)
+                else:
+                    x = self._carried(system, float(middle[i]), states[0][i], states[1][i], float(h[i]), x)
+            except (SingularMatrixError, np.linalg.LinAlgError):
                 return None
             scaled = x / self._system.scale
             both = [float(np.linalg.norm(scaled[:, kind])) for kind in (self._slow, self._fast)]
@@ -83,7 +90,29 @@ class Disturbances:
             if size - least > enough + SLACK:
                 break
         slow, fast = np.array(sizes).T
-        return run.t[1 : 1 + len(slow)], np.logaddexp(2 * slow, 2 * (fast + np.median(slow - fast))) / 2
+        return ends[1 : 1 + len(slow)], np.logaddexp(2 * slow, 2 * (fast + np.median(slow - fast))) / 2
+
+    def _divided(self) -> Array:
+        """Times (s) between which the equations count as frozen: the steps of the run, divided where positions change by more
+        than TURNED (over their scales) in one."""
+        run, here = self._run, np.array(self._system.kinds) == "q"
+        y = run.y[:, here] / self._system.scale[here]
+        moved = np.max(np.abs(np.diff(y, axis=0)), axis=1, initial=0.0)
+        count = np.clip(np.ceil(moved / TURNED), 1, PARTS).astype(int)
+        parts = [np.linspace(a, b, k + 1)[1:] for a, b, k in zip(run.t[:-1], run.t[1:], count, strict=True)]
+        return np.concatenate([run.t[:1], *parts])
+
+    def _exactly(self, system: System, t: float, h: float, x: Array) -> Array:
+        """As `_carried` from a time t (s), with the equations at all stages of Radau IIA(3): where a motion passes an unstable
+        rest several times, what grew there fades before the next, which frozen equations do not reproduce."""
+        table, n = radau_table(3), system.n
+        times = t + table.c * h
+        y, yp = self._run(np.minimum(times, self._run.t[-1])), self._run.derivative(np.minimum(times, self._run.t[-1]))
+        parts = [full_jacobians(system, *one) for one in zip(times, y, yp, strict=True)]
+        M = np.block([[h * table.A[i, j] * A + (E if i == j else 0.0) for j in range(3)] for i, (A, E) in enumerate(parts)])
+        right = -np.concatenate([A @ x.T for A, _ in parts])
+        rates = _solved(M, right, np.tile(system.scale, 3)).reshape(3, n, len(x))
+        return np.asarray(x + h * np.einsum("j,jnk->kn", table.b, rates))
 
     def _carried(self, system: System, t: float, y: Array, yp: Array, h: float, x: Array) -> Array:
         """Disturbances (k, n) at the end of a step h (s), from those at its begin; t, y, yp: time (s) and state in its middle."""
@@ -142,6 +171,21 @@ def _farthest(prepared: Prepared, run: Solution) -> float:
 def spread(shape: tuple[int, int]) -> Array:
     """Numbers from -1 to 1 without any pattern that equations could have, for disturbances in all directions."""
     return np.cos(np.arange(1.0, shape[0] * shape[1] + 1) ** 2 * math.sqrt(2)).reshape(shape)
+
+
+def full_jacobians(system: System, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+    """dF/dy and dF/dy' (n, n) at a state."""
+    parts = system.jacobian_parts(t, y, yp)
+    if parts[0].ndim == 2:
+        return parts
+    return np.asarray(as_csc(system, parts[0]).toarray()), np.asarray(as_csc(system, parts[1]).toarray())
+
+
+def _solved(M: Array, right: Array, scale: Array) -> Array:
+    """The solution (n, k) of M x = right with columns in the scales (n,) of the unknowns and rows of largest entry 1."""
+    scaled = M * scale
+    size = np.max(np.abs(scaled), axis=1, keepdims=True)
+    return np.asarray(np.linalg.solve(scaled / size, right / size) * scale[:, None])
 
 
 @cache

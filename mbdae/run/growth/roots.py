@@ -11,20 +11,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.integrators.matrices.iteration import IterationMatrix, as_csc
+from mbdae.integrators.matrices.iteration import IterationMatrix
 from mbdae.native.sparse import SingularMatrixError
-from mbdae.run.growth.amplification import spread
+from mbdae.run.growth.amplification import SMALL, full_jacobians, spread
 from mbdae.system.base import Array, System
 
 #: growth (natural logarithm of the factor) over the whole run below which steps are not bounded: a disturbance below a third of
 #: the accuracy does not reach three times the accuracy by it
 HARMLESS = 2.0
-SMALL = 60  #: with more unknowns, all roots are computed only where `_rises` finds that something grows
-MOST = 300  #: largest number of unknowns for which all roots are computed
+#: largest number of unknowns for which all roots are computed; above SMALL only where `_rises` finds that something grows
+MOST = 300
 #: roots are found best near SHIFT over the step; those beyond RESOLVED times that are left out: constraints have infinite roots,
 #: which are inexact in a computer
 SHIFT, RESOLVED = 3.0, 1e3
-NEAR = 1e-9  #: relative distance of the shift of an inverse iteration from the eigenvalue
+ALIKE = 1e-5  #: relative difference of roots that count as equal
 #: number of multiplications by which growth is sought among many roots, and the ratio by which it then shows from their middle to
 #: their end: the largest that vibrations alone gave was 1.1
 ROUNDS, GROWS = 20, 1.5
@@ -44,16 +44,26 @@ class Look(NamedTuple):
 
 class Found(NamedTuple):
     """What a look finds. rate: the largest real part of a root, 1/s; unseen: the largest magnitude (1/s) of one that grows and
-    whose disturbance is not seen, 0: there is none; size: that of the disturbance that grows fastest, over the scales, where it
-    is not seen, else 0."""
+    whose disturbance is not seen, 0: there is none; parts (positions, k), roots (k,): these disturbances in the motion, over the
+    scales of the positions, and their roots."""
 
     rate: float = 0.0
     unseen: float = 0.0
-    size: float = 0.0
+    parts: NDArray[np.complex128] = np.zeros((0, 0), complex)
+    roots: NDArray[np.complex128] = np.zeros(0, complex)
+
+    @property
+    def size(self) -> float:
+        """Size of all disturbances together, over the scales of the positions."""
+        return float(np.max(np.abs(np.sum(self.parts, axis=1)), initial=0.0))
+
+    def after(self, time: float, faster: float) -> float:
+        """Their size after a time (s), with the roots times `faster`."""
+        return float(np.max(np.abs(self.parts @ np.exp(self.roots * (time * faster))), initial=0.0))
 
 
 def found_at(looks: list[Look], seen: float) -> list[Found]:
-    """What is found at every state; seen: size of a disturbance that is seen, over the scales."""
+    """What is found at every state; seen: size of a disturbance that is seen, over the scales of the positions."""
     system = looks[0].system
     if system.n > MOST or (system.n > SMALL and system.has_pattern):
         rising = _rising_sparse(looks)
@@ -68,30 +78,53 @@ def found_at(looks: list[Look], seen: float) -> list[Found]:
 
 def _roots(look: Look, S: Array, values: NDArray[np.complex128], seen: float) -> Found:
     """What is found at a state, from the matrix of `_shifted` and its eigenvalues."""
-    rate = float(np.max(_back(values, look.h).real, initial=0.0))
+    roots = _back(values, look.h)
+    rate = float(np.max(roots.real, initial=0.0))
     if rate * look.span < HARMLESS:
         return Found(rate)
-    roots = _back(values, look.h)
-    growing = np.flatnonzero(roots.real * look.span > HARMLESS)
-    sizes = np.array([_size(S, values[j], look, abs(roots[j])) for j in growing])
-    roots, unseen = roots[growing], sizes < seen
-    fastest = int(np.argmax(roots.real)) if len(roots) else 0
-    size = float(sizes[fastest]) if len(roots) and unseen[fastest] else 0.0
-    return Found(rate, float(np.max(np.abs(roots[unseen]), initial=0.0)), size)
+    return _unseen(look, S, roots.real * look.span > HARMLESS, seen)._replace(rate=rate)
 
 
 def vibrating(looks: list[Look], seen: float) -> list[Found]:
-    """Of disturbances that neither grow nor decay with frozen coefficients what `found_at` finds of growing ones: the largest
-    magnitude of a root that is not seen, and the size of all of them together."""
+    """Of disturbances that neither grow nor decay with frozen coefficients what `found_at` finds of growing ones."""
     found = []
     for look, S in zip(looks, _shifted(looks), strict=True):
-        values = np.linalg.eigvals(S)
-        roots = _back(values, look.h)
-        idle = np.flatnonzero((np.abs(roots.real) * look.span < np.abs(roots.imag)) & (np.abs(roots.imag) * look.span > HARMLESS))
-        sizes = np.array([_size(S, values[j], look, abs(roots[j])) for j in idle])
-        unseen = sizes < seen
-        found.append(Found(0.0, float(np.max(np.abs(roots[idle][unseen]), initial=0.0)), float(np.linalg.norm(sizes[unseen]))))
+        roots = _back(np.linalg.eigvals(S), look.h)
+        idle = (np.abs(roots.real) * look.span < np.abs(roots.imag)) & (np.abs(roots.imag) * look.span > HARMLESS)
+        found.append(_unseen(look, S, idle, seen))
     return found
+
+
+def _unseen(look: Look, S: Array, chosen: NDArray[np.bool_], seen: float) -> Found:
+    """Of the chosen roots, those whose disturbances in the motion are smaller than `seen`."""
+    wanted = np.asarray(np.linalg.eigvals(S)[chosen], complex)
+    (values, right), (others, left) = ((np.asarray(part, complex) for part in np.linalg.eig(M)) for M in (S, S.T))
+    i, j = _nearest(values, wanted), _nearest(others, wanted)
+    V, W, roots = right[:, i], left[:, j], _back(np.asarray(values[i], complex), look.h)
+    try:
+        shares = np.linalg.solve(W.T @ V, W.T @ (look.yp / look.system.scale)) / np.abs(roots)
+    except np.linalg.LinAlgError:
+        shares = np.zeros(len(i), complex)
+    parts = V[positions(look.system)] * shares
+    alike = np.abs(roots[:, None] - roots) < ALIKE * np.abs(roots)  # roots that are equal share a plane of disturbances
+    sizes = np.array([np.max(np.abs(np.sum(parts[:, group], axis=1)), initial=0.0) for group in alike])
+    small = sizes < seen
+    return Found(0.0, float(np.max(np.abs(roots[small]), initial=0.0)), np.asarray(parts[:, small], complex), roots[small])
+
+
+def _nearest(values: NDArray[np.complex128], wanted: NDArray[np.complex128]) -> NDArray[np.int64]:
+    """Indices of values (n,), each once, that are nearest to the wanted ones (k,)."""
+    free, found = np.ones(len(values), dtype=bool), []
+    for one in wanted:
+        found.append(int(np.argmin(np.where(free, np.abs(values - one), np.inf))))
+        free[found[-1]] = False
+    return np.array(found, dtype=int)
+
+
+def positions(system: System) -> NDArray[np.bool_]:
+    """Which unknowns are positions, or, where none are, are differential."""
+    kinds = np.array(system.kinds)
+    return kinds == "q" if np.any(kinds == "q") else ~np.isin(kinds, ("lambda", "mu", "z"))
 
 
 def _shifted(looks: list[Look]) -> Array:
@@ -99,7 +132,8 @@ def _shifted(looks: list[Look]) -> Array:
     root r of the equations is an eigenvalue 1 / (1 - h r / SHIFT); infinite roots, of constraints, are 0. A matrix is 0 where the
     equations are singular."""
     scale, h = looks[0].system.scale, np.array([look.h for look in looks])[:, None, None]
-    A, E = (np.array(part) for part in zip(*map(_jacobians, looks), strict=True))
+    parts = [full_jacobians(look.system, look.t, look.y, look.yp) for look in looks]
+    A, E = (np.array(part) for part in zip(*parts, strict=True))
     both, E = (A * (h / SHIFT) + E) * scale, E * scale
     size = np.max(np.abs(both), axis=2, keepdims=True)
     sound = np.isfinite(both).all(axis=(1, 2)) & np.all(size > 0, axis=(1, 2))
@@ -110,44 +144,10 @@ def _shifted(looks: list[Look]) -> Array:
     return np.asarray(out)
 
 
-def _jacobians(look: Look) -> tuple[Array, Array]:
-    """dF/dy and dF/dy' (n, n) at a state."""
-    parts = look.system.jacobian_parts(look.t, look.y, look.yp)
-    if parts[0].ndim == 2:
-        return parts
-    return np.asarray(as_csc(look.system, parts[0]).toarray()), np.asarray(as_csc(look.system, parts[1]).toarray())
-
-
 def _back(values: NDArray[np.complex128], h: float) -> NDArray[np.complex128]:
     """The roots (1/s) that belong to eigenvalues of the matrix of `_shifted`; -inf beyond RESOLVED times SHIFT / h."""
     finite = np.abs(values) * RESOLVED > 1
     return np.where(finite, (SHIFT / h) * (1 - 1 / np.where(finite, values, 1.0)), -np.inf)
-
-
-def _size(S: Array, value: complex, look: Look, magnitude: float) -> float:
-    """Size of a disturbance that grows in a motion, over the scales of the unknowns: the part of its rate along the disturbance
-    over the magnitude of the root (1/s). S, value: matrix of `_shifted` and the eigenvalue that belongs to the root."""
-    system = look.system
-    right, left = _vector(S, value), _vector(S.T, value)
-    counts = np.array([kind not in ("lambda", "mu", "z") for kind in system.kinds])
-    overlap = abs(left @ right)
-    if not overlap > 0:
-        return 0.0
-    part = abs(left @ (look.yp / system.scale)) / overlap
-    return float(part * np.max(np.abs(right[counts]), initial=0.0) / magnitude)
-
-
-def _vector(S: Array, value: complex) -> NDArray[np.complex128]:
-    """The eigenvector (n,) of S (n, n) for an eigenvalue, by inverse iteration."""
-    shifted = S - value * (1 + NEAR) * np.eye(len(S))
-    x = np.ones(len(S), complex)
-    for _ in range(2):
-        try:
-            x = np.linalg.solve(shifted, x)
-        except np.linalg.LinAlgError:
-            return x
-        x /= np.linalg.norm(x)
-    return x
 
 
 def _grows(S: Array) -> bool:
