@@ -46,8 +46,9 @@ def check(doing: str) -> None:
     """WallClockError where the time of the present call is over. doing: what goes on, in words."""
     call = _present.get()
     if call is not None and time.perf_counter() - call.begin > call.max_wall:
+        reached = 0.0 if call.solution is None else float(call.solution.t[-1])
         raise WallClockError(f"max_wall = {call.max_wall:g} s of wall time is used up while {doing}: raise max_wall, or simplify "
-                             f"what is asked", 0.0, "", call.solution)  # fmt: skip
+                             f"what is asked", reached, "", call.solution)  # fmt: skip
 
 
 def came(solution: Any) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SceneError
 from mbdae.run.batch import Batches
-from mbdae.scene.scene import SceneData, stated_laws
+from mbdae.scene.scene import SceneData, refuse_other_laws, stated_laws
 from mbdae.scene.variants import with_open_tree
 from mbdae.sweep.statements import changed
 from mbdae.system.base import Array
@@ -75,7 +75,9 @@ class SceneJob:
         self.__dict__.update(key=state.pop("_key"), **state)
 
     def at(self, values: Sequence[float]) -> SceneData:
-        """The scene with these values of the names."""
+        """The scene with these values of the names; LawError where its laws state something else here than where it comes
+        from."""
+        refuse_other_laws(self.scene)
         scene = self.scene
         for name, value in zip(self.names, values, strict=True):
             scene, factor = changed(scene, name, float(value), self.t_end)

@@ -10,9 +10,12 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, 
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for
+from types import FunctionType
 from typing import Any
 
 from mbdae.errors import AccuracyWarning, OptionError
+from mbdae.notation import counted
+from mbdae.results.reads import reads
 from mbdae.sweep.worker import Worker, WorkerDiedError
 
 DIED = "worker died"
@@ -31,6 +34,36 @@ class Outcome:
 
 
 Job = Callable[..., dict[str, Any]]
+
+
+class Sent:
+    """A function that is sent to other processes, where it is called by name: what it reads (constants, helpers, classes) has to
+    be there what it is here. told: digests of that by names, see `reads`."""
+
+    def __init__(self, job: Job, told: dict[str, str], same: bool = False) -> None:
+        self.job, self.told, self.same = job, told, same
+
+    @classmethod
+    def of(cls, job: Job) -> Job:
+        """The job as it is sent; itself where it is no function."""
+        return cls(job, reads(job), True) if isinstance(job, FunctionType) else job
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Sent, (self.job, self.told)
+
+    def __call__(self, **point: Any) -> dict[str, Any]:
+        if not self.same:
+            here = reads(self.job)
+            other = [name for name, digest in self.told.items() if here.get(name, digest) != digest]
+            if other:
+                raise OptionError(f"job: {counted(len(other), 'thing')} that it reads differ in this process from where the "
+                                  f"sweep was called ({', '.join(other[:3])}): a process reads them from the file, without what "
+                                  "was changed after the import; give what varies as an argument of the job, or pass "
+                                  "executor=ThreadPoolExecutor()")  # fmt: skip
+            self.same = True
+        return self.job(**point)
+
+
 Done = Generator[tuple[int, Outcome], None, None]  #: number and outcome of a point, in the order in which they finish
 
 
@@ -82,6 +115,7 @@ def _text(error: BaseException) -> str:
 def with_processes(job: Job, points: dict[int, dict[str, Any]], workers: int | None) -> Done:
     """Compute points in worker processes. A point whose worker ends is computed once more by another one; if that ends too, the
     point has failed."""
+    job = Sent.of(job)
     payloads = {i: pickle.dumps((job, point)) for i, point in points.items()}
     pool = _Workers(min(workers or os.cpu_count() or 1, len(points)))
     waiting, tried = list(payloads), set[int]()
@@ -164,7 +198,7 @@ class _Workers:
 
 def with_executor(executor: Executor, job: Job, points: dict[int, dict[str, Any]]) -> Done:
     """Compute points in an executor, which the user has started and will end."""
-    waiting = list(points)
+    job, waiting = Sent.of(job), list(points)
     inside: dict[Future[Outcome], int] = {}
     broken = False
     try:

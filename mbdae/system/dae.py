@@ -114,7 +114,10 @@ class DAE(System):
     def doubt(self, span: float) -> str:
         """What the declared index contradicts in the equations, in words; "" where it does not. span: time of the run, s."""
         if self._doubt is None:
-            self._doubt = contradiction(self, span)
+            try:
+                self._doubt = contradiction(self, span)
+            except Exception:  # a function that fails here fails in the run too, which says after which time
+                self._doubt = ""
         return self._doubt
 
     def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Any = None,

@@ -202,9 +202,9 @@ def test_option_given() -> None:
 @pytest.fixture
 def fresh(between_bodies: None) -> Iterator[None]:
     """No derivation from before, none left behind."""
-    symbolic_derive.derive.cache_clear()
+    symbolic_derive._known.cache_clear()
     yield
-    symbolic_derive.derive.cache_clear()
+    symbolic_derive._known.cache_clear()
 
 
 def test_geometric_stiffness_is_needed(monkeypatch: pytest.MonkeyPatch, fresh: None) -> None:

@@ -76,8 +76,8 @@ def robertson_rates(t: float, y: Array) -> list[float]:
 def akzo_rates(y: Array) -> Array:
     """Rates of the first five concentrations of the problem of Akzo Nobel; the sixth is 115.83 y[0] y[3]."""
     sixth = 115.83 * y[0] * y[3]
-    r1, r2, r3 = 18.7 * y[0] ** 4 * np.sqrt(y[1]), 0.58 * y[2] * y[3], 0.58 / 34.4 * y[0] * y[4]
-    r4, r5, flow = 0.09 * y[0] * y[3] ** 2, 0.42 * sixth**2 * np.sqrt(y[1]), 3.3 * (0.9 / 737 - y[1])
+    r1, r2, r3 = 18.7 * y[0] ** 4 * np.sqrt(abs(y[1])), 0.58 * y[2] * y[3], 0.58 / 34.4 * y[0] * y[4]
+    r4, r5, flow = 0.09 * y[0] * y[3] ** 2, 0.42 * sixth**2 * np.sqrt(abs(y[1])), 3.3 * (0.9 / 737 - y[1])
     return np.array([-2 * r1 + r2 - r3 - r4, -0.5 * r1 - r4 - 0.5 * r5 + flow, r1 - r2 + r3, -r2 + r3 - 2 * r4, r2 - r3 + r5])
 
 

@@ -40,6 +40,8 @@ VISIBLE = 0.03
 #: of its root less SPARE: methods of low order damp what oscillates and grows slowly, at steps that follow the oscillation
 KEEPS, SPARE = 0.8, 0.5
 SHARE = 1e-3  #: a position takes part in a disturbance where it is disturbed by more than this fraction of the one disturbed most
+#: fractions of the time between two looks at which roots are compared with those at the looks, and largest ratio of two of them
+BETWEEN, STEADY = (0.17, 0.37, 0.59, 0.71, 0.88), 2.0
 CLOSER = 2.0  #: a part of a run in which one is behind gets a bound of this fraction of its step
 #: where bounds by growth are in force, the error is at least this many times the difference of a run from its companion; the
 #: second number is for BDF, which follow an unseen disturbance at a low order (measured with IDA, 2.4 times)
@@ -93,7 +95,7 @@ def _growing(system: System, run: Solution, closely: bool) -> list[Growth]:
     y, yp = run(times), run.derivative(times)
     looks = [Look(at, float(times[i]), y[i], yp[i], float(h[i]), t1 - t0) for i, at in enumerate(systems_at(run, times, system))]
     found = found_at(looks, VISIBLE)
-    late = _late(looks, found, CLOSELY if closely else 1)
+    late = _late(run, looks, found, CLOSELY if closely else 1)
     if not any(one.unseen for one in found) and system.n <= SMALL and _varies(system, t0, t1):
         found, late = _by_varying(system, run, looks, found)
     behind = [max(asked, one.unseen if one.unseen * look.h > FOLLOWED else 0.0)
@@ -107,16 +109,16 @@ def total(parts: Sequence[Growth]) -> float:
     return sum(part.rate * (part.end - part.begin) for part in parts)
 
 
-def _late(looks: list[Look], found: list[Found], apart: int) -> list[float]:
+def _late(run: Solution, looks: list[Look], found: list[Found], apart: int) -> list[float]:
     """For every state the inverse of the step (1/s) that is asked for because the disturbances that are not seen have grown by
     less until a later state, a number of states `apart`, than their roots say; 0 where they have not. Roots say that where what
-    is disturbed is at rest."""
+    is disturbed is at rest and the roots stay what they are: where something vibrates, they may grow and decay in turn."""
     asked = [0.0] * len(looks)
     for i, (a, b) in enumerate(zip(found, found[apart:], strict=False)):
         here, there = looks[i], looks[i + apart]
         if a.size > 0 and b.size > 0 and _rests(here, there, a):
             expected = log(a.after(there.t - here.t, (1 + b.rate / a.rate) / 2) / a.size)
-            if log(b.size / a.size) < KEEPS * expected - SPARE:
+            if log(b.size / a.size) < KEEPS * expected - SPARE and _steady(run, here, there, (a.rate, b.rate)):
                 for k in range(i, i + apart + 1):
                     asked[k] = CLOSER / min(here.h, there.h)
     return asked
@@ -127,6 +129,14 @@ def _rests(a: Look, b: Look, found: Found) -> bool:
     here, disturbed = positions(a.system), np.max(np.abs(found.parts), axis=1)
     moved = np.abs(b.y - a.y)[here] / a.system.scale[here]
     return bool(np.all(moved[disturbed > SHARE * np.max(disturbed)] < VISIBLE))
+
+
+def _steady(run: Solution, a: Look, b: Look, rates: tuple[float, float]) -> bool:
+    """Whether the largest real part of a root is between two looks what it is at them, within a factor of STEADY."""
+    times = a.t + (b.t - a.t) * np.array(BETWEEN)
+    between = [a._replace(t=float(t), y=y, yp=yp) for t, y, yp in zip(times, run(times), run.derivative(times), strict=True)]
+    found = [one.rate for one in found_at(between, VISIBLE)]
+    return max(*rates, *found) < STEADY * min(*rates, *found)
 
 
 def _varies(system: System, t0: float, t1: float) -> bool:

@@ -26,6 +26,7 @@ from mbdae.errors import (
     warn,
     with_text_when_interrupted,
 )
+from mbdae.inputs.resolution import Bound
 from mbdae.integrators.base import Asked, Solver, end_after, output_times
 from mbdae.integrators.named import solver_of
 from mbdae.integrators.runge_kutta.dop853 import DOP853
@@ -50,6 +51,9 @@ RUN_ONCE = "not estimated: the solver ran once, as it was given; leave out its r
 #: accuracy below which Radau IIA with 5 stages is tried first, which is cheaper there than that with 3; with unknowns of index 2
 #: or 3, whose errors fall more slowly, from a larger one on
 TIGHT, TIGHT_MULTIPLIERS = 1e-8, 1e-5
+#: steps of a run whose error is estimated are at most the time of the run over LOOKS, of the companion; of the run itself 0.4
+#: times as long. What varies in time and moves no differential unknown is in no error test: a load that a constraint holds
+LOOKS = 100
 #: number of evaluations after which the explicit method, where it was chosen, gives way to Radau IIA: the equations are stiff
 EXPLICIT = 30_000
 
@@ -80,7 +84,9 @@ class OwnRun:
     """One call of `simulate`. system: the equations with the measure of every unknown."""
 
     def __init__(self, dae: DAE, accuracy: float, asked: Asked, times: Array) -> None:
-        self.accuracy, self.asked, self.times = accuracy, replace(asked, begin=time.perf_counter()), times
+        self.accuracy, self.times = accuracy, times
+        bound = Bound(dae.t0, asked.t_end, (asked.t_end - dae.t0) / LOOKS)
+        self.asked = replace(asked, begin=time.perf_counter(), bounds=(bound,))
         self.distance = UnknownsDistance(dae.scale)
         self.system = copy(dae)
         self.system.measure = self.distance
@@ -89,7 +95,7 @@ class OwnRun:
         """A run of one solver to the accuracy, or with the tolerance or step that the user set. budget: largest number of
         evaluations of one run."""
         with self._attaching(solver):
-            asked = replace(self.asked, max_residuals=budget)
+            asked = replace(self.asked, max_residuals=budget, bounds=() if solver.fixed or solver.rtol else self.asked.bounds)
             if not solver.fixed and solver.rtol is None and getattr(solver, "atol", None) is not None:
                 solver = solver.at_accuracy(self.accuracy, self.system.label)  # atol is the user's: one run, with the usual rtol
             if not solver.fixed and solver.rtol is None:
