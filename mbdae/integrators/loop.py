@@ -198,15 +198,17 @@ class StepLoop:
 
     def guard(self) -> None:
         """Check the wall time and the number of evaluations, and report progress."""
-        check("steps were made")
         now = time.perf_counter()
         if now - (self._wall if self._begin is None else self._begin) > self._max_wall:
             raise self.failure(f"max_wall = {self._max_wall:g} s of wall time is used up: raise max_wall, or loosen the "
                                "accuracy", "", WallClockError)  # fmt: skip
+        try:
+            check("steps were made")
+        except WallClockError as over:
+            raise self.failure(str(over), "", WallClockError) from None
         if self.stats.residuals > self._max_residuals:
-            raise self.failure(f"the budget of {self._max_residuals:.0f} residual evaluations is used up: the steps are too "
-                               "small to reach the end within it; loosen the accuracy or, if max_residuals was given, "
-                               "raise it", "")  # fmt: skip
+            raise self.failure(f"the budget of {self._max_residuals:.0f} evaluations is used up: the steps are too small to "
+                               "reach the end within it; loosen the accuracy or, if max_residuals was given, raise it", "")
         if self._progress is not None and now - self._wall >= self._next_progress:
             self._next_progress = now - self._wall + PROGRESS_PERIOD
             self._clock()
