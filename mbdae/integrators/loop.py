@@ -207,8 +207,8 @@ class StepLoop:
         except WallClockError as over:
             raise self.failure(str(over), "", WallClockError) from None
         if self.stats.residuals > self._max_residuals:
-            raise self.failure(f"the budget of {self._max_residuals:.0f} residual evaluations is used up: the steps are too small "
-                               "to reach the end within it; loosen the accuracy or, if max_residuals was given, raise it", "")
+            raise self.failure(f"the budget of {self._max_residuals:.0f} residual evaluations is used up: the steps are too "
+                               "small to reach the end in it; loosen the accuracy or, if max_residuals was given, raise it", "")
         if self._progress is not None and now - self._wall >= self._next_progress:
             self._next_progress = now - self._wall + PROGRESS_PERIOD
             self._clock()
