@@ -27,7 +27,7 @@ from mbdae.integrators.solution import Solution, systems_at
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.growth.amplification import SMALL, Disturbances
 from mbdae.run.growth.roots import Found, Look, found_at, positions, vibrating
-from mbdae.system.base import System
+from mbdae.system.base import Array, System
 
 #: a step follows a growing disturbance if step times magnitude of its root is at most FOLLOWED
 FOLLOWED = 0.4
@@ -40,8 +40,12 @@ VISIBLE = 0.03
 #: of its root less SPARE: methods of low order damp what oscillates and grows slowly, at steps that follow the oscillation
 KEEPS, SPARE = 0.8, 0.5
 SHARE = 1e-3  #: a position takes part in a disturbance where it is disturbed by more than this fraction of the one disturbed most
+LOST = 80.0  #: growth (natural logarithm) after which a disturbance of any size is seen
 #: fractions of the time between two looks at which roots are compared with those at the looks, and largest ratio of two of them
 BETWEEN, STEADY = (0.17, 0.37, 0.59, 0.71, 0.88), 2.0
+#: the steps of a part in which a disturbance is behind are at least FOLLOWED over CLOSEST times the magnitude of its root: where
+#: something else moves it, as a load, it does not grow as its root says at any step
+CLOSEST = 100.0
 CLOSER = 2.0  #: a part of a run in which one is behind gets a bound of this fraction of its step
 #: where bounds by growth are in force, the error is at least this many times the difference of a run from its companion; the
 #: second number is for BDF, which follow an unseen disturbance at a low order (measured with IDA, 2.4 times)
@@ -94,14 +98,25 @@ def _growing(system: System, run: Solution, closely: bool) -> list[Growth]:
     edges = np.concatenate([[t0], (times[1:] + times[:-1]) / 2, [t1]])
     y, yp = run(times), run.derivative(times)
     looks = [Look(at, float(times[i]), y[i], yp[i], float(h[i]), t1 - t0) for i, at in enumerate(systems_at(run, times, system))]
-    found = found_at(looks, VISIBLE)
-    late = _late(run, looks, found, CLOSELY if closely else 1)
+    found = _persistent(run, looks, found_at(looks, VISIBLE), edges)
+    late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else [0.0] * len(looks)
     if not any(one.unseen for one in found) and system.n <= SMALL and _varies(system, t0, t1):
         found, late = _by_varying(system, run, looks, found)
     behind = [max(asked, one.unseen if one.unseen * look.h > FOLLOWED else 0.0)
               for look, one, asked in zip(looks, found, late, strict=True)]  # fmt: skip
     return [Growth(float(a), float(b), one.rate, one.unseen, asked)
             for a, b, one, asked in zip(edges[:-1], edges[1:], found, behind, strict=True)]  # fmt: skip
+
+
+def _persistent(run: Solution, looks: list[Look], found: list[Found], edges: Array) -> list[Found]:
+    """What is found, without disturbances whose roots are others elsewhere in their part of the run (between `edges`, s), as in
+    an impact; without all where they would have grown by more than e^LOST and are not seen all the same: they are exactly 0, or
+    something takes them back."""
+    kept = [one._replace(unseen=0.0, parts=one.parts[:, :0], roots=one.roots[:0])
+            if one.unseen > 0 and not _steady(run, look, (float(a), float(b)), (one.rate,)) else one
+            for look, one, a, b in zip(looks, found, edges[:-1], edges[1:], strict=True)]  # fmt: skip
+    grown = sum(one.rate * (b - a) for one, a, b in zip(kept, edges[:-1], edges[1:], strict=True) if one.unseen > 0)
+    return kept if grown < LOST else [Found(one.rate) for one in kept]
 
 
 def total(parts: Sequence[Growth]) -> float:
@@ -118,10 +133,12 @@ def _late(run: Solution, looks: list[Look], found: list[Found], apart: int) -> l
         here, there = looks[i], looks[i + apart]
         if a.size > 0 and b.size > 0 and _rests(here, there, a):
             expected = log(a.after(there.t - here.t, (1 + b.rate / a.rate) / 2) / a.size)
-            if log(b.size / a.size) < KEEPS * expected - SPARE and _steady(run, here, there, (a.rate, b.rate)):
+            if log(b.size / a.size) < KEEPS * expected - SPARE and _steady(
+                    run, here, (here.t, there.t), (a.rate, b.rate)):  # fmt: skip
                 for k in range(i, i + apart + 1):
                     asked[k] = CLOSER / min(here.h, there.h)
-    return asked
+    return [min(late, CLOSEST * one.unseen) if CLOSEST * one.unseen * look.h > FOLLOWED else 0.0
+            for late, one, look in zip(asked, found, looks, strict=True)]  # fmt: skip
 
 
 def _rests(a: Look, b: Look, found: Found) -> bool:
@@ -131,11 +148,11 @@ def _rests(a: Look, b: Look, found: Found) -> bool:
     return bool(np.all(moved[disturbed > SHARE * np.max(disturbed)] < VISIBLE))
 
 
-def _steady(run: Solution, a: Look, b: Look, rates: tuple[float, float]) -> bool:
-    """Whether the largest real part of a root is between two looks what it is at them, within a factor of STEADY."""
-    times = a.t + (b.t - a.t) * np.array(BETWEEN)
-    between = [a._replace(t=float(t), y=y, yp=yp) for t, y, yp in zip(times, run(times), run.derivative(times), strict=True)]
-    found = [one.rate for one in found_at(between, VISIBLE)]
+def _steady(run: Solution, look: Look, between: tuple[float, float], rates: tuple[float, ...]) -> bool:
+    """Whether the largest real part of a root is between two times (s) what it is at the looks, within a factor of STEADY."""
+    times = between[0] + (between[1] - between[0]) * np.array(BETWEEN)
+    looks = [look._replace(t=float(t), y=y, yp=yp) for t, y, yp in zip(times, run(times), run.derivative(times), strict=True)]
+    found = [one.rate for one in found_at(looks, VISIBLE)]
     return max(*rates, *found) < STEADY * min(*rates, *found)
 
 
