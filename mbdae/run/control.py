@@ -161,7 +161,7 @@ def _passing_nothing_over(system: System, prepared: Prepared | None, solver: Sol
         try:
             run = _controlled(system, prepared, solver, accuracy, asked, outputs, made).after(runs, cpu)
         except SolverError as error:
-            if not asked.bounds or isinstance(error, FINAL):
+            if not repeats or not asked.bounds or isinstance(error, FINAL):
                 raise
             run = run.after(1 + len(made), cpu_of(error) + sum(other.stats.cpu_s for _, other in made))
             return replace(run, estimate=math.inf, others=(), notes=(*run.notes, f"a run with shorter steps failed: {error}"))

@@ -32,6 +32,7 @@ COPIES = 2  #: number of disturbances, drawn at random, that are carried along
 MOST = 50_000  #: largest number of steps along which disturbances are carried
 SLACK = 3.0  #: growth (natural logarithm) beyond that asked for after which it is not carried on
 TINY = 1e-300
+VANISHED = 1e-150  #: size of a disturbance, after a step from size 1, below which nothing is left of it: no motion is free
 TURNED, PARTS = 0.1, 16  #: largest change of a position in one part of a step, and largest number of parts
 PLACES = 50  #: number of times at which the largest coordinate is sought
 
@@ -45,6 +46,7 @@ class Disturbances:
         kinds = np.array(system.kinds)
         self._fast = kinds == "v"
         self._slow = ~np.isin(kinds, ("v", "lambda", "mu", "z"))
+        self._kept = ~np.isin(kinds, ("lambda", "mu"))  # multipliers follow from the others
 
     def growth(self, enough: float = math.inf) -> tuple[float, float] | None:
         """(natural logarithm of the largest factor by which a disturbance grows from one time of the run to a later one, time of
@@ -82,10 +84,10 @@ class Disturbances:
             scaled = x / self._system.scale
             both = [float(np.linalg.norm(scaled[:, kind])) for kind in (self._slow, self._fast)]
             now = math.hypot(*both)
-            if not (math.isfinite(now) and now > 0):
+            if not (math.isfinite(now) and now > VANISHED):
                 return None
             sizes.append((size + math.log(max(both[0], TINY)), size + math.log(max(both[1], TINY))))
-            size, x = size + math.log(now), x / now
+            size, x = size + math.log(now), np.where(self._kept, x, 0.0) / now
             least = min(least, size) if i else size
             if size - least > enough + SLACK:
                 break
