@@ -52,6 +52,7 @@ CLOSER = 2.0  #: a part of a run in which one is behind gets a bound of this fra
 AT_LEAST = (1.0, 2.0)
 #: growth (natural logarithm of the factor) by equations that vary in time from which on steps have to follow it
 VARYING = 2.0
+FAINT = 1e-3  #: size of a vibration, over the scales of the positions, from which on the error test sees it
 #: numbers of states of a run at which roots are sought, by the largest number of unknowns for each; LAST with still more. Where
 #: growth was found and the run repeated, CLOSELY times as many
 LOOKS, LAST, CLOSELY = ((6, 10), (4, 30), (3, 60)), 2, 3
@@ -165,9 +166,10 @@ def _by_varying(system: System, run: Solution, looks: list[Look],
                 found: list[Found]) -> tuple[list[Found], list[float]]:  # fmt: skip
     """Growth by equations that vary in time: what is found at every state, and the inverse of the step (1/s) asked for there. It
     is sought, along the run, where something vibrates unseen."""
-    idle = vibrating(looks, VISIBLE)
+    idle = vibrating(looks, FAINT)
     hidden = [i for i, one in enumerate(idle) if one.size > 0]
-    course = Disturbances(system, run).course() if len(hidden) > 1 else None
+    coarse = any(one.unseen * look.h > FOLLOWED / 4 for one, look in zip(idle, looks, strict=True))
+    course = Disturbances(system, run).course() if len(hidden) > 1 and coarse else None
     if course is None or np.max(course[1]) - np.min(course[1]) < VARYING:
         return found, [0.0] * len(looks)
     first, last = hidden[0], hidden[-1]
