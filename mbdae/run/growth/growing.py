@@ -105,19 +105,31 @@ def _growing(system: System, run: Solution, closely: bool) -> list[Growth]:
         found, late = _by_varying(system, run, looks, found)
     behind = [max(asked, one.unseen if one.unseen * look.h > FOLLOWED else 0.0)
               for look, one, asked in zip(looks, found, late, strict=True)]  # fmt: skip
-    return [Growth(float(a), float(b), one.rate, one.unseen, asked)
-            for a, b, one, asked in zip(edges[:-1], edges[1:], found, behind, strict=True)]  # fmt: skip
+    return _while_unseen([Growth(float(a), float(b), one.rate, one.unseen, asked)
+                          for a, b, one, asked in zip(edges[:-1], edges[1:], found, behind, strict=True)])  # fmt: skip
 
 
 def _persistent(run: Solution, looks: list[Look], found: list[Found], edges: Array) -> list[Found]:
     """What is found, without disturbances whose roots are others elsewhere in their part of the run (between `edges`, s), as in
-    an impact; without all where they would have grown by more than e^LOST and are not seen all the same: they are exactly 0, or
-    something takes them back."""
-    kept = [one._replace(unseen=0.0, parts=one.parts[:, :0], roots=one.roots[:0])
+    an impact."""
+    return [one._replace(unseen=0.0, parts=one.parts[:, :0], roots=one.roots[:0])
             if one.unseen > 0 and not _steady(run, look, (float(a), float(b)), (one.rate,)) else one
             for look, one, a, b in zip(looks, found, edges[:-1], edges[1:], strict=True)]  # fmt: skip
-    grown = sum(one.rate * (b - a) for one, a, b in zip(kept, edges[:-1], edges[1:], strict=True) if one.unseen > 0)
-    return kept if grown < LOST else [Found(one.rate) for one in kept]
+
+
+def _while_unseen(parts: Sequence[Growth]) -> list[Growth]:
+    """The parts, without disturbances from the time on at which they would have grown by more than e^LOST. Where they are not
+    seen all the same they are exactly 0, or something takes them back, or the run has lost them before."""
+    found, left = [], LOST
+    for part in parts:
+        counts = part.unseen > 0 and part.rate > 0
+        until = part.begin + max(left, 0.0) / part.rate if counts else part.end
+        left -= part.rate * (part.end - part.begin) if counts else 0.0
+        if until > part.begin:
+            found.append(part._replace(end=min(until, part.end)))
+        if until < part.end:
+            found.append(part._replace(begin=max(until, part.begin), unseen=0.0, behind=0.0))
+    return found
 
 
 def total(parts: Sequence[Growth]) -> float:
