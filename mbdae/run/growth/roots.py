@@ -82,22 +82,23 @@ def _roots(look: Look, S: Array, values: NDArray[np.complex128], seen: float) ->
     rate = float(np.max(roots.real, initial=0.0))
     if rate * look.span < HARMLESS:
         return Found(rate)
-    return _unseen(look, S, roots.real * look.span > HARMLESS, seen)._replace(rate=rate)
+    return _unseen(look, S, values[roots.real * look.span > HARMLESS], seen)._replace(rate=rate)
 
 
 def vibrating(looks: list[Look], seen: float) -> list[Found]:
     """Of disturbances that neither grow nor decay with frozen coefficients what `found_at` finds of growing ones."""
     found = []
     for look, S in zip(looks, _shifted(looks), strict=True):
-        roots = _back(np.linalg.eigvals(S), look.h)
+        values = np.linalg.eigvals(S)
+        roots = _back(values, look.h)
         idle = (np.abs(roots.real) * look.span < np.abs(roots.imag)) & (np.abs(roots.imag) * look.span > HARMLESS)
-        found.append(_unseen(look, S, idle, seen))
+        found.append(_unseen(look, S, values[idle], seen))
     return found
 
 
-def _unseen(look: Look, S: Array, chosen: NDArray[np.bool_], seen: float) -> Found:
-    """Of the chosen roots, those whose disturbances in the motion are smaller than `seen`."""
-    wanted = np.asarray(np.linalg.eigvals(S)[chosen], complex)
+def _unseen(look: Look, S: Array, wanted: NDArray[np.complex128], seen: float) -> Found:
+    """Of some eigenvalues (k,) of S, the matrix of `_shifted`, the roots whose disturbances in the motion are smaller than
+    `seen`."""
     (values, right), (others, left) = ((np.asarray(part, complex) for part in np.linalg.eig(M)) for M in (S, S.T))
     i, j = _nearest(values, wanted), _nearest(others, wanted)
     V, W, roots = right[:, i], left[:, j], _back(np.asarray(values[i], complex), look.h)
