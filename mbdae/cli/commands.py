@@ -9,6 +9,7 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -132,9 +133,9 @@ def validate(a: argparse.Namespace) -> int:
         _json(a, record.results) if a.json else print(record.text(names))
         return 0
     asked = runner.Asked(folder, names, a.seed, a.full, tuple(a.parts), a.jobs, a.hours, out, a.full or a.record)
-    say = (lambda text: None) if a.json else print
-    say(asked.text)
-    measured = runner.measured(asked, lambda text: say(text, flush=True))
+    if not a.json:
+        print(asked.text, flush=True)
+    measured = runner.measured(asked, (lambda text: None) if a.json else partial(print, flush=True))
     a.written += [str(path) for path in runner.write(measured, out)] if out else []
     if a.json:
         _json(a, runner.to_dict(measured) | {"drawn": asked.text, "written": a.written})

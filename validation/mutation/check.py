@@ -10,8 +10,8 @@ from mutation.judge import Copy
 from mutation.mutators import Mutant
 from runner import Case, Claim, Found
 
-claim = Claim("mutation", "every mistake of stated.json (terms of the equations of motion, failures of earlier versions) is seen by "
-              "the tests that it names", 0.0, "mistakes", "the mistakes themselves, put into a copy of the package")  # fmt: skip
+claim = Claim("mutation", "every mistake of stated.json (terms of the equations of motion, failures of earlier versions) is seen "
+              "by the tests that it names", 0.0, "mistakes", "the mistakes themselves, put into a copy of the package")  # fmt: skip
 ROOT = Path(__file__).parents[2]
 STATED = {one["name"]: one for one in json.loads(Path(__file__).with_name("stated.json").read_text(encoding="utf-8"))}
 
