@@ -41,7 +41,8 @@ class Record:
 
     def text(self, names: Sequence[str]) -> str:
         """The last results of some claims, and whether they are those of one tree."""
-        lines: list[tuple[str, ...]] = [("claim", "whole set", "commit", "date", "CPU s", "suites drawn", "commit", "date", "CPU s")]
+        columns = ("commit", "date", "CPU s")
+        lines: list[tuple[str, ...]] = [("claim", "whole set", *columns, "suites drawn", *columns)]
         lines += [(name, *self._cells(name, "whole"), *self._cells(name, "drawn")) for name in names]
         widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
         table = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines]
