@@ -7,11 +7,11 @@ import math
 import tempfile
 from pathlib import Path
 
+from oracles.check import ABSENT, has_pinocchio
 from runner import Case, Claim, Found
 
 from mutation.judge import Copy
 from mutation.mutators import Mutant
-from oracles.check import ABSENT, has_pinocchio
 
 claim = Claim("mutation", "every mistake of stated.json (terms of the equations of motion, failures of earlier versions) is seen "
               "by the tests that it names", 0.0, "mistakes", "the mistakes themselves, put into a copy of the package")
