@@ -192,9 +192,9 @@ def test_a_share_of_a_draw_is_allowed_what_chance_makes_of_it_and_no_more():
     assert allowed(0.03, range(600)) == allowed(0.03, Parts(range(600), 600)) == 0.03
     most = allowed(0.03, Draw(0).of("s", range(600)))
     assert 0.03 < most < 0.15
-    draws = [np.array(Draw(seed).of("s", range(600))) for seed in range(1000)]
+    draws = [np.array(Draw(seed).of("s", range(600))) for seed in range(300)]
     shares = {bad: np.array([np.mean(drawn < bad) for drawn in draws]) for bad in (18, 150)}
-    assert np.mean(shares[18] > most) <= 4e-3  # at most 1 in a thousand is expected: more than 4 by a chance of 0.004
+    assert np.sum(shares[18] > most) <= 3  # at most 0.3 are expected: more than 3 by a chance of 3e-4
     assert np.mean(shares[150] > most) > 0.9
 
 

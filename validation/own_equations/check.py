@@ -26,7 +26,8 @@ def honest(names: Sequence[str], accuracies: Sequence[float]) -> list[Found]:
     silent = [one for one in found if one.silent]
     met = [one for one in found if one.ratio <= 1]
     return [Found(len(silent), 0, "runs", f"silent of {len(found)}", note="; ".join(map(str, silent))),
-            Found(float(np.mean([one.needless for one in met])), NEEDLESS, "share", "needless warnings")]  # fmt: skip
+            Found(float(np.mean([one.needless for one in met])), NEEDLESS, "share", "needless warnings",
+                  "; ".join(f"{one.solver} at {one.accuracy:g}: {one.ratio:.2g}" for one in met if one.needless))]  # fmt: skip
 
 
 def published(make: Callable[[], mb.DAE], rtol: float, t_end: float, values: np.ndarray) -> Found:  # type: ignore[name-defined]
