@@ -133,8 +133,6 @@ def validate(a: argparse.Namespace) -> int:
         _json(a, record.results) if a.json else print(record.text(names))
         return 0
     asked = runner.Asked(folder, names, a.seed, a.full, tuple(a.parts), a.jobs, a.hours, out, a.full or a.record)
-    if not a.json:
-        print(asked.text, flush=True)
     measured = runner.measured(asked, (lambda text: None) if a.json else partial(print, flush=True))
     a.written += [str(path) for path in runner.write(measured, out)] if out else []
     if a.json:

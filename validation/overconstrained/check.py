@@ -35,7 +35,7 @@ def turned(name: str, seed: int) -> list[Found]:
 
 def poses(name: str, seeds: Iterable[int]) -> list[Found]:
     """The worst of some poses, each of a seed."""
-    found = [[replace(one, note=f"pose {seed}") for one in turned(name, seed)] for seed in seeds]
+    found = [[replace(one, note=f"pose {seed}" if one.error else "") for one in turned(name, seed)] for seed in seeds]
     return [max(of_one, key=lambda one: one.error) for of_one in zip(*found, strict=True)]
 
 

@@ -19,6 +19,7 @@ from typing import Any
 
 from mbdae.errors import OptionError
 from mbdae.run.progress import bar
+from mbdae.values import shown
 from runner.claim import Claim, Row
 from runner.draw import Draw
 from runner.folder import check_name, load
@@ -65,26 +66,29 @@ class Asked:
 
 
 def measured(asked: Asked, tell: Callable[[str], None]) -> list[Measured]:
-    """What is found of every claim, in the order asked; `tell` takes the text of each when it is there. A claim alone is
-    measured in this process. KeyboardInterrupt says what was done; OptionError names a claim or a part that there is not."""
+    """What is found of every claim, in the order asked; `tell` takes what is drawn, and the text of each when it is there.
+
+    A claim alone is measured in this process. KeyboardInterrupt says what was done; OptionError names a claim or a part that
+    there is not."""
     for name in asked.names:
         check_name(asked.folder, name)
     if asked.only and len(asked.names) != 1:
-        raise OptionError("--parts names parts of one claim: name that claim too")
+        raise OptionError(f"--parts {shown(' '.join(asked.only))}: parts are those of one claim: name that claim too")
+    tell(asked.text)
     record, done = Record(asked.folder), dict[str, Measured]()
     order = sorted(asked.names, key=lambda name: record.cost(name, asked.whole), reverse=True)
     session = _here if len(order) == 1 or asked.hours else _side_by_side
     running: dict[str, Any] = {}
-    with closing(bar()) as shown:
+    with closing(bar()) as drawn:
 
         def show() -> None:
-            shown.show(len(done) / len(order), "validate", ", ".join(running))
+            drawn.show(len(done) / len(order), "validate", ", ".join(running))
 
         def found(name: str, m: Measured) -> None:
             done[name] = m
             if asked.keep:
                 record.keep(m, None if asked.whole else asked.seed)
-            shown.close()
+            drawn.close()
             tell(text(m) + ("" if m.holds else f"  again: {asked.again([name])}\n"))
 
         try:
