@@ -55,7 +55,7 @@ VARYING = 2.0
 FAINT = 1e-3  #: size of a vibration, over the scales of the positions, from which on the error test sees it
 #: numbers of states of a run at which roots are sought, by the largest number of unknowns for each; LAST with still more. Where
 #: growth was found and the run repeated, CLOSELY times as many
-LOOKS, LAST, CLOSELY = ((6, 10), (4, 30), (3, 60)), 2, 3
+LOOKS, LAST, CLOSELY = ((6, 10), (4, 30)), 2, 3
 
 
 class Growth(NamedTuple):
@@ -101,8 +101,10 @@ def _growing(system: System, run: Solution, closely: bool) -> list[Growth]:
     looks = [Look(at, float(times[i]), y[i], yp[i], float(h[i]), t1 - t0) for i, at in enumerate(systems_at(run, times, system))]
     spectra = roots_at(looks)
     found = _persistent(run, looks, spectra.found(VISIBLE), edges)
-    late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else [0.0] * len(looks)
-    if not any(one.unseen for one in found) and system.n <= SMALL and _varies(system, t0, t1):
+    late = [0.0] * len(looks)
+    if any(one.unseen for one in found):
+        late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else late
+    elif system.n <= SMALL and _varies(system, t0, t1):
         found, late = _by_varying(system, run, spectra, found)
     behind = [max(asked, one.unseen if one.unseen * look.h > FOLLOWED else 0.0)
               for look, one, asked in zip(looks, found, late, strict=True)]  # fmt: skip
@@ -166,8 +168,8 @@ def _steady(run: Solution, look: Look, between: tuple[float, float], rates: tupl
     """Whether the largest real part of a root is between two times (s) what it is at the looks, within a factor of STEADY."""
     times = between[0] + (between[1] - between[0]) * np.array(BETWEEN)
     looks = [look._replace(t=float(t), y=y, yp=yp) for t, y, yp in zip(times, run(times), run.derivative(times), strict=True)]
-    found = roots_at(looks).rates
-    return max(*rates, *found) < STEADY * min(*rates, *found)
+    found = [*rates, *roots_at(looks).rates.tolist()]
+    return bool(max(found) < STEADY * min(found))
 
 
 def _varies(system: System, t0: float, t1: float) -> bool:

@@ -4,7 +4,6 @@ are too small to be seen by the error test of a solver."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -132,9 +131,11 @@ def roots_at(looks: list[Look]) -> Spectra:
 
 
 def _vectors(shifted: Array, at: NDArray[np.int64], values: Values) -> tuple[Values, Values]:
-    """Right and left eigenvectors (k, n), one a row, to eigenvalues (k,) of the matrices (states, n, n) with the indices at (k,). Few are found by solving twice with a matrix that is all but singular, from vectors that differ, as those of equal
-    eigenvalues do."""
+    """Right and left eigenvectors (k, n), one a row, to eigenvalues (k,) of the matrices (states, n, n) with the indices at (k,).
+    Few are found by solving twice with a matrix that is all but singular, from vectors that differ, as those of equal eigenvalues
+    do."""
     n = shifted.shape[1]
+    values = values if np.any(values.imag) else values.real
     if len(values) > FEW * len(distinct(at)):
         found = [np.linalg.eig(S) for S in (shifted, shifted.transpose(0, 2, 1))]
         right, left = (np.array([vectors[i][:, j] for i, j in zip(at, _nearest(others, at, values), strict=True)])
@@ -168,16 +169,16 @@ def _shifted(looks: list[Look]) -> Array:
     root r of the equations is an eigenvalue 1 / (1 - h r / SHIFT); infinite roots, of constraints, are 0. A matrix is 0 where the
     equations are singular."""
     scale, h = looks[0].system.scale, np.array([look.h for look in looks])[:, None, None]
-    parts = [full_jacobians(look.system, look.t, look.y, look.yp) for look in looks]
-    A, E = (np.array(part) for part in zip(*parts, strict=True))
-    both, E = (A * (h / SHIFT) + E) * scale, E * scale
+    A, E = np.swapaxes([full_jacobians(look.system, look.t, look.y, look.yp) for look in looks], 0, 1)
+    both = (A * (h / SHIFT) + E) * scale
     size = np.max(np.abs(both), axis=2, keepdims=True)
-    sound = np.isfinite(both).all(axis=(1, 2)) & np.all(size > 0, axis=(1, 2))
-    out = np.zeros_like(both)
-    for i in np.flatnonzero(sound):
-        with suppress(np.linalg.LinAlgError):
-            out[i] = np.linalg.solve(both[i] / size[i], E[i] / size[i])
-    return np.asarray(out)
+    sound = np.all(np.isfinite(size) & (size > 0), axis=1, keepdims=True)
+    size = np.where(sound, size, 1.0)
+    both, E = np.where(sound, both, np.eye(len(scale))) / size, np.where(sound, E * scale, 0.0) / size
+    try:
+        return np.asarray(np.linalg.solve(both, E))
+    except np.linalg.LinAlgError:
+        return np.zeros_like(both) if len(looks) == 1 else np.concatenate([_shifted([look]) for look in looks])
 
 
 def _grows(S: Array) -> bool:
