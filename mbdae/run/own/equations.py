@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import time
-import warnings as python_warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
@@ -20,7 +19,6 @@ import numpy as np
 
 from mbdae.errors import (
     FINAL,
-    AccuracyWarning,
     OptionError,
     SolverError,
     warn,
@@ -35,9 +33,9 @@ from mbdae.integrators.solution import Solution
 from mbdae.integrators.sundials.ida import IDA
 from mbdae.results.run_info import RunInfo
 from mbdae.results.unknowns import Unknowns, UnknownsAccuracy, UnknownsDistance
-from mbdae.run.assessment import missed
-from mbdae.run.control import SHALLOW, Controlled, cpu_of, plausible, run_controlled
-from mbdae.run.hidden_contacts import hidden_contacts
+from mbdae.run.assessment import growth_words, missed
+from mbdae.run.control import Controlled, cpu_of, plausible, run_controlled
+from mbdae.run.job import run_once
 from mbdae.run.own.start import inconsistency
 from mbdae.run.progress import progress_of
 from mbdae.run.reliability import doubts_of_steps
@@ -100,13 +98,7 @@ class OwnRun:
                 solver = solver.at_accuracy(self.accuracy, self.system.label)  # atol is the user's: one run, with the usual rtol
             if not solver.fixed and solver.rtol is None:
                 return run_controlled(self.system, None, solver, self.accuracy, asked, self.times)
-            with python_warnings.catch_warnings(record=True) as caught:
-                python_warnings.simplefilter("always", AccuracyWarning)
-                solution = solver.run(self.system, asked)
-            notes = tuple(dict.fromkeys(str(w.message) for w in caught))
-            exactly = self.accuracy if solver.rtol is None else solver.rtol
-            hidden = hidden_contacts(self.system, solution, SHALLOW * exactly)
-            return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s, notes, hidden=tuple(hidden))
+            return run_once(self.system, solver, asked, self.accuracy)
 
     def chosen(self) -> tuple[Controlled, str]:
         """The run of the first solver that meets the accuracy, else the one with the smallest error; and why it was chosen."""
@@ -147,7 +139,8 @@ class OwnRun:
     def result(self, run: Controlled, choice: str) -> Unknowns:
         """The result with its warnings, each also issued as an AccuracyWarning."""
         known = self._accuracy(run)
-        notes = [*missed(known, run), *(run.notes if known.met is not True else ()), *doubts_of_steps(run, known.asked)]
+        notes = [*missed(known, run), *(run.notes if known.met is not True else ()), *doubts_of_steps(run, known.asked),
+                 *growth_words(run, known.asked)]
         if known.met is False and notes and known.worst:
             notes[0] = f"{notes[0]}; the unknown that is farthest off is {known.worst}"
         reliable = not run.hidden and not run.solution.stats.missed_dips
