@@ -38,6 +38,8 @@ ROUNDED = 1e-11
 #: of a peak outside of a window in which another run shows vibrations that this one leaves out counts MEETING times their
 #: amplitude from LATE (a fraction of the window) on; of one inside it the largest difference within NEAR of it
 MEETING, LATE, NEAR = 0.3, 2 / 3, 0.05
+#: of the differences over time in scenes with contact, the quantile that counts for peaks
+LASTING = 0.9
 POWERS = np.linspace(0.15, 1.0, 40)  #: of the tolerance, with which errors of runs with contact fall
 #: errors of functions that read what other runs do not have
 UNREADABLE = (MbdaeError, ArithmeticError, LookupError, TypeError, ValueError, AttributeError)
@@ -132,7 +134,7 @@ class Errors:
         return self._known[quantity, size, t]
 
     def _of_peak(self, result: Any, quantity: Quantity, size: float, t: float) -> Estimate | None:
-        over_time = self.of(result, quantity)
+        over_time = self._estimated(result, quantity, LASTING) if self.prepared.contacts else self.of(result, quantity)
         found = self._closely(lambda: self._estimated_peak(result, quantity, size, t))
         if found is None or over_time is None or any(o.kind == "closer" and o.times[-1] >= t for o in self.others):
             return found
@@ -150,13 +152,14 @@ class Errors:
         self.others = (*self.others, other)
         return estimate()
 
-    def _estimated(self, result: Any, quantity: Quantity) -> Estimate | None:
+    def _estimated(self, result: Any, quantity: Quantity, quantile: float = 1.0) -> Estimate | None:
+        """From the largest differences over time, or from the quantile of them: a shift of an impact lasts for a moment."""
         unit, found, size = unit_of(result, quantity), [], 0.0
         try:
             for other in self._shown:
                 own, compared = (value(one, quantity) for one in self._both(result, other))
                 size = max(size, float(np.max(magnitudes(own), initial=0.0)))
-                found.append((other, float(np.max(magnitudes(difference(own, compared, unit)), initial=0.0))))
+                found.append((other, float(np.quantile(magnitudes(difference(own, compared, unit)), quantile))))
         except UNREADABLE:
             return None
         return Estimate(together(found), max(size, self._scale(unit)), self._rounding(unit)) if found else None
