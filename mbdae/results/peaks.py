@@ -76,7 +76,7 @@ def peak(result: Any, quantity: Quantity) -> Peak:
     """The largest magnitude of a quantity from the first of the result's times to the last, evaluated inside every step of the
     run and then searched more closely where it is largest."""
     unit, name = unit_of(result, quantity), named(quantity)
-    found = result._peaks.get(quantity)
+    found: tuple[float, float] | None = result._peaks.get(quantity) if isinstance(quantity, str) else None
     if found is None:
         with result._silently():
             found = largest(result, quantity, float(result.t[0]), float(result.t[-1]))
@@ -108,7 +108,7 @@ def largest(result: Any, quantity: Quantity, first: float, last: float) -> tuple
     return best
 
 
-def _where_it_may_be(result: Any, quantity: Quantity, steps: Array) -> Array:
+def _where_it_may_be(result: Any, quantity: Quantity, steps: Array) -> Any:
     """(k,) numbers of the steps in which the largest magnitude may be: with many of them those whose values at the begin and the
     end, with CURVED times what the quantity bends in the step or its neighbours, reach the largest value seen there."""
     every, h = np.arange(len(steps) - 1), np.diff(steps)
@@ -122,10 +122,10 @@ def _where_it_may_be(result: Any, quantity: Quantity, steps: Array) -> Array:
     return every[reached >= np.max(size, where=np.isfinite(size), initial=0.0)]
 
 
-def _inside(steps: Array, of: Array) -> Array:
+def _inside(steps: Array, of: Any) -> Array:
     """Times at which a quantity is evaluated in the steps with the numbers `of`."""
     shares = np.r_[np.arange(INSIDE) / INSIDE, 1 - JUST]
-    return distinct(np.r_[(steps[of, None] + (steps[of + 1] - steps[of])[:, None] * shares).ravel(), steps[of + 1]])
+    return np.asarray(distinct(np.r_[(steps[of, None] + (steps[of + 1] - steps[of])[:, None] * shares).ravel(), steps[of + 1]]))
 
 
 def sizes(result: Any, quantity: Quantity, times: Array) -> Array:
