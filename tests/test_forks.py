@@ -17,7 +17,7 @@ import pytest
 
 import mbdae as mb
 from mbdae import forks, threads
-from mbdae.native.signals import Signals
+from mbdae.signals import Signals
 
 needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="systems that fork")
 PATIENCE = 60  #: s after which a forked process counts as one that hangs
