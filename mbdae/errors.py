@@ -131,7 +131,7 @@ class StoppedError(MbdaeError):
     """A run that is kept in a folder was ended by SIGTERM, after the step under way; the same call goes on with it."""
 
 
-ENDS = (KeyboardInterrupt, SystemExit, signals.RaisedError, DiskError)  #: what ends a call, and carries what was computed until then
+ENDS = (KeyboardInterrupt, SystemExit, signals.RaisedError, DiskError)  #: what ends a call, with what was computed until then
 
 
 def interrupted(error: BaseException, text: str, solution: Any) -> None:

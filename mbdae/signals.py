@@ -1,8 +1,8 @@
 """Handlers of signals: what they raise leaves a call of mbdae as it is.
 
 Python calls the handler of a signal, such as that of Ctrl-C, between any two instructions. Where an Exception of a handler of the
-user's, such as the TimeoutError of an alarm, would come inside of a `try`, it would be taken for a fault of what is done there, so
-it is raised as `RaisedError`, which none of these catch, and made itself again where the call ends (`ended`).
+user's, such as the TimeoutError of an alarm, would come inside of a `try`, it would be taken for a fault of what is done there: it
+is raised as `RaisedError`, which none of these catch, and made itself again where the call ends (`ended`).
 
 Where the next instruction is that of a callback from C, its `try` block has not begun yet: ctypes then prints an exception of the
 handler and drops it, and C goes on with a result that was never written. So handlers wait while C runs (`Signals`).
@@ -10,7 +10,7 @@ handler and drops it, and C goes on with a result that was never written. So han
 
 from __future__ import annotations
 
-import _signal
+import _signal  # type: ignore[import-not-found]
 import signal
 import sys
 import threading

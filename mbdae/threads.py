@@ -18,7 +18,6 @@ from mbdae.errors import OptionError
 from mbdae.forks import in_forked_process
 
 EVALUATION = 0.1  #: time (s) after which a thread that waits for an evaluation by another one looks whether that makes a run
-RLockType = type(RLock())
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -111,7 +110,7 @@ class Owner:
     def __reduce__(self) -> tuple[Any, ...]:
         return Owner, (self.what,)
 
-    def taken(self) -> RLockType:
+    def taken(self) -> Any:
         """The lock of the equations, taken, to be released: it waits while another thread evaluates them. OptionError where
         another thread runs them."""
         if self._process != os.getpid():  # a thread that had taken it is in the process that this one was forked from

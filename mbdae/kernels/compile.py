@@ -71,8 +71,8 @@ class Kernel:
         try:
             return se.Lambdify(self.symbols, self.expressions, backend="llvm", cse=True, opt_level=level)
         except RuntimeError as error:  # of symengine, for complex and infinite numbers that derivatives bring
-            raise LawError(f"a law cannot be compiled ({error}): look for a division by 0, powers of numbers that are not positive, "
-                           "and cases without (value, True) at their end") from error
+            raise LawError(f"a law cannot be compiled ({error}): look for a division by 0, powers of numbers that are not "
+                           "positive, and cases without (value, True) at their end") from error
 
     @cached_property
     def tangent(self) -> Kernel:

@@ -10,12 +10,12 @@ import numpy as np
 from mbdae.errors import NamesAttributes, SceneError, meant
 from mbdae.scene import reading
 from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Controller, Signal
-from mbdae.scene.reading import Argument
+from mbdae.scene.reading import Argument, Reader
 from mbdae.scene.record import Own, Statement
 from mbdae.scene.sensed import keep_read_coordinates, keep_wanted, read_by
 from mbdae.values import fixed, shown
 
-READ = {"name": reading.name, "space": reading.one_of("auto", "planar", "spatial"),
+READ: dict[str, Reader] = {"name": reading.name, "space": reading.one_of("auto", "planar", "spatial"),
         "gravity": lambda arg, value: fixed(reading.vector("m/s^2")(arg, value))}  # fmt: skip
 
 KEPT = {"recording", "_known", "_sent"}  #: attributes by which a scene keeps what it found
@@ -55,7 +55,7 @@ class SceneItems(NamesAttributes):
                 raise SceneError([self.problems.pop()])
         elif made and self.recording and name not in KEPT and (name in own or type(self).__module__.startswith("mbdae.")):
             raise AttributeError(f"scene '{self.name}': {meant(name, READ)}{name} = {shown(value)} would have no effect: of a "
-                                 f"scene only {', '.join(READ)} are set, all else is stated (s.link, s.revolute, ...)")  # fmt: skip
+                                 f"scene only {', '.join(READ)} are set, all else is stated (s.link, ...)")  # fmt: skip
         super().__setattr__(name, value)
 
     @property

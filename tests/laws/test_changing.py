@@ -231,7 +231,6 @@ def test_what_was_changed_before_a_sweep_is_not_lost_in_its_workers() -> None:
         except mb.MbdaeError as error:
             assert "pull" in str(error) or "law" in str(error), name
         else:
-            for row in found.rows:
-                assert row.error is None or "states something else" in row.error, name
-            values = [row.values["b.y"][-1] for row in found.rows if row.error is None]
-            np.testing.assert_allclose(values, np.cos(0.5 * np.sqrt([6.0, 3.0]))[: len(values)], atol=1e-5)
+            assert all("states something else" in row.error for row in found.failures), name
+            ends = found.array("b.y")[:, -1] if len(found.failures) < 2 else np.zeros(0)
+            np.testing.assert_allclose(ends[np.isfinite(ends)], np.cos(0.5 * np.sqrt([6.0, 3.0]))[np.isfinite(ends)], atol=1e-5)
