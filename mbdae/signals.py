@@ -1,8 +1,8 @@
 """Handlers of signals: what they raise leaves a call of mbdae as it is.
 
 Python calls the handler of a signal, such as that of Ctrl-C, between any two instructions. Where an Exception of a handler of the
-user's, such as the TimeoutError of an alarm, would come inside of a `try`, it would be taken for a fault of what is done there: it
-is raised as `RaisedError`, which none of these catch, and made itself again where the call ends (`ended`).
+user's, such as the TimeoutError of an alarm, would come inside of a `try`, it would be taken for a fault of what is done there:
+it is raised as `RaisedError`, which none of these catch, and made itself again where the call ends (`ended`).
 
 Where the next instruction is that of a callback from C, its `try` block has not begun yet: ctypes then prints an exception of the
 handler and drops it, and C goes on with a result that was never written. So handlers wait while C runs (`Signals`).
@@ -60,10 +60,10 @@ def heard() -> dict[int, Heard]:
     if threading.get_ident() == threading.main_thread().ident:
         for number in NUMBERS:
             handler = _signal.getsignal(number)
-            if callable(handler) and handler is not signal.default_int_handler and not isinstance(handler, Heard):
-                if not (getattr(handler, "__module__", None) or "").startswith(f"{OWN}."):
-                    found[number] = Heard(handler)
-                    signal.signal(number, found[number])
+            own = (getattr(handler, "__module__", None) or "").startswith(f"{OWN}.")  # of this package, those of `Heard` too
+            if callable(handler) and handler is not signal.default_int_handler and not own:
+                found[number] = Heard(handler)
+                signal.signal(number, found[number])
     return found
 
 

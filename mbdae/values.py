@@ -290,8 +290,8 @@ class AsStated(NamesAttributes):
 
     def __setattr__(self, name: str, value: Any) -> None:
         if self._settled():
-            raise AttributeError(f"{self._called}: {name} = {shown(value)} comes after its statement, which alone counts: give it "
-                                 f"there, in a function that makes the scene; for many values mb.sweep(scene, "
+            raise AttributeError(f"{self._called}: {name} = {shown(value)} comes after its statement, which alone counts: give "
+                                 f"it there, in a function that makes the scene; for many values mb.sweep(scene, "
                                  f"{{'{vars(self)['name']}.{name}': [...]}}, t_end=...), for joint models "
                                  f"scene.replace(...)")  # fmt: skip
         super().__setattr__(name, value)

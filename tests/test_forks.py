@@ -186,14 +186,13 @@ def test_threads_wait_for_each_others_evaluations() -> None:
         right = [expected.jacobian_parts(0.0, y, expected.yp0) for y in states]
         together, found, before = threading.Barrier(2), list[bool](), sys.getswitchinterval()
 
-        def work(k: int, system: Any = system, together: threading.Barrier = together) -> None:
+        def work(y: Any, right: Any, system: Any, found: list[bool], together: threading.Barrier) -> None:
             together.wait()
             for _ in range(20):
-                made = system.jacobian_parts(0.0, states[k], system.yp0)
-                found.append(all(map(np.array_equal, made, right[k])))  # noqa: B023
+                found.append(all(map(np.array_equal, system.jacobian_parts(0.0, y, system.yp0), right)))
 
         sys.setswitchinterval(1e-6)
-        threads = [threading.Thread(target=work, args=(k,)) for k in range(2)]
+        threads = [threading.Thread(target=work, args=(states[k], right[k], system, found, together)) for k in (0, 1)]
         try:
             for thread in threads:
                 thread.start()
@@ -234,14 +233,15 @@ def test_what_a_handler_raises_leaves_as_it_is(how: Any, monkeypatch: pytest.Mon
     before = signal.signal(signal.SIGALRM, late)
     try:
         if how is not None:
-            with pytest.raises(TimeoutError, match="^too late$"):
+            with pytest.raises(TimeoutError, match=r"^too late$"):
                 s.simulate(1.0)
         else:
-            with pytest.raises(TimeoutError, match="^too late$") as stopped:
+            with pytest.raises(TimeoutError, match=r"^too late$") as stopped:
                 s.simulate(1.0, progress=lambda *_: signal.raise_signal(signal.SIGALRM))
-            assert isinstance(stopped.value.solution, type(r := s.simulate(0.1)))
+            r = s.simulate(0.1)
+            assert isinstance(stopped.value.solution, type(r))
             monkeypatch.setattr("mbdae.files.os.replace", lambda *_: signal.raise_signal(signal.SIGALRM))
-            with pytest.raises(TimeoutError, match="^too late$"):
+            with pytest.raises(TimeoutError, match=r"^too late$"):
                 r.save(tmp_path / "run.npz")
             assert list(tmp_path.iterdir()) == []
         assert signal.getsignal(signal.SIGALRM) is late

@@ -47,7 +47,7 @@ def unusable(e: Any, fixed: Collection[Any] | None = ()) -> str:
         if kind == "Piecewise" and node.args[-1] != se.true:
             return f"{shown(node)}, which has no value where none of its conditions holds; end it with (value, True)"
         if kind == "Pow" and node.args[1].free_symbols and _without_powers(node.args[0]):
-            return f"{shown(node)}, a power whose base is not positive: it is no real number for most exponents; state it by cases"
+            return f"{shown(node)}, a power whose base is not positive: no real number for most exponents; state it by cases"
         if node.is_Number or not (node.args or kind in USABLE or is_condition(node)):
             if not _is_finite(node):
                 return f"{node}, which is no real, finite number; look for a division by 0, or for numbers that are too large"

@@ -74,7 +74,7 @@ def test_files_know_the_equations(name: str, tmp_path) -> None:
     for first, second in ORDERS:
         s = changing.scene(name, first)
         if name in NOT_STORED:
-            with pytest.raises(mb.OptionError, match="'pull'.*(cannot be stored|has no name by which it could be found again)"):
+            with pytest.raises(mb.OptionError, match=r"'pull'.*(cannot be stored|has no name by which it could be found again)"):
                 s.simulate(0.01).save(tmp_path / "run.npz")
             continue
         s.simulate(0.01).save(tmp_path / "run.npz")
@@ -226,11 +226,8 @@ def test_what_was_changed_before_a_sweep_is_not_lost_in_its_workers() -> None:
     """Worker processes read the file of the law again: the scene that was changed here is swept as it is, or refused by name."""
     for name in EVERY_TENTH:
         s = changing.scene(name, 6.0)
-        try:
-            found = mb.sweep(s, {"b.mass": [1.0, 2.0]}, t_end=0.5, workers=2)
-        except mb.MbdaeError as error:
-            assert "pull" in str(error) or "law" in str(error), name
+        found = mb.sweep(s, {"b.mass": [1.0, 2.0]}, t_end=0.5, workers=2)
+        if found.failures:
+            assert all("states something else" in text for text in map(str, found.failures)), (name, found.failures)
         else:
-            assert all("states something else" in row.error for row in found.failures), name
-            ends = found.array("b.y")[:, -1] if len(found.failures) < 2 else np.zeros(0)
-            np.testing.assert_allclose(ends[np.isfinite(ends)], np.cos(0.5 * np.sqrt([6.0, 3.0]))[np.isfinite(ends)], atol=1e-5)
+            np.testing.assert_allclose(found.array("b.y")[:, -1], np.cos(0.5 * np.sqrt([6.0, 3.0])), atol=1e-5)
