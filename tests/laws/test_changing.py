@@ -228,6 +228,6 @@ def test_what_was_changed_before_a_sweep_is_not_lost_in_its_workers() -> None:
         s = changing.scene(name, 6.0)
         found = mb.sweep(s, {"b.mass": [1.0, 2.0]}, t_end=0.5, workers=2)
         if found.failures:
-            assert all("states something else" in text for text in map(str, found.failures)), (name, found.failures)
+            assert all("states something else" in text for text in found.failures.values()), (name, found.failures)
         else:
             np.testing.assert_allclose(found.array("b.y")[:, -1], np.cos(0.5 * np.sqrt([6.0, 3.0])), atol=1e-5)
