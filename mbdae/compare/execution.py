@@ -17,7 +17,7 @@ from mbdae.compare.reference import computed_reference
 from mbdae.compare.rows import Row, asked_for
 from mbdae.compare.run import Run
 from mbdae.compare.split import Split
-from mbdae.errors import MbdaeError, SolverError, interrupted
+from mbdae.errors import ENDS, MbdaeError, SolverError, interrupted
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.sweep.resume import interruption
 from mbdae.system.base import Array
@@ -45,7 +45,7 @@ class Execution:
         before = self.state.cpu_s, self.state.total_cpu_s
         try:
             self._do(tell, before)
-        except (KeyboardInterrupt, SystemExit) as error:
+        except ENDS as error:
             done = interruption(self.kept.path, len(self.state.rows), len(self.queue), "runs")
             interrupted(error, done, None)
             raise

@@ -10,7 +10,7 @@ from typing import Any
 from mbdae.compare.problem import SECONDS, Problem, new_problem
 from mbdae.compare.run import Run, checked_runs, progress_of_runs
 from mbdae.display import plain, titled
-from mbdae.errors import MbdaeError, interrupted, naming_arguments
+from mbdae.errors import ENDS, MbdaeError, interrupted, naming_arguments
 from mbdae.extremes.cell import FAILED, Cell, cell
 from mbdae.extremes.checkpoint import Checkpoint, checkpoint
 from mbdae.extremes.data import Block, ExtremesData
@@ -86,7 +86,7 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
     execution = _Execution(measure, max_wall, accuracy, chosen, first, runs is None, kept, tell, total * (len(chosen) + 1))
     try:
         blocks = tuple(execution.block(p) for p in parameters)
-    except (KeyboardInterrupt, SystemExit) as error:
+    except ENDS as error:
         interrupted(error, interruption(kept.path, len(kept.rows), total, "values"), None)
         raise
     return Extremes(base.name, end, accuracy, measure, first.what, blocks, kept.cpu_s + time.process_time() - begin)

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from mbdae.native.equations import Equations, Number, Pointer, Whole, seen
 from mbdae.native.library import declared
-from mbdae.native.signals import Signals
 from mbdae.native.sundials_library import UnavailableError, sundials
 from mbdae.native.sundials_steps import MOST_ROWS, Array, Block, Run, Settings, Steps
+from mbdae.signals import Signals
 
 #: wall time (s) after which a call of the step loop in C returns, so that Python handles Ctrl-C, limits and progress
 SLICE = 0.05
