@@ -16,7 +16,7 @@ from typing import Any
 from mbdae.errors import AccuracyWarning, OptionError
 from mbdae.notation import counted
 from mbdae.results.reads import reads
-from mbdae.sweep.worker import Worker, WorkerDiedError
+from mbdae.study.worker import Worker, WorkerDiedError
 
 DIED = "worker died"
 THREADS = "executor=concurrent.futures.ThreadPoolExecutor()"  #: to work in threads, which share this process's objects
