@@ -11,8 +11,8 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.audit import notation
+from mbdae.audit.carried import expression_value
 from mbdae.audit.evaluate import SizeError, evaluate, size
-from mbdae.audit.expressions import expression_value
 from mbdae.audit.laws import Own, derived, part_class
 from mbdae.audit.motion import Motion
 from mbdae.audit.notation import Node, Statement, bare

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError
-from mbdae.export.program import Entry, Program
-from mbdae.export.units import RATES, force_of, node_units, rate_of
+from mbdae.export.program import RATES, Entry, Program, force_of, node_units, rate_of
 from mbdae.kernels import Kernel, linearised_plan, plan
 from mbdae.laws.contact import JournalContact
 from mbdae.laws.friction import Friction

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.documents.blocks import Block, Paragraph, Picture, Section
-from mbdae.documents.drawing import Drawing
+from mbdae.documents.blocks import Block, Drawing, Paragraph, Picture, Section
 from mbdae.reports.calculus import Pair
 from mbdae.reports.law_page import LawPage, planar_of
 from mbdae.reports.letters import of_name

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from mbdae.analysis import linearize
-from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table, numbered
+from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table, numbered, pattern
 from mbdae.documents.document import Document
-from mbdae.documents.drawing import pattern
 from mbdae.documents.formulas import escaped
 from mbdae.errors import MbdaeError, SteadyError
 from mbdae.formulations import system_for
