@@ -23,8 +23,8 @@ from mbdae.symbolic.stated import motion_key
 from mbdae.symbolic.tree import tree_program
 from mbdae.symbolic.tree_motion import Link, TreeStructure
 
-# -- Expressions of laws as Python functions of complex numbers: symengine computes powers by logarithms, which makes complex steps
-# inexact
+# -- expressions of laws as Python functions of complex numbers: symengine computes powers by logarithms, which makes complex
+# steps inexact
 
 
 def _no_case() -> Value:

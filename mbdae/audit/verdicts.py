@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbdae.audit.compare import SAME, Compared, States, compared, identical
-from mbdae.audit.dimensions import faults, of_definitions, of_laws
+from mbdae.audit.edits import faults, of_definitions, of_laws
 from mbdae.audit.evaluate import NO_VALUE, reason
 from mbdae.audit.motion import Motion
 from mbdae.audit.notation import Statement, is_zero

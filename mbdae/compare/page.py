@@ -116,8 +116,9 @@ def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -
         for i, label in enumerate(labels):
             _line(axis, [row for row in w.runs if row.label == label], work, i, names[i])
         _dress(axis, w, title)
+    told = escaped(f"error: {w.what}") if w.measure is not None else "error of the whole motion"
     for axis in axes if stacked else axes[:1]:
-        axis.set_ylabel("\n".join(textwrap.wrap(_error_label(w), 48)))
+        axis.set_ylabel("\n".join(textwrap.wrap(told, 48)))
     head = escaped(f"{w.scene}, to t = {w.t_end:g} s")
     figure.suptitle("\n".join(textwrap.wrap(head, int(width * 11))), fontsize="medium")
     handles, texts = axes[0].get_legend_handles_labels()
@@ -198,10 +199,6 @@ def _ticks(axis: Any) -> None:
     axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 200 * low else (1.0,)))
     axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.xaxis.set_minor_formatter(NullFormatter())
-
-
-def _error_label(w: ComparisonData) -> str:
-    return escaped(f"error: {w.what}") if w.measure is not None else "error of the whole motion"
 
 
 class Comparison(ComparisonData):

@@ -176,7 +176,8 @@ def markdown(title: str, blocks: Sequence[Block], files: Mapping[int, str] | Non
 def _markdown_block(block: Block, level: int, files: Mapping[int, str]) -> str:
     if isinstance(block, Section):
         level = block.level or level
-        return "\n\n".join([f"{'#' * level} {_plain(block.title)}", *(_markdown_block(b, level + 1, files) for b in block.blocks)])
+        parts = (_markdown_block(b, level + 1, files) for b in block.blocks)
+        return "\n\n".join([f"{'#' * level} {_plain(block.title)}", *parts])
     if isinstance(block, Paragraph):
         return _plain(block.text)
     if isinstance(block, Equation):
@@ -185,7 +186,8 @@ def _markdown_block(block: Block, level: int, files: Mapping[int, str]) -> str:
         return _markdown_table(block)
     if isinstance(block, Code):
         return f"```text\n{block.text}\n```"
-    return _markdown_picture(block, files)
+    name, caption = files.get(id(block)), _plain(block.caption)
+    return f"![{caption}]({name})" if name else f"*Picture: {caption}*"
 
 
 def _markdown_equation(equation: Equation) -> str:
@@ -210,12 +212,6 @@ def _cell(text: str) -> str:
 def _plain(text: str) -> str:
     """Text in which `<` outside of code and mathematics is escaped, so that it starts no HTML."""
     return re.sub(r"(`[^`]*`|(?<!\\)\$[^$]*\$)|<", lambda m: m[1] or r"\<", text)
-
-
-def _markdown_picture(picture: Picture, files: Mapping[int, str]) -> str:
-    name = files.get(id(picture))
-    caption = _plain(picture.caption)
-    return f"![{caption}]({name})" if name else f"*Picture: {caption}*"
 
 
 COMPILERS = ("pdflatex", "lualatex")

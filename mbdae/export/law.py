@@ -15,7 +15,7 @@ from mbdae.laws.contact import JournalContact
 from mbdae.laws.friction import Friction
 from mbdae.native.program import Operations
 from mbdae.notation import counted
-from mbdae.reports.scenes.units import row_unit
+from mbdae.reports.scenes.equations import row_unit
 from mbdae.reports.statement import OPTIONS, structure_of
 from mbdae.results.sensors import power_outputs, reaction_outputs
 from mbdae.symbolic import outputs as of

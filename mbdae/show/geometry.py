@@ -13,7 +13,7 @@ from mbdae.results.beams import polylines
 from mbdae.results.result import Result
 from mbdae.scene.components import Array, Body, Connection, Place
 from mbdae.scene.shapes import Plane
-from mbdae.show import solids, symbols
+from mbdae.show import symbols
 from mbdae.system.model.beams import Line
 
 INK = "#222222"
@@ -141,7 +141,7 @@ class Collected:
         and as the size for symbols; for a scene that is a single point no limit, and the length of the model."""
         fixed = [p for c in self.shown(self.scene.connections) if c.kind not in ("force", "torque")
                  for i, side in enumerate((c.k, c.l)) if side.is_ground
-                 for p in (solids.outline(c.shapes[i]) if c.shapes else [ends(c)[i]])]  # fmt: skip
+                 for p in (symbols.outline(c.shapes[i]) if c.shapes else [ends(c)[i]])]  # fmt: skip
         parts = [*(e.reshape(-1, 3) for e in self.extents.values()), *(p.reshape(-1, 3) for p in fixed), np.zeros((0, 3))]
         points = np.vstack(parts)
         extent = float(np.max(np.ptp(points, axis=0))) if len(points) else 0.0
@@ -151,7 +151,7 @@ class Collected:
         """Points (nt, n, 3), m, whose bounding box contains a body over time."""
         if body in self.lines:
             return self.lines[body]
-        shapes = [self._local(body, points) for one in self.looks[body.name] for points in solids.outline(one)]
+        shapes = [self._local(body, points) for one in self.looks[body.name] for points in symbols.outline(one)]
         return moved(self.poses[body.name], np.vstack([self._local(body, body.outline), self.attached[body.name], *shapes]))
 
     @staticmethod
@@ -229,7 +229,7 @@ def looks_of(scene: Any, lines: Container[Body]) -> dict[str, list[Any]]:
                 for body, one in zip((item.k, item.l), item.shapes, strict=True)]  # fmt: skip
     for body, one in touching:
         drawn_otherwise = body.is_ground or body in lines or body.shapes is not None or isinstance(one, Plane)
-        if not drawn_otherwise and not any(solids.same(one, other) for other in found[body.name]):
+        if not drawn_otherwise and not any(symbols.same(one, other) for other in found[body.name]):
             found[body.name].append(one)
     return found
 

@@ -16,7 +16,7 @@ from mbdae.laws.forces import JointLoad, JointSpring
 from mbdae.laws.joints import Distance
 from mbdae.scene import shapes as solid
 from mbdae.scene.components import Array, Body, Connection
-from mbdae.show import solids, symbols
+from mbdae.show import symbols
 from mbdae.show.geometry import INK, Collected, Label, Shape, ends
 from mbdae.symbolic.joint import Joint
 from mbdae.system.model.joint_motion import JointMotion
@@ -90,7 +90,7 @@ class BodyShapes(Collected):
         if isinstance(one, solid.Plane):
             self.planes.append((item, one, body, []))
             return one
-        for part in solids.drawn(one, self.planar, self.size):
+        for part in symbols.drawn(one, self.planar, self.size):
             points = part.points if body.is_ground else self._local(body, part.points)
             self.shapes.append(Shape(item, part.kind, colour, points[None], "" if body.is_ground else body.name, part.faces,
                                      part.shades))  # fmt: skip
@@ -103,13 +103,13 @@ class BodyShapes(Collected):
         one: Any
         for body, other, one in ((item.k, item.l, first), (item.l, item.k, second)):
             if isinstance(one, solid.Plane):
-                known = next((p for p in self.planes if p[2] is body and solids.same(p[1], one)), None)
+                known = next((p for p in self.planes if p[2] is body and symbols.same(p[1], one)), None)
                 if known is None and (body.is_ground or body.shapes is None):
                     known = (item.name, one, body, [])
                     self.planes.append(known)
                 if known is not None:
                     known[3].append(other.name)
-            elif body.is_ground and not any(solids.same(one, o) for o in self.fixed):
+            elif body.is_ground and not any(symbols.same(one, o) for o in self.fixed):
                 self.fixed.append(one)
                 self._solid(item.name, one, body, GREY)
             elif not body.is_ground and body.name not in self.colours and body.name not in self.hidden:
@@ -125,7 +125,7 @@ class BodyShapes(Collected):
                     [e for name, e in self.extents.items() if name != body.name]  # fmt: skip
             reach = [*self._seen_from(body, reach), *(fixed if body.is_ground else ())]
             points = [np.zeros((0, 3)), *(e.reshape(-1, 3) for e in reach)]
-            part = solids.plane(one, np.concatenate(points), self.size, self.planar)
+            part = symbols.plane(one, np.concatenate(points), self.size, self.planar)
             self._add(item, part.kind, part.points, body, GREY if body.is_ground else self.colours.get(body.name, INK))
 
     def _seen_from(self, body: Body, reach: list[Array]) -> list[Array]:

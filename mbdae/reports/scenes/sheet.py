@@ -18,8 +18,8 @@ from mbdae.formulations import system_for
 from mbdae.notation import counted
 from mbdae.reports.letters import unit_text
 from mbdae.reports.page import checks_section, short_hash
+from mbdae.reports.scenes.equations import parameter_unit
 from mbdae.reports.scenes.forces import ClosedForms
-from mbdae.reports.scenes.units import parameter_unit
 from mbdae.reports.units import law_faults
 from mbdae.run.checks import Check
 from mbdae.run.reductions import absent
