@@ -1,4 +1,5 @@
-"""Remarks to a verdict: other solutions, resultants away from the joint, tensile contact, energy gain, redefined letters."""
+"""Remarks to a verdict: other solutions, resultants away from the joint, tensile contact, energy gain, redefined letters; what a
+text leaves out, and where a formula holds."""
 
 from __future__ import annotations
 

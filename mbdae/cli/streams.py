@@ -1,4 +1,5 @@
-"""Standard output and error stream of a command, made usable where they are closed or not read; redirection for --json."""
+"""Standard output and error stream of a command, made usable where they are closed or not read; redirection for --json; signals
+that end a command, and its error for wrong usage."""
 
 from __future__ import annotations
 

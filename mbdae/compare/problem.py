@@ -1,4 +1,4 @@
-"""Data common to all runs of a comparison: equations by joint model, time grid, measure, and CPU time spent."""
+"""Data common to all runs of a comparison: equations by joint model, time grid, measure, CPU time spent, and the reference."""
 
 from __future__ import annotations
 

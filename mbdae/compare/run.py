@@ -1,4 +1,4 @@
-"""A run of a comparison: a solver with a form and a joint model."""
+"""A run of a comparison: a solver with a form and a joint model; the equations it solves, and the memory it takes."""
 
 from __future__ import annotations
 

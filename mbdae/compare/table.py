@@ -1,4 +1,4 @@
-"""A comparison as plain text, with the cells that its page shows too."""
+"""A comparison as data: its rows, their pairwise differences, what follows from both, and its text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Random states of a law for `mb.selftest`: its sides as drawn, a state of motion, values of all symbols by name."""
+"""Random states of a law for `mb.selftest`: its sides as drawn, a state of motion, values of all symbols by name; the
+values of a joint's coordinates for which its motion is defined."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Expressions in the syntax of C, CasADi and SymPy, and descriptions of inputs and outputs."""
+"""Expressions in the syntax of C, CasADi and SymPy, and descriptions of inputs and outputs; a program as C99."""
 
 from __future__ import annotations
 

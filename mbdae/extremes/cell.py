@@ -1,4 +1,5 @@
-"""One cell of a map of extremes: a run at the accuracy asked, its error against a reference, and the verdict."""
+"""One cell of a map of extremes: a run at the accuracy asked, its error against a reference of two
+methods that agree, and the verdict."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A map of extremes as one HTML page that loads no other file: for every parameter a grid of coloured cells with text."""
+"""A map of extremes as data, as text, and as one HTML page: for every parameter a grid of coloured cells with text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The ways in which a scene is run: joint model x form x solver, and the choice that mbdae makes by itself."""
+"""The ways in which a scene is run: joint model x form x solver, and the choice that mbdae makes by itself; the parameters that
+are varied, with their values."""
 
 from __future__ import annotations
 

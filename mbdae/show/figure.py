@@ -1,4 +1,5 @@
-"""Figures that notebooks show with any backend; they are unknown to pyplot, so that no figure appears twice."""
+"""Figures that notebooks show with any backend; they are unknown to pyplot, so that no figure appears twice; the
+names placed in them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The geometry of a result: bodies (`body_shapes.py`), joints by the motion they allow (`joint_shapes.py`), forces, couplings.
+"""The geometry of a result: bodies, and joints by the motion they allow (`joint_shapes.py`), forces, couplings.
 
 Rigid bodies move by position and rotation, beams by the interpolation of their elements; an item attached to a beam moves with
 the section there.

@@ -1,4 +1,5 @@
-"""Symbols in drawings of mechanisms, such as springs, arrows and hatching, as polylines: arrays of points (n, 3), m."""
+"""Symbols in drawings of mechanisms, such as springs, arrows and hatching, as polylines: arrays of points (n, 3), m;
+solids as they are drawn."""
 
 from __future__ import annotations
 
