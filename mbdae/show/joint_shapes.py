@@ -1,4 +1,4 @@
-"""Shapes of bodies. Symbols of joints, chosen by the relative motion that a joint allows: axes of rotation, directions of sliding.
+"""Shapes of bodies; symbols of joints by the relative motion that a joint allows: axes of rotation, directions of sliding.
 
 One axis is drawn as a pin, two as a cross in two forks, three as a ball; one direction as a guide with a slider, two as a plane.
 A thread is drawn where one coordinate turns and slides. Joints that state no motion have symbols of their own.
