@@ -19,7 +19,7 @@ LAYERS = [
     {"__main__"}, {"cli"}, {"__init__"}, {"api"}, {"contracts", "extremes"}, {"audit", "export"}, {"reports", "compare"},
     {"sweep", "documents"}, {"analysis"}, {"show"}, {"run"}, {"study"}, {"results"}, {"integrators"}, {"formulations"},
     {"system"}, {"kernels"}, {"scene"}, {"laws"}, {"inputs"}, {"symbolic"}, {"values", "files"}, {"native"},
-    {"deferred", "disk", "limits"}, {"threads"}, {"costs", "memory", "notation", "errors", "forks", "ties", "display"},
+    {"deferred", "disk", "limits"}, {"threads"}, {"costs", "memory", "notation", "errors", "ties", "display"}, {"signals"}, {"forks"},
 ]  # fmt: skip
 #: parts of `system` from the bottom up, as its docstring says
 SYSTEM = ["base", "differences", "shown_index", "partition", "dae", "model", "motion", "start", "rank", "assembled", "prepare",

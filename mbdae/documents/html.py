@@ -10,7 +10,7 @@ from html import escape
 
 from mbdae.documents.blocks import Block, Code, Equation, Paragraph, Picture, Section, Table
 from mbdae.documents.formulas import split_text, tokens
-from mbdae.documents.mathml import GREEK, display, inline
+from mbdae.documents.mathml import GREEK, FormulaError, display, inline
 
 # -- Meanings of the symbols in a formula as plain text, from the tables of symbols in its document
 
@@ -142,7 +142,10 @@ def _text(text: str) -> str:
     """HTML of a text with mathematics, and with `code` between backquotes."""
     out = []
     for formula, part in split_text(text):
-        out.append(inline(part) if formula else re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(part, quote=False)))
+        try:
+            out.append(inline(part) if formula else re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(part, quote=False)))
+        except FormulaError:  # a name that only looks like a formula, such as "$\\frac{$"
+            out.append(escape(f"${part}$", quote=False))
     return "".join(out)
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mbdae.native.equations import Equations, Number, Pointer, Whole, seen
 from mbdae.native.library import declared
-from mbdae.native.signals import Signals
+from mbdae.signals import Signals
 from mbdae.native.sundials_library import UnavailableError, sundials
 from mbdae.native.sundials_steps import MOST_ROWS, Array, Block, Run, Settings, Steps
 

@@ -169,9 +169,17 @@ def _fits(value: Any, declared: str) -> bool:
 def check_same(path: Path, kind: str, there: Any, here: Any) -> None:
     """OptionError where the identity `there`, stored in the file, differs from that of the call, `here`, with the first
     difference."""
-    difference = first_difference(there, json.loads(json.dumps(here)))
+    here = json.loads(json.dumps(here))
+    difference = first_difference(there, here) or first_difference(_with_types(there), _with_types(here))
     if difference:
         raise OptionError(f"resume = '{path}' holds another {kind}: {difference}; ask for the same one, or name another file")
+
+
+def _with_types(value: Any) -> Any:
+    """Plain data with every number as text, which tells 1 from 1.0 and true: jobs may."""
+    if isinstance(value, dict):
+        return {key: _with_types(one) for key, one in value.items()}
+    return [_with_types(one) for one in value] if isinstance(value, list) else repr(value)
 
 
 def packed(values: Array) -> dict[str, Any]:

@@ -66,7 +66,14 @@ class Sweep(ListsAttributes):
     def array(self, key: str) -> Array:
         """A value of the job on the grid, (one length per axis, ...) or (points, ...); nan where it is missing."""
         key = option("key", key, text, "give the name of a value that the job returns")
-        known = {i: np.asarray(row.values[key], dtype=float) for i, row in self.done.items() if row.values and key in row.values}
+        known: dict[int, Array] = {}
+        for i, row in self.done.items():
+            if row.values and key in row.values:
+                try:
+                    known[i] = np.asarray(row.values[key], dtype=float)
+                except (TypeError, ValueError, OverflowError):  # text, a dict, rows of different lengths, too large a number
+                    raise OptionError(f"key = '{key}' is {shown(row.values[key])} at point {i}, which is no number or array of "
+                                      f"numbers; read it from `rows`") from None  # fmt: skip
         if not known:
             names = sorted({name for row in self.rows for name in row.values or ()})
             if names:

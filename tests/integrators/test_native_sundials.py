@@ -24,7 +24,7 @@ from mbdae.formulations import system_for
 from mbdae.native import sundials, sundials_library
 from mbdae.native.build import HERE
 from mbdae.native.equations import Equations, Pointer, Table
-from mbdae.native.signals import Signals
+from mbdae.signals import Signals
 from mbdae.system.dae import DAE
 from mbdae.system.prepare import prepare
 

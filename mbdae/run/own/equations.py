@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import (
+    ENDS,
     FINAL,
     AccuracyWarning,
     OptionError,
@@ -169,7 +170,7 @@ class OwnRun:
         """Context in which a run is made: where it fails or is interrupted, what was computed is attached to the error."""
         try:
             yield
-        except (SolverError, KeyboardInterrupt, SystemExit) as error:
+        except (SolverError, *ENDS) as error:
             solution = getattr(error, "solution", None)
             if isinstance(solution, Solution):
                 why = "the run failed before its end" if isinstance(error, SolverError) else "the run was interrupted"

@@ -195,17 +195,12 @@ def singular(t: float, row: str) -> SolverError:
                        "mb.RadauIIA(3) may pass a singular position", t, row)  # fmt: skip
 
 
-def rhs_of(system: Assembly) -> Callable[[float, Array, Array], None]:
-    """The function out[:] = y' of a scene without constraints, y = (q, u, s): a residual at y' = 0, then the mass matrix.
-
-    It raises a SolverError where the mass matrix is not positive definite."""
-
-    def rhs(t: float, y: Array, out: Array) -> None:
-        velocity = system.evaluation.right_hand_side(t, y, out)
-        if velocity >= 0:
-            raise _massless(system, system.numbering.nq + velocity, t)
-
-    return rhs
+def right_hand_side(system: Assembly, t: float, y: Array, out: Array) -> None:
+    """out[:] = y' of a scene without constraints, y = (q, u, s): a residual at y' = 0, then the mass matrix. SolverError where
+    that is not positive definite."""
+    velocity = system.evaluation.right_hand_side(t, y, out)
+    if velocity >= 0:
+        raise _massless(system, system.numbering.nq + velocity, t)
 
 
 def _massless(system: Assembly, unknown: int, t: float) -> SolverError:
