@@ -14,7 +14,7 @@ import runner
 from runner import Case, Claim, Found, Row, measure
 
 from mbdae.cli import main
-from mbdae.cli.checkout import find
+from mbdae.cli.userfile import find
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = find(ROOT)

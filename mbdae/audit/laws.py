@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import symengine as se
 
+from mbdae.audit.carried import expression_value
 from mbdae.audit.evaluate import Value
-from mbdae.audit.expressions import expression_value
 from mbdae.audit.motion import Motion
 from mbdae.laws import contact, forces, friction, joints
 from mbdae.laws.contact import Hertz, JournalContact

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import symengine as se
 
+from mbdae.audit.carried import expression_value
 from mbdae.audit.evaluate import STEP, Value, cross
-from mbdae.audit.expressions import expression_value
 from mbdae.audit.laws import LawState, journal, observed, outward, part_class
 from mbdae.audit.notation import GIVE_OWN_CLASS, AuditError
 from mbdae.audit.phrases import Env, Rule, phrase, random_number, random_positive, register

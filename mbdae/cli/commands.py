@@ -13,7 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from mbdae.cli.usage import REPORTS, UsageError
+from mbdae.cli.streams import REPORTS, UsageError
 from mbdae.cli.userfile import scene_of, user_file
 from mbdae.errors import OptionError, SolverError, meant
 
@@ -122,7 +122,7 @@ def report(a: argparse.Namespace) -> int:
 
 def validate(a: argparse.Namespace) -> int:
     """Measure the claims of a checkout; 1 where one does not hold."""
-    from mbdae.cli.checkout import find, runner_of
+    from mbdae.cli.userfile import find, runner_of
     from mbdae.run.progress import bar
 
     out, shown = _folder(a.out), bar()

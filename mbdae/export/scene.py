@@ -10,8 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
-from mbdae.export.program import Entry, Program, filled, shifted
-from mbdae.export.units import parameter_entries, rate_of, row_units, signal_entries, unknown_units
+from mbdae.export.program import (
+    Entry,
+    Program,
+    filled,
+    parameter_entries,
+    rate_of,
+    row_units,
+    shifted,
+    signal_entries,
+    unknown_units,
+)
 from mbdae.formulations import Form, Index1, default_form, system_for
 from mbdae.kernels.plan import plan
 from mbdae.native.program import Operations
