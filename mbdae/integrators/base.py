@@ -66,6 +66,11 @@ class Solver(ABC):
         """Instances of the method with default options, one for every label that its options lead to."""
         return [cls()]
 
+    @classmethod
+    def mapped(cls) -> list[Self]:
+        """Those of its variants, from low order to high, that maps of extremes run where no runs are named."""
+        return [cls()]
+
     @property
     def tolerance(self) -> float:
         """rtol where it is a number; OptionError where it is None."""

@@ -10,8 +10,8 @@ import pytest
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.formulations.named import FORMS
-from mbdae.integrators.named import SOLVERS
+from mbdae.formulations.named import forms
+from mbdae.integrators.named import solvers
 from mbdae.run.choice import unknowns
 from mbdae.system.prepare import prepare
 
@@ -104,7 +104,7 @@ def test_comparisons_and_maps_run_them():
 
 
 def test_no_label_of_a_form_or_solver_is_written_outside_of_its_class():
-    labels = {form.label for form in FORMS} | {variant.label for solver in SOLVERS for variant in solver.variants()}
+    labels = {form.label for form in forms()} | {variant.label for solver in solvers() for variant in solver.variants()}
     package = Path(mb.__file__).parent
     written = [f"{path.relative_to(package)}:{node.lineno}: {node.value}" for path in sorted(package.rglob("*.py"))
                if path.name != "__init__.py" for node in _texts(ast.parse(path.read_text(encoding="utf-8")))
