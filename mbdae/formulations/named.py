@@ -14,7 +14,7 @@ REMEDY = "give a form such as mb.GGL(), mb.Index3() or 'ggl', or None for the de
 
 def forms() -> tuple[type[Form], ...]:
     """The forms of the package: every class in its folder that derives from `Form`."""
-    return classes_in("mbdae.formulations", Form)  # type: ignore[type-abstract]
+    return classes_in("mbdae.formulations", Form)
 
 
 @cache

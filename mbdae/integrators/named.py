@@ -15,7 +15,7 @@ REMEDY = "give a solver such as mb.IDA(), mb.RadauIIA(3) or 'radau3'"
 
 def solvers() -> tuple[type[Solver], ...]:
     """The solvers of the package: every class in its folder that derives from `Solver`."""
-    return classes_in("mbdae.integrators", Solver)  # type: ignore[type-abstract]
+    return classes_in("mbdae.integrators", Solver)
 
 
 @cache
