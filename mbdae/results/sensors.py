@@ -11,6 +11,7 @@ import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError
 from mbdae.laws.forces.on_coordinate import OnCoordinate
+from mbdae.notation import UNITS, quantity
 from mbdae.results.contacts import Contacts, contacts_at
 from mbdae.results.states import RunStates
 from mbdae.scene.components import Body, Connection
@@ -68,6 +69,14 @@ def length_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     return [(("length",), v.resolve(v.name(length))), (("rate",), v.resolve(v.rate(v.name(length))))]
 
 
+def quantities_of(kind: type) -> tuple[str, ...]:
+    """The quantities that sensors of a kind (`BodySensor`, `ConnectionSensor`) have, and those of kinds derived from it."""
+    kinds = [kind]
+    for one in kinds:
+        kinds += one.__subclasses__()
+    return tuple(name for name in UNITS if any(name in vars(one) for one in kinds))
+
+
 class BodySensor(ListsAttributes):
     """Motion of a body's centre of mass, or of a place on it: arrays over the result's times."""
 
@@ -100,6 +109,7 @@ class BodySensor(ListsAttributes):
     def _node(self) -> Any:
         return self._result.prepared.model.node(self._body)
 
+    @quantity("")
     @cached_property
     def rotation(self) -> Array:
         """R (nt, 3, 3), body to inertial frame."""
@@ -118,6 +128,7 @@ class BodySensor(ListsAttributes):
             out[:, :n] = table[:, start : start + n]
         return out
 
+    @quantity("m")
     @cached_property
     def position(self) -> Array:
         """Position (nt, 3), m, inertial frame."""
@@ -126,12 +137,14 @@ class BodySensor(ListsAttributes):
             center = self._translation(self._result.q, self._node.q)
         return center + self.rotation @ self._offset
 
+    @quantity("m/s")
     @cached_property
     def velocity(self) -> Array:
         """Velocity (nt, 3), m/s, inertial frame."""
         center = self._translation(self._result.u, self._node.u if self._node is not None else 0)
         return center + np.cross(self.angular_velocity, self.rotation @ self._offset)
 
+    @quantity("m/s^2", loop=True)
     @judged
     def acceleration(self) -> Array:
         """Acceleration (nt, 3), m/s^2, inertial frame, from the equations of motion: 0 at rest (an accelerometer adds -g)."""
@@ -139,12 +152,14 @@ class BodySensor(ListsAttributes):
         arm, w = self.rotation @ self._offset, self.angular_velocity
         return center + np.cross(self.angular_acceleration, arm) + np.cross(w, np.cross(w, arm))
 
+    @quantity("rad/s^2", loop=True)
     @judged
     def angular_acceleration(self) -> Array:
         """Angular acceleration (nt, 3), rad/s^2, inertial frame, from the equations of motion; 0 for a point mass, which has no
         axes that could turn."""
         return self._turning(self._result.acceleration)
 
+    @quantity("rad/s")
     @cached_property
     def angular_velocity(self) -> Array:
         """Angular velocity (nt, 3), rad/s, inertial frame; 0 for a point mass, which has no axes that could turn."""
@@ -249,11 +264,13 @@ class ConnectionSensor(ListsAttributes):
     def _wrench(self) -> Array:
         return self._result.sum_over_laws(reaction_outputs, self._item, 6)
 
+    @quantity("N", loop=True)
     @judged
     def force(self) -> Array:
         """Force on body l (nt, 3), N, inertial frame."""
         return self._wrench[:, :3]
 
+    @quantity("N m", loop=True)
     @judged
     def torque(self) -> Array:
         """Torque on body l about the joint (nt, 3), N m, inertial frame (in a planar model: the z component only)."""
@@ -281,6 +298,7 @@ class ConnectionSensor(ListsAttributes):
         found = self.contacts
         return {"contacts": len(found), "first": found.first, "deepest": found.deepest}
 
+    @quantity("W", loop=True)
     @judged
     def power(self) -> Array:
         """Power that the joint or force delivers to the bodies (nt,), W."""
