@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TypeVar
 
 T = TypeVar("T")
 UNITS: dict[str, str] = {}  #: quantity of sensors -> its SI unit, "" where it has none; `quantity` enters them
@@ -11,15 +11,13 @@ LOOPS: set[str] = {"drive"}  #: those that follow from accelerations and reactio
 
 
 def quantity(unit: str, loop: bool = False) -> Callable[[T], T]:
-    """Decorator of a property of a sensor: its SI unit, by which tables, plots, sweeps, conditions and messages know it. loop:
-    whether it follows from accelerations or reactions."""
+    """Decorator of the function of a property of a sensor: its SI unit, by which tables, plots, sweeps, conditions and messages
+    know it. loop: whether it follows from accelerations or reactions."""
 
-    def entered(made: T) -> T:
-        given: Any = made
-        name = getattr(given, "fget", None) or given.func
-        UNITS[name.__name__] = unit
-        LOOPS.update({name.__name__} if loop else ())
-        return made
+    def entered(function: T) -> T:
+        UNITS[name := getattr(function, "__name__", "")] = unit
+        LOOPS.update({name} if loop else ())
+        return function
 
     return entered
 

@@ -152,9 +152,9 @@ class Solver(ABC):
         rtol = accuracy * (factor := self.factor(form_label))
         tightest = self.tightest.get(form_label, self.tightest[""])
         if rtol < tightest * (1 - 1e-9):
-            raise OptionError(f"accuracy = {accuracy:g} needs rtol = {rtol:.1e} in {self.label} with form {form_label}, where the "
-                              f"least that round-off allows is {tightest:g}: ask for an accuracy of {tightest / factor:.1e} or "
-                              "more")  # fmt: skip
+            raise OptionError(f"accuracy = {accuracy:g} needs rtol = {rtol:.1e} in {self.label} with form {form_label}, where "
+                              f"the least that round-off allows is {tightest:g}: ask for an accuracy of {tightest / factor:.1e} "
+                              "or more")  # fmt: skip
         return replace(self, rtol=min(rtol, 0.1))  # type: ignore[type-var]
 
     def solve(self, system: System, t_end: float, outputs: int | Sequence[float] | Array | None = None, *,

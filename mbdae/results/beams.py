@@ -246,14 +246,14 @@ class BeamPlace(_OnBeam):
         turning = np.cross(self.angular_acceleration, arm) + np.cross(w, np.cross(w, arm))
         return in_space(self._line, self._second)[:, 0, 0] + turning
 
-    @quantity("Pa")
     @judged
+    @quantity("Pa")
     def fibre_stress(self) -> Array:
         """(nt,) Pa: normal stress along the beam at this place of its section, N1/A + M2 x3/I2 - M3 x2/I3, tension positive."""
         return self._fibre.normal(self._strains[1])
 
-    @quantity("Pa")
     @judged
+    @quantity("Pa")
     def von_mises(self) -> Array:
         """Von Mises stress (nt,), Pa, at this place, from the normal stress and the shear stresses of shear forces and torque."""
         return self._fibre.von_mises(self._strains[1])
@@ -279,8 +279,8 @@ class BeamPlace(_OnBeam):
         strain, stress = gauss_strains(self._line, r.q, r.u, own)
         return self._extrapolated(strain), self._extrapolated(stress)
 
-    @quantity("-, 1/m")
     @judged
+    @quantity("-, 1/m")
     def strain(self) -> Array:
         """(nt, 6) in section axes, less the strain of the beam as drawn: N1 extension, N2 and N3 shear along axes 2 and 3
         (no unit), M1 twist, M2 and M3 curvature about axes 2 and 3 (1/m).
@@ -289,8 +289,8 @@ class BeamPlace(_OnBeam):
         p - 1 through them, so that two elements differ at the node they share by the error of either."""
         return self._strains[0]
 
-    @quantity("N, N m")
     @judged
+    @quantity("N, N m")
     def stress_resultants(self) -> Array:
         """(nt, 6) in section axes: N1 axial force, N2 and N3 shear forces (N), M1 torque, M2 and M3 bending moments (N m),
         of the part of the beam beyond the section on the part before it; with damping the part from the strain rate

@@ -53,52 +53,52 @@ class ContactSensor(ConnectionSensor):
         values = self._seen[name]
         return values[:, 0] if values.shape[1] == 1 else values
 
-    @quantity("m")
     @property
+    @quantity("m")
     def gap(self) -> Array:
         """Distance of the surfaces, m; negative in contact."""
         return self._observed("gap")
 
-    @quantity("m/s")
     @property
+    @quantity("m/s")
     def gap_rate(self) -> Array:
         """Rate of the gap, m/s."""
         return self._observed("gap_rate")
 
-    @quantity("m")
     @property
+    @quantity("m")
     def penetration(self) -> Array:
         """Depth by which the surfaces overlap, m; 0 where they are apart."""
         return np.maximum(0.0, -self.gap)
 
-    @quantity("N", loop=True)
     @judged
+    @quantity("N", loop=True)
     def normal_force(self) -> Array:
         """Normal force, N; 0 where the surfaces are apart."""
         return self._observed("normal_force")
 
-    @quantity("N")
     @judged
+    @quantity("N")
     def friction_force(self) -> Array:
         """Magnitude of the friction force, N. For a joint with clearance: the force on the pin along the vector product of the
         joint's axis and the contact normal, with its sign."""
         return self._observed("friction_force")
 
-    @quantity("m/s")
     @property
+    @quantity("m/s")
     def slip(self) -> Array:
         """Sliding speed, m/s, also where the surfaces are apart. For a joint with clearance: the velocity of the pin's surface on
         that of the race along the vector product of the joint's axis and the contact normal, with its sign."""
         return self._observed("slip")
 
-    @quantity("W")
     @judged
+    @quantity("W")
     def friction_power(self) -> Array:
         """Power lost in friction, W; negative where bristles give energy back."""
         return self._observed("friction_power")
 
-    @quantity("W")
     @judged
+    @quantity("W")
     def wear_rate(self) -> Array:
         """Normal force times sliding speed, W: wear by Archard's law is proportional to it."""
         return np.asarray(self._observed("normal_force") * np.abs(self.slip))
@@ -122,8 +122,8 @@ class ClearanceSensor(ContactSensor):
     Arrays (nt,) over the result's times; for a bearing that touches at both ends (nt, 2), near and far end along the axis.
     """
 
-    @quantity("m")
     @property
+    @quantity("m")
     def orbit(self) -> Array:
         """Centre of the pin relative to that of the race (nt, 2), m, in axes that turn with the race."""
         return self._seen["orbit"]

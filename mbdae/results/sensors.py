@@ -109,8 +109,8 @@ class BodySensor(ListsAttributes):
     def _node(self) -> Any:
         return self._result.prepared.model.node(self._body)
 
-    @quantity("")
     @cached_property
+    @quantity("")
     def rotation(self) -> Array:
         """R (nt, 3, 3), body to inertial frame."""
         nt = len(self._result.t)
@@ -128,8 +128,8 @@ class BodySensor(ListsAttributes):
             out[:, :n] = table[:, start : start + n]
         return out
 
-    @quantity("m")
     @cached_property
+    @quantity("m")
     def position(self) -> Array:
         """Position (nt, 3), m, inertial frame."""
         center = self._body.drawn.position + np.zeros((len(self._result.t), 3))
@@ -137,30 +137,30 @@ class BodySensor(ListsAttributes):
             center = self._translation(self._result.q, self._node.q)
         return center + self.rotation @ self._offset
 
-    @quantity("m/s")
     @cached_property
+    @quantity("m/s")
     def velocity(self) -> Array:
         """Velocity (nt, 3), m/s, inertial frame."""
         center = self._translation(self._result.u, self._node.u if self._node is not None else 0)
         return center + np.cross(self.angular_velocity, self.rotation @ self._offset)
 
-    @quantity("m/s^2", loop=True)
     @judged
+    @quantity("m/s^2", loop=True)
     def acceleration(self) -> Array:
         """Acceleration (nt, 3), m/s^2, inertial frame, from the equations of motion: 0 at rest (an accelerometer adds -g)."""
         center = self._translation(self._result.acceleration, self._node.u if self._node is not None else 0)
         arm, w = self.rotation @ self._offset, self.angular_velocity
         return center + np.cross(self.angular_acceleration, arm) + np.cross(w, np.cross(w, arm))
 
-    @quantity("rad/s^2", loop=True)
     @judged
+    @quantity("rad/s^2", loop=True)
     def angular_acceleration(self) -> Array:
         """Angular acceleration (nt, 3), rad/s^2, inertial frame, from the equations of motion; 0 for a point mass, which has no
         axes that could turn."""
         return self._turning(self._result.acceleration)
 
-    @quantity("rad/s")
     @cached_property
+    @quantity("rad/s")
     def angular_velocity(self) -> Array:
         """Angular velocity (nt, 3), rad/s, inertial frame; 0 for a point mass, which has no axes that could turn."""
         return self._turning(self._result.u)
@@ -264,14 +264,14 @@ class ConnectionSensor(ListsAttributes):
     def _wrench(self) -> Array:
         return self._result.sum_over_laws(reaction_outputs, self._item, 6)
 
-    @quantity("N", loop=True)
     @judged
+    @quantity("N", loop=True)
     def force(self) -> Array:
         """Force on body l (nt, 3), N, inertial frame."""
         return self._wrench[:, :3]
 
-    @quantity("N m", loop=True)
     @judged
+    @quantity("N m", loop=True)
     def torque(self) -> Array:
         """Torque on body l about the joint (nt, 3), N m, inertial frame (in a planar model: the z component only)."""
         return self._wrench[:, 3:]
@@ -298,8 +298,8 @@ class ConnectionSensor(ListsAttributes):
         found = self.contacts
         return {"contacts": len(found), "first": found.first, "deepest": found.deepest}
 
-    @quantity("W", loop=True)
     @judged
+    @quantity("W", loop=True)
     def power(self) -> Array:
         """Power that the joint or force delivers to the bodies (nt,), W."""
         return self._result.sum_over_laws(power_outputs, self._item, 1)[:, 0]

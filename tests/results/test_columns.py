@@ -186,8 +186,8 @@ def test_names_that_are_expressions_of_others_are_refused():
 class Momentum(BodySensor):
     """A sensor as it would be stated in the class of bodies."""
 
-    @quantity("kg m/s")
     @property
+    @quantity("kg m/s")
     def momentum(self) -> Any:
         """(nt, 3), kg m/s, inertial frame."""
         return self._body.mass * self.velocity
