@@ -25,5 +25,5 @@ def form_words() -> dict[str, Form]:
 
 def form_of(value: Any, name: str = "form", remedy: str = REMEDY) -> Form:
     """The form that an object, a class (the user's own too) or a name stands for; OptionError with the known names."""
-    found: Form = option(name, value, instance, remedy, base=Form, known=form_words())
+    found: Form = value if isinstance(value, Form) else option(name, value, instance, remedy, base=Form, known=form_words())
     return found

@@ -49,6 +49,8 @@ def _elsewhere() -> dict[str, list[str]]:
 
 def solver_of(value: Any, name: str = "solver", remedy: str = REMEDY) -> Solver:
     """The solver that an object, a class (the user's own too) or a name stands for; OptionError with the known names."""
+    if isinstance(value, Solver):  # the list of all would import them
+        return value
     meant = _full_names().get(plain(value), value) if isinstance(value, str) else value
     if isinstance(meant, str) and (own := _elsewhere().get(plain(meant))):
         raise OptionError(f"{name} = {shown(value)} is a method of other programs; its counterpart here is {' or '.join(own)}")
