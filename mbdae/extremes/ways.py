@@ -8,47 +8,21 @@ import functools
 import inspect
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from mbdae.compare.problem import Problem
 from mbdae.compare.run import Run, checked_runs
 from mbdae.errors import OptionError
-from mbdae.formulations import GGL, ODE, Index1, Index3
-from mbdae.integrators.alpha.generalized_alpha import HHT, GeneralizedAlpha
-from mbdae.integrators.runge_kutta.dop853 import DOP853
-from mbdae.integrators.runge_kutta.radau import RadauIIA
-from mbdae.integrators.sundials.cvode import CVODE
-from mbdae.integrators.sundials.ida import IDA
+from mbdae.formulations.named import form_words
+from mbdae.integrators.named import solvers
 from mbdae.scene.components import Classical, JointModel, Recursive
 from mbdae.scene.record import item_name
 from mbdae.scene.scene import SceneData
 from mbdae.study.statements import Pulse, call_of, changed, items_of, pulses, stated_number, varying
 from mbdae.values import number, option, sequence, shown
 
-#: runs of scenes with constraints; a new form or solver of the package needs a line here
-CONSTRAINED = (
-    Run(IDA(), GGL()),
-    Run(RadauIIA(2), GGL()), Run(RadauIIA(3), GGL()),
-    Run(RadauIIA(2), Index3()), Run(RadauIIA(3), Index3()),
-    Run(IDA(), Index1()), Run(CVODE(), Index1()), Run(DOP853(), Index1()), Run(RadauIIA(3), Index1()),
-    Run(GeneralizedAlpha(), GGL()), Run(HHT(), GGL()),
-)  # fmt: skip
-FREE = (
-    Run(IDA(), ODE()), Run(CVODE(), ODE()), Run(DOP853(), ODE()),
-    Run(RadauIIA(2), ODE()), Run(RadauIIA(3), ODE()),
-    Run(GeneralizedAlpha(), ODE()), Run(HHT(), ODE()),
-)  # fmt: skip
-#: methods of low order: run only with the joint models that the scene states, not with others
-LOW_ORDER = (GeneralizedAlpha, HHT)
-#: runs with a constant step (s)
-STEPPED: tuple[Callable[[float], Run], ...] = (
-    lambda h: Run(RadauIIA(2, step=h), GGL()), lambda h: Run(RadauIIA(3, step=h), GGL()),
-    lambda h: Run(RadauIIA(2, step=h), Index3()), lambda h: Run(RadauIIA(3, step=h), Index3()),
-    lambda h: Run(GeneralizedAlpha(step=h), GGL()), lambda h: Run(HHT(step=h), GGL()),
-    lambda h: Run(GeneralizedAlpha(step=h), Index3()), lambda h: Run(HHT(step=h), Index3()),
-)  # fmt: skip
 CHOICE = "chosen by mbdae"
 
 
@@ -68,6 +42,25 @@ class Way:
         return replace(self.run, solver=replace(self.run.solver, step=h))  # type: ignore[type-var]
 
 
+def shipped_runs(free: bool, step: float | None = None) -> Iterator[Run]:
+    """The solvers and forms of the package in pairs that say something of their own; free: of scenes without constraints; step:
+    those with a constant step (s), not in forms whose joints drift.
+
+    A form whose joints drift is run by the last of the `mapped` variants of a method alone, and the methods of low order, which
+    reach an accuracy by shorter constant steps, in the first form alone."""
+    taken = [form for form in form_words().values() if bool(form.spec().blocks) is not free]
+    for form in taken:
+        drifts = form.spec().drifts
+        for made in solvers():
+            for solver in made.mapped()[-1 if drifts else 0 :]:
+                if not form.within(solver.highest_index):
+                    continue
+                if step is None and (form is taken[0] or not solver.by_steps):
+                    yield Run(solver, form)
+                elif step is not None and not drifts and hasattr(solver, "step"):
+                    yield Run(replace(solver, step=step), form)  # type: ignore[type-var]
+
+
 def ways(problem: Problem, runs: Sequence[Run] | None) -> list[Way]:
     """The given runs, or all that apply to the scene, followed by mbdae's own choice."""
     if runs is not None:
@@ -75,9 +68,9 @@ def ways(problem: Problem, runs: Sequence[Run] | None) -> list[Way]:
         return [Way(_label(run), run) for run in chosen] + [Way(CHOICE, None)]
     found: list[Way] = []
     for name, models, free in _models(problem):
-        listed = [replace(run, model=models) for run in (FREE if free else CONSTRAINED)]
+        listed = [replace(run, model=models) for run in shipped_runs(free)]
         listed = [replace(run, label=" ".join([_label(replace(run, model=None)), name]).strip()) for run in listed]
-        found += [Way(_label(run), run) for run in listed if not (models and isinstance(run.solver, LOW_ORDER))]
+        found += [Way(_label(run), run) for run in listed if not (models and run.solver.by_steps)]
         found.append(Way(f"{CHOICE} {name}".strip(), None, listed[0] if models else None))
     return found
 
@@ -94,16 +87,9 @@ def _models(problem: Problem) -> list[tuple[str, JointModel | dict[str, JointMod
 
 
 def stepped_ways(problem: Problem, h: float) -> list[Way]:
-    """Runs with the constant step h (s), one for every method that has such a step; in the form ODE without constraints."""
-    found: list[Way] = []
-    for make in STEPPED:
-        run = make(h)
-        if not problem.constrained:
-            run = replace(run, form=ODE())
-        way = Way(_label(replace(run, solver=replace(run.solver, step=None))), run)  # type: ignore[type-var]
-        if way.label not in [w.label for w in found]:
-            found.append(way)
-    return found
+    """Runs with the constant step h (s), one for every method that has such a step."""
+    return [Way(_label(replace(run, solver=replace(run.solver, step=None))), run)  # type: ignore[type-var]
+            for run in shipped_runs(not problem.constrained, h)]  # fmt: skip
 
 
 def _label(run: Run) -> str:

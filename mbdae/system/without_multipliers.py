@@ -150,7 +150,7 @@ class WithoutMultipliers(SceneSystem):
             self._warned = True
             name = self.full.numbering.rows[weakest].name
             text = (f"a singular position is near or passed at t = {t:.6g} s: constraint {name} depends on the others there; "
-                    "form mb.Index1() may continue on another branch of the motion unnoticed; compare with a run by "
+                    f"form {self.label} may continue on another branch of the motion unnoticed; compare with a run by "
                     "form=mb.GGL() and mb.RadauIIA(3)")  # fmt: skip
             warnings.warn(text, AccuracyWarning, stacklevel=4)
 
