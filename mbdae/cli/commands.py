@@ -9,6 +9,7 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -123,27 +124,19 @@ def report(a: argparse.Namespace) -> int:
 def validate(a: argparse.Namespace) -> int:
     """Measure the claims of a checkout; 1 where one does not hold."""
     from mbdae.cli.userfile import find, runner_of
-    from mbdae.run.progress import bar
 
-    out, shown = _folder(a.out), bar()
-    folder = find(a.root)
+    out, folder = _folder(a.out), find(a.root)
     runner = runner_of(folder)
-    checks = [runner.load(folder, name, a.hours, out) for name in dict.fromkeys(a.claims or runner.claims(folder))]
-    measured: list[Any] = []
-    with closing(shown):
-        for i, found in enumerate(checks):
-            shown.show(i / len(checks), "validate", found.claim.name)
-            try:
-                measured.append(runner.Measured(found.claim, found.run()))
-            except KeyboardInterrupt as stop:
-                stop.args = (f"interrupted in claim '{found.claim.name}', {i} of {len(checks)} measured; no pages are written",)
-                raise
-            shown.close()
-            if not a.json:
-                print(runner.text(measured[-1]), flush=True)
+    names = tuple(dict.fromkeys(a.claims or runner.claims(folder)))
+    if a.list:
+        record = runner.Record(folder)
+        _json(a, record.results) if a.json else print(record.text(names))
+        return 0
+    asked = runner.Asked(folder, names, a.seed, a.full, tuple(a.parts), a.jobs, a.hours, out, a.full or a.record)
+    measured = runner.measured(asked, (lambda text: None) if a.json else partial(print, flush=True))
     a.written += [str(path) for path in runner.write(measured, out)] if out else []
     if a.json:
-        _json(a, runner.to_dict(measured) | {"written": a.written})
+        _json(a, runner.to_dict(measured) | {"drawn": asked.text, "written": a.written})
     else:
         print(runner.verdict(measured))
         _list(a.written)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
+import time
 from collections.abc import Callable
 from typing import Any, NoReturn
 
@@ -113,6 +115,14 @@ def _validate(commands: Any, action: Any) -> None:
     p = commands.add_parser("validate", help=text, description=text[0].upper() + text[1:] + ".")
     p.add_argument("claims", nargs="*", metavar="CLAIM", help="name of a folder of validation/ (default: all)")
     p.add_argument("--root", type=_name, metavar="DIR", help="the checkout (default: the working directory or one above it)")
+    p.add_argument("--full", action="store_true", help="all parts of suites, instead of a tenth; recorded as by --record")
+    seed = "draws the tenth of every suite (default: another one each time, which is printed)"
+    p.add_argument("--seed", type=_count, metavar="N", default=time.time_ns() // 1000 % 10**6, help=seed)
+    p.add_argument("--parts", nargs="+", metavar="PART", default=(), help="parts of a claim's suites (seeds, names) alone")
+    jobs = "claims measured side by side (default: as many as processors)"
+    p.add_argument("--jobs", type=_jobs, metavar="N", default=os.cpu_count() or 1, help=jobs)
+    p.add_argument("--record", action="store_true", help="keep what is found in validation/record.json, with the commit")
+    p.add_argument("--list", action="store_true", help="show that record, and measure nothing")
     hours = "how long a claim without end of its own, such as strangers, may take; its seeds go on where --out left them"
     p.add_argument("--hours", type=_positive, metavar="H", help=hours)
     out = "folder for validation.html and validation.md; nothing is written without it"
@@ -151,6 +161,18 @@ def _positive(text: str) -> float:
     if not (math.isfinite(value) and value > 0):
         raise argparse.ArgumentTypeError(f"{_shown(text)}: give a finite number above 0")
     return value
+
+
+def _count(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or len(text) > 9:
+        raise argparse.ArgumentTypeError(f"{_shown(text)}: give a whole number such as 17")
+    return int(text)
+
+
+def _jobs(text: str) -> int:
+    if not (count := _count(text)):
+        raise argparse.ArgumentTypeError("0: give at least one")
+    return count
 
 
 def _accuracies(text: str) -> list[float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import largest, simulated, with_both
 from scenes import andrews, data
 
@@ -27,7 +27,3 @@ def motion(solver: Any) -> list[Found]:
 
 def cases() -> list[Case]:
     return with_both("0.03 s", motion)
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

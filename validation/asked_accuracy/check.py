@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from random_scenes import random_scene
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found, allowed
 from runs import SOLVERS
 
 import mbdae as mb
@@ -19,6 +19,8 @@ from mbdae.system.prepare import prepare
 claim = Claim("asked_accuracy", "on random scenes of 1 to 20 bodies no run is more than three times off what was asked without a "
               "warning", 3.0, "times asked",
               "Radau IIA at 1e-11 on the same scene, 501 times; the scenes are made from seeds")  # fmt: skip
+ACCURACIES = (1e-3, 1e-5, 1e-7)
+NEEDLESS = 0.05  #: share of runs within the accuracy that may warn
 
 
 class Run(NamedTuple):
@@ -50,7 +52,7 @@ def runs(seeds: Iterable[int], accuracies: Iterable[float], t_end: float = 1.0) 
     return found
 
 
-def judge(seeds: Iterable[int], accuracies: Iterable[float]) -> list[Found]:
+def judge(seeds: Sequence[int], accuracies: Iterable[float] = ACCURACIES) -> list[Found]:
     """Silent errors, needless warnings, and how near the median is to what was asked."""
     found = runs(seeds, accuracies)
     unwarned = [run for run in found if not run.warned]
@@ -58,16 +60,12 @@ def judge(seeds: Iterable[int], accuracies: Iterable[float]) -> list[Found]:
     told = f"{len(found)} runs; the largest without a warning: seed {worst.seed}, {worst.solver}, asked {worst.accuracy:.0e}"
     median = float(np.median([run.ratio for run in found]))
     return [Found(worst.ratio, quantity="largest error without a warning", note=told),
-            Found(float(np.mean([run.warned for run in found if run.ratio <= 1])), 0.05, "share", "needless warnings"),
+            Found(float(np.mean([run.warned for run in found if run.ratio <= 1])), allowed(NEEDLESS, seeds), "share",
+                  "needless warnings"),
             Found(median, 1.0, quantity="median error"),
             Found(0.01 / median, 1.0, "1", "wasted accuracy, 0.01 / median")]  # fmt: skip
 
 
 def cases() -> list[Case]:
     both = " and ".join(solver.label for solver in SOLVERS)
-    return [Case("3 scenes, 1e-3 and 1e-6", both, lambda: judge(range(9, 50, 18), (1e-3, 1e-6)), slow=True),
-            Case("50 scenes, 1e-3 to 1e-7", both, lambda: judge(range(50), (1e-3, 1e-5, 1e-7)), slow=True)]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())
+    return [Case("scenes, 1e-3 to 1e-7", both, judge, slow=True, parts=range(50))]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from beam_scenes import bend45
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from scenes import data
 
 claim = Claim("bend45", "the 45 degree bend of Bathe and Bolourchi with 8 quadratic elements; errors of order 2p", 5e-5,
@@ -37,7 +37,3 @@ def cases() -> list[Case]:
     cubic = Case("P = 600, 16 cubic elements", "equilibrium", lambda: displaced(600.0, 16, 3, 2e-9))
     return [*quadratic, cubic, *(Case(f"order of the error, p = {p}", "equilibrium", lambda p=p, n=n: observed(p, n), slow=p < 3)
                                  for p, n in ((1, 8), (2, 8), (3, 8)))]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dae_problems import car_axis
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import largest
 from scenes import data
 
@@ -25,7 +25,3 @@ def position(solver: mb.Solver, form: str) -> Found:  # type: ignore[name-define
 def cases() -> list[Case]:
     return [Case(f"{words}, rtol {solver.rtol:.0e}", solver.label, lambda solver=solver, form=form: position(solver, form))
             for words, form, solver in RUNS]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -6,7 +6,7 @@ import importlib.util
 from pathlib import Path
 from typing import Any
 
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from scenes import ground_resonance
 
 import mbdae as mb
@@ -39,7 +39,3 @@ def difference(free: bool) -> list[Found]:
 def cases() -> list[Case]:
     rotors = {"driven": False, "free": True}
     return [Case(f"{name} rotor", "RadauIIA(3)", lambda free=free: difference(free), slow=free) for name, free in rotors.items()]
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from rotor_scenes import SLENDER, TUBE, rotor_on_springs, rotor_with_clearance
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from scenes import data
 
 import mbdae as mb
@@ -103,7 +103,3 @@ def cases() -> list[Case]:
     orbits = [Case(f"clearance, {law}", "RadauIIA(3)", lambda law=law: orbit(law), slow=True)
               for law in ("coulomb", "lugre")]
     return linear + speeds + unbalanced + orbits
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from clearance_scenes import free_pair, limit, momenta, slider_crank, turn
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import largest
 
 import mbdae as mb
@@ -74,7 +74,3 @@ def cases() -> list[Case]:
     pairs: dict[str, tuple[Any, ...]] = {"plane": (False, None), "space": (True, None), "space, tilting pin": (True, 0.05)}
     return found + [Case(f"two free bodies, {name}", "RadauIIA(3)", lambda how=how: conserved(*how), name != "plane")
                     for name, how in pairs.items()]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import with_both
 
 import mbdae as mb
@@ -46,7 +46,3 @@ def violation(solver: Any, joint: str) -> list[Found]:
 def cases() -> list[Case]:
     return [case for joint in JOINTS for case in with_both(joint, lambda solver, joint=joint: violation(solver, joint),
                                              slow=joint in ("distance", "driven revolute", "weld"))]
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import largest, simulated, with_both
 from scenes import data, dzhanibekov
 
@@ -36,7 +36,3 @@ def flips(solver: Any) -> Found:
 def cases() -> list[Case]:
     free = (mb.CVODE(), mb.CVODE(method="BDF"))
     return [*with_both("to 30 s", motion, more=free), *with_both("four flips to 53 s", flips, more=free)]
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

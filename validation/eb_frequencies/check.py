@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from beam_scenes import supported
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import largest
 from scenes import data
 
@@ -26,7 +26,3 @@ def five(ends: str, elements: int, order: int) -> Found:
 def cases() -> list[Case]:
     return [Case(f"ends {ends}, {name} elements", "linearize", lambda ends=ends, mesh=mesh: five(ends, *mesh))
             for name, mesh in (("16 cubic", (16, 3)), ("10 quartic", (10, 4))) for ends in ENDS]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

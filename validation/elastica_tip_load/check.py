@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from beam_scenes import cantilever, thin
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from scenes import data
 
 claim = Claim("elastica_tip_load", "sag, shortening and tip angle of a cantilever under P L^2 / EI from 1 to 10", 1e-5,
@@ -24,7 +24,3 @@ def cases() -> list[Case]:
                  lambda row=row, mesh=mesh, space=space: bent(row, *mesh, space))
             for name, mesh, space in (("16 quadratic", (16, 2), "auto"), ("8 cubic", (8, 3), "spatial"))
             for row in data("elastica_tip_load")["rows"]]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from runner import Case, Claim, Found, Row, measure
+from mbdae.extremes.values import asked_values
+from runner import Case, Claim, Found
 
 import mbdae as mb
 
@@ -46,17 +48,28 @@ def silent(name: str, vary: dict[str, Any] | None = None, runs: Sequence[mb.Run]
     return Found(len(m.silent), note=m.verdict + (f" Silent: {worst}" if worst else ""))
 
 
+def _places(name: str) -> dict[str, tuple[str, float]]:
+    """Parameter and value of every place of the whole map of a scene, by name."""
+    return {f"{parameter} = {value:g}": (parameter, value)
+            for parameter, values in asked_values(scene_file(name).vary).items() for value in values}  # fmt: skip
+
+
+def places(name: str, chosen: Iterable[str]) -> Found:
+    """Silent misses at some places of the map of a scene."""
+    vary: dict[str, list[float]] = {}
+    for parameter, value in (_places(name)[place] for place in chosen):
+        vary.setdefault(parameter, []).append(value)
+    return silent(name, vary)
+
+
 def cases() -> list[Case]:
     quick = [Case(f"{name}, some values", "IDA, RadauIIA(3)", lambda name=name: silent(name, QUICK[name], _runs(name)),  # type: ignore[misc]
                   name not in ("recursive", "contact")) for name in QUICK]  # fmt: skip
-    whole = [Case(f"{name}, whole map", "all", lambda name=name: silent(name), slow=True) for name in QUICK]  # type: ignore[misc]
+    whole = [Case(f"values of the map, {name}", "all", partial(places, name), slow=True, parts=list(_places(name)))
+             for name in QUICK]  # fmt: skip
     return [*quick, *whole]
 
 
 def _runs(name: str) -> Sequence[mb.Run]:
     """Joints with clearance keep their model; BDF takes long for what it follows in beams."""
     return {"contact": RUNS[:2], "stiff_beam": RUNS[1:2]}.get(name, RUNS)
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

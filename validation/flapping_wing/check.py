@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import largest, simulated, with_both
 
 import mbdae as mb
@@ -180,7 +180,3 @@ def cases() -> list[Case]:
     return [*found, Case("elements and accuracy", "RadauIIA(3)", refinement, slow=True),
             Case("space", "RadauIIA(3)", space, slow=True),
             Case("paper's size", "RadauIIA(3)", paper_size, slow=True)]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

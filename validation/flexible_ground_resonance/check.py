@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from beam_scenes import flexible_rotor
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from scenes import data
 
 import mbdae as mb
@@ -82,7 +82,3 @@ def cases() -> list[Case]:
             for space in ("planar", "spatial")]
     return [Case("growth by fit", "RadauIIA(3)", fitted), Case("growth by linearisation", "eigenvalues", linearised), *both,
             Case("unknowns", "none", fewer)]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

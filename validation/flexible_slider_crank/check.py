@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from flexible_slider_crank.equations import slider_crank
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import largest
 from scenes import data
 
@@ -39,7 +39,3 @@ def amplitudes(form: str, solver: Any) -> list[Found]:
 def cases() -> list[Case]:
     return [Case(f"{form}, rtol {solver.rtol:.0e}", solver.label, lambda form=form, solver=solver: amplitudes(form, solver),
                  solver.rtol not in (1e-6, 1e-8) or (form, solver.rtol) == (GGL, 1e-8)) for form, solver in RUNS]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

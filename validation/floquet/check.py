@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from scenes import data
 
 import mbdae as mb
@@ -101,7 +101,3 @@ def cases() -> list[Case]:
     return found + [Case(f"axes {axes}, {name}", "Floquet, RadauIIA(3)", lambda axes=axes, own=own: fitted(axes, own),
                          slow=(axes, name) != (1, "one damper failed"))
                     for axes in (1, 2) for name, own in FAILED.items()]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from contact_scenes import grazing
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 
 import mbdae as mb
 
@@ -31,7 +31,3 @@ def cases() -> list[Case]:
     asked += [("RadauIIA(2)", mb.RadauIIA(2), 1e-3, 1e7)]
     return [Case(f"accuracy {accuracy:g}, k = {k:g}", name, lambda a=accuracy, s=solver, k=k: missed(a, s, k),
                  slow=name != "RadauIIA(3)" or k != 1e7 or accuracy < 1e-3) for name, solver, accuracy, k in asked]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

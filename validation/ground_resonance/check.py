@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import largest, simulated, with_both
 from scenes import data, ground_resonance
 
@@ -49,7 +49,3 @@ def cases() -> list[Case]:
             for case in with_both(f"{name.replace('_', ' ')}, to {t_end:g} s",
                                   lambda solver, run=(name, t_end): motion(solver, *run),
                                   t_end > 2 or name[:2] != "B2")]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

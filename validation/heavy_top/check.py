@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import largest, simulated, with_both
 from scenes import data, heavy_top
 
@@ -24,7 +24,3 @@ def motion(solver: Any) -> list[Found]:
 
 def cases() -> list[Case]:
     return [replace(case, slow=case.solver == "IDA") for case in with_both("to 2 s", motion)]
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

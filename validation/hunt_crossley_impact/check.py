@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from contact_scenes import ball
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from scenes import data
 
 import mbdae as mb
@@ -27,7 +27,3 @@ def cases() -> list[Case]:
     ways = [("IDA", {"solver": mb.IDA(rtol=1e-9)}), ("default", {"accuracy": 1e-7})]
     return [Case(f"damping {row['mu']:g} s/m, {row['v0']:g} m/s", name, lambda row=row, options=options: impact(row, options))
             for row in data("hunt_crossley_impact")["rows"] for name, options in ways]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import largest, simulated, with_both
 from scenes import a01, data
 
@@ -22,7 +22,3 @@ def position(solver: Any) -> Found:
 
 def cases() -> list[Case]:
     return with_both("position to 10 s", position)
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

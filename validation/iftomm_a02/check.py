@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import largest
 from scenes import data, n_four_bar
 
@@ -53,7 +53,3 @@ def reach(n: int, runs: dict[str, tuple[float, ...]]) -> list[Found]:
 def cases() -> list[Case]:
     return [Case(f"N = {n}, {sum(map(len, runs.values()))} runs", "RadauIIA(3)", lambda n=n, runs=runs: reach(n, runs),
                  slow=(n, runs) != RUNS[0]) for n, runs in RUNS]
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -7,7 +7,7 @@ from typing import Any
 
 from dae_problems import circle, circle_exact, circle_ode, jay, jay_exact
 from exported_solvers import ALL
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 
 import mbdae as mb
 from mbdae.integrators.base import Solver
@@ -50,7 +50,3 @@ def cases() -> list[Case]:
         solver, circle_ode(), lambda t: circle_exact(t)[:, :2], {"unknowns": solver.order})) for solver in plain]  # fmt: skip
     return found + [Case(TITLES["jay"], solver.label, lambda solver=solver: deviations(
         solver, jay(), jay_exact, JAY[solver.label])) for solver in ALL if solver.label in JAY]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import disturbed_work as work
 import interrupted_scenes as scenes
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 
 claim = Claim("interrupted", "a run that is kept in a folder and killed at random times returns the bits of one that was not",
               0.0, "runs", "the same run, kept too, without a kill")  # fmt: skip
@@ -41,15 +41,11 @@ def disturbed(name: str, count: int, full: bool) -> Found:
 
 
 def cases() -> list[Case]:
-    every, kill = scenes.RUNS, signal.SIGKILL
+    every, kill = list(scenes.RUNS), signal.SIGKILL
     kinds = ((KILLS, kill, every), (FEW, signal.SIGTERM, every), (FEW, kill, KEPT))
-    return [Case(f"{kills} {how.name}", name, partial(different, name, kills, how),
-                 slow=not (kills == FEW and how == kill and name in QUICK))
-            for kills, how, names in kinds for name in names] + [
-        Case(f"{count} {'full disks' if full else 'Ctrl-C'}", name, partial(disturbed, name, count, full), slow=count > SOME)
-        for count, full in ((SIGNALS, False), (DISKS, True), (SOME, False)) for name in work.WORK
-        if count > SOME or name in ("simulate", "sweep")]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())
+    return [*(Case(f"{FEW} SIGKILL", name, partial(different, name, FEW, kill)) for name in QUICK),
+            *(Case(f"{SOME} Ctrl-C", name, partial(disturbed, name, SOME, False)) for name in ("simulate", "sweep")),
+            *(Case(f"{kills} {how.name}", "all", partial(different, kills=kills, how=how), slow=True, parts=names, each=True)
+              for kills, how, names in kinds),
+            *(Case(f"{count} {'full disks' if full else 'Ctrl-C'}", "all", partial(disturbed, count=count, full=full), slow=True,
+                   parts=list(work.WORK), each=True) for count, full in ((SIGNALS, False), (DISKS, True)))]  # fmt: skip

@@ -9,7 +9,7 @@ from joints import gears, jack, shafts
 from joints.chains import MODELS, Run, admits, as_drawn, by_hand, by_package, drawn, off, random_state, scene_of, start_off
 from joints.kinematics import KINDS
 from joints.oracle import Chain
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 
 from mbdae.system.prepare import prepare
 
@@ -69,9 +69,5 @@ def cases() -> list[Case]:
     models = ", ".join(type(m).__name__.lower() for m in MODELS)
     forms = {"shafts with joints of Cardan": shafts.errors, "screw jack": jack.errors, "gears": gears.errors}
     return [*(Case(name, "default", lambda errors=errors: closed(errors), slow=True) for name, errors in forms.items()),
-            *(Case(f"{kind}, {STATES} states", models, lambda kind=kind: same_state(kind), slow=True) for kind in KINDS),
-            *(Case(f"{kind}, runs", models, lambda kind=kind: starts_and_runs(kind), slow=True) for kind in KINDS)]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())
+            Case(f"{STATES} states", models, same_state, slow=True, parts=list(KINDS), each=True),
+            Case("runs", models, starts_and_runs, slow=True, parts=list(KINDS), each=True)]  # fmt: skip

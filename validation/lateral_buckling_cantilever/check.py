@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from beam_scenes import cantilever, strip
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from scenes import data
 
 claim = Claim("lateral_buckling_cantilever", "a cantilevered strip on edge loses its lowest frequency at the buckling load", 0.03,
@@ -43,7 +43,3 @@ def buckles(elements: int, order: int) -> Found:
 def cases() -> list[Case]:
     return [Case("6 cubic elements", "linearize", lambda: buckles(6, 3)),
             Case("12 quadratic elements", "linearize", lambda: buckles(12, 2), slow=True)]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 from local_laws.scenes import SCENES
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from timed_inputs.draw import run as one
 from timed_inputs.tables import found
 
@@ -15,15 +15,11 @@ claim = Claim("local_laws", "barriers, wells, stops, kinks and brakes of users' 
 QUICK, WHOLE = range(6), range(100)
 
 
-def judge(seeds: Iterable[int]) -> list[Found]:
+def judge(seeds: Sequence[int]) -> list[Found]:
     """Counts of verdicts, with the seeds of what is wrong."""
-    return found([one(seed, SCENES) for seed in seeds])
+    return found([one(seed, SCENES) for seed in seeds], seeds)
 
 
 def cases() -> list[Case]:
     return [Case(f"{len(QUICK)} runs", "all", lambda: judge(QUICK)),
-            Case(f"{len(WHOLE)} runs", "all", lambda: judge(WHOLE), slow=True)]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())
+            Case("runs", "all", judge, slow=True, parts=WHOLE)]  # fmt: skip

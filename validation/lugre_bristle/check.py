@@ -8,7 +8,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from scipy.integrate import solve_ivp
 
 import mbdae as mb
@@ -95,7 +95,3 @@ def cases() -> list[Case]:
     return [Case("stage unknown, order 3", "RadauIIA(2)", lambda: order(stage_unknown, 3, 2.5e-4)),
             Case("Eq. 55 corrected, order 2", "trapezoid", lambda: order(trapezoidal, 2, 2.5e-4)),
             Case("Eq. 55 as printed, order 0", "trapezoid", printed)]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

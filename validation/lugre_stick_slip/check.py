@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import largest, simulated, with_both
 from scenes import data, steady_sliding, stick_slip
 
@@ -46,7 +46,3 @@ def curve(solver: Any) -> Found:
 def cases() -> list[Case]:
     return [*(replace(case, slow=case.solver == "IDA") for case in with_both("pulled by a spring, 25 s", motion)),
             *with_both("steady sliding", curve)]
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

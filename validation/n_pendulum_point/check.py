@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import largest, simulated, with_both
 from scenes import data, n_points
 
@@ -24,7 +24,3 @@ def positions(solver: Any, n: int) -> Found:
 
 def cases() -> list[Case]:
     return [case for n in (2, 3, 5, 10) for case in with_both(f"{n} points", lambda solver, n=n: positions(solver, n), n == 10)]
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import largest, simulated, with_both
 from scenes import data, n_rods
 
@@ -35,7 +35,3 @@ def cases() -> list[Case]:
     return recursive + [case for chain in CHAINS
                         for case in with_both(f"{chain[0]} rods, {chain[1]}", lambda solver, chain=chain: angles(solver, *chain),
                                               slow=chain[0] > 5 and chain != (20, "planar"))]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
 
 import numpy as np
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 
 from oracles.by_package import MODELS, compared
 from oracles.random_loops import closing, off, random_loop
@@ -14,7 +15,7 @@ from oracles.trees import random_state, random_tree
 
 claim = Claim("oracles", "random trees and loops have the accelerations and reactions of references that share no code",
               1e-9, "relative", "trees: Pinocchio; loops: dense equations by hand, solved by the rank of their rows")  # fmt: skip
-TREES, LOOPS, BLOCK = 300, 150, 25
+TREES, LOOPS = range(300), range(150)
 ABSENT = "Pinocchio is not installed: pip install 'mbdae[oracle]'"
 
 
@@ -38,7 +39,7 @@ def loop_off(seed: int, model: str) -> dict[str, float]:
     return off(start.mechanism, prepared)
 
 
-def worst(one: Callable[[int, str], dict[str, float]], seeds: range) -> list[Found]:
+def worst(one: Callable[[int, str], dict[str, float]], seeds: Iterable[int]) -> list[Found]:
     """The largest differences of some seeds in all models, and where they are."""
     found: dict[str, tuple[float, str]] = {}
     for seed in seeds:
@@ -48,22 +49,12 @@ def worst(one: Callable[[int, str], dict[str, float]], seeds: range) -> list[Fou
     return [Found(value, quantity=name, note=where) for name, (value, where) in found.items()]
 
 
-def trees(seeds: range) -> list[Found]:
+def trees(seeds: Iterable[int]) -> list[Found]:
     """Of random trees."""
     return worst(tree_off, seeds) if has_pinocchio() else [Found(np.nan, note=ABSENT)]
 
 
 def cases() -> list[Case]:
-    blocks = [(name, one, range(a, a + BLOCK)) for name, one, count in (("trees", trees, TREES), ("loops", _loops, LOOPS))
-              for a in range(0, count, BLOCK)]  # fmt: skip
     models = ", ".join(MODELS)
-    return [Case(f"{name} {seeds.start} to {seeds.stop - 1}", models, lambda one=one, seeds=seeds: one(seeds), slow=True)
-            for name, one, seeds in blocks]  # fmt: skip
-
-
-def _loops(seeds: range) -> list[Found]:
-    return worst(loop_off, seeds)
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())
+    return [Case("trees", models, trees, slow=True, parts=TREES),
+            Case("loops", models, partial(worst, loop_off), slow=True, parts=LOOPS)]  # fmt: skip

@@ -6,7 +6,7 @@ import warnings
 
 from out_of_plane.cases import Planar
 from out_of_plane.cases import cases as scenes
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 
 import mbdae as mb
 
@@ -33,7 +33,3 @@ def judge(chosen: list[Planar]) -> Found:
 
 def cases() -> list[Case]:
     return [Case(f"{len(scenes())} scenes", "linearize", lambda: judge(scenes()))]
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

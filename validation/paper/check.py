@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
-from runner import Case, Claim, Found, Row, measure, module_of
+from runner import Case, Claim, Found, module_of
 
 import mbdae as mb
 from mbdae.audit import Audit
@@ -132,7 +132,3 @@ def numbers() -> list[Found]:
 def cases() -> list[Case]:
     return [Case("verdicts", "none", verdicts), Case("repairs", "none", repairs), Case("remarks", "none", said),
             Case("claimed numbers", "none", numbers)]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 
 import mbdae as mb
 
@@ -63,7 +63,3 @@ def cases() -> list[Case]:
         found += [Case(f"{periods} periods", "RadauIIA(3)", lambda periods=periods: radau(periods), slow),  # type: ignore[misc]
                   Case(f"{periods} periods", "IDA", lambda periods=periods: ida(periods), slow)]  # type: ignore[misc]  # fmt: skip
     return [*found, Case("1000 periods, accuracy 1e-3", "RadauIIA(3)", lambda: asked(1000, 1e-3), slow=True)]
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import simulated, with_both
 from scenes import data, physical_pendulum
 
@@ -22,7 +22,3 @@ def cases() -> list[Case]:
     d = data("physical_pendulum")
     return [case for pair in zip(d["amplitude_deg"], d["period_s"], strict=True)
             for case in with_both(f"{pair[0]} degrees", lambda solver, pair=pair: period(solver, *pair))]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from beam_scenes import princeton
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import largest
 from scenes import data
 
@@ -31,7 +31,3 @@ def cases() -> list[Case]:
              for name, mesh in MESHES.items() for P in data("princeton_beam")["loads"]]  # fmt: skip
     return [Case("P = 13.345 N, 15 and 75 degrees, 4 cubic elements", "equilibrium",
                  lambda: displaced(13.345, 4, 3, (15, 75))), *found]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -9,13 +9,14 @@ import sys
 import threading
 import time
 import traceback
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from interrupted_scenes import chain
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 
 import mbdae as mb
 
@@ -37,7 +38,7 @@ def end_of(scene: mb.Scene) -> bytes:
     return scene.simulate(0.2, 1e-5).solution.y.tobytes()
 
 
-def forked(count: int) -> Found:
+def forked(forks: Sequence[int]) -> Found:
     """How many of the processes forked under load are wrong or hang."""
     stop, expected = threading.Event(), end_of(chain())
 
@@ -50,12 +51,12 @@ def forked(count: int) -> Found:
     for thread in threads:
         thread.start()
     try:
-        wrong = sum(_wrong_in_fork(expected) for _ in range(count))
+        wrong = sum(_wrong_in_fork(expected) for _ in forks)
     finally:
         stop.set()
         for thread in threads:
             thread.join()
-    return Found(float(wrong), note=f"of {count} forked processes")
+    return Found(float(wrong), note=f"of {len(forks)} forked processes")
 
 
 def _wrong_in_fork(expected: bytes) -> bool:
@@ -77,17 +78,18 @@ def _wrong_in_fork(expected: bytes) -> bool:
     return ended[1] != 0
 
 
-def cold(count: int) -> Found:
-    """How many processes are wrong or hang that are forked while another thread imports the package and derives."""
-    wrong = 0
-    for i in range(count):
+def cold(forks: Sequence[int]) -> Found:
+    """How many processes are wrong or hang that are forked while another thread imports the package and derives, each fork a
+    twentieth of a second later than the one before."""
+    wrong = list[int]()
+    for i in forks:
         said = subprocess.run([sys.executable, str(HERE / "cold_fork.py"), f"{0.05 * i:g}"], capture_output=True, text=True,
                               timeout=4 * PATIENCE, check=False, env=os.environ | {"MBDAE_CACHE": "off"})  # fmt: skip
-        wrong += said.stdout.split() != ["0"]
-    return Found(float(wrong), note=f"of {count} forked processes")
+        wrong += [i] if said.stdout.split() != ["0"] else []
+    return Found(float(len(wrong)), note=f"of {len(forks)} forked processes: {', '.join(map(str, wrong)) or 'none'}")
 
 
-def pairs(name: str, count: int) -> Found:
+def pairs(name: str, trials: Sequence[int]) -> Found:
     """How many pairs of threads that run one System get another result without a word."""
     solver, form = METHODS[name]
     system = chain().system(form)
@@ -95,7 +97,7 @@ def pairs(name: str, count: int) -> Found:
     wrong, refused = 0, 0
     sys.setswitchinterval(1e-5)
     try:
-        for _ in range(count):
+        for _ in trials:
             found: list[Any] = []
             together = threading.Barrier(2)
 
@@ -117,7 +119,7 @@ def pairs(name: str, count: int) -> Found:
             refused += "refused" in found
     finally:
         sys.setswitchinterval(before)
-    return Found(float(wrong), note=f"of {count} pairs; in {refused} one thread was refused")
+    return Found(float(wrong), note=f"of {len(trials)} pairs; in {refused} one thread was refused")
 
 
 def notebook() -> Found:
@@ -131,13 +133,9 @@ def notebook() -> Found:
 
 
 def cases() -> list[Case]:
-    return [Case("50 forks under load", "simulate", partial(forked, 50), slow=True),
-            Case("3 forks under load", "simulate", partial(forked, 3)),
-            Case("10 forks during imports", "simulate", partial(cold, 10), slow=True),
-            *(Case("10 pairs of threads", name, partial(pairs, name, 10), slow=True) for name in METHODS),
-            Case("2 pairs of threads", "Radau IIA", partial(pairs, "Radau IIA", 2)),
+    return [Case("forks under load", "simulate", forked, slow=True, parts=range(50)),
+            Case("3 forks under load", "simulate", lambda: forked(range(3))),
+            Case("forks during imports", "simulate", cold, slow=True, parts=range(10)),
+            *(Case("pairs of threads", name, partial(pairs, name), slow=True, parts=range(10)) for name in METHODS),
+            Case("2 pairs of threads", "Radau IIA", lambda: pairs("Radau IIA", range(2))),
             Case("a notebook", "clusters", notebook, slow=True)]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from recursive_scenes import four_bar
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import largest
 
 import mbdae as mb
@@ -63,7 +63,3 @@ def cases() -> list[Case]:
             Case("four-bar in space against the plane", "RadauIIA(3)", loop, slow=True),
             *(Case(f"10 000 turns, {type(run[1]).__name__.lower()}, {run[0]}", run[2].label, lambda run=run: wheel(*run),
                    slow=run[2] is steps) for run in wheels)]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

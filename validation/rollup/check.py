@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from beam_scenes import cantilever, slender
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from scenes import data
 
 claim = Claim("rollup", "a cantilever under the moment 2 pi n EI / L rolls up into n circles, whatever its slenderness", 2e-5,
@@ -29,7 +29,3 @@ def cases() -> list[Case]:
     found.append(Case("half a circle, 16 cubic elements", "auto", lambda: rolled(0.5, 100, 3, 1e-8, "auto")))
     found.append(Case("two circles, 16 cubic elements", "spatial", lambda: rolled(2, 100, 3, 1e-6, "spatial"), slow=True))
     return found
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from beam_scenes import on_hub
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from scenes import data
 
 import mbdae as mb
@@ -26,7 +26,3 @@ def cases() -> list[Case]:
     rates = [rate for rate in data("rotating_beam_frequencies")["table"] if float(rate)]
     return [Case(f"rate {rate}, 8 cubic elements", "linearize", lambda rate=rate: frequencies(rate), rate not in ("1.0", "12.0"))
             for rate in rates]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

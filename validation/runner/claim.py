@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
-import time
+import os
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 from mbdae.errors import AccuracyWarning
+from runner.draw import Draw, Parts
 
 
 @dataclass(frozen=True)
@@ -35,12 +38,17 @@ class Found:
 
 @dataclass(frozen=True)
 class Case:
-    """One run of a claim: `measure` does it. `slow` ones take more than a few seconds."""
+    """One run of a claim: `measure` does it. `slow` ones take more than a few seconds.
+
+    With `parts` (seeds, names) it is a suite of like runs, of which `mbdae validate` draws a tenth: `measure` takes a list of
+    parts, or where `each` is true one of them, which has rows of its own."""
 
     name: str
     solver: str
-    measure: Callable[[], Found | Sequence[Found]]
+    measure: Callable[..., Found | Sequence[Found]]
     slow: bool = False
+    parts: Sequence[Any] = ()
+    each: bool = False
 
 
 @dataclass(frozen=True)
@@ -60,22 +68,47 @@ class Row:
         """For JSON, without nan."""
         return {**vars(self), "error": self.error if math.isfinite(self.error) else None}
 
+    @classmethod
+    def of(cls, data: dict[str, Any]) -> Row:
+        """What `to_dict` gave."""
+        return cls(**{**data, "error": math.nan if data["error"] is None else data["error"]})
 
-def measure(claim: Claim, cases: Iterable[Case]) -> list[Row]:
-    """All rows of some cases."""
-    return [row for case in cases for row in _rows(claim, case)]
+
+def measure(claim: Claim, cases: Iterable[Case], draw: Draw | None = None) -> list[Row]:
+    """All rows of some cases; with `draw` those of the parts it takes of suites, and where it names parts of nothing else."""
+    return [row for case in cases for row in (_suite(claim, case, draw) if case.parts else _others(claim, case, draw))]
 
 
-def _rows(claim: Claim, case: Case) -> list[Row]:
-    begin = time.process_time()
+def _others(claim: Claim, case: Case, draw: Draw | None) -> list[Row]:
+    return [] if draw is not None and draw.only else _rows(claim, case)
+
+
+def _suite(claim: Claim, case: Case, draw: Draw | None) -> list[Row]:
+    suite, whole = f"{claim.name}: {case.name}, {case.solver}", Parts(case.parts, len(case.parts))
+    parts = whole if draw is None else draw.of(suite, case.parts)
+    if case.each:
+        single = [Case(f"{case.name}, {part}", case.solver, partial(case.measure, part)) for part in parts]
+        return [row for one in single for row in _rows(claim, one)]
+    name = f"{len(parts)} {case.name}" if len(parts) == parts.whole else f"{len(parts)} of {parts.whole} {case.name}"
+    return _rows(claim, Case(name, case.solver, partial(case.measure, parts)), parts) if parts else []
+
+
+def _rows(claim: Claim, case: Case, parts: Parts | None = None) -> list[Row]:
+    begin = _cpu()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", AccuracyWarning)  # a claim judges them itself, from the result
             found = case.measure()
     except Exception as error:  # a failed run becomes a row, and the others are still measured
-        found = Found(math.nan, note=f"failed: {type(error).__name__}: {error}")
-    spent = time.process_time() - begin
+        at = "" if parts is None or parts.now is None else f" at {parts.now}"
+        found = Found(math.nan, note=f"failed{at}: {type(error).__name__}: {error}")
+    spent = _cpu() - begin
     return [_row(claim, case, f, spent) for f in ([found] if isinstance(found, Found) else found)]
+
+
+def _cpu() -> float:
+    """CPU s of this process, and of those it started that have ended."""
+    return sum(os.times()[:4])
 
 
 def _row(claim: Claim, case: Case, found: Found, cpu_s: float) -> Row:

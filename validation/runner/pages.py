@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from html import escape
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from mbdae.files import write_file
 from runner.claim import Claim, Row
@@ -36,14 +37,23 @@ class Measured:
         """CPU seconds of all runs; several quantities of one run count once."""
         return sum({(row.case.split(":")[0], row.solver): row.cpu_s for row in self.rows}.values())
 
+    def to_dict(self) -> dict[str, object]:
+        """For JSON."""
+        stated = asdict(self.claim)
+        return {"claim": stated.pop("name"), **stated, "holds": self.holds, "cpu_s": self.cpu_s,
+                "rows": [row.to_dict() for row in self.rows]}  # fmt: skip
+
+    @classmethod
+    def of(cls, data: dict[str, Any]) -> Measured:
+        """What `to_dict` gave."""
+        stated = (data[name] for name in ("claim", "statement", "tolerance", "unit", "origin"))
+        return cls(Claim(*stated), [Row.of(row) for row in data["rows"]])
+
 
 def to_dict(measured: Sequence[Measured]) -> dict[str, object]:
     """For JSON."""
-    entries = [{"claim": m.claim.name, "statement": m.claim.statement, "tolerance": m.claim.tolerance, "unit": m.claim.unit,
-                "origin": m.claim.origin, "holds": m.holds, "cpu_s": m.cpu_s, "rows": [row.to_dict() for row in m.rows]}
-               for m in measured]  # fmt: skip
     return {"holds": all(m.holds for m in measured), "cpu_s": sum(m.cpu_s for m in measured), "made_with": made_with(),
-            "claims": entries}  # fmt: skip
+            "claims": [m.to_dict() for m in measured]}  # fmt: skip
 
 
 def text(m: Measured) -> str:

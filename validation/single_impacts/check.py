@@ -6,7 +6,7 @@ from itertools import product
 from typing import Any
 
 from contact_scenes import ball
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 
 import mbdae as mb
 
@@ -42,7 +42,3 @@ def cases() -> list[Case]:
     return [Case(f"accuracy {accuracy:g}", name, lambda solver=solver, accuracy=accuracy: grid(accuracy, solver),
                  slow=solver is not None or accuracy in (1e-4, 1e-6, 1e-7))
             for name, solver in solvers for accuracy in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

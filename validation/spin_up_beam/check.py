@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from beam_scenes import on_hub, spin_up, spin_up_angle, spin_up_section
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from runs import largest
 from scenes import data
 
@@ -42,7 +42,3 @@ def cases() -> list[Case]:
     return [Case("4 cubic elements", "RadauIIA(3)", lambda: manoeuvre(4, 3)),
             Case("8 cubic elements", "RadauIIA(3)", lambda: manoeuvre(8, 3), slow=True),
             Case("steady extension, 4 cubic elements", "equilibrium", steady)]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

@@ -101,8 +101,9 @@ def judge(story: Story) -> Verdict:
 def _judged(story: Story) -> Verdict:
     result = attempt(story)
     if isinstance(result, Verdict):
-        apart = result.verdict == "refused" and "cannot close" in result.note and not can_close(story)
-        return Verdict("not judged", note="the loop cannot close: least squares find no pose either") if apart else result
+        apart = any(words in result.note for words in ("cannot close", "outside its limits"))
+        apart = apart and result.verdict == "refused" and not can_close(story)
+        return Verdict("not judged", note="least squares find no pose within the limits either") if apart else result
     if not claims(result):
         return Verdict("told", note=told(result) or "claims no accuracy of its motion")
     try:

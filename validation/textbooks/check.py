@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 
 from mbdae.audit.compare import States
 from mbdae.audit.evaluate import evaluate
@@ -117,7 +117,3 @@ def _values(node: Node, env: Env, sign: int) -> list[Any]:
 def cases() -> list[Case]:
     return [Case("right formulas", "none", right, slow=True), Case("planted errors", "none", errors, slow=True),
             Case("domains", "none", domains, slow=True)]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())

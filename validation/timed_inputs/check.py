@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found
 from timed_inputs.draw import run as one
 from timed_inputs.tables import found
 
@@ -14,15 +14,11 @@ claim = Claim("timed_inputs", "loads and prescribed motions that act for a part 
 QUICK, WHOLE = range(5), range(600)
 
 
-def judge(seeds: Iterable[int]) -> list[Found]:
+def judge(seeds: Sequence[int]) -> list[Found]:
     """Counts of verdicts, with the seeds of what is wrong."""
-    return found([one(seed) for seed in seeds])
+    return found([one(seed) for seed in seeds], seeds)
 
 
 def cases() -> list[Case]:
     return [Case(f"{len(QUICK)} runs", "all", lambda: judge(QUICK)),
-            Case(f"{len(WHOLE)} runs", "all", lambda: judge(WHOLE), slow=True)]  # fmt: skip
-
-
-def run() -> list[Row]:
-    return measure(claim, cases())
+            Case("runs", "all", judge, slow=True, parts=WHOLE)]  # fmt: skip

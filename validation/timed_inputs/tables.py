@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from math import floor, log10
 
-from runner import Found
+from runner import Found, allowed
 from timed_inputs.judge import VERDICTS, Run
 
 #: shares of runs that may warn though right, and of those with error control that may say that they are wrong
@@ -14,16 +14,17 @@ NEEDLESS, TOLD = 0.05, 0.1
 WRONG = ("silent", "refused needlessly", "crashed")
 
 
-def found(runs: Sequence[Run]) -> list[Found]:
-    """What a claim says of its runs; silent, refused and crashed ones are named by their seeds."""
+def found(runs: Sequence[Run], seeds: Sequence[int]) -> list[Found]:
+    """What a claim says of its runs, one of each seed; silent, refused and crashed ones are named by their seeds."""
     counts = Counter(run.verdict for run in runs)
     rows = [Found(counts[v], 0, "runs", v, note=_named(runs, v)) for v in WRONG]
     said = ", ".join(f"{counts[v]} {v}" for v in VERDICTS)
     steered = [run for run in runs if not run.equal_steps]
     undelivered = sum(run.verdict == "told" for run in steered) / max(1, len(steered))
     needless = counts["told needlessly"] / len(runs)
-    rows.append(Found(needless, NEEDLESS, "share", "told needlessly", note=_named(runs, "told needlessly")))
-    rows.append(Found(undelivered, TOLD, "share", "told instead of right, error control", note=f"{len(runs)} runs: {said}"))
+    rows.append(Found(needless, allowed(NEEDLESS, seeds), "share", "told needlessly", note=_named(runs, "told needlessly")))
+    rows.append(Found(undelivered, allowed(TOLD, seeds), "share", "told instead of right, error control",
+                      note=f"{len(runs)} runs: {said}"))  # fmt: skip
     return rows
 
 
