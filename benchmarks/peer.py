@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 
 import mbdae as mb
-from mbdae.compare.equations import Equations
+from mbdae.compare.run import Equations
 from mbdae.system.prepare import Prepared, prepare
 
 HERE = Path(__file__).parent

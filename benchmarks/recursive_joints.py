@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 import mbdae as mb
-from mbdae.compare.equations import Equations
+from mbdae.compare.run import Equations
 from mbdae.formulations import system_for
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.result import Result

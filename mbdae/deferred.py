@@ -1,20 +1,24 @@
 """Modules that take longer to import than a pendulum to simulate. SciPy's are imported when they are first used, because most
-scenes need none of them; NumPy's masked arrays are never imported: functions here replace those of NumPy that would do so."""
+scenes need none of them; NumPy's masked arrays are never imported: functions here replace those of NumPy that would do so.
+Folders of classes that say everything of themselves (solvers, forms) are imported whole where their names are asked for."""
 
 from __future__ import annotations
 
 import sys
+from functools import cache
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from inspect import isabstract
+from pkgutil import walk_packages
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.threads import limit_what_was_loaded
 
-__all__ = ["LinearOperator", "as_full", "bmat", "connected_components", "csc_matrix", "csr_matrix", "cython_lapack", "dijkstra",
-           "distinct", "eigsh", "eigvals", "entries_of", "group_columns", "identity", "issparse", "maximum_flow", "median", "qr",
-           "sp", "splu"]  # fmt: skip
+__all__ = ["LinearOperator", "as_full", "bmat", "classes_in", "connected_components", "csc_matrix", "csr_matrix",
+           "cython_lapack", "dijkstra", "distinct", "eigsh", "eigvals", "entries_of", "group_columns", "identity", "issparse",
+           "maximum_flow", "median", "qr", "sp", "splu"]  # fmt: skip
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
@@ -60,6 +64,20 @@ else:
     def issparse(matrix: Any) -> bool:
         """Whether a matrix is sparse; False where SciPy's module of sparse matrices has not been imported yet."""
         return "scipy.sparse" in sys.modules and sp.issparse(matrix)
+
+
+T = TypeVar("T")
+
+
+@cache
+def classes_in(folder: str, base: type[T]) -> tuple[type[T], ...]:
+    """The classes of a folder ("mbdae.integrators") that derive from `base` and leave nothing abstract, by name, without those
+    whose name begins with an underscore. A new one needs no more than its file there."""
+    top = import_module(folder)
+    modules = [import_module(found.name) for found in walk_packages(getattr(top, "__path__", ()), f"{folder}.")]
+    found = {made.__name__: made for module in (top, *modules) for name, made in vars(module).items()
+             if name[0] != "_" and isinstance(made, type) and issubclass(made, base) and not isabstract(made)}  # fmt: skip
+    return tuple(made for _, made in sorted(found.items()))
 
 
 def as_full(matrix: Any) -> Any:

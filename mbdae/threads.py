@@ -10,13 +10,14 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import lru_cache, wraps
-from threading import Lock, get_ident, local
-from typing import Any, ParamSpec, TypeVar
+from functools import lru_cache, partial, wraps
+from threading import Lock, RLock, local
+from typing import Any, ParamSpec, TypeVar, cast
 
 from mbdae.errors import OptionError
 from mbdae.forks import in_forked_process
 
+EVALUATION = 0.1  #: time (s) after which a thread that waits for an evaluation by another one looks whether that makes a run
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -95,35 +96,62 @@ def keep_one_thread() -> None:
 
 
 class Owner:
-    """The thread that runs equations: runs of one System write to the same arrays. A copy of the equations by pickle or deepcopy
-    has an owner of its own."""
+    """The thread that runs or evaluates equations: runs of one System write to the same arrays. A copy of the equations by pickle
+    or deepcopy has an owner of its own."""
 
     def __init__(self, what: str) -> None:
         """what: name of the equations in messages."""
-        self.what, self._lock = what, Lock()
-        self._by: tuple[int, int, int] | None = None  # process, thread, and number of runs inside each other
+        self.what = what
+        self._begin()
+
+    def _begin(self) -> None:
+        self._lock, self._process, self._runs = RLock(), os.getpid(), 0  # runs: those inside each other
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Owner, (self.what,)
 
+    def taken(self) -> Any:
+        """The lock of the equations, taken, to be released: it waits while another thread evaluates them. OptionError where
+        another thread runs them."""
+        if self._process != os.getpid():  # a thread that had taken it is in the process that this one was forked from
+            self._begin()
+        lock = self._lock
+        while not lock.acquire(timeout=0 if self._runs else EVALUATION):
+            if self._runs:
+                raise OptionError(f"{self.what} is run by another thread: runs of one System at the same time would write to the "
+                                  f"same arrays. Give every thread its own, by scene.system() or mb.DAE(...), or call "
+                                  f"scene.simulate, which makes its own")  # fmt: skip
+        return lock
+
+    def alone(self, function: Callable[..., T], *args: Any) -> T:
+        """An evaluation, which other threads wait for."""
+        lock = self.taken()
+        try:
+            return function(*args)
+        finally:
+            lock.release()
+
     @contextmanager
     def running(self) -> Iterator[None]:
         """Context of a run of the equations; OptionError where another thread runs them."""
-        by, me = self._by, (os.getpid(), get_ident())
-        if by is not None and by[0] != me[0]:  # the thread that ran them is in the process that this one was forked from
-            self._lock, self._by, by = Lock(), None, None
-        inside = by is not None and by[:2] == me
-        if not inside and not self._lock.acquire(blocking=False):
-            raise OptionError(f"{self.what} is run by another thread: runs of one System at the same time would write to the "
-                              f"same arrays. Give every thread its own, by scene.system() or mb.DAE(...), or call "
-                              f"scene.simulate, which makes its own")  # fmt: skip
-        self._by = *me, by[2] + 1 if by is not None and inside else 1
+        lock, before = self.taken(), self._runs
+        self._runs = before + 1
         try:
             yield
         finally:
-            self._by = by if inside else None
-            if not inside:
-                self._lock.release()
+            self._runs = before
+            lock.release()
+
+
+def alone(method: Callable[P, T]) -> Callable[P, T]:
+    """Decorator: an evaluation of a System that other threads wait for; refused where another thread runs it."""
+
+    @wraps(method)
+    def evaluated(*args: P.args, **kwargs: P.kwargs) -> T:
+        system: Any = args[0]
+        return cast(T, system.owner.alone(partial(method, **kwargs) if kwargs else method, *args))
+
+    return evaluated
 
 
 in_forked_process(_INSIDE.forked)

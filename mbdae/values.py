@@ -13,6 +13,7 @@ import numbers
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from contextlib import suppress
 from decimal import Decimal
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,7 +21,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.errors import OptionError
+from mbdae.errors import NamesAttributes, OptionError
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -278,3 +279,35 @@ def _range(least: float, above: float, most: float) -> str:
     if math.isinf(least) and math.isinf(above):
         return f"{most:g} or less"
     return f"more than {above:g}, at most {most:g}" if above > least else f"between {least:g} and {most:g}"
+
+
+class AsStated(NamesAttributes):
+    """Base of the items of a scene: what would be set on them after their statement would be no part of it, so it is refused."""
+
+    def _settled(self) -> bool:
+        """Whether the statement is complete."""
+        raise NotImplementedError
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if self._settled():
+            raise AttributeError(f"{self._called}: {name} = {shown(value)} comes after its statement, which alone counts: give "
+                                 f"it there, in a function that makes the scene; for many values mb.sweep(scene, "
+                                 f"{{'{vars(self)['name']}.{name}': [...]}}, t_end=...), for joint models "
+                                 f"scene.replace(...)")  # fmt: skip
+        super().__setattr__(name, value)
+
+
+def fixed(values: Any) -> Any:
+    """A copy of an array that cannot be changed; None stays."""
+    if values is None:
+        return None
+    found = np.array(values)
+    found.flags.writeable = False
+    return found
+
+
+def as_floats(model: Any, *fields: str) -> None:
+    """Make floats of numbers of any type; other values stay, and the scene that uses the model reports them."""
+    for key in fields:
+        with suppress(BadValueError):
+            object.__setattr__(model, key, number(getattr(model, key)))

@@ -17,7 +17,7 @@ import pytest
 
 import mbdae as mb
 from mbdae import forks, threads
-from mbdae.native.signals import Signals
+from mbdae.signals import Signals
 
 needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="systems that fork")
 PATIENCE = 60  #: s after which a forked process counts as one that hangs
@@ -176,3 +176,74 @@ def test_the_package_goes_to_other_processes() -> None:
     found = cloudpickle.loads(cloudpickle.dumps(lambda: mb.Scene("x").name))
     assert found() == "x"
     assert sys.modules["mbdae"] is mb
+
+
+def test_threads_wait_for_each_others_evaluations() -> None:
+    """Of a System that has not been evaluated before: its tables are made by the first of them, and all write to one array."""
+    for form in ("ggl", mb.Index1(multipliers="eliminated")):
+        expected, system = (pendulum().system(form) for _ in range(2))
+        states = [expected.y0 + 0.01 * k for k in range(2)]
+        right = [expected.jacobian_parts(0.0, y, expected.yp0) for y in states]
+        together, found, before = threading.Barrier(2), list[bool](), sys.getswitchinterval()
+
+        def work(y: Any, right: Any, system: Any, found: list[bool], together: threading.Barrier) -> None:
+            together.wait()
+            for _ in range(20):
+                found.append(all(map(np.array_equal, system.jacobian_parts(0.0, y, system.yp0), right)))
+
+        sys.setswitchinterval(1e-6)
+        threads = [threading.Thread(target=work, args=(states[k], right[k], system, found, together)) for k in (0, 1)]
+        try:
+            for thread in threads:
+                thread.start()
+        finally:
+            for thread in threads:
+                thread.join()
+            sys.setswitchinterval(before)
+        assert found == [True] * 40
+
+
+class Dying:
+    def __del__(self) -> None:
+        signal.raise_signal(signal.SIGALRM)
+
+
+class Alarmed(mb.Force):
+    params = mb.params(c=("N/m", "stiffness"))
+    how = staticmethod(lambda: None)
+
+    def energy(self, k: Any, l: Any) -> Any:
+        self.how()
+        return self.c * ((l.r - k.r) @ (l.r - k.r)) / 2
+
+
+@needs_fork
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("how", [lambda: signal.raise_signal(signal.SIGALRM), Dying, None])
+def test_what_a_handler_raises_leaves_as_it_is(how: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+    """From a law (whose mistakes are words), a destructor (where Python drops exceptions), steps, and while a file is written
+    (where every OSError, which a TimeoutError is, means the disk); what was computed is attached."""
+    monkeypatch.setattr(Alarmed, "how", staticmethod(how or (lambda: None)))
+    s = mb.Scene("pulled")
+    s.add(Alarmed("pull", s.ground, s.point_mass("b", 1.0, at=(0, 1.0, 0)), at=(0, 0, 0), at_l=(0, 1.0, 0), c=1.0))
+
+    def late(*_: Any) -> None:
+        raise TimeoutError("too late")
+
+    before = signal.signal(signal.SIGALRM, late)
+    try:
+        if how is not None:
+            with pytest.raises(TimeoutError, match=r"^too late$"):
+                s.simulate(1.0)
+        else:
+            with pytest.raises(TimeoutError, match=r"^too late$") as stopped:
+                s.simulate(1.0, progress=lambda *_: signal.raise_signal(signal.SIGALRM))
+            r = s.simulate(0.1)
+            assert isinstance(stopped.value.solution, type(r))
+            monkeypatch.setattr("mbdae.files.os.replace", lambda *_: signal.raise_signal(signal.SIGALRM))
+            with pytest.raises(TimeoutError, match=r"^too late$"):
+                r.save(tmp_path / "run.npz")
+            assert list(tmp_path.iterdir()) == []
+        assert signal.getsignal(signal.SIGALRM) is late
+    finally:
+        signal.signal(signal.SIGALRM, before)

@@ -17,9 +17,10 @@ ROOT = Path(mbdae.__file__).parent
 #: folders and files of the package from the top down: each imports from its own entry and from those behind it
 LAYERS = [
     {"__main__"}, {"cli"}, {"__init__"}, {"api"}, {"contracts", "extremes"}, {"audit", "export"}, {"reports", "compare"},
-    {"sweep", "documents"}, {"analysis"}, {"show"}, {"run"}, {"results"}, {"integrators"}, {"formulations"}, {"system"},
-    {"kernels"}, {"scene"}, {"laws"}, {"inputs"}, {"symbolic"}, {"values", "files"}, {"native"},
-    {"deferred", "disk", "limits"}, {"threads"}, {"costs", "memory", "notation", "errors", "forks", "ties", "display"},
+    {"sweep", "documents"}, {"analysis"}, {"show"}, {"run"}, {"study"}, {"results"}, {"integrators"}, {"formulations"},
+    {"system"}, {"kernels"}, {"scene"}, {"laws"}, {"inputs"}, {"symbolic"}, {"values", "files"}, {"native"},
+    {"deferred", "disk", "limits"}, {"threads"}, {"costs", "memory", "notation", "errors", "ties", "display"},
+    {"signals"}, {"forks"},
 ]  # fmt: skip
 #: parts of `system` from the bottom up, as its docstring says
 SYSTEM = ["base", "differences", "shown_index", "partition", "dae", "model", "motion", "start", "rank", "assembled", "prepare",
@@ -27,8 +28,7 @@ SYSTEM = ["base", "differences", "shown_index", "partition", "dae", "model", "mo
 LEVEL = {name: len(LAYERS) - i for i, names in enumerate(LAYERS) for name in names}
 #: the System interface is all an integrator sees; kernels are called by these alone
 KERNELS_CALLED_BY = {"system", "results", "run", "contracts", "export"}
-ALONE = {"sksundae": {"integrators/sundials/python.py"},
-         "matplotlib": {"show", "compare", "reports"}}  # fmt: skip
+ALONE: dict[str, set[str]] = {"sksundae": set(), "matplotlib": {"show", "compare", "reports"}}
 MOST_FILES, MOST_LINES = 25, 350
 
 

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import re
 import shlex
+import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 import mbdae as mb
 from mbdae.cli import main
-from mbdae.laws import forces, joints
+from mbdae.laws import couplings, forces, joints
+from mbdae.symbolic.coupling import Coupling
+from mbdae.symbolic.law import Law
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -22,6 +26,7 @@ def blocks(document: str) -> list[tuple[str, str, int]]:
     return [(m.group(1), m.group(2), document[: m.start()].count("\n") + 1) for m in found]
 
 
+HOMES = {mb.Joint: joints, Coupling: couplings, mb.Force: forces}
 BLOCKS = blocks(README)
 PYTHON = [(text, line) for language, text, line in BLOCKS if language == "python"]
 LINES = [line for language, text, _ in BLOCKS if language == "bash" for line in text.splitlines()]
@@ -59,15 +64,17 @@ def test_laws_of_the_contributing_guide_work(monkeypatch):
     the tutorial states too keeps it there (`mb.selftest` in its first block)."""
     guide, tutorial = ((ROOT / name).read_text(encoding="utf-8") for name in ("CONTRIBUTING.md", "docs/tutorials/own-joint.md"))
     for text in (text for language, text, _ in blocks(guide) if language == "python"):
-        space = {"__name__": "contributing"}
+        monkeypatch.setitem(sys.modules, "contributing", module := ModuleType("contributing"))
+        space = vars(module)
         exec(compile(text, text.splitlines()[0], "exec"), space)
-        for name, value in space.items():
+        for name, value in dict(space).items():
             if name.startswith("test_"):
                 value()
-            elif getattr(value, "__module__", "") == "contributing":
+            elif getattr(value, "__module__", "") == "contributing" and isinstance(value, type) and issubclass(value, Law):
                 if f"{text.splitlines()[-1]}\n\n\nmb.selftest({name})\n" not in tutorial:
                     mb.selftest(value)
-                monkeypatch.setattr(joints if issubclass(value, mb.Joint) else forces, name, value, raising=False)
+                home = next(home for base, home in HOMES.items() if issubclass(value, base))
+                monkeypatch.setattr(home, name, value, raising=False)
 
 
 @pytest.mark.parametrize("command", [c for c in COMMANDS if c.startswith("mbdae ")])

@@ -17,7 +17,7 @@ import runner
 from runner import Case, Claim, Draw, Found, Parts, Row, allowed, measure
 
 from mbdae.cli import main
-from mbdae.cli.checkout import find
+from mbdae.cli.userfile import find
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = find(ROOT)

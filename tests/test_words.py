@@ -18,7 +18,7 @@ def pendulum(rod: str = "rod") -> mb.Scene:
 
 
 @pytest.mark.parametrize(("theirs", "ours"), [
-    ("RK45", "'dop853'"), ("ode45", "'dop853'"), ("bdf", "'ida' or 'cvodebdf'"), ("LSODA", "'cvode'"),
+    ("RK45", "'dop853'"), ("ode45", "'dop853'"), ("bdf", "'cvodebdf' or 'ida'"), ("LSODA", "'cvode'"),
     ("Adams", "'cvodeadams'")])  # fmt: skip
 def test_methods_of_other_programs_have_counterparts(theirs: str, ours: str) -> None:
     with pytest.raises(mb.OptionError, match=rf"solver = '{theirs}' is a method of other .*; its counterpart here is {ours}"):

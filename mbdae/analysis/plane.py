@@ -101,7 +101,7 @@ def _in_space(scene: SceneData) -> tuple[SceneData, set[str]]:
     for body in (b for b in found.bodies if b.inertia is not None and not b.is_point and not isinstance(b, Beam)):
         moments, axes = np.linalg.eigh(np.asarray(body.inertia))
         if moments[-1] > 0 and moments[0] <= LEAST * moments[-1]:
-            body.inertia = (axes * np.where(moments <= LEAST * moments[-1], moments[-1], moments)) @ axes.T
+            vars(body)["inertia"] = (axes * np.where(moments <= LEAST * moments[-1], moments[-1], moments)) @ axes.T
             unknown.add(body.name)
     return found, unknown
 

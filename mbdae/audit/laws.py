@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import symengine as se
 
+from mbdae.audit.carried import expression_value
 from mbdae.audit.evaluate import Value
-from mbdae.audit.expressions import expression_value
 from mbdae.audit.motion import Motion
 from mbdae.laws import contact, forces, friction, joints
 from mbdae.laws.contact import Hertz, JournalContact
@@ -33,7 +33,7 @@ def law_class(name: str, own: Own = ()) -> type[Law] | None:
     of the user."""
     plain = name.removesuffix(WITH_COORDINATES)
     known: dict[str, Any] = {n: getattr(m, n) for m in (joints, forces) for n in m.__all__}
-    found = (known | {"JournalContact": JournalContact, "Beam": Beam} | dict(own)).get(plain)
+    found = (known | {made.__name__: made for made in (JournalContact, Beam)} | dict(own)).get(plain)
     if not (isinstance(found, type) and issubclass(found, Law)) or (plain != name and not getattr(found, "coordinates", None)):
         return None
     return found
@@ -135,7 +135,7 @@ def journal(motion: Motion, radii: tuple[float, float], sides: str, rubbing: boo
 
     def made() -> LawState:
         given = dict(zip(("outer", "inner"), radii, strict=True)) | {"friction_v_c": 1e-3, "normal_damping": 0.0}
-        return LawState("JournalContact", motion, given if rubbing else given | {"friction_mu": 0.0}, sides=sides)
+        return LawState(JournalContact.__name__, motion, given if rubbing else given | {"friction_mu": 0.0}, sides=sides)
 
     return motion.once(("journal", radii, sides, rubbing), made)
 

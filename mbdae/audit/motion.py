@@ -57,11 +57,6 @@ def axial(m: Value) -> Value:
     return 0.5 * np.array([[m[2, 1] - m[1, 2]], [m[0, 2] - m[2, 0]], [m[1, 0] - m[0, 1]]])
 
 
-def about_axis(phi: Value) -> Value:
-    """Rotation by a (complex) angle about the third axis."""
-    return turned(phi * _E3)
-
-
 @lru_cache(maxsize=4096)
 def _drawn(seed: int, name: str, kind: str, shape: tuple[int, ...] = ()) -> Value:
     """A random value, reproducible: equal seeds and names give equal values. kind: "uniform" (entries in -1.2 to 1.2), "number"
@@ -184,7 +179,7 @@ class Motion:
         s = [k["Q"] @ np.vstack([p[1:], [[0]]]) for p in (q, u, up)]
         b = k["Q"] @ _E3
         return {
-            "Q": k["Q"] @ about_axis(q[0, 0]), "x": k["x"] + s[0], "v": k["v"] + W @ s[0] + s[1],
+            "Q": k["Q"] @ turned(q[0, 0] * _E3), "x": k["x"] + s[0], "v": k["v"] + W @ s[0] + s[1],
             "a": k["a"] + (A + W @ W) @ s[0] + 2 * W @ s[1] + s[2], "w": k["w"] + u[0, 0] * b,
             "alpha": k["alpha"] + up[0, 0] * b + u[0, 0] * W @ b,
         }  # fmt: skip

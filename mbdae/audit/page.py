@@ -16,7 +16,7 @@ from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.document import Document
 from mbdae.documents.formulas import escaped
 from mbdae.errors import OptionError, naming_arguments
-from mbdae.sweep.writing import as_json
+from mbdae.study.page import as_json
 from mbdae.values import BadValueError, of_class, option, shown, whole
 from mbdae.values import path as path_of
 

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 import symengine as se
 
+from mbdae.audit.carried import expression_value
 from mbdae.audit.evaluate import STEP, Value, cross
-from mbdae.audit.expressions import expression_value
 from mbdae.audit.laws import LawState, journal, observed, outward, part_class
 from mbdae.audit.notation import GIVE_OWN_CLASS, AuditError
 from mbdae.audit.phrases import Env, Rule, phrase, random_number, random_positive, register
 from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.laws.contact import Normal
-from mbdae.laws.friction import Friction
+from mbdae.laws.friction import Coulomb, Friction, LuGre
 
 _normal_force = random_positive("normal force")
 _mu = random_positive("coefficient of friction")
@@ -281,9 +281,9 @@ def _steady_coefficient(env: Env, name: str) -> Value:
 def _sticking(env: Env) -> Value:
     """Friction force of LuGre at rest. In half of the states the bristles are deflected up to break-away, in either direction, in
     the others by a random part of that."""
-    breaking = abs(_start(env, "LuGre", 1e-12))
+    breaking = abs(_start(env, LuGre.__name__, 1e-12))
     share = (1.0, -1.0)[env.motion.seed % 2] if env.motion.seed % 4 < 2 else env.motion.number("share") / 1.5
-    return _along(env, _coefficient(env, "LuGre", 0.0, share * breaking))
+    return _along(env, _coefficient(env, LuGre.__name__, 0.0, share * breaking))
 
 
 def energy_fed(env: Env, name: str) -> float | None:
@@ -318,17 +318,18 @@ def _stage(env: Env) -> Value:
 def _trapezoidal(env: Env) -> Value:
     """Solution z of (z' + z'_before)/2 = (z - z_before)/length, with z' of LuGre, which is linear in z."""
     length = _stage(env)
-    at0, at1 = (_rate_at(env, "LuGre", z) for z in (0.0, 1.0))
+    at0, at1 = (_rate_at(env, LuGre.__name__, z) for z in (0.0, 1.0))
     return (_before(env) + length / 2 * (_before_rate(env) + at0)) / (1 - length / 2 * (at1 - at0))
 
 
 FRICTION: dict[str, Rule] = {
     "coefficient of {name}": _coefficient,
     "friction force of {name}": lambda env, name: _along(env, _coefficient(env, name)),
-    "friction force of sliding": lambda env: _along(env, _coefficient(env, "Coulomb", 1e3 * friction_parameter(env, "v_c"))),
+    "friction force of sliding": lambda env: _along(
+        env, _coefficient(env, Coulomb.__name__, 1e3 * friction_parameter(env, "v_c"))),
     "friction force of sticking": _sticking,
     "rate of deflection of {name}": lambda env, name: _rate_at(env, name, _deflection(env)),
-    "rate of deflection at the stage": lambda env: _rate_at(env, "LuGre", _trapezoidal(env)),
+    "rate of deflection at the stage": lambda env: _rate_at(env, LuGre.__name__, _trapezoidal(env)),
     "bristle energy of {name}": lambda env, name: (  # per unit normal force, m
         number_of(_friction(env, name, _deflection(env)).stored, _speed(env))),
     "steady coefficient of {name}": _steady_coefficient,

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import symengine as se
 
+from mbdae.audit.carried import expression_value
 from mbdae.audit.evaluate import STEP, Value
-from mbdae.audit.expressions import expression_value
 from mbdae.audit.laws import WITH_COORDINATES, LawState, Own, derived, law_class, part_class
 from mbdae.audit.motion import quaternion
 from mbdae.audit.notation import GIVE_OWN_CLASS, AuditError

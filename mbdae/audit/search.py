@@ -10,8 +10,7 @@ import numpy as np
 
 from mbdae.audit import notation
 from mbdae.audit.compare import SAME, STATES, States, compared, difference
-from mbdae.audit.dimensions import faults, united
-from mbdae.audit.edits import Candidates, Edit, applied, edits, everywhere, supplements
+from mbdae.audit.edits import Candidates, Edit, applied, edits, everywhere, faults, supplements, united
 from mbdae.audit.evaluate import SizeError, Value, attempt, evaluate
 from mbdae.audit.fits import Fit, factors, terms, wrapped
 from mbdae.audit.notation import BINDING, Node, Statement, made, symbol

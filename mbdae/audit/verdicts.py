@@ -10,15 +10,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbdae.audit.compare import SAME, Compared, States, compared, identical
-from mbdae.audit.dimensions import faults, of_definitions, of_laws
-from mbdae.audit.domains import domain, in_part
+from mbdae.audit.edits import faults, of_definitions, of_laws
 from mbdae.audit.evaluate import NO_VALUE, reason
-from mbdae.audit.left_out import left_out
 from mbdae.audit.motion import Motion
 from mbdae.audit.notation import Statement, is_zero
 from mbdae.audit.phrases import Definition, Meaning, Scope
 from mbdae.audit.reading import Printed, Text
-from mbdae.audit.remarks import remarks
+from mbdae.audit.remarks import domain, in_part, left_out, remarks
 from mbdae.audit.rules_laws import UnlistedError
 from mbdae.audit.search import Repair, missing_term, repair
 

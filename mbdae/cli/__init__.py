@@ -14,8 +14,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 
 from mbdae.cli.parser import make_parser as _parser
-from mbdae.cli.streams import READER_GONE, OutputLostError, json_alone, usable_streams
-from mbdae.cli.usage import UsageError
+from mbdae.cli.streams import READER_GONE, OutputLostError, UsageError, json_alone, usable_streams
 from mbdae.cli.userfile import place_in
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError
 
@@ -36,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parsed_and_run(words: list[str]) -> int:
-    from mbdae.cli.signals import Stops
+    from mbdae.cli.streams import Stops
 
     with Stops() as stops:
         a = Namespace(json="--json" in words, debug="--debug" in words, file=None, written=[], stdout=sys.stdout)

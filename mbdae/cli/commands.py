@@ -14,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from mbdae.cli.usage import REPORTS, UsageError
+from mbdae.cli.streams import REPORTS, UsageError
 from mbdae.cli.userfile import scene_of, user_file
 from mbdae.errors import OptionError, SolverError, meant
 
@@ -123,7 +123,7 @@ def report(a: argparse.Namespace) -> int:
 
 def validate(a: argparse.Namespace) -> int:
     """Measure the claims of a checkout; 1 where one does not hold."""
-    from mbdae.cli.checkout import find, runner_of
+    from mbdae.cli.userfile import find, runner_of
 
     out, folder = _folder(a.out), find(a.root)
     runner = runner_of(folder)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from types import ModuleType
 from typing import Any
 
-from mbdae.compare.comparison import Comparison, compare
-from mbdae.extremes.extremes import Extremes, extremes
+from mbdae.compare import Comparison, compare
+from mbdae.extremes import Extremes, extremes
 from mbdae.run.progress import bar
 
 

@@ -3,14 +3,38 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import os
 import time
 from collections.abc import Callable
 from typing import Any, NoReturn
 
-from mbdae.cli.usage import REPORTS, UsageError
+from mbdae.cli.streams import REPORTS, UsageError
+from mbdae.disk.store import store
 from mbdae.errors import unknown_name
+
+# -- The command `mbdae cache`
+
+
+def cache(a: argparse.Namespace) -> int:
+    """Print where derived and compiled laws are stored on disk and how much there is, or remove all of it."""
+    kept = store()
+    removed = kept.clear() if a.what == "clear" else None
+    found = kept.content()
+    if a.json:
+        data = {"path": str(kept.folder) if kept.folder else None, "used": kept.used, "why_not": kept.why or None,
+                "limit": kept.limit, "files": found.entries, "bytes": found.size, "hits": found.hits, "misses": found.misses,
+                "removed": removed}  # fmt: skip
+        print(json.dumps(data, indent=1), file=a.stdout)
+        return 0
+    print(f"{kept.folder or 'nothing is kept on disk'}{'' if kept.used else f', not used: {kept.why}'}")
+    if removed is not None:
+        print(f"{removed} files removed")
+    if kept.used:
+        print(f"{found.entries} files, {found.size / 1e6:.1f} MB of at most {kept.limit / 1e6:.0f} MB; "
+              f"{found.hits} hits, {found.misses} misses")  # fmt: skip
+    return 0
 
 
 class _Parser(argparse.ArgumentParser):
@@ -40,7 +64,7 @@ def make_parser() -> argparse.ArgumentParser:
     """The parser; its result has the function of the command as `command`."""
     from mbdae import __version__
     from mbdae.cli import commands as do
-    from mbdae.cli.cache import cache
+    from mbdae.cli.parser import cache
 
     parser = _Parser(prog="mbdae", description="Multibody dynamics: check, run and compare a scene.")
     parser.add_argument("--version", action="version", version=f"mbdae {__version__}")

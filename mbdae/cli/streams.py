@@ -1,14 +1,71 @@
-"""Standard output and error stream of a command, made usable where they are closed or not read; redirection for --json."""
+"""Standard output and error stream of a command, made usable where they are closed or not read; redirection for --json; signals
+that end a command, and its error for wrong usage."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import os
+import signal
 import sys
+import threading
 from argparse import Namespace
 from collections.abc import Iterator
-from typing import Any
+from types import FrameType
+from typing import Any, Self
+
+# -- The error for wrong usage of the command line, and the suffixes of reports
+
+
+REPORTS = (".html", ".md", ".tex")
+
+
+class UsageError(Exception):
+    """Wrong words on the command line, or an unusable file among them; usage: the words that the command takes."""
+
+    def __init__(self, message: str, usage: str = "") -> None:
+        super().__init__(message)
+        self.usage = usage
+
+
+# -- Signals that end a command as Ctrl-C does, so that what was computed is saved
+
+
+#: signals that end a process: the first is sent by `kill`, `timeout` and batch systems, the second by a terminal that is closed,
+#: the third by Ctrl-Break
+NAMES = ("SIGTERM", "SIGHUP", "SIGBREAK")
+
+
+class Stops:
+    """Within `with Stops():` these signals raise KeyboardInterrupt, unless a handler is set or they are ignored already.
+
+    number: number of the last of these signals that came, that of Ctrl-C (SIGINT) where none came
+    """
+
+    def __init__(self) -> None:
+        self.number = int(signal.SIGINT)
+        self._before: dict[int, Any] = {}
+
+    @property
+    def name(self) -> str:
+        """Name of the signal that came last."""
+        return signal.Signals(self.number).name
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            for number in (getattr(signal, name) for name in NAMES if hasattr(signal, name)):
+                if signal.getsignal(number) == signal.SIG_DFL:
+                    self._before[number] = signal.signal(number, self._stop)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _stop(self, number: int, frame: FrameType | None) -> None:
+        self.number = number
+        raise KeyboardInterrupt
+
 
 READER_GONE = 141  #: exit code of a process that SIGPIPE ends, as in `mbdae ... | head -1`
 

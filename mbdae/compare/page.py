@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import io
+import re
+import textwrap
 from collections.abc import Sequence
 from html import escape
+from typing import Any
 
-from mbdae.compare.data import ComparisonData
-from mbdae.compare.html import bullets, document, headings, made_with, row, section, table
-from mbdae.compare.picture import inline_svg
-from mbdae.compare.table import COLUMNS, cells, failure_lines, pairwise_cells
+from mbdae.compare.table import COLUMNS, ComparisonData, Row, cells, failure_lines, pairwise_cells
+from mbdae.display import picture
+from mbdae.documents.formulas import escaped
 from mbdae.notation import counted
+from mbdae.show.plots import COLOURS, checked, style, written
+from mbdae.study.page import bullets, document, headings, html_row, html_table, made_with, section
 
 #: sorts a table by the column whose heading is clicked, numbers by value and unknown ones last
 SCRIPT = """
@@ -32,26 +37,20 @@ for (const button of document.querySelectorAll("th button")) {
 
 def page(w: ComparisonData) -> str:
     """The HTML page of a comparison."""
+    number = f"{counted(len({run.label for run in w.runs}), 'method')}, {counted(len(w.runs), 'run')}"
     failures = [line.removeprefix("failed: ") for line in failure_lines(w.failures)]
-    parts = [
-        _summary(w), section("verdict", "Reached at least cost", bullets(w.choices)),
-        section("failures", "Failed runs", bullets(failures)) if failures else "", _picture(w), _runs(w), _reference(w),
-        _pairwise(w), made_with(f"{w.total_cpu_s:.1f} s, {w.cpu_s:.1f} s of it in solvers", w.environment),
-    ]  # fmt: skip
-    return document(f"Solvers compared: {w.scene}", "", parts, SCRIPT)
-
-
-def _summary(w: ComparisonData) -> str:
-    labels = {run.label for run in w.runs}
-    number = f"{counted(len(labels), 'method')}, {counted(len(w.runs), 'run')}"
-    return f"<p>{number} to t = {w.t_end:g} s. Error: {escape(w.what)}.</p>\n"
-
-
-def _picture(w: ComparisonData) -> str:
     title = escape(f"Work and precision of {counted(len(w.runs), 'run')}: error over CPU time and over residual evaluations, "
                    f"both logarithmic; the numbers are in the table of runs")  # fmt: skip
-    return (f'<figure>\n<div class="wide">{inline_svg(w, False, title, "wide")}</div>\n'
-            f'<div class="narrow">{inline_svg(w, True, title, "narrow")}</div>\n</figure>\n')  # fmt: skip
+    parts = [
+        f"<p>{number} to t = {w.t_end:g} s. Error: {escape(w.what)}.</p>\n",
+        section("verdict", "Reached at least cost", bullets(w.choices)),
+        section("failures", "Failed runs", bullets(failures)) if failures else "",
+        f'<figure>\n<div class="wide">{inline_svg(w, False, title, "wide")}</div>\n'
+        f'<div class="narrow">{inline_svg(w, True, title, "narrow")}</div>\n</figure>\n',
+        _runs(w), _reference(w), _pairwise(w),
+        made_with(f"{w.total_cpu_s:.1f} s, {w.cpu_s:.1f} s of it in solvers", w.environment),
+    ]  # fmt: skip
+    return document(f"Solvers compared: {w.scene}", "", parts, SCRIPT)
 
 
 def _runs(w: ComparisonData) -> str:
@@ -62,7 +61,7 @@ def _runs(w: ComparisonData) -> str:
     rows = [_row(cells(run), kind) for run, kind in zip(w.runs, kinds, strict=True)]
     meanings = "; ".join(f"{name}: {meaning}" for name, meaning in COLUMNS.items() if name not in ("run", ""))
     note = escape(f"front: {COLUMNS['']}; {meanings}.")
-    return section("runs", "Runs", table("runs", head, rows, "Every run; a heading sorts") + f'<p class="note">{note}</p>\n')
+    return section("runs", "Runs", html_table("runs", head, rows, "Every run; a heading sorts") + f'<p class="note">{note}</p>\n')
 
 
 def _reference(w: ComparisonData) -> str:
@@ -79,13 +78,144 @@ def _reference(w: ComparisonData) -> str:
 
 
 def _pairwise(w: ComparisonData) -> str:
-    lines = pairwise_cells(w)
     matrix = ""
-    if lines:
-        rows = [_row(line) for line in lines[1:]]
-        matrix = table("pairs", headings(lines[0]), rows, "Largest differences between the tightest runs")
+    if lines := pairwise_cells(w.pairwise):
+        matrix = html_table("pairs", headings(lines[0]), [_row(line) for line in lines[1:]],
+                            "Largest differences between the tightest runs")  # fmt: skip
     return section("pairs", "Cross-check", f"<p>{escape(str(w.pairwise))}</p>\n{matrix}")
 
 
 def _row(texts: Sequence[str], attributes: str = "") -> str:
-    return row(texts[0], [f"<td>{escape(text)}</td>" for text in texts[1:]], attributes)
+    return html_row(texts[0], [f"<td>{escape(text)}</td>" for text in texts[1:]], attributes)
+
+
+# -- Work-precision diagram: error over CPU time and over residual evaluations, readable in grey, with reasons of failed runs
+
+
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*", "d", "8")
+#: colours added to those of other pictures, so that up to 14 methods have different ones
+FURTHER = ("#882255", "#999933", "#44AA99", "#661100", "#6699CC", "#AA4499", "#777777")
+PANELS = (("cpu_s", "CPU time [s]"), ("residuals", "residual evaluations"))
+FRONT = "filled: no other run is both cheaper in CPU time and more accurate, and the error is above the reference's uncertainty"
+BELOW = "below the reference's own uncertainty"
+LETTERS = 13.5  #: number of characters of small text per inch, by which legend entries are wrapped
+
+
+def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -> Any:
+    """Two panels, side by side or stacked, one line per run; filled markers lie on the Pareto front of error and CPU time."""
+    from mbdae.show.figure import Figure
+
+    labels = list(dict.fromkeys(row.label for row in w.runs))
+    names = [_name(label, [row for row in w.runs if row.label == label]) for label in labels]
+    width = 3.9 if stacked else 9.0
+    columns, names = _legend_shape([*names, BELOW], width)
+    entry_lines = sum(name.count("\n") + 1 for name in names) / columns
+    figure = Figure(figsize=(width, (6.6 if stacked else 3.9) + 0.18 * entry_lines), layout="constrained")
+    axes = figure.subplots(2, 1) if stacked else figure.subplots(1, 2, sharey=True)
+    for axis, (work, title) in zip(axes, PANELS, strict=True):
+        for i, label in enumerate(labels):
+            _line(axis, [row for row in w.runs if row.label == label], work, i, names[i])
+        _dress(axis, w, title)
+    told = escaped(f"error: {w.what}") if w.measure is not None else "error of the whole motion"
+    for axis in axes if stacked else axes[:1]:
+        axis.set_ylabel("\n".join(textwrap.wrap(told, 48)))
+    head = escaped(f"{w.scene}, to t = {w.t_end:g} s")
+    figure.suptitle("\n".join(textwrap.wrap(head, int(width * 11))), fontsize="medium")
+    handles, texts = axes[0].get_legend_handles_labels()
+    told = "\n".join(textwrap.wrap(FRONT, int(width * LETTERS)))
+    look = {"frameon": False, "fontsize": "small", "title": told, "title_fontsize": "small"}
+    figure.legend(handles, texts, loc="outside lower center", ncols=columns, **look)
+    return written(figure, path, "compare")
+
+
+def inline_svg(w: ComparisonData, stacked: bool, title: str, name: str) -> str:
+    """The diagram as an <svg> element for a page. stacked: whether its panels are one below the other; title: its text for screen
+    readers; name: prefix of the ids in it, so that two diagrams on a page have different ones."""
+    import matplotlib
+
+    out = io.StringIO()
+    nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+    with matplotlib.rc_context({"svg.hashsalt": name}):
+        work_precision(w, stacked=stacked).savefig(out, format="svg", metadata=nothing)
+    text = out.getvalue()
+    text = text[text.index("<svg") :].strip()
+    ids = sorted(set(re.findall(r'\bid="([^"]+)"', text)), key=len, reverse=True)
+    for found in ids:
+        text = text.replace(f'id="{found}"', f'id="{name}-{found}"').replace(f'"#{found}"', f'"#{name}-{found}"')
+        text = text.replace(f"url(#{found})", f"url(#{name}-{found})")
+    text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1), count=1)
+    return text.replace("<svg", f'<svg role="img" aria-labelledby="{name}-title"', 1).replace(
+        ">", f'><title id="{name}-title">{title}</title>', 1
+    )
+
+
+def _name(label: str, rows: Sequence[Row]) -> str:
+    """Legend entry of a run, with the reasons where it failed."""
+    reasons = list(dict.fromkeys(" ".join(row.failure.split()) for row in rows if row.failure))
+    failed = sum(row.failure is not None for row in rows)
+    return escaped(label + (f" ({failed} of {len(rows)} failed: {'; '.join(reasons)})" if failed else ""))
+
+
+def _legend_shape(names: list[str], width: float) -> tuple[int, list[str]]:
+    """Number of columns of the legend, and its entries wrapped to lines that fit; width: of the figure, inch."""
+    room = int(width * LETTERS)
+    columns = max(1, min(4, room // (max(map(len, names)) + 7)))
+    return columns, ["\n".join(textwrap.wrap(name, room - 8)) for name in names]
+
+
+def _line(axis: Any, rows: list[Row], work: str, i: int, name: str) -> None:
+    points = sorted((getattr(row, work), row.error, row.pareto) for row in rows if row.measured is not None and row.error)
+    x, y = [p[0] for p in points], [p[1] for p in points]
+    look, marker = own_look(i)
+    axis.loglog(x, y, label=name, marker=marker, markerfacecolor="white", markersize=6, **look)
+    best = [p for p in points if p[2]]
+    axis.loglog([p[0] for p in best], [p[1] for p in best], marker, color=look["color"], markersize=6)
+
+
+def own_look(i: int) -> tuple[dict[str, Any], str]:
+    """Colour with line style, and marker, of method number i. Up to 14 methods have different colours and different markers;
+    beyond these every method still has a combination of its own."""
+    colours = (*COLOURS, *FURTHER)
+    return style(i) | {"color": colours[i % len(colours)]}, MARKERS[(i + i // len(colours)) % len(MARKERS)]
+
+
+def _dress(axis: Any, w: ComparisonData, title: str) -> None:
+    _ticks(axis)
+    axis.set_xlabel(title)
+    axis.grid(True, which="major", color="0.9")
+    axis.spines[["top", "right"]].set_visible(False)
+    if w.reference.difference:
+        low = axis.get_ylim()[0]
+        if w.reference.difference > low:
+            axis.axhspan(low, w.reference.difference, color="0.94", zorder=0, label=BELOW)
+            axis.set_ylim(bottom=low)
+
+
+def _ticks(axis: Any) -> None:
+    """Label the ticks at 1, 2 and 5 times every power of ten with plain numbers; only the powers of ten where there are many."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axis.get_xlim()
+    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 200 * low else (1.0,)))
+    axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.xaxis.set_minor_formatter(NullFormatter())
+
+
+class Comparison(ComparisonData):
+    """A comparison of solvers, made by `mb.compare`, with its table, picture and page."""
+
+    kind = "comparison"
+
+    def plot(self, path: Any = None) -> Any:
+        """Error over CPU time and over residual evaluations, as a matplotlib figure, saved where `path` (.png, .svg, .pdf)
+        is given; OptionError for a path that cannot be used."""
+        return work_precision(self, checked(path, what="compare") if path is not None else None)
+
+    def __repr__(self) -> str:
+        return f"<Comparison of '{self.scene}': {counted(len(self.runs), 'run')}; print it for the table>"
+
+    def _pictures(self) -> Sequence[str]:
+        return [picture(self.plot()._repr_png_())]
+
+    def _page(self) -> str:
+        return page(self)

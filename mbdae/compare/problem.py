@@ -1,24 +1,24 @@
-"""Data common to all runs of a comparison: equations by joint model, time grid, measure, and CPU time spent."""
+"""Data common to all runs of a comparison: equations by joint model, time grid, measure, CPU time spent, and the reference."""
 
 from __future__ import annotations
 
 import time
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from mbdae.compare.equations import Equations
-from mbdae.compare.memory import peak_bytes, reset_peak
-from mbdae.compare.run import Run
+from mbdae.compare.run import Equations, Run, peak_bytes, reset_peak
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SceneError
 from mbdae.formulations import Form, default_form
 from mbdae.integrators.base import Solver, end_after
 from mbdae.integrators.distance import scaled_distance
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
+from mbdae.results.result import Result
 from mbdae.results.started import started
 from mbdae.scene.components import Classical, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
@@ -26,8 +26,8 @@ from mbdae.scene.sensor_names import measured
 from mbdae.show.plots import numbers
 from mbdae.system.base import Array, System
 from mbdae.system.distance import motion_distance
-from mbdae.system.prepare import Prepared, prepare
-from mbdae.values import number, optional, shown, text
+from mbdae.system.prepare import prepare
+from mbdae.values import array, function, number, option, optional, shown, text
 
 GRID = 1001  #: number of times at which trajectories are compared
 #: a compared run is timed a second time where the first took less CPU time (s) than this; runs for a reference are made once
@@ -101,8 +101,11 @@ class Problem:
         found: dict[JointModel, bool] = {}
         for model in (Kinematic(), Classical(), Recursive()) if joints else ():
             if {model} != stated and not (isinstance(model, Classical) and len(joints) > FEW):
-                variant = self._found(Run(RadauIIA(3), model=model))
-                if isinstance(variant, Equations) and (not isinstance(model, Recursive) or variant.recursive[0]):
+                try:
+                    variant = self.equations(Run(RadauIIA(3), model=model))
+                except MbdaeError:
+                    continue
+                if not isinstance(model, Recursive) or variant.recursive[0]:
                     found[model] = variant.prepared is not None and not variant.prepared.rows
         return found
 
@@ -113,12 +116,6 @@ class Problem:
     def equations(self, run: Run) -> Equations:
         """The equations with the joint models of a run, prepared once. Where the preparation failed, its error is raised at every
         call, so that each run with these models gets it."""
-        found = self._found(run)
-        if isinstance(found, MbdaeError):
-            raise found
-        return found
-
-    def _found(self, run: Run) -> Equations | MbdaeError:
         if not run.models:
             return self.stated
         key = repr(sorted(run.models.items(), key=lambda item: item[0]))
@@ -127,7 +124,10 @@ class Problem:
                 self.variants[key] = self._with_models(run)
             except MbdaeError as error:
                 self.variants[key] = error
-        return self.variants[key]
+        found = self.variants[key]
+        if isinstance(found, MbdaeError):
+            raise found
+        return found
 
     def _with_models(self, run: Run) -> Equations:
         if self.scene is None:
@@ -212,14 +212,133 @@ def new_problem(scene: Any, t_end: Any, measure: Any, max_wall: Any) -> Problem:
         return Problem(None, Equations(None, given), end, None, wall)
     stated = Equations(prepare(scene, t_end=end))
     if sensor is not None and stated.prepared is not None:
-        refuse_unknown(stated.prepared, sensor)
+        try:
+            numbers(started(stated.prepared), sensor)  # before anything is solved: is it a sensor with numeric values?
+        except (SceneError, OptionError) as error:
+            sensor_problem = "; ".join(error.problems) if isinstance(error, SceneError) else str(error)
+            raise OptionError(f"measure = {shown(sensor)}: {sensor_problem}") from error
     return Problem(scene, stated, end, sensor, wall)
 
 
-def refuse_unknown(prepared: Prepared, sensor: str) -> None:
-    """Refuse, before anything is solved, a measure that is no sensor of the scene or has no numeric values."""
+# -- The reference of a comparison: the tightest Radau run, confirmed by a second method
+
+
+TIGHTER = 100.0  #: ratio of the smallest accuracy asked of the runs to that asked of the reference, which is FLOOR at least
+#: ratio of the smallest accuracy asked of the runs to that asked of the second method (FLOOR at least); IDA, where it does not
+#: confirm the reference, is run again with an accuracy 30 times smaller
+CONFIRM = 10.0
+FLOOR = 1e-11
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The run against which errors are measured. difference: largest difference of the second method's run from it, in the unit
+    of the measure; None without a second method."""
+
+    label: str
+    accuracy: float | None
+    confirmed_by: str | None
+    difference: float | None
+    steps: int | None = None
+    cpu_s: float | None = None
+    note: str | None = None
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the user gave the reference, or a second method differs from it by at most a third of the smallest accuracy."""
+        return self.note is None
+
+    def __str__(self) -> str:
+        second = f"; {self.confirmed_by} differs by {self.difference:.1e}" if self.difference is not None else ""
+        return self.label + second + (f"; {self.note}" if self.note else "")
+
+
+def refuse_no_reference(given: Any) -> None:
+    """OptionError where `given` is neither None, a Result nor a function of the times."""
+    if given is not None and not isinstance(given, Result):
+        option("reference", given, function, "give a Result, a function of the times (nt,), or None to have one computed",
+               takes="times")  # fmt: skip
+
+
+def given_reference(problem: Problem, given: Any) -> tuple[Reference, Any]:
+    """A reference given by the user: a Result of the same scene, or values of the measure as a function of time."""
+    if isinstance(given, Result):
+        if problem.scene is None:
+            raise OptionError("reference is the Result of a scene, but what is compared is a System, not a scene; leave "
+                              "reference out")
+        if [b.name for b in given.prepared.model.scene.bodies] != [b.name for b in problem.scene.bodies]:
+            raise OptionError(f"reference is a Result of a scene with other bodies; give one of this scene to t = "
+                              f"{problem.t_end:g} s")  # fmt: skip
+        if (end := given.solution.t[-1]) < problem.t_end:
+            raise OptionError(f"reference is a Result that ends at t = {end:g} s; give one to t = {problem.t_end:g} s")
+        label = f"given result, {given.solution.solver.label} {given.info.form}"
+        return Reference(label, given.accuracy.asked, None, None), problem.values(given.solution, Equations(given.prepared))
+    if problem.scene is None:
+        raise OptionError("reference is a function, which returns values of a sensor, and a System has none; leave reference out")
+    if problem.measure is None:
+        raise OptionError("reference is a function: name the sensor whose values it returns, such as measure='C.angle'")
+    values: Array = option("reference(times)", given(problem.times), array, f"return {problem.measure} at the times given")
+    solver = as_tight(RadauIIA(3), 1e-3, problem.system(None).label)
+    shape = problem.values(problem.solve(solver, None, repeat=False).solution).shape
+    if values.shape != shape:
+        raise OptionError(f"reference returns an array of shape {values.shape}; return {problem.measure} at the times given, "
+                          f"with shape {shape}")  # fmt: skip
+    return Reference("given function", None, None, None), values
+
+
+def computed_reference(problem: Problem, smallest: float) -> tuple[Reference, Any]:
+    """The tightest Radau run and its values; its difference from a second method is its uncertainty."""
+    system = problem.system(None)
+    solver = as_tight(RadauIIA(3), max(smallest / TIGHTER, FLOOR), system.label)
+    run = problem.solve(solver, problem.resolving, repeat=False)
+    values = problem.values(run.solution)
+    label = f"{solver.label} {system.label}, rtol {solver.tolerance:.1e}{', vibrations resolved' if problem.resolving else ''}"
+    found = Reference(label, max(smallest / TIGHTER, FLOOR), None, None, run.solution.stats.steps, run.cpu_s)
+    reasons: list[str] = []
+    made = [(f"{solver.label} {system.label}, rtol {solver.tolerance:.1e}", found.steps, run.cpu_s, values)]
+    for second in _seconds(problem, smallest):
+        try:
+            other = problem.solve(second, problem.resolving, repeat=False)
+        except MbdaeError as error:
+            reasons.append(str(error))
+            continue
+        name = f"{second.label} {system.label}, rtol {second.tolerance:.1e}"
+        made.append((name, other.solution.stats.steps, other.cpu_s, problem.values(other.solution)))
+        gap = problem.error(made[-1][-1], values)
+        if gap <= smallest / 3:
+            return replace(found, confirmed_by=name, difference=gap), values
+    if len(made) == 1:
+        return replace(found, note="not confirmed by a second method: " + "; ".join(reasons)), values
+    return _of_the_nearest(problem, found, made)
+
+
+def _of_the_nearest(problem: Problem, first: Reference, made: Sequence[tuple[str, int | None, float | None, Any]]
+                    ) -> tuple[Reference, Any]:  # fmt: skip
+    """The reference where no second run confirms the first: of the two runs with the smallest difference the one that was made
+    earlier, with that difference as its uncertainty. made: (name, number of steps, CPU time in s, values) of every run."""
+    pairs = [(problem.error(made[j][-1], made[i][-1]), i, j) for j in range(len(made)) for i in range(j)]
+    gap, i, j = min(pairs)
+    name, steps, cpu, values = made[i]
+    own = first if i == 0 else Reference(name, None, None, None, steps, cpu)
+    return replace(own, confirmed_by=made[j][0], difference=gap, note=f"errors below {gap:.0e} are not known"), values
+
+
+def _seconds(problem: Problem, smallest: float) -> list[Solver]:
+    """Second methods in the order in which they are tried. IDA is tried again with a smaller tolerance, because the difference
+    from the reference may be its own error."""
+    from mbdae.integrators.sundials.ida import IDA
+
+    label = problem.system(None).label
+    tries: list[tuple[Solver, float]] = [(IDA(), CONFIRM), (IDA(), 30 * CONFIRM), (RadauIIA(2), CONFIRM)]
+    if np.max(problem.system(None).index) > 1 or problem.resolving is not None:
+        tries = tries[2:]
+    return [as_tight(method, max(smallest / factor, FLOOR), label) for method, factor in tries]
+
+
+def as_tight(solver: Solver, accuracy: float, form_label: str) -> Solver:
+    """The solver with the tolerance for an accuracy, or with its smallest tolerance where round-off does not allow that
+    accuracy."""
     try:
-        numbers(started(prepared), sensor)
-    except (SceneError, OptionError) as error:
-        sensor_problem = "; ".join(error.problems) if isinstance(error, SceneError) else str(error)
-        raise OptionError(f"measure = {shown(sensor)}: {sensor_problem}") from error
+        return solver.at_accuracy(accuracy, form_label)
+    except OptionError:
+        return replace(solver, rtol=solver.tightest.get(form_label, solver.tightest[""]))  # type: ignore[type-var]

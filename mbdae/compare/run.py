@@ -1,20 +1,26 @@
-"""A run of a comparison: a solver with a form and a joint model."""
+"""A run of a comparison: a solver with a form and a joint model; the equations it solves, and the memory it takes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mbdae.errors import OptionError
-from mbdae.formulations import Form, Index1, Index3
+from mbdae.formulations import Form, Index1, Index3, default_form, system_for
 from mbdae.formulations.named import form_of
 from mbdae.integrators.base import Solver
 from mbdae.integrators.named import solver_of
+from mbdae.integrators.solution import Solution
+from mbdae.results.accuracy import Accuracy
+from mbdae.results.result import Result
+from mbdae.results.run_info import RunInfo
 from mbdae.scene.components import JointModel
-from mbdae.system.base import System
+from mbdae.system.base import Array, System
+from mbdae.system.prepare import Prepared
 from mbdae.values import function, option, optional, sequence, set_option, shown, text
 
 #: options that a label omits, because they have a column of the table or are part of the solver's name
@@ -132,3 +138,123 @@ def progress_of_runs(progress: Any) -> Callable[[int, int, str], None]:
     remedy = "give a function progress(done, total, label), or None"
     given = optional("progress", progress, function, remedy, takes="done, total, label")
     return given or (lambda done, total, label: None)
+
+
+# -- The equations of a comparison: a scene prepared once per joint model (or a given System), assembled once per form
+
+
+@dataclass
+class Equations:
+    """The equations of a comparison: of a prepared scene, with the systems assembled from it by form, or a given System."""
+
+    prepared: Prepared | None
+    given: System | None = None
+    systems: dict[Form | None, System] = field(default_factory=dict)
+
+    def system(self, form: Form | None) -> System:
+        """The equations in a form, assembled and evaluated once, so that the CPU time of runs includes no compilation."""
+        if form not in self.systems:
+            self.systems[form] = self._assemble(form)
+            warm(self.systems[form])
+        return self.systems[form]
+
+    def _assemble(self, form: Form | None) -> System:
+        if self.prepared is not None:
+            return system_for(self.prepared, form)
+        assert self.given is not None
+        if form is not None:
+            raise OptionError(f"form {form.label}: the equations of a System are given, so that a run cannot choose their form; "
+                              f"give runs without one, such as mb.Run(mb.IDA())")
+        return self.given
+
+    def for_solver(self, form: Form | None, solver: Solver) -> System:
+        """The equations in the form, with a lower index where the solver needs it."""
+        if self.prepared is None:
+            return self.system(form)
+        own = form if form is not None else default_form(self.prepared, solver.highest_index)
+        return self.system(own.for_index(solver.highest_index))
+
+    def label_of(self, form: Form | None, solver: Solver) -> str:
+        """Label of the form that a solver uses; where `form` is None, of the default form for this solver."""
+        takes_rates_alone = form is None and not solver.highest_index
+        return (self.for_solver(form, solver) if takes_rates_alone else self.system(form)).label
+
+    def sensor(self, solution: Solution, measure: str, times: Array) -> Array:
+        """Values (nt, ...) of a sensor of a run."""
+        assert self.prepared is not None
+        info = RunInfo(solution.solver, "", Accuracy(None, None), solution.stats)
+        return Result(self.prepared, solution, info, times).read(measure)
+
+    @property
+    def recursive(self) -> tuple[int, int]:
+        """Number of joints that are recursive, and number of joints that the user asked to be recursive."""
+        if self.prepared is None:
+            return 0, 0
+        model = self.prepared.model
+        return len(model.recursive), len(model.recursive) + len(model.stay_kinematic)
+
+    def motion_as_in(self, other: Equations, t: Array, y: Array) -> Array:
+        """Positions and velocities (nt, nq + nu) of the bodies from unknowns y (nt, n) at t, in the order of `other`; 0 in
+        place of joint coordinates, which not all joint models have."""
+        assert self.prepared is not None
+        assert other.prepared is not None
+        q, u, _ = self.prepared.states(t, y)
+        return np.hstack([q, u, np.zeros((len(q), 1))])[:, _columns(self.prepared, other.prepared)]
+
+
+def _columns(own: Prepared, wanted: Prepared) -> list[int]:
+    """Indices, in the unknowns of `own`, of the body unknowns of `wanted`; -1 in place of joint coordinates."""
+    twins = {node.body.name: node for node in own.model.nodes if node.body is not None}
+    positions: list[int] = []
+    velocities: list[int] = []
+    for node in wanted.model.nodes:
+        if node.body is None:
+            positions += [-1] * node.kind.sizes[0]
+            velocities += [-1] * node.kind.sizes[1]
+            continue
+        twin = twins.get(node.body.name)
+        if twin is None or twin.kind is not node.kind:
+            raise OptionError(f"body '{node.body.name}' is missing in this run or has other unknowns than in the reference: "
+                              f"motions cannot be compared; name a sensor to compare by, such as measure='C.angle'")  # fmt: skip
+        positions += range(twin.q, twin.q + node.kind.sizes[0])
+        velocities += range(own.mechanics.nq + twin.u, own.mechanics.nq + twin.u + node.kind.sizes[1])
+    return positions + velocities
+
+
+def warm(system: System) -> None:
+    """Call every function of a system once, because kernels are compiled and caches filled at the first call."""
+    y, yp, out = system.y0, system.yp0, np.empty(system.n)
+    shape: Any = system.jacobian_shape
+    system.residual(system.t0, y, yp, out)
+    system.jacobian(system.t0, y, yp, 1.0, np.zeros(shape))
+    system.jacobian_parts(system.t0, y, yp)
+    if system.rhs is not None:
+        system.rhs(system.t0, y, out)
+    for stages in (2, 3):
+        t, many = np.full(stages, system.t0), (stages, system.n)
+        system.residual_stages(t, np.broadcast_to(y, many).copy(), np.broadcast_to(yp, many).copy(), np.empty(many))
+
+
+# -- Peak memory of the process during a run, where the operating system measures it (Linux)
+
+
+_STATUS, _RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
+
+
+def reset_peak() -> bool:
+    """Start a new measurement; False where the system does not offer one."""
+    try:
+        _RESET.write_text("5")  # Linux then measures the peak anew, beginning with the present size of the process
+    except OSError:
+        return False
+    return True
+
+
+def peak_bytes() -> int | None:
+    """Largest resident size of the process since the last `reset_peak`, bytes; None where it is not measured."""
+    try:
+        lines = _STATUS.read_text(encoding="ascii").splitlines()
+    except OSError:
+        return None
+    kilobytes = next((line.split()[1] for line in lines if line.startswith("VmHWM:")), None)
+    return None if kilobytes is None else 1024 * int(kilobytes)

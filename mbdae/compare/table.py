@@ -1,16 +1,219 @@
-"""A comparison as plain text, with the cells that its page shows too."""
+"""A comparison as data: its rows, their pairwise differences, what follows from both, and its text."""
 
 from __future__ import annotations
 
+import itertools
+import json
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
-from mbdae.compare.data import ComparisonData
-from mbdae.compare.rows import Row
+import numpy as np
+
+from mbdae.compare.problem import Reference
+from mbdae.study.page import Study, grid
+from mbdae.system.base import Array
+from mbdae.values import number, option
+
+# -- One row per solver run, from which table, picture and JSON are made
+
+
+@dataclass(frozen=True)
+class Row:
+    """One solver run. `error` in the unit of the measure, `cpu_s` and `cpu_spread_s` in s of CPU time; None where unknown.
+
+    cpu_s: of the solver's call alone. For a scene there are also, measured in a process with empty caches: derive_s (laws and
+    their derivatives), compile_s (kernels), start_s (start, rank and equations of the scene); companions_s: the runs by which
+    `simulate` estimates the error of this one; judgement_s: warnings and checks after the run.
+    accuracy, rtol: asked of the solver, None where its step is constant; stored_bytes: size of the stored accepted steps
+    (t, y, y'), most of the memory of a finished run; peak_bytes: largest resident size of the whole process during the run,
+    None where the system does not measure it; failure: why it did not finish; pareto: whether no other run was at least as
+    accurate and as cheap, and the error is above the uncertainty of the reference.
+    """
+
+    label: str
+    solver: str
+    form: str
+    model: str | None
+    accuracy: float | None
+    rtol: float | None = None
+    error: float | None = None
+    cpu_s: float | None = None
+    cpu_spread_s: float | None = None
+    steps: int = 0
+    rejected: int = 0
+    residuals: int = 0
+    jacobians: int = 0
+    factorisations: int = 0
+    newton_iterations: int = 0
+    stored_bytes: int | None = None
+    peak_bytes: int | None = None
+    failure: str | None = None
+    pareto: bool = False
+    derive_s: float | None = None
+    compile_s: float | None = None
+    start_s: float | None = None
+    companions_s: float | None = None
+    judgement_s: float | None = None
+
+    @property
+    def measured(self) -> tuple[float, float] | None:
+        """Error and CPU time (s); None for a run that did not finish."""
+        return (self.error, self.cpu_s) if self.error is not None and self.cpu_s is not None and not self.failure else None
+
+
+def with_front(rows: Sequence[Row], uncertainty: float = 0.0) -> tuple[Row, ...]:
+    """The rows with the Pareto front of error and CPU time marked; errors below the reference's uncertainty are not on it."""
+    known = [row.measured for row in rows if row.measured is not None]
+    front = {(error, cpu) for error, cpu in known if (error > uncertainty or not uncertainty)
+             and not any(e <= error and c <= cpu and (e, c) != (error, cpu) for e, c in known)}  # fmt: skip
+    return tuple(replace(row, pareto=row.measured in front) for row in rows)
+
+
+def asked_for(accuracy: float | None) -> str:
+    """The accuracy asked of a run, in words; None: the solver's own tolerance or step."""
+    return "its own setting" if accuracy is None else f"{accuracy:.0e}"
+
+
+# -- Differences between all pairs of runs, each at its tightest accuracy; they do not depend on the reference
+
+
+@dataclass(frozen=True)
+class TightestRun:
+    """Of the runs with the same label (solver, form, model) that have finished so far, the one with the smallest tolerance: its
+    label, accuracy asked, rtol, and values that are compared."""
+
+    label: str
+    asked: str
+    rtol: float | None
+    values: Array  #: values (nt, ...) of the run that are compared
+
+
+@dataclass(frozen=True)
+class Pairwise:
+    """Largest difference over time of every pair of runs, in the unit of the measure; `differences` is symmetric."""
+
+    runs: tuple[str, ...]  #: label of each run
+    asked: tuple[str, ...]  #: accuracy that each run was asked for
+    differences: tuple[tuple[float, ...], ...]
+
+    @property
+    def largest(self) -> tuple[float, str, str] | None:
+        """The largest difference and the labels of its two runs; None where fewer than two runs finished."""
+        pairs = [(d, self.runs[i], self.runs[j]) for i, row in enumerate(self.differences) for j, d in enumerate(row[:i])]
+        return max(pairs) if pairs else None
+
+    def __str__(self) -> str:
+        if self.largest is None:
+            return "Fewer than two runs finished: there is nothing to cross-check."
+        d, a, b = self.largest
+        return f"At the tightest accuracy no two runs differ by more than {d:.1e}, in the unit of the error ({b} and {a})."
+
+
+def tightest(tightest_runs: dict[str, TightestRun], row: Row, values: Array) -> None:
+    """Store the values of a run in `tightest_runs`, unless it holds a run with the same label and a smaller tolerance."""
+    before = tightest_runs.get(row.label)
+    if before is None or before.rtol is None or row.rtol is None or row.rtol <= before.rtol:
+        tightest_runs[row.label] = TightestRun(row.label, asked_for(row.accuracy), row.rtol, values)
+
+
+def pairwise(tightest_runs: Sequence[TightestRun], error: Callable[[Array, Array], float]) -> Pairwise:
+    """Differences of all pairs of runs; error: function of the values of two runs that returns their largest difference."""
+    n = len(tightest_runs)
+    table = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i):
+            table[i, j] = table[j, i] = error(tightest_runs[i].values, tightest_runs[j].values)
+    differences = tuple(tuple(float(d) for d in row) for row in table)
+    return Pairwise(tuple(f.label for f in tightest_runs), tuple(f.asked for f in tightest_runs), differences)
+
+
+# -- Data of a comparison: its rows, the reference of their errors, and what follows from both
+
 
 #: largest number of characters in a line of sentences; lines with two neighbouring blanks, as of the table of runs, are not
 #: wrapped
 WIDTH = 128
+
+
+@dataclass(frozen=True)
+class ComparisonData(Study):
+    """Rows (one per solver run), the reference they were measured against, and differences between the runs."""
+
+    measure: str | None
+    what: str  #: definition of the error, in words
+    reference: Reference
+    accuracies: tuple[float, ...]
+    runs: tuple[Row, ...]
+    pairwise: Pairwise
+    cpu_s: float  #: CPU time in all solver calls, s, repeats and reference included
+    total_cpu_s: float  #: CPU time of the whole comparison, s
+    environment: dict[str, str | int]
+
+    @property
+    def failures(self) -> tuple[Row, ...]:
+        """Runs that did not finish."""
+        return tuple(row for row in self.runs if row.failure)
+
+    def cheapest(self, accuracy: float) -> Row | None:
+        """The run with an error of at most `accuracy` (unit of the measure) in the least CPU time; None where there is none."""
+        wanted = option("accuracy", accuracy, number, "give a positive number such as 1e-6", above=0)
+        reached = [row for row in self.runs if row.measured is not None and row.measured[0] <= wanted]
+        return min(reached, key=lambda row: row.cpu_s or 0.0, default=None)
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """For each wanted accuracy the cheapest run that reached it, in words."""
+        parts = []
+        for wanted in self.accuracies:
+            row = self.cheapest(wanted)
+            if row is None:
+                parts.append(f"{wanted:.0e} by no run")
+            else:
+                cost = f"{row.cpu_s:.3f} s, error {row.error:.1e}"
+                parts.append(f"{wanted:.0e} by {row.label} asked for {asked_for(row.accuracy)} ({cost})")
+        return tuple(parts)
+
+    @property
+    def verdict(self) -> str:
+        """One sentence: the cheapest run that reached each wanted accuracy."""
+        return "Reached at least cost: " + "; ".join(self.choices) + "."
+
+    @property
+    def caution(self) -> str | None:
+        """A sentence where errors are smaller than the uncertainty of the reference; else None."""
+        known = self.reference.difference
+        if known is None or not any(row.error is not None and row.error < known for row in self.runs):
+            return None
+        return f"Errors below {known:.1e} are within the reference's own uncertainty."
+
+    def to_dict(self) -> dict[str, Any]:
+        """All data as dictionaries, lists, texts and numbers; values that are not known are None."""
+        best = [{"accuracy": a, "run": row.label if (row := self.cheapest(a)) else None} for a in self.accuracies]
+        data = {
+            "scene": self.scene, "t_end": self.t_end, "measure": self.measure, "error_is": self.what,
+            "reference": asdict(self.reference), "accuracies": list(self.accuracies),
+            "runs": [asdict(row) for row in self.runs], "cheapest": best, "pairwise": asdict(self.pairwise),
+            "cpu_s": self.cpu_s, "total_cpu_s": self.total_cpu_s, "environment": self.environment,
+        }  # fmt: skip
+        return dict(json.loads(json.dumps(data)))
+
+    def table(self) -> str:
+        """The rows as plain text, with reference, failures, pairwise differences and verdict."""
+        lines = [f"scene '{self.scene}' to t = {self.t_end:g} s", f"error: {self.what}", f"reference: {self.reference}", ""]
+        lines += grid([tuple(COLUMNS), *(cells(row) for row in self.runs)], MARKS)
+        front = "* no other run is both cheaper and more accurate, and its error is above the uncertainty of the reference"
+        lines += [front, *([self.caution] if self.caution else []), "", *failure_lines(self.failures), str(self.pairwise)]
+        lines += [*grid(pairwise_cells(self.pairwise)), "", self.verdict]
+        versions = ", ".join(f"{name} {value}" for name, value in self.environment.items() if name not in ("machine", "cpus"))
+        lines.append(f"{self.total_cpu_s:.1f} s of CPU time, {self.cpu_s:.1f} s of it in solvers; {versions}; "
+                     f"{self.environment['machine']}, {self.environment['cpus']} CPUs")
+        wrapped = [[line] if len(line) <= WIDTH or "  " in line else
+                   textwrap.wrap(line, WIDTH, break_long_words=False, break_on_hyphens=False) for line in lines]  # fmt: skip
+        return "\n".join(itertools.chain(*wrapped))
+
+
 MARKS = ("*", "failed")
 PARTS = {"derive": "to derive the laws, in a new process", "compile": "to compile their kernels there",
          "start": "of start, rank and equations of the scene there", "compan.": "of the runs that would estimate its error",
@@ -36,35 +239,6 @@ COLUMNS = {
 }
 
 
-def table(w: ComparisonData) -> str:
-    """The comparison as text: heading, one line per run, failures with reasons, pairwise differences, verdict."""
-    lines = [f"scene '{w.scene}' to t = {w.t_end:g} s", f"error: {w.what}", f"reference: {w.reference}", ""]
-    lines += grid([tuple(COLUMNS), *(cells(row) for row in w.runs)])
-    front = "* no other run is both cheaper and more accurate, and its error is above the uncertainty of the reference"
-    lines += [front, *([w.caution] if w.caution else []), ""]
-    lines += failure_lines(w.failures)
-    lines += [str(w.pairwise), *grid(pairwise_cells(w)), "", w.verdict, environment_line(w)]
-    return "\n".join(part for line in lines for part in _wrapped(line))
-
-
-def _wrapped(line: str) -> list[str]:
-    if len(line) <= WIDTH or "  " in line:
-        return [line]
-    return textwrap.wrap(line, WIDTH, break_long_words=False, break_on_hyphens=False)
-
-
-def grid(rows: Sequence[Sequence[str]]) -> list[str]:
-    """The lines of a text table from rows of cells; the first column is aligned left, the others right."""
-    if not rows:
-        return []
-    widths = [max(len(row[j]) for row in rows) for j in range(len(rows[0]))]
-    lines = []
-    for row in rows:
-        texts = [c.ljust(n) if j == 0 or c in MARKS else c.rjust(n) for j, (c, n) in enumerate(zip(row, widths, strict=True))]
-        lines.append("  ".join(texts).rstrip())
-    return lines
-
-
 def failure_lines(failures: Sequence[Row]) -> list[str]:
     """One line for each different run and reason of failure, with the accuracies at which it failed."""
     reasons: dict[tuple[str, str], list[str]] = {}
@@ -73,9 +247,8 @@ def failure_lines(failures: Sequence[Row]) -> list[str]:
     return [f"failed: {label} asked for {', '.join(asked)}: {reason}" for (label, reason), asked in reasons.items()]
 
 
-def pairwise_cells(w: ComparisonData) -> list[tuple[str, ...]]:
+def pairwise_cells(p: Pairwise) -> list[tuple[str, ...]]:
     """Cells of the table of differences between the tightest runs: heading and lower triangle; empty for fewer than two runs."""
-    p = w.pairwise
     if len(p.runs) < 2:
         return []
     lines = [("tightest runs", *(f"({j + 1})" for j in range(len(p.runs) - 1)))]
@@ -83,13 +256,6 @@ def pairwise_cells(w: ComparisonData) -> list[tuple[str, ...]]:
         shown = [f"{d:.1e}" if j < i else "" for j, d in enumerate(p.differences[i][: len(p.runs) - 1])]
         lines.append((f"({i + 1}) {label}, {asked}", *shown))
     return lines
-
-
-def environment_line(w: ComparisonData) -> str:
-    """A sentence on the CPU time that the comparison took, versions and machine."""
-    versions = ", ".join(f"{name} {value}" for name, value in w.environment.items() if name not in ("machine", "cpus"))
-    return (f"{w.total_cpu_s:.1f} s of CPU time, {w.cpu_s:.1f} s of it in solvers; {versions}; "
-            f"{w.environment['machine']}, {w.environment['cpus']} CPUs")  # fmt: skip
 
 
 def cells(row: Row) -> tuple[str, ...]:

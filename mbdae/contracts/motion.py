@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from mbdae.contracts.case import STEP, Case, Measured, branches
-from mbdae.contracts.domain import Domain, value
-from mbdae.contracts.states import Values, columns, rotation, turn
+from mbdae.contracts.states import Domain, Values, columns, rotation, turn, value
 from mbdae.kernels import Plan
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Axes, Frame, NodeKind

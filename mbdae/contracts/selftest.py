@@ -23,8 +23,7 @@ from typing import Any
 
 from mbdae.contracts.case import Case
 from mbdae.contracts.checks import BOUNDS, CONTRACTS, MEANS
-from mbdae.contracts.choices import refuse_missing
-from mbdae.contracts.variants import variants
+from mbdae.contracts.variants import refuse_missing, variants
 from mbdae.errors import LawError, OptionError, naming_arguments, unknown_name
 from mbdae.laws.contact import JournalContact, Normal
 from mbdae.laws.friction import Friction

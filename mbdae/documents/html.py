@@ -4,14 +4,65 @@ from __future__ import annotations
 
 import re
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from html import escape
 
 from mbdae.documents.blocks import Block, Code, Equation, Paragraph, Picture, Section, Table
-from mbdae.documents.formulas import split_text
-from mbdae.documents.hints import explained, symbols_of
-from mbdae.documents.mathml import display, inline
+from mbdae.documents.formulas import split_text, tokens
+from mbdae.documents.mathml import GREEK, FormulaError, display, inline
+
+# -- Meanings of the symbols in a formula as plain text, from the tables of symbols in its document
+
+
+_DROPPED = re.compile(r"\\(mathbf|boldsymbol|mathrm|mathsf|text|left|right)|[{}$]|\\[,;! ]")
+_MARKS = {r"\dot": "\u0307", r"\ddot": "\u0308", r"\tilde": "\u0303", r"\hat": "\u0302", r"\bar": "\u0304"}
+
+
+def key_of(latex: str) -> tuple[str, ...]:
+    """A formula as tokens without spaces."""
+    return tuple(t for t in tokens(latex) if not t.isspace() and t not in (r"\,", r"\ ", r"\;"))
+
+
+def _tables(blocks: Sequence[Block]) -> Iterator[Table]:
+    for block in blocks:
+        if isinstance(block, Section):
+            yield from _tables(block.blocks)
+        elif isinstance(block, Table) and [*block.head][:3] == ["symbol", "unit", "meaning"]:
+            yield block
+
+
+def symbols_of(blocks: Sequence[Block]) -> dict[tuple[str, ...], str]:
+    """From tables of symbols: tokens of a symbol -> its letter, meaning and unit in plain text."""
+    found = {}
+    for table in _tables(blocks):
+        for symbol, unit, meaning in table.rows:
+            said = f", {plain(unit)}" if unit not in ("", "1") else ""
+            found[key_of(symbol.strip("$"))] = f"{plain(symbol)}: {plain(meaning)}{said}"
+    return found
+
+
+def plain(latex: str) -> str:
+    """A short formula, or text with formulas, in plain letters."""
+    for command, mark in _MARKS.items():
+        latex = re.sub(re.escape(command) + r"\{?(\\[a-z]+\{?[A-Za-z\\]+\}?|[A-Za-z])\}?", rf"\1{mark}", latex)
+    latex = re.sub(r"\\([A-Za-z]+)", lambda m: GREEK.get(m[1], m[0]), latex)
+    return _DROPPED.sub("", latex)
+
+
+def explained(latex: str, symbols: Mapping[tuple[str, ...], str]) -> str:
+    """The meanings of the symbols in a formula, one a line; at every place the longest known symbol is taken."""
+    line, found, i = key_of(latex), dict[str, None](), 0
+    beginning: dict[str, list[tuple[str, ...]]] = {}
+    for key in symbols:
+        beginning.setdefault("".join(key[:1]), []).append(key)
+    while i < len(line):
+        here = [key for key in beginning.get(line[i], ()) if line[i : i + len(key)] == key]
+        best = max(here, key=len, default=())
+        found |= {symbols[best]: None} if best else {}
+        i += max(1, len(best))
+    return "\n".join(found)
+
 
 STYLE = """
 :root { color-scheme: only light; }
@@ -91,7 +142,10 @@ def _text(text: str) -> str:
     """HTML of a text with mathematics, and with `code` between backquotes."""
     out = []
     for formula, part in split_text(text):
-        out.append(inline(part) if formula else re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(part, quote=False)))
+        try:
+            out.append(inline(part) if formula else re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(part, quote=False)))
+        except FormulaError:  # a name that only looks like a formula, such as "$\\frac{$"
+            out.append(escape(f"${part}$", quote=False))
     return "".join(out)
 
 

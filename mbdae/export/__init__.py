@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mbdae.display import rows, titled
 from mbdae.errors import OptionError, naming_arguments
-from mbdae.export import c, text
+from mbdae.export import languages, text
 from mbdae.export.law import law_program
 from mbdae.export.program import Entry, Program
 from mbdae.export.scene import scene_program
@@ -27,7 +27,7 @@ from mbdae.values import path as path_named
 __all__ = ["Entry", "Export", "export"]
 
 #: format -> function that writes it, and suffix of its files
-FORMATS = {"sympy": (text.sympy_text, ".py"), "c": (c.source, ".c"), "casadi": (text.casadi_text, ".py"),
+FORMATS = {"sympy": (text.sympy_text, ".py"), "c": (languages.source, ".c"), "casadi": (text.casadi_text, ".py"),
            "latex": (text.latex_text, ".tex")}  # fmt: skip
 
 
@@ -72,7 +72,7 @@ class Export:
     @property
     def header(self) -> str:
         """The declarations in C."""
-        return c.header(self.program)
+        return languages.header(self.program)
 
     def save(self, path: Any) -> Path:
         """Write the file, for C also the header next to it, with suffix .h; returns the path. Raises OptionError where the
@@ -94,7 +94,7 @@ class Export:
             raise OptionError(f"name = {shown(name)}: the export of {self.program.title} has no such function; it has "
                               f"{', '.join(self.program.functions)}")  # fmt: skip
         if self.format == "c":
-            return f"{c.identifier(self.program.title)}_{name}"
+            return f"{languages.identifier(self.program.title)}_{name}"
         if self.format == "latex":
             return text.latex_equations(self.program, self.program.functions[name])
         return self._module[name] if self.format == "casadi" else (self._module[f"{name}_steps"], self._module[name])

@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError
-from mbdae.export.program import Entry, Program
-from mbdae.export.units import RATES, force_of, node_units, rate_of
+from mbdae.export.program import RATES, Entry, Program, force_of, node_units, rate_of
 from mbdae.kernels import Kernel, linearised_plan, plan
 from mbdae.laws.contact import JournalContact
 from mbdae.laws.friction import Friction
 from mbdae.native.program import Operations
 from mbdae.notation import counted
-from mbdae.reports.scenes.units import row_unit
+from mbdae.reports.scenes.equations import row_unit
 from mbdae.reports.statement import OPTIONS, structure_of
 from mbdae.results.sensors import power_outputs, reaction_outputs
 from mbdae.symbolic import outputs as of
@@ -26,6 +25,7 @@ from mbdae.symbolic.law import Element, Force, Law, Structure
 from mbdae.symbolic.line import LineLaw, derive_line
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.part import Part, PartStructure
+from mbdae.symbolic.tree_motion import Open
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import option, sequence, shown, word
 
@@ -110,7 +110,7 @@ def _of_frames(title: str, d: Derived, values: Mapping[str, Any]) -> Program:
     found = {name: (plan(d, table), meaning) for name, (table, meaning) in FUNCTIONS.items()}
     made: Made = {name: (p.kernel, _named(d, p.targets), meaning) for name, (p, meaning) in found.items()
                   if any(e != 0 for e in p.expressions)}  # fmt: skip
-    derived, symbols = linearised_plan(d, _equations, False), of.input_symbols(d)
+    derived, symbols = linearised_plan(d, _equations, Open.ALL), of.input_symbols(d)
     if derived.jacobian_places:
         stated, by = _named(d, derived.targets), dict(symbols)
         entries = [Entry(f"d {stated[row].name} / d {by[t]}", "") for row, t in derived.jacobian_places]

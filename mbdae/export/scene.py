@@ -10,19 +10,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
-from mbdae.export.program import Entry, Program, filled, shifted
-from mbdae.export.units import parameter_entries, rate_of, row_units, signal_entries, unknown_units
+from mbdae.export.program import (
+    Entry,
+    Program,
+    filled,
+    parameter_entries,
+    rate_of,
+    row_units,
+    shifted,
+    signal_entries,
+    unknown_units,
+)
 from mbdae.formulations import Form, Index1, default_form, system_for
 from mbdae.kernels.plan import plan
 from mbdae.native.program import Operations
 from mbdae.results.sensors import reaction_outputs
 from mbdae.scene.components import Kinematic
-from mbdae.symbolic.tree import OPERATIONS, tree_program
+from mbdae.symbolic.tree_motion import Open
 from mbdae.system.assembled.assembly import Assembly
-from mbdae.system.model.model import Model
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.numbering import Numbering
-from mbdae.system.model.trees import Tree
 from mbdae.system.prepare import Prepared, prepare
 
 Index = NDArray[np.intp]
@@ -39,8 +46,8 @@ def scene_program(scene: Any, form: Form | None) -> Program:
     chosen = form if form is not None else default_form(prepared)
     system = system_for(prepared, chosen)
     full = getattr(system, "full", system.assembly)  # the formulation with multipliers, where they are eliminated
-    assembly = Assembly(full.model, full.numbering.rows, full.spec, False, _opened(prepared), open=True)
-    made = _Made(assembly, system.n, baked(assembly.moved, assembly.model))
+    assembly = Assembly(full.model, full.numbering.rows, full.spec, False, prepared.all_bodies.moved.opened(prepared.model))
+    made = _Made(assembly, system.n, assembly.moved.written(assembly.model))
     program = made.program(f"{scene.name}, form {system.label}", system)
     if full is system.assembly:
         made.as_integrated(program, system.equations)
@@ -51,40 +58,9 @@ def scene_program(scene: Any, form: Form | None) -> Program:
     return program
 
 
-def _opened(prepared: Prepared) -> MovedBodies:
-    """The trees of a model with all parameters of their laws as inputs, even those whose value 0 or 1 a simulation writes into
-    the tree's program; large trees stay as they are."""
-    moved = prepared.all_bodies.moved
-    if not moved.trees:
-        return moved
-    model, trees = prepared.model, [_open(tree) for tree in moved.trees]
-    return MovedBodies(model, trees if all(len(tree_program(tree.structure).program.steps) < OPERATIONS for tree in trees)
-                       else moved.trees)  # fmt: skip
-
-
-def _open(tree: Tree) -> Tree:
-    def opened(part: Any) -> Any:
-        return replace(part, numbers=tuple((name, v if name[:2] in ("k_", "l_") else None) for name, v in part.numbers))
-
-    found = tree.structure
-    found = replace(found, links=tuple(map(opened, found.links)), members=tuple(map(opened, found.members)))
-    return replace(tree, structure=found)
-
-
-def baked(moved: MovedBodies, model: Model) -> set[tuple[str, str]]:
-    """Parameters (item, name) that are no inputs because their values are written into the program of a tree."""
-    found = set()
-    for tree in moved.trees:
-        parts: tuple[Any, ...] = (*tree.structure.links, *tree.structure.members)
-        for place, part in zip((*tree.joints, *tree.members), parts, strict=True):
-            item = model.groups[place[0]].instances[place[1]].item
-            found |= {(item, name) for name, value in part.numbers if value is not None}
-    return found
-
-
 class _Made:
     """The operations of a scene with slots for its inputs. n: number of unknowns of the exported equations; fixed: see
-    `baked`."""
+    `MovedBodies.written`."""
 
     def __init__(self, assembly: Assembly, n: int, fixed: set[tuple[str, str]]) -> None:
         self.assembly, self.n, self.fixed = assembly, n, fixed
@@ -231,7 +207,7 @@ def _of_all_bodies(made: _Made, program: Program, prepared: Prepared) -> tuple[O
                           "own force is nonlinear: no formula gives them. This is no mistake: residual and jacobian are "
                           "exported without them")  # fmt: skip
     spec = replace(Index1(0.0, "eliminated").spec(), eliminated=False)
-    assembly = Assembly(model, prepared.mechanics.rows, spec, False, MovedBodies(model, [], share=False), open=True)
+    assembly = Assembly(model, prepared.mechanics.rows, spec, False, MovedBodies(model, [], False, open=Open.LAWS))
     fixed = made.fixed | {("", name) for name in assembly.numbering.form_numbers}
     other = _Made(assembly, assembly.numbering.start["lambda"], fixed)
     solved = other.solved()

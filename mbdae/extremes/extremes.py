@@ -4,52 +4,70 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
+from mbdae.compare.comparison import identity
 from mbdae.compare.problem import SECONDS, Problem, new_problem
 from mbdae.compare.run import Run, checked_runs, progress_of_runs
-from mbdae.display import plain, titled
-from mbdae.errors import MbdaeError, interrupted, naming_arguments
-from mbdae.extremes.cell import FAILED, Cell, cell
-from mbdae.extremes.checkpoint import Checkpoint, checkpoint
-from mbdae.extremes.data import Block, ExtremesData
-from mbdae.extremes.page import page
-from mbdae.extremes.reference import reference_at
-from mbdae.extremes.table import table
-from mbdae.extremes.values import asked_values
-from mbdae.extremes.vary import Varied, default_vary, stated, varied
-from mbdae.extremes.ways import Way, stepped_ways, ways
+from mbdae.errors import MbdaeError, naming_arguments
+from mbdae.extremes.cell import FAILED, VERDICTS, Cell, cell, reference_at
+from mbdae.extremes.page import Block, Extremes
+from mbdae.extremes.ways import Varied, Way, asked_values, default_vary, stated, stepped_ways, varied, ways
 from mbdae.integrators.base import end_after
+from mbdae.results.reads import reads
 from mbdae.run.control import plausible
-from mbdae.sweep.resume import interruption, resume_path
-from mbdae.sweep.writing import written
-from mbdae.values import number, optional
+from mbdae.scene.scene import SceneData
+from mbdae.study.kept import ResumeFile, record, resume_path, told_when_interrupted
+from mbdae.values import BadValueError, number, optional, shown, word
 
 ACCURACY = 1e-5
-MAX_WALL = 20.0  #: default of the largest wall time of a run, s; a run of a reference may take `reference.PATIENCE` times as long
+MAX_WALL = 20.0  #: default of the largest wall time of a run, s; a run of a reference may take `PATIENCE` times as long
 STEPS = 20  #: largest number of steps of a run with a constant step: it ends after them, so that small steps take little time
 
 
-class Extremes(ExtremesData):
-    """A map of extremes, made by `mb.extremes`, with table and page; `silent` lists runs that were wrong without a warning."""
+@dataclass
+class Checkpoint(ResumeFile):
+    """The JSON file of a map in progress: reference and cells by (parameter, value)."""
 
-    def to_html(self, path: Any = None) -> str:
-        """One self-contained HTML page, also written to `path` where one is given."""
-        return written(lambda: page(self), path)
+    rows: dict[tuple[str, float], tuple[str, list[Cell]]] = field(default_factory=dict)
+    cpu_s: float = 0.0  #: CPU time of the rows that were read from the file, s
 
-    def table(self) -> str:
-        """A grid per parameter, the reasons of failures, and the counts, as plain text."""
-        return table(self)
+    kind, file_format = "map", "mbdae extremes in progress 2"
 
-    def __repr__(self) -> str:
-        return f"<Extremes of '{self.scene}': {len(self.blocks)} parameters; print it for the table>"
+    def row_name(self, row: Any) -> str:
+        return f"{shown(row.get('parameter'))} = {shown(row.get('value'))}" if isinstance(row, dict) else "a value"
 
-    def _repr_html_(self) -> str:
-        return titled(f"extremes of '{self.scene}'", plain(self.table()))
+    def add(self, parameter: str, value: float, reference: str, cells: list[Cell]) -> None:
+        """Add a value, and write the file anew."""
+        self.rows[parameter, value] = reference, cells
+        self.store({"rows": [{"parameter": p, "value": v, "reference": r, "cells": [asdict(c) for c in row]}
+                             for (p, v), (r, row) in self.rows.items()]})  # fmt: skip
 
-    def __str__(self) -> str:
-        return self.table()
+
+def checkpoint(path: Path | None, scene: Any, problem: Problem, values: Mapping[str, Sequence[float]],
+               runs: Sequence[Run] | None, accuracy: float) -> Checkpoint:  # fmt: skip
+    """The file of this map with its stored values; the file of another map is refused, with the difference. scene: as the user
+    gave it, a scene or a function that returns one."""
+    function = {} if path is None or isinstance(scene, SceneData) else reads(scene)
+    found = Checkpoint(path, identity(problem, runs or [], [accuracy], None) | {"vary": values, "scene function": function})
+    with found.stored() as data:
+        for r in data["rows"] if data is not None else []:
+            found.rows[_text(r["parameter"]), number(r["value"])] = _text(r["reference"]), [_cell(c) for c in r["cells"]]
+    found.cpu_s = sum(c.cpu_s or 0.0 for _, row in found.rows.values() for c in row)
+    return found
+
+
+def _cell(stored: Any) -> Cell:
+    word(stored["verdict"], VERDICTS)
+    return record(Cell, stored, warnings=tuple(_text(w) for w in stored["warnings"]))
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise BadValueError(f"{shown(value)} stands where a text should stand")
+    return value
 
 
 @naming_arguments
@@ -84,11 +102,8 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
     kept = checkpoint(resume, scene, first, asked, own, accuracy)
     total = sum(len(p.values) for p in parameters)
     execution = _Execution(measure, max_wall, accuracy, chosen, first, runs is None, kept, tell, total * (len(chosen) + 1))
-    try:
+    with told_when_interrupted(kept.path, "values", lambda: (len(kept.rows), total)):
         blocks = tuple(execution.block(p) for p in parameters)
-    except (KeyboardInterrupt, SystemExit) as error:
-        interrupted(error, interruption(kept.path, len(kept.rows), total, "values"), None)
-        raise
     return Extremes(base.name, end, accuracy, measure, first.what, blocks, kept.cpu_s + time.process_time() - begin)
 
 

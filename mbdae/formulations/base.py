@@ -14,7 +14,18 @@ WAVES = "give True to have Radau IIA resolve elastic vibrations, False to let it
 
 
 class Form(ABC):
-    """Base of the forms. A form turns laws into equations and says which multipliers are unknowns."""
+    """Base of the forms. A form turns laws into equations and says which multipliers are unknowns.
+
+    Whoever adds one derives a frozen dataclass from this class; nothing else knows it. Its duties:
+
+    1. `label`, its name in tables, messages and stored results.
+    2. The option `waves`, whether elastic vibrations are resolved; `__post_init__` checks it and its own options.
+    3. `spec`: which outputs it takes of every law, the blocks of rows and of multipliers they make, the index of each kind of
+       unknown. What drifts, how many unknowns there are and which solvers take the form follows from it.
+    4. Where it depends on the solver, `for_index`: its variant for the highest index of unknowns that this integrates.
+    5. Where it depends on the scene, `for_time` (options that follow from the characteristic time) and `refusal` (scenes that it
+       cannot describe, with what to do).
+    """
 
     label: ClassVar[str]
     waves: bool

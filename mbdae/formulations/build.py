@@ -24,8 +24,8 @@ def system_for(prepared: Prepared, form: Form | None = None, highest_index: int 
                open: bool = False) -> SceneSystem:  # fmt: skip
     """The System of a prepared scene, in the variant of the form for a solver that integrates unknowns up to `highest_index`.
 
-    form: None chooses `default_form`. open: parameters of the laws can be varied between runs, see `Assembly`; it has no effect
-    where the multipliers are eliminated."""
+    form: None chooses `default_form`. open: numbers of the laws can be varied between runs (`MovedBodies.opened`); it has no
+    effect where the multipliers are eliminated."""
     form = form if form is not None else default_form(prepared, highest_index)
     refusal = form.refusal(prepared.model, prepared.rows)
     if refusal:
@@ -33,6 +33,7 @@ def system_for(prepared: Prepared, form: Form | None = None, highest_index: int 
     spec = form.for_index(highest_index).for_time(prepared.time).spec()
     if spec.eliminated and prepared.rows:
         return WithoutMultipliers(prepared, spec)
-    moved = prepared.all_bodies.moved
-    equations = assembly_of(moved)(prepared.model, prepared.mechanics.rows, spec, None, moved, True) if open else None
-    return SceneSystem(prepared, spec, assembly=equations)
+    if not open:
+        return SceneSystem(prepared, spec)
+    moved = prepared.all_bodies.moved.opened(prepared.model)
+    return SceneSystem(prepared, spec, assembly=assembly_of(moved)(prepared.model, prepared.mechanics.rows, spec, None, moved))

@@ -1,9 +1,4 @@
-"""The base class of solvers, and the options of a run.
-
-A new solver is a frozen dataclass of its options that derives from `Solver`, validates them in `__post_init__` (OptionError with
-the value and what to do), defines the abstract methods, and states `factors` and `tightest`; `orders`, where its step may be
-constant.
-"""
+"""The base class of solvers, and the options of a run."""
 
 from __future__ import annotations
 
@@ -31,13 +26,26 @@ from mbdae.values import array, function, number, of_class, option, optional, se
 DEFAULT_ACCURACY = 1e-6
 ACCURACY = "give a positive number up to 1, such as 1e-6"
 MOST_OUTPUTS = 10_000_000  #: largest number of output times that may be asked for by a number
-#: longest step of a run with constant steps that the user gave, as a fraction of the time scale on which an input of time varies
-#: (`inputs.resolution`)
+#: longest of constant steps that the user gave, as a fraction of the time scale of inputs of time (`inputs.resolution`)
 SHARE = 0.04
 
 
 class Solver(ABC):
-    """A method with its options; `solve` runs it on any System."""
+    """A method with its options; `solve` runs it on any System.
+
+    Whoever adds one derives a frozen dataclass of its options from this class; nothing else knows it. Its duties:
+
+    1. `rtol` is a field, None where it follows from the accuracy; `__post_init__` checks all options (`set_tolerances`).
+    2. `highest_index` says which unknowns it solves for; `check` refuses a System that it cannot integrate.
+    3. `integrate` steps from `loop.t` and `loop.state` to `loop.t_end`, calls `loop.accept` after every accepted step, and stops
+       where that returns False. No step is longer than `system.longest_step(t)`, where that is stated.
+    4. It counts `residuals`, `jacobians` and `rejected` in `loop.stats`, calls `loop.guard` in a rejected step, and raises
+       `loop.failure(why, unknown)` where no step succeeds.
+    5. `dense` gives y and y' inside the steps.
+    6. Measured: `factors`, and `tightest`, `error_fall`, `companion` where the defaults do not fit; `orders` of constant steps.
+    7. `restarts` is False where `integrate` calls `loop.goes_on(self)` before its first step and `loop.keep(self)` between steps.
+    8. `label` and `variants` where options change the name; `mapped` for maps; `word`, `counterparts` for names.
+    """
 
     #: ratio rtol / accuracy that was measured, by label of the solver and of the form
     factors: ClassVar[dict[str, dict[str, float]]] = {}
@@ -57,13 +65,18 @@ class Solver(ABC):
     highest_index: ClassVar[int] = 1  #: of an unknown that this method can solve for; 0: ordinary differential equations only
     #: short name of the method on the command line; "": the name of the class in small letters
     word: ClassVar[str] = ""
-    #: whether a run stored on disk restarts the method at its checkpoints; False where `integrate` calls `goes_on` and `keep`
+    #: whether a run stored on disk restarts the method at its checkpoints
     restarts: ClassVar[bool] = True
     rtol: float | None  #: relative tolerance; None: it is chosen from the accuracy asked for (in a direct call of `solve`, 1e-6)
 
     @classmethod
     def variants(cls) -> list[Self]:
         """Instances of the method with default options, one for every label that its options lead to."""
+        return [cls()]
+
+    @classmethod
+    def mapped(cls) -> list[Self]:
+        """Those of its variants, from low order to high, that maps of extremes run where no runs are named."""
         return [cls()]
 
     @property
@@ -104,8 +117,7 @@ class Solver(ABC):
 
     @abstractmethod
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
-        """Step from system.t0 to loop.t_end: call `loop.accept` after every accepted step (stop when it says so) and `loop.guard`
-        in every rejected one, and count into `loop.stats`."""
+        """Step from system.t0, which is loop.t, to loop.t_end: duties 3 and 4 of the class. h0: first step (s), None: its own."""
 
     @abstractmethod
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
@@ -137,14 +149,12 @@ class Solver(ABC):
             return self
         accuracy = option("accuracy", accuracy, number, ACCURACY, above=0, most=1)
         form_label = option("form_label", form_label, text, "give the label of a form, such as 'GGL'")
-        factor = self.factor(form_label)
-        rtol = accuracy * factor
+        rtol = accuracy * (factor := self.factor(form_label))
         tightest = self.tightest.get(form_label, self.tightest[""])
         if rtol < tightest * (1 - 1e-9):
-            raise OptionError(
-                f"accuracy = {accuracy:g} needs rtol = {rtol:.1e} in {self.label} with form {form_label}, where the least that "
-                f"round-off allows is {tightest:g}: ask for an accuracy of {tightest / factor:.1e} or more"
-            )
+            raise OptionError(f"accuracy = {accuracy:g} needs rtol = {rtol:.1e} in {self.label} with form {form_label}, where "
+                              f"the least that round-off allows is {tightest:g}: ask for an accuracy of {tightest / factor:.1e} "
+                              "or more")  # fmt: skip
         return replace(self, rtol=min(rtol, 0.1))  # type: ignore[type-var]
 
     def solve(self, system: System, t_end: float, outputs: int | Sequence[float] | Array | None = None, *,
@@ -285,10 +295,8 @@ def check_start(system: System) -> None:
     system.residual(system.t0, system.y0, system.yp0, start)
     if not np.isfinite(start).all():
         row = int(np.flatnonzero(~np.isfinite(start))[0])
-        raise OptionError(
-            f"equation {system.equations[row]} is {start[row]} at the start t = {system.t0:g} s: "
-            "check its parameters and the start values it uses"
-        )
+        raise OptionError(f"equation {system.equations[row]} is {start[row]} at the start t = {system.t0:g} s: check its "
+                          "parameters and the start values it uses")  # fmt: skip
 
 
 def end_after(t0: float, t_end: Any) -> float:

@@ -5,24 +5,24 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
+from mbdae.deferred import classes_in
 from mbdae.errors import OptionError
-from mbdae.integrators.alpha.generalized_alpha import HHT, GeneralizedAlpha
 from mbdae.integrators.base import Solver
-from mbdae.integrators.runge_kutta.dop853 import DOP853
-from mbdae.integrators.runge_kutta.radau import RadauIIA
-from mbdae.integrators.sundials.cvode import CVODE
-from mbdae.integrators.sundials.ida import IDA
 from mbdae.values import instance, option, plain, shown
 
-SOLVERS: tuple[type[Solver], ...] = (IDA, CVODE, DOP853, RadauIIA, GeneralizedAlpha, HHT)
 REMEDY = "give a solver such as mb.IDA(), mb.RadauIIA(3) or 'radau3'"
+
+
+def solvers() -> tuple[type[Solver], ...]:
+    """The solvers of the package: every class in its folder that derives from `Solver`."""
+    return classes_in("mbdae.integrators", Solver)
 
 
 @cache
 def solver_words() -> dict[str, Solver]:
     """All solvers with default options, by their names on the command line: "ida", "radau", "radau2", "cvodebdf"."""
     found: dict[str, Solver] = {}
-    for made in SOLVERS:
+    for made in solvers():
         word = made.word or plain(made.__name__)
         for variant in made.variants():
             found.setdefault(word, made())
@@ -33,15 +33,15 @@ def solver_words() -> dict[str, Solver]:
 @cache
 def _full_names() -> dict[str, Solver]:
     """All solvers by their labels without punctuation, in small letters: "radauiia3", "generalizedalpha"."""
-    by_label = {plain(variant.label): variant for made in SOLVERS for variant in made.variants()}
-    return {plain(made.__name__): made() for made in SOLVERS} | by_label
+    by_label = {plain(variant.label): variant for made in solvers() for variant in made.variants()}
+    return {plain(made.__name__): made() for made in solvers()} | by_label
 
 
 @cache
 def _elsewhere() -> dict[str, list[str]]:
     """Names of methods in other programs, with the names of their counterparts among the solvers."""
     found: dict[str, list[str]] = {}
-    for made in SOLVERS:
+    for made in solvers():
         for name, own in vars(made).get("counterparts", {}).items():
             found.setdefault(name, []).append(f"'{own}'")
     return found
@@ -49,6 +49,8 @@ def _elsewhere() -> dict[str, list[str]]:
 
 def solver_of(value: Any, name: str = "solver", remedy: str = REMEDY) -> Solver:
     """The solver that an object, a class (the user's own too) or a name stands for; OptionError with the known names."""
+    if isinstance(value, Solver):  # the list of all would import them
+        return value
     meant = _full_names().get(plain(value), value) if isinstance(value, str) else value
     if isinstance(meant, str) and (own := _elsewhere().get(plain(meant))):
         raise OptionError(f"{name} = {shown(value)} is a method of other programs; its counterpart here is {' or '.join(own)}")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mbdae.costs import spends
 from mbdae.disk.entries import keep, part_key, recall
 from mbdae.disk.exact import code_key
-from mbdae.errors import internal
+from mbdae.errors import LawError, internal
 from mbdae.kernels.oracle import numpy_function
 from mbdae.limits import check
 from mbdae.native.program import Operations, block
@@ -68,7 +68,11 @@ class Kernel:
         level = self.level
         if level is None:
             level = 2 if len(self.expressions) < 60 and self._counted < _OPTIMISE_BELOW else 0
-        return se.Lambdify(self.symbols, self.expressions, backend="llvm", cse=True, opt_level=level)
+        try:
+            return se.Lambdify(self.symbols, self.expressions, backend="llvm", cse=True, opt_level=level)
+        except RuntimeError as error:  # of symengine, for complex and infinite numbers that derivatives bring
+            raise LawError(f"a law cannot be compiled ({error}): look for a division by 0, powers of numbers that are not "
+                           "positive, and cases without (value, True) at their end") from error
 
     @cached_property
     def tangent(self) -> Kernel:

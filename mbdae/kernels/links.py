@@ -22,7 +22,7 @@ from mbdae.symbolic.links.state import directions
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.quaternions import rate_from_body_spin
 from mbdae.symbolic.rebuild import symbols_of
-from mbdae.symbolic.tree_motion import Link, Member, TreeStructure
+from mbdae.symbolic.tree_motion import Link, Member, Open, TreeStructure
 from mbdae.symbolic.vectors import Expr, Vec
 
 Place = tuple[Any, ...]
@@ -203,14 +203,11 @@ def _node_kernel(kind: NodeKind, entries: Callable[[NodeProgram], Sequence[tuple
     return ProgramKernel(stated, key_of("node", kind.name, *names))
 
 
-def alone(link: Link, general: bool) -> Link:
-    """A joint taken out of its tree: it carries node 1 on node 0. general: all its parameters are inputs at run time, also those
-    equal to 0, 1 or -1, which otherwise become constants of the kernel."""
-    numbers = tuple((name, None if general else value) for name, value in link.numbers)
-    return replace(link, parent=0, first=1, numbers=numbers)
+def alone(link: Link, open: Open) -> Link:
+    """A joint taken out of its tree: it carries node 1 on node 0. open: which of its numbers are inputs."""
+    return replace(link, parent=0, first=1, numbers=open.inputs(link.numbers))
 
 
-def between(member: Member, nodes: Mapping[int, int], general: bool) -> Member:
-    """A law with its nodes renumbered: `nodes` maps the old numbers to the new ones. general: as in `alone`."""
-    numbers = tuple((name, None if general else value) for name, value in member.numbers)
-    return Member(member.law, tuple(None if n is None else nodes[n] for n in member.nodes), numbers)
+def between(member: Member, nodes: Mapping[int, int], open: Open) -> Member:
+    """A law with its nodes renumbered: `nodes` maps the old numbers to the new ones. open: which of its numbers are inputs."""
+    return Member(member.law, tuple(None if n is None else nodes[n] for n in member.nodes), open.inputs(member.numbers))

@@ -15,6 +15,7 @@ from mbdae.kernels.compile import Kernel
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import Target, derivatives, input_symbols, insert
 from mbdae.symbolic.rebuild import jumps_with, symbols_of
+from mbdae.symbolic.tree_motion import Open
 from mbdae.symbolic.vectors import Expr
 
 Place = tuple[int, Target]  #: an entry of the Jacobian: number of an output, and the unknown by which it is differentiated
@@ -106,13 +107,13 @@ class LinearisedPlan(Plan):
     """The outputs of a law with their exact derivatives, sorted into constant, linear and nonlinear.
 
     A derivative that depends on parameters only is constant. An output is linear where all its derivatives are constant and it
-    neither depends on time nor jumps (as floor(x), whose derivative is 0): its terms are added without a kernel. sort: False
-    keeps all outputs and derivatives in the kernels, so that all parameters are inputs and can be varied.
+    neither depends on time nor jumps (as floor(x), whose derivative is 0): its terms are added without a kernel. open: where
+    more parameters than the fewest are inputs, all outputs and derivatives stay in the kernels.
     """
 
-    def __init__(self, d: Derived, outputs: Outputs, sort: bool = True) -> None:
-        self._sort = sort
-        super().__init__(d, outputs, str(sort))
+    def __init__(self, d: Derived, outputs: Outputs, open: Open = Open.FEWEST) -> None:
+        self._sort = open is Open.FEWEST
+        super().__init__(d, outputs, str(self._sort))
 
     def _made(self) -> tuple[Any, ...]:
         found = self._sorted
@@ -199,7 +200,7 @@ def plan(d: Derived, outputs: Outputs) -> Plan:
 
 
 @made_once("derive", 512)
-def linearised_plan(d: Derived, outputs: Outputs, sort: bool = True) -> LinearisedPlan:
-    """The plan of a derived law for some outputs, with their derivatives; made once per process. sort: see `LinearisedPlan`."""
+def linearised_plan(d: Derived, outputs: Outputs, open: Open = Open.FEWEST) -> LinearisedPlan:
+    """The plan of a derived law for some outputs, with their derivatives; made once per process. open: see `LinearisedPlan`."""
     with d.naming_errors():
-        return LinearisedPlan(d, outputs, sort)
+        return LinearisedPlan(d, outputs, open)

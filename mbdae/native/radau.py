@@ -84,11 +84,6 @@ class Stages:
                            coefficients.gamma0, *map(address, arrays), inf)  # fmt: skip
         self._at, self._c = ctypes.addressof(self.table), functions()
 
-    def forget_rate(self) -> None:
-        """Require at least two iterations in the next `solve`, because the rate of convergence measured last belongs to LU
-        factors that are no longer in use."""
-        self.table.rate = inf
-
     def predict(self, yp: Array, h: float, last_h: float, last: Array | None) -> None:
         """Compute starting values of the increments for a step of h (s): by extrapolation of the collocation polynomial of the
         last step, of length last_h (s) with increments last (s, n), or along the slope yp (n,) where last_h is 0."""

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from mbdae.native.equations import Equations, Number, Pointer, Whole, seen
 from mbdae.native.library import declared
-from mbdae.native.signals import Signals
-from mbdae.native.sundials_library import UnavailableError, sundials
+from mbdae.native.sundials_library import sundials
 from mbdae.native.sundials_steps import MOST_ROWS, Array, Block, Run, Settings, Steps
+from mbdae.signals import Signals
 
 #: wall time (s) after which a call of the step loop in C returns, so that Python handles Ctrl-C, limits and progress
 SLICE = 0.05
@@ -317,20 +317,6 @@ class Cvode(Method):
         run.cvode, run.until, run.interpolant = map(_pointer, (S.CVode, S.CVodeSetStopTime, S.CVodeGetDky))
         run.nodes, run.tame, run.smooth, run.choosing = self._address(self._nodes), self._tame, int(self._tame > 0), 1
         self._call("Init", self.C.cvode_rates, t, self._y)
-
-
-def why_not(sparse: bool = False) -> str:
-    """Why SUNDIALS, and if `sparse` SuperLU_MT, cannot be used here, "" if it can. MBDAE_SUNDIALS=python forbids its use."""
-    if os.environ.get("MBDAE_SUNDIALS") == "python":
-        return "MBDAE_SUNDIALS=python"
-    try:
-        core()
-        if sparse:
-            assert sundials().SUNLinSol_SuperLUMT
-        sundials()
-    except UnavailableError as why:
-        return str(why)
-    return ""
 
 
 #: function that opens the library and states the types of the functions of sundials.c for ctypes

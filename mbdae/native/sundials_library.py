@@ -1,5 +1,5 @@
-"""The shared libraries of SUNDIALS from the package scikit-sundae, opened without importing this package, because it imports
-scipy.optimize, which takes up to half a second."""
+"""The shared libraries of SUNDIALS that the package scikit-sundae brings, or was built with. They are opened without importing
+this package, because it imports scipy.optimize, which takes up to half a second."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ import ctypes
 import re
 from ctypes import c_char_p, c_double, c_int, c_int64, c_long, c_void_p
 from functools import cache
+from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from mbdae.errors import OptionError
 
 MAJOR = 7  #: major release of SUNDIALS whose functions are declared here
 #: folder of the libraries in the wheels of scikit-sundae: beside the package (Linux, Windows), or inside of it (macOS)
@@ -48,9 +51,14 @@ FUNCTIONS: dict[str, dict[str, tuple[Any, ...]]] = {
     "cvode": _CVODE | {"CVode" + name: kind for name, kind in _BOTH.items()}, "sunlinsolsuperlumt": _SPARSE,
 }  # fmt: skip
 
+#: modules of scikit-sundae that are linked to these libraries, wherever they are (conda, a build from source): through a module
+#: that is opened, the functions of its libraries are found too, but not on Windows
+LINKED = {"core": "_cy_ida", "ida": "_cy_ida", "cvode": "_cy_cvode", "sunlinsolsuperlumt": "_cy_ida"}
 
-class UnavailableError(Exception):
-    """The libraries of SUNDIALS cannot be used on this machine; the text says why."""
+
+def unavailable(why: str) -> OptionError:
+    """The error of a run that needs SUNDIALS where it cannot be used."""
+    return OptionError(f"IDA and CVODE cannot be used here: {why}; mb.RadauIIA(3) and mb.DOP853() do without")
 
 
 class Functions:
@@ -74,8 +82,7 @@ class Functions:
 
     def _open(self, name: str) -> None:
         if name not in self._files:
-            raise UnavailableError(f"the installed scikit-sundae lacks the library {name} of SUNDIALS: install a newer "
-                                   "scikit-sundae")  # fmt: skip
+            raise unavailable(f"the installed scikit-sundae lacks the library {name} of SUNDIALS: install a newer scikit-sundae")
         try:
             opened = ctypes.CDLL(str(self._files[name]))
             for key, (result, *arguments) in FUNCTIONS[name].items():
@@ -83,16 +90,16 @@ class Functions:
                 function.restype, function.argtypes = result, arguments
                 self.__dict__[key] = function
         except (OSError, AttributeError) as error:
-            raise UnavailableError(f"the file {self._files[name].name} of scikit-sundae cannot be used: {error}; install "
-                                   "scikit-sundae again") from error  # fmt: skip
+            raise unavailable(f"the file {self._files[name].name} of scikit-sundae cannot be used: {error}; install "
+                              "scikit-sundae again") from error  # fmt: skip
 
     def _check_version(self) -> None:
         major, minor, patch = c_int(), c_int(), c_int()
         label = ctypes.create_string_buffer(64)
         self.SUNDIALSGetVersionNumber(*map(ctypes.byref, (major, minor, patch)), label, len(label))
         if major.value != MAJOR:
-            raise UnavailableError(f"scikit-sundae brings SUNDIALS {major.value}.{minor.value}.{patch.value}, mbdae needs "
-                                   f"{MAJOR}.x: install a scikit-sundae that brings it")  # fmt: skip
+            raise unavailable(f"scikit-sundae brings SUNDIALS {major.value}.{minor.value}.{patch.value}, mbdae needs "
+                              f"{MAJOR}.x: install a scikit-sundae that brings it")  # fmt: skip
 
     def _index(self) -> type[np.signedinteger[Any]]:
         """Integer type of matrix indices in this build of SUNDIALS. It is found from the column pointers 0, 1, 2 of a sparse
@@ -109,24 +116,25 @@ class Functions:
         self.SUNContext_Free(ctypes.byref(context))
         kinds: dict[tuple[int, ...], type[np.signedinteger[Any]]] = {(0, 1, 2): np.int32, (0, 0, 1): np.int64}
         if tuple(found) not in kinds:
-            raise UnavailableError("the SUNDIALS of scikit-sundae takes indices that are neither int32 nor int64 (a test gave "
-                                   f"{found}): install the scikit-sundae of the package index")  # fmt: skip
+            raise unavailable("the SUNDIALS of scikit-sundae takes indices that are neither int32 nor int64 (a test gave "
+                              f"{found}): install the scikit-sundae of the package index")  # fmt: skip
         return kinds[tuple(found)]
 
 
 @cache
 def sundials() -> Functions:
-    """The functions of SUNDIALS; raises UnavailableError where there are none to use."""
+    """The functions of SUNDIALS; raises OptionError where there are none to use."""
     return Functions(files())
 
 
 def files() -> dict[str, Path]:
-    """Name of a library of SUNDIALS, such as "core" or "ida" -> its file."""
+    """Name of a library of SUNDIALS, such as "core" or "ida" -> its file, or a module that is linked to it."""
     spec = find_spec("sksundae")
     if spec is None or spec.origin is None:
-        raise UnavailableError("scikit-sundae, which brings SUNDIALS, is not installed: pip install scikit-sundae")
+        raise unavailable("scikit-sundae, which brings SUNDIALS, is not installed: pip install scikit-sundae")
     package = Path(spec.origin).parent
-    found = {}
+    paths = ((name, package / (module + suffix)) for name, module in LINKED.items() for suffix in EXTENSION_SUFFIXES)
+    found = {name: path for name, path in paths if path.is_file()}
     for folder in (package.parent / BESIDE, package / WITHIN):
         for path in sorted(folder.glob("*sundials_*")):
             name = re.match(r"(?:lib)?sundials_([a-z]+)", path.name)

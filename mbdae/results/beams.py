@@ -13,6 +13,7 @@ from mbdae.kernels.beam import derived_beam, reference_positions, turns
 from mbdae.kernels.line_nodes import Nodes
 from mbdae.laws.elements.line_mesh import LineMesh
 from mbdae.laws.elements.line_shape import Table, table
+from mbdae.notation import quantity
 from mbdae.results.fibres import Fibre
 from mbdae.results.sensors import BodySensor, judged, turned_about_z
 from mbdae.results.states import RunStates
@@ -246,11 +247,13 @@ class BeamPlace(_OnBeam):
         return in_space(self._line, self._second)[:, 0, 0] + turning
 
     @judged
+    @quantity("Pa")
     def fibre_stress(self) -> Array:
         """(nt,) Pa: normal stress along the beam at this place of its section, N1/A + M2 x3/I2 - M3 x2/I3, tension positive."""
         return self._fibre.normal(self._strains[1])
 
     @judged
+    @quantity("Pa")
     def von_mises(self) -> Array:
         """Von Mises stress (nt,), Pa, at this place, from the normal stress and the shear stresses of shear forces and torque."""
         return self._fibre.von_mises(self._strains[1])
@@ -277,6 +280,7 @@ class BeamPlace(_OnBeam):
         return self._extrapolated(strain), self._extrapolated(stress)
 
     @judged
+    @quantity("-, 1/m")
     def strain(self) -> Array:
         """(nt, 6) in section axes, less the strain of the beam as drawn: N1 extension, N2 and N3 shear along axes 2 and 3
         (no unit), M1 twist, M2 and M3 curvature about axes 2 and 3 (1/m).
@@ -286,6 +290,7 @@ class BeamPlace(_OnBeam):
         return self._strains[0]
 
     @judged
+    @quantity("N, N m")
     def stress_resultants(self) -> Array:
         """(nt, 6) in section axes: N1 axial force, N2 and N3 shear forces (N), M1 torque, M2 and M3 bending moments (N m),
         of the part of the beam beyond the section on the part before it; with damping the part from the strain rate

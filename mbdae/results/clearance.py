@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from mbdae.notation import quantity
 from mbdae.results.sensors import ConnectionSensor, judged
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Force
@@ -53,43 +54,51 @@ class ContactSensor(ConnectionSensor):
         return values[:, 0] if values.shape[1] == 1 else values
 
     @property
+    @quantity("m")
     def gap(self) -> Array:
         """Distance of the surfaces, m; negative in contact."""
         return self._observed("gap")
 
     @property
+    @quantity("m/s")
     def gap_rate(self) -> Array:
         """Rate of the gap, m/s."""
         return self._observed("gap_rate")
 
     @property
+    @quantity("m")
     def penetration(self) -> Array:
         """Depth by which the surfaces overlap, m; 0 where they are apart."""
         return np.maximum(0.0, -self.gap)
 
     @judged
+    @quantity("N", loop=True)
     def normal_force(self) -> Array:
         """Normal force, N; 0 where the surfaces are apart."""
         return self._observed("normal_force")
 
     @judged
+    @quantity("N")
     def friction_force(self) -> Array:
         """Magnitude of the friction force, N. For a joint with clearance: the force on the pin along the vector product of the
         joint's axis and the contact normal, with its sign."""
         return self._observed("friction_force")
 
     @property
+    @quantity("m/s")
     def slip(self) -> Array:
         """Sliding speed, m/s, also where the surfaces are apart. For a joint with clearance: the velocity of the pin's surface on
         that of the race along the vector product of the joint's axis and the contact normal, with its sign."""
         return self._observed("slip")
 
     @judged
+    @quantity("W")
     def friction_power(self) -> Array:
         """Power lost in friction, W; negative where bristles give energy back."""
         return self._observed("friction_power")
 
     @judged
+    @quantity("W")
     def wear_rate(self) -> Array:
         """Normal force times sliding speed, W: wear by Archard's law is proportional to it."""
         return np.asarray(self._observed("normal_force") * np.abs(self.slip))
@@ -114,6 +123,7 @@ class ClearanceSensor(ContactSensor):
     """
 
     @property
+    @quantity("m")
     def orbit(self) -> Array:
         """Centre of the pin relative to that of the race (nt, 2), m, in axes that turn with the race."""
         return self._seen["orbit"]

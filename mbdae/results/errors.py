@@ -38,6 +38,8 @@ ROUNDED = 1e-11
 #: of a peak outside of a window in which another run shows vibrations that this one leaves out counts MEETING times their
 #: amplitude from LATE (a fraction of the window) on; of one inside it the largest difference within NEAR of it
 MEETING, LATE, NEAR = 0.3, 2 / 3, 0.05
+#: of the differences over time in scenes with contact, the quantile that counts for peaks
+LASTING = 0.9
 POWERS = np.linspace(0.15, 1.0, 40)  #: of the tolerance, with which errors of runs with contact fall
 #: errors of functions that read what other runs do not have
 UNREADABLE = (MbdaeError, ArithmeticError, LookupError, TypeError, ValueError, AttributeError)
@@ -69,7 +71,7 @@ class Errors:
     told: dict[str, str] = field(default_factory=dict)  #: by quantity: what its reader was told
     reactions: float | None = None  #: error of all reactions where it is known from a file
     closer: Callable[[], OtherRun | None] | None = field(default=None, repr=False)
-    _known: dict[str, Estimate | None] = field(default_factory=dict, repr=False)
+    _known: dict[Any, Estimate | None] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         self.others = at_the_same_times(self.others)
@@ -125,9 +127,16 @@ class Errors:
     def of_peak(self, result: Any, quantity: Quantity, size: float, t: float) -> Estimate | None:
         """The error of the largest magnitude `size` of a quantity, which it has at the time t (s). Where the error over time is
         above the accuracy, the peak is not trusted to runs that may all damp what makes it: a closer run is asked first."""
-        over_time = self.of(result, quantity)
+        if not isinstance(quantity, str):
+            return self._of_peak(result, quantity, size, t)
+        if (quantity, size, t) not in self._known:
+            self._known[quantity, size, t] = self._of_peak(result, quantity, size, t)
+        return self._known[quantity, size, t]
+
+    def _of_peak(self, result: Any, quantity: Quantity, size: float, t: float) -> Estimate | None:
+        over_time = self._estimated(result, quantity, LASTING) if self.prepared.contacts else self.of(result, quantity)
         found = self._closely(lambda: self._estimated_peak(result, quantity, size, t))
-        if found is None or over_time is None or any(other.kind == "closer" for other in self.others):
+        if found is None or over_time is None or any(o.kind == "closer" and o.times[-1] >= t for o in self.others):
             return found
         return found._replace(error=max(found.error, MEETING * over_time.error))
 
@@ -143,13 +152,14 @@ class Errors:
         self.others = (*self.others, other)
         return estimate()
 
-    def _estimated(self, result: Any, quantity: Quantity) -> Estimate | None:
+    def _estimated(self, result: Any, quantity: Quantity, quantile: float = 1.0) -> Estimate | None:
+        """From the largest differences over time, or from the quantile of them: a shift of an impact lasts for a moment."""
         unit, found, size = unit_of(result, quantity), [], 0.0
         try:
             for other in self._shown:
                 own, compared = (value(one, quantity) for one in self._both(result, other))
                 size = max(size, float(np.max(magnitudes(own), initial=0.0)))
-                found.append((other, float(np.max(magnitudes(difference(own, compared, unit)), initial=0.0))))
+                found.append((other, float(np.quantile(magnitudes(difference(own, compared, unit)), quantile))))
         except UNREADABLE:
             return None
         return Estimate(together(found), max(size, self._scale(unit)), self._rounding(unit)) if found else None
@@ -180,6 +190,8 @@ class Errors:
             there, when = float(sizes[k]), float(other.times[k])
         else:
             there, when = largest(beside, quantity, first, last)
+        if not first <= t <= last:
+            return max(there - size, 0.0)
         if other.kind == "closer":
             return abs(there - size)
         if other.kind == "window":
@@ -194,20 +206,21 @@ class Errors:
 
     @property
     def _shown(self) -> list[OtherRun]:
-        """The runs that count: where there is a closer one, it and that on another mesh."""
+        """The runs that count: where there is a closer one, it and that on another mesh, and from its end on the others."""
         given = [other for other in self.others if len(other.times)]
-        close = [other for other in given if other.kind in ("closer", "mesh")]
-        return close if any(other.kind == "closer" for other in given) else given
+        end = max((other.times[-1] for other in given if other.kind == "closer"), default=-np.inf)
+        return [cut for other in given if len((cut := other if other.kind in ("closer", "mesh") else other.after(end)).times)]
 
     def _both(self, result: Any, other: OtherRun) -> tuple[Any, Any]:
         """The run and another one at the times of their comparison, to be read without telling anything."""
-        if id(other) not in self._views:
+        key = id(other.run), len(other.times)
+        if key not in self._views:
             runs = (self.prepared, self.solution), (other.prepared or self.prepared, other.run)
-            self._views[id(other)] = tuple(type(result)(prepared, run, None, other.times) for prepared, run in runs)
-        return self._views[id(other)]
+            self._views[key] = tuple(type(result)(prepared, run, None, other.times) for prepared, run in runs)
+        return self._views[key]
 
     @cached_property
-    def _views(self) -> dict[int, tuple[Any, Any]]:
+    def _views(self) -> dict[tuple[int, int], tuple[Any, Any]]:
         return {}
 
     def _scale(self, unit: str) -> float:
@@ -239,7 +252,7 @@ class Errors:
         accuracy asked, unless silent."""
         found, unit = self.of_peak(result, quantity, size, t), unit_of(result, quantity)
         if not silent and self.asked is not None and unit not in self._of_motion:
-            self.tell(named(quantity), unit, found, self.asked)
+            self.tell(named(quantity), unit, found, self.asked, "peak")
         return None if found is None else found.error
 
     @property
@@ -247,14 +260,16 @@ class Errors:
         """Units of what the accuracy of the motion speaks of; with beams it leaves velocities out."""
         return ("m", "rad") if self.prepared.model.lines else ("m", "rad", "m/s", "rad/s")
 
-    def tell(self, name: str, unit: str, found: Estimate | None, asked: float) -> None:
-        """Warn once about a quantity whose error is above the accuracy asked."""
+    def tell(self, name: str, unit: str, found: Estimate | None, asked: float, read: str = "values") -> None:
+        """Warn once about a quantity whose error is above the accuracy asked; read: "values" over time, or their "peak"."""
         if found is None or name in self.told or not found.beyond(asked):
             return
         error = "an error that is not known"
         if np.isfinite(found.error):
-            error = (f"an error of about {found.error:.2g}{f' {unit}' if unit else ''}, "
-                     f"{100 * found.error / found.size:.2g} % of its largest value")  # fmt: skip
+            share, of = f"{100 * found.error / found.size:.2g} % of ", f"{found.error:.2g}{f' {unit}' if unit else ''}"
+            error = f"an error of about {of}, {share}its largest value"
+            if read == "peak":
+                error = f"an error of about {of} in its largest value, {share}that"
         self.told[name] = f"{name} has {error}, where the accuracy {asked:g} was asked: {self._remedy(asked)}"
         warn(f"scene '{self.prepared.model.scene.name}': {self.told[name]}")
 
@@ -296,7 +311,8 @@ def together(found: Iterable[tuple[OtherRun, float]]) -> float:
         differences = [(other, apart) for other, apart in differences if other.kind != "companion"]
     for other, apart in differences:
         kinds[other.kind] = max(kinds.get(other.kind, 0.0), other.share * apart)
-    return float(sum(kinds.values()))
+    closer, mesh = kinds.pop("closer", 0.0), kinds.pop("mesh", 0.0)
+    return float(max(closer, sum(kinds.values())) + mesh)  # beside a closer run the others count after its end alone
 
 
 def fallen(far: tuple[float, float], near: tuple[float, float]) -> float:

@@ -18,6 +18,9 @@ BEST = 5
 FINER, ROUNDS = 9, 12  #: number of times per round of a closer search, and of its rounds
 #: distance from the end of a step, over its length, of the last time read inside it: accelerations may jump at its end
 JUST = 1e-9
+#: with more than MANY steps those alone are looked into in which a larger value can be. A parabola rises above the ends of a step
+#: by an eighth of its second difference; CURVED is four times that
+MANY, CURVED = 1000, 0.5
 MOST = 4096  #: largest number of times that are read at once
 DIGITS, FEWEST = 6, 3  #: largest and smallest number of digits of a value printed with its error
 
@@ -73,8 +76,12 @@ def peak(result: Any, quantity: Quantity) -> Peak:
     """The largest magnitude of a quantity from the first of the result's times to the last, evaluated inside every step of the
     run and then searched more closely where it is largest."""
     unit, name = unit_of(result, quantity), named(quantity)
-    with result._silently():
-        found = largest(result, quantity, float(result.t[0]), float(result.t[-1]))
+    found: tuple[float, float] | None = result._peaks.get(quantity) if isinstance(quantity, str) else None
+    if found is None:
+        with result._silently():
+            found = largest(result, quantity, float(result.t[0]), float(result.t[-1]))
+        if isinstance(quantity, str):  # what a function reads may change
+            result._peaks[quantity] = found
     error = result._judge_peak(quantity, *found) if math.isfinite(found[0]) else None
     return Peak(*found, unit, name, error)
 
@@ -83,8 +90,7 @@ def largest(result: Any, quantity: Quantity, first: float, last: float) -> tuple
     """The largest magnitude of a quantity between two times (s), and its time; nan where it has no finite value."""
     steps = result.solution.t
     steps = distinct(np.r_[first, steps[(steps > first) & (steps < last)], last])
-    shares = np.r_[np.arange(INSIDE) / INSIDE, 1 - JUST]
-    times = distinct(np.r_[(steps[:-1, None] + np.diff(steps)[:, None] * shares).ravel(), last])
+    times = _inside(steps, _where_it_may_be(result, quantity, steps))
     found = sizes(result, quantity, times)
     if not np.isfinite(found).any():
         return float("nan"), float("nan")
@@ -102,6 +108,31 @@ def largest(result: Any, quantity: Quantity, first: float, last: float) -> tuple
     return best
 
 
+def _where_it_may_be(result: Any, quantity: Quantity, steps: Array) -> Any:
+    """(k,) numbers of the steps in which the largest magnitude may be: with many of them those whose values at the begin and the
+    end, with CURVED times what the quantity bends in the step or its neighbours, reach the largest value seen there."""
+    every, h = np.arange(len(steps) - 1), np.diff(steps)
+    if len(every) <= MANY:
+        return every
+    values = _read(result, quantity, np.c_[steps[:-1], steps[1:] - JUST * h].ravel())
+    size = np.nan_to_num(magnitudes(values), nan=np.inf)  # what is not known is looked at
+    slope = (np.diff(values, axis=0)[::2].T / h).T
+    turned = np.pad(np.nan_to_num(magnitudes(np.diff(slope, axis=0)), nan=np.inf), 1)
+    reached = size.reshape(-1, 2).max(axis=1) + CURVED * h * np.maximum(turned[:-1], turned[1:])
+    return every[reached >= np.max(size, where=np.isfinite(size), initial=0.0)]
+
+
+def _inside(steps: Array, of: Any) -> Array:
+    """Times at which a quantity is evaluated in the steps with the numbers `of`."""
+    shares = np.r_[np.arange(INSIDE) / INSIDE, 1 - JUST]
+    return np.asarray(distinct(np.r_[(steps[of, None] + (steps[of + 1] - steps[of])[:, None] * shares).ravel(), steps[of + 1]]))
+
+
 def sizes(result: Any, quantity: Quantity, times: Array) -> Array:
     """(k,) magnitudes at times (k,)."""
-    return np.concatenate([magnitudes(value(result(times[i : i + MOST]), quantity)) for i in range(0, len(times), MOST)])
+    return magnitudes(_read(result, quantity, times))
+
+
+def _read(result: Any, quantity: Quantity, times: Array) -> Array:
+    """(k, ...) values at times (k,)."""
+    return np.concatenate([value(result(times[i : i + MOST]), quantity) for i in range(0, len(times), MOST)])

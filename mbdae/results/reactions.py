@@ -90,6 +90,10 @@ class OtherRun:
         kept = replace(run, systems=(), outputs=None) if run.y.size <= WHOLE else sampled(run, times)
         return cls(kept, times, share, prepared, kind, ratio)
 
+    def after(self, end: float) -> OtherRun:
+        """The same run, compared after a time (s)."""
+        return replace(self, times=self.times[self.times > end])
+
     def until(self, end: float) -> OtherRun:
         """The same run, compared up to a time (s)."""
         return replace(self, times=self.times[self.times <= end])

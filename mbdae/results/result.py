@@ -47,13 +47,14 @@ class Result(RunStates, ListsAttributes):
         super().__init__(prepared, solution, t)
         self.info = info
         self._sensors: dict[str, Any] = {}
+        self._peaks: dict[str, tuple[float, float]] = {}
         self._silent = info is None
 
     def __getstate__(self) -> dict[str, Any]:
         """What `pickle` and `copy` keep: the run; computed sensors are left out, and computed again when they are read."""
         kind = type(self)
         own = {name: value for name, value in vars(self).items() if not isinstance(getattr(kind, name, None), cached_property)}
-        return own | {"_sensors": {}}
+        return own | {"_sensors": {}, "_peaks": {}}
 
     # -- how it went
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError
 from mbdae.laws.forces.on_coordinate import OnCoordinate
+from mbdae.notation import UNITS, quantity
 from mbdae.results.contacts import Contacts, contacts_at
 from mbdae.results.states import RunStates
 from mbdae.scene.components import Body, Connection
@@ -68,6 +69,14 @@ def length_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     return [(("length",), v.resolve(v.name(length))), (("rate",), v.resolve(v.rate(v.name(length))))]
 
 
+def quantities_of(kind: type) -> tuple[str, ...]:
+    """The quantities that sensors of a kind (`BodySensor`, `ConnectionSensor`) have, and those of kinds derived from it."""
+    kinds = [kind]
+    for one in kinds:
+        kinds += one.__subclasses__()
+    return tuple(name for name in UNITS if any(name in vars(one) for one in kinds))
+
+
 class BodySensor(ListsAttributes):
     """Motion of a body's centre of mass, or of a place on it: arrays over the result's times."""
 
@@ -101,6 +110,7 @@ class BodySensor(ListsAttributes):
         return self._result.prepared.model.node(self._body)
 
     @cached_property
+    @quantity("")
     def rotation(self) -> Array:
         """R (nt, 3, 3), body to inertial frame."""
         nt = len(self._result.t)
@@ -119,6 +129,7 @@ class BodySensor(ListsAttributes):
         return out
 
     @cached_property
+    @quantity("m")
     def position(self) -> Array:
         """Position (nt, 3), m, inertial frame."""
         center = self._body.drawn.position + np.zeros((len(self._result.t), 3))
@@ -127,12 +138,14 @@ class BodySensor(ListsAttributes):
         return center + self.rotation @ self._offset
 
     @cached_property
+    @quantity("m/s")
     def velocity(self) -> Array:
         """Velocity (nt, 3), m/s, inertial frame."""
         center = self._translation(self._result.u, self._node.u if self._node is not None else 0)
         return center + np.cross(self.angular_velocity, self.rotation @ self._offset)
 
     @judged
+    @quantity("m/s^2", loop=True)
     def acceleration(self) -> Array:
         """Acceleration (nt, 3), m/s^2, inertial frame, from the equations of motion: 0 at rest (an accelerometer adds -g)."""
         center = self._translation(self._result.acceleration, self._node.u if self._node is not None else 0)
@@ -140,12 +153,14 @@ class BodySensor(ListsAttributes):
         return center + np.cross(self.angular_acceleration, arm) + np.cross(w, np.cross(w, arm))
 
     @judged
+    @quantity("rad/s^2", loop=True)
     def angular_acceleration(self) -> Array:
         """Angular acceleration (nt, 3), rad/s^2, inertial frame, from the equations of motion; 0 for a point mass, which has no
         axes that could turn."""
         return self._turning(self._result.acceleration)
 
     @cached_property
+    @quantity("rad/s")
     def angular_velocity(self) -> Array:
         """Angular velocity (nt, 3), rad/s, inertial frame; 0 for a point mass, which has no axes that could turn."""
         return self._turning(self._result.u)
@@ -250,11 +265,13 @@ class ConnectionSensor(ListsAttributes):
         return self._result.sum_over_laws(reaction_outputs, self._item, 6)
 
     @judged
+    @quantity("N", loop=True)
     def force(self) -> Array:
         """Force on body l (nt, 3), N, inertial frame."""
         return self._wrench[:, :3]
 
     @judged
+    @quantity("N m", loop=True)
     def torque(self) -> Array:
         """Torque on body l about the joint (nt, 3), N m, inertial frame (in a planar model: the z component only)."""
         return self._wrench[:, 3:]
@@ -282,6 +299,7 @@ class ConnectionSensor(ListsAttributes):
         return {"contacts": len(found), "first": found.first, "deepest": found.deepest}
 
     @judged
+    @quantity("W", loop=True)
     def power(self) -> Array:
         """Power that the joint or force delivers to the bodies (nt,), W."""
         return self._result.sum_over_laws(power_outputs, self._item, 1)[:, 0]

@@ -10,16 +10,17 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from dataclasses import asdict, fields, is_dataclass
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from mbdae.errors import MbdaeError, OptionError, SceneError, naming_arguments
 from mbdae.files import path_of
-from mbdae.formulations import GGL, ODE, Form, Index1, Index3
+from mbdae.formulations import Form
+from mbdae.formulations.named import forms
 from mbdae.integrators.base import Solver
 from mbdae.integrators.dense import Collocation, Hermite, Joined
+from mbdae.integrators.named import solvers
 from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.results import archive, storable, stored_others
@@ -43,12 +44,6 @@ from mbdae.values import BadValueError, shown
 
 _START = ("q", "u", "s", "acceleration", "multipliers")
 _RANK = ("kept", "dropped", "singular_here", "not_unique")
-#: stored names of mbdae's solvers and their modules, of which only the one that a file names is imported
-SOLVERS = {
-    "mbdae:CVODE": "sundials.cvode", "mbdae:DOP853": "runge_kutta.dop853",
-    "mbdae:GeneralizedAlpha": "alpha.generalized_alpha", "mbdae:HHT": "alpha.generalized_alpha",
-    "mbdae:IDA": "sundials.ida", "mbdae:RadauIIA": "runge_kutta.radau",
-}  # fmt: skip
 LONGEST = 700  #: largest number of characters of an error that the message of `load` repeats
 _AGAIN = "give a file written by r.save(path)"
 
@@ -226,8 +221,7 @@ def _info_of(solver: Any) -> dict[str, Any]:
 def _solver(stored: dict[str, Any], known: Known) -> Any:
     """The solver made from its options, which it checks itself."""
     name = without_module(stored["class"])
-    own = name.rpartition(":")[2]
-    cls = vars(import_module(f"mbdae.integrators.{SOLVERS[name]}"))[own] if name in SOLVERS else known.find(name, Solver)
+    cls = {stored_name(own): own for own in solvers()}.get(name) or known.find(name, Solver)
     given = [f.name for f in fields(cls) if f.init] if is_dataclass(cls) else []
     unknown = sorted(set(stored["options"]) - set(given))
     if unknown:
@@ -245,8 +239,7 @@ def _solver(stored: dict[str, Any], known: Known) -> Any:
 def _form(label: str, known: Known) -> str:
     """The stored label of a form; BadValueError where it is that of no form of mbdae and of none among the caller's classes."""
     own: list[type[Form]] = [form for form in known.own.values() if isinstance(form, type) and issubclass(form, Form)]
-    forms: list[type[Form]] = [GGL, Index3, Index1, ODE, *own]
-    if label not in {form.label for form in forms}:
+    if label not in {form.label for form in (*forms(), *own)}:
         raise BadValueError(f"the form {shown(label)} of the run's equations is not mbdae's: pass laws=[...] with its class")
     return label
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
+from mbdae.deferred import distinct
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.errors import Errors
@@ -31,7 +34,7 @@ def arrays_of(errors: Errors | None) -> dict[str, Array]:
     """Times and unknowns of each."""
     found: dict[str, Array] = {}
     for i, other in enumerate(_stored(errors) if errors is not None else ()):
-        times = other.times[:: len(other.times) // TIMES + 1]
+        times = other.times[distinct(np.linspace(0, len(other.times) - 1, TIMES).astype(int))]
         found |= {f"other{i}_t": times, f"other{i}_y": other.run(times)}
     return found
 

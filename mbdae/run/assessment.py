@@ -56,14 +56,15 @@ def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
     rows = (joint_drift(found.prepared, run, known.asked) if drifts else []) or broken
     changed = dict.fromkeys(c for c in found.prepared.start.changes if isinstance(c, ChangedVelocity))
     notes = [*changed, *missed(known, run), *of_run, *rows, *doubts(found.prepared), *doubts_of_steps(run, known.asked),
-             *contact.notes, *singular, *_growth(found.prepared, run, known.asked), *unequal_lengths(found), *turned_aside(found),
-             *energy_drift(found, run, known.asked)]  # fmt: skip
+             *contact.notes, *singular, *growth_words(run, known.asked, found.prepared), *unequal_lengths(found),
+             *turned_aside(found), *energy_drift(found, run, known.asked)]  # fmt: skip
     reliable = contact.reliable and off <= TORN and not run.solution.stats.missed_dips
     return Assessment(tuple(notes), reliable, bool(singular), off)
 
 
-def _growth(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:
-    """Words about disturbances that grow so much that round-off decides, and about those that constant steps do not follow."""
+def growth_words(run: Controlled, asked: float | None, prepared: Prepared | None = None) -> list[str]:
+    """Words about disturbances that grow so much that round-off decides, and about those that constant steps do not follow.
+    prepared: None for own equations."""
     solution = run.solution
     if not run.growth or not solution.systems:
         return []

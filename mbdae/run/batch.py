@@ -61,8 +61,12 @@ class Batches:
                               "its points one by one")  # fmt: skip
         self.system, self._known = system_for(prepared, choice.form, 0), dict[str, bool]()
         try:
-            self.read(dict.fromkeys(numbers))
+            left = [name for name in numbers if not self._read(name)]
+            written = prepared.all_bodies.moved.written(prepared.model) if left else ()
+            fixed = any(f"{item}.{name}" in left for item, name in written)
         except OptionError:
+            fixed = True
+        if fixed:
             self.system, self._known = system_for(prepared, choice.form, 0, open=True), {}
         if numbers:
             refuse_watched(self.system, t_end)

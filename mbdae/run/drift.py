@@ -85,7 +85,7 @@ def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> lis
     for values, what, size in zip(off, ("position", "velocity"), ("length, or rad", "speed"), strict=True):
         worst = largest(np.max(values, axis=0))
         if np.max(values) > asked:
-            return [f"joint row {m.rows[worst].name} is violated in {what}, by {np.max(values):.1e} of the scene's {size}: form "
-                    "mb.Index1() satisfies constraints for accelerations only; raise its baumgarte, ask for a smaller accuracy, "
-                    "or use mb.GGL()"]  # fmt: skip
+            return [f"joint row {m.rows[worst].name} is violated in {what}, by {np.max(values):.1e} of the scene's {size}: the "
+                    "form satisfies constraints for accelerations only; raise its baumgarte, ask for a smaller accuracy, or use "
+                    "mb.GGL()"]  # fmt: skip
     return []

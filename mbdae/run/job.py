@@ -49,7 +49,7 @@ from mbdae.run.assessment import assessed
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.choice import Choice, alternatives
 from mbdae.run.contact_tolerances import refuse_unresolved
-from mbdae.run.control import CLOSER, REPEATS, SHALLOW, UNTESTED, Controlled, cpu_of, run_controlled
+from mbdae.run.control import CLOSER, FOLLOWING, SHALLOW, UNTESTED, Controlled, cpu_of, run_controlled
 from mbdae.run.drift import joint_drift
 from mbdae.run.growth.growing import growing, unfollowed
 from mbdae.run.hidden_contacts import hidden_contacts
@@ -104,10 +104,7 @@ class Job:
             if not solver.fixed and solver.rtol is None and getattr(solver, "atol", None) is not None:
                 solver = solver.at_accuracy(self.accuracy, system.label)  # atol is the user's: one run, with the usual rtol
             if solver.fixed or solver.rtol is not None:
-                once = run_once(system, solver, self.asked)
-                exactly = self.accuracy if solver.rtol is None else solver.rtol
-                hidden = hidden_contacts(system, once.solution, SHALLOW * exactly * self.prepared.length)
-                return replace(once, hidden=tuple(hidden))
+                return run_once(system, solver, self.asked, self.accuracy, self.prepared.length)
             run = self._controlled(system, solver)
             if not system.numbering.stresses or self.form.waves:
                 return run
@@ -267,20 +264,22 @@ def _at_round_off(run: Controlled) -> bool:
     return len(run.told) > 1 and run.told[-1][0] <= run.limit * (1 + 1e-9) and run.estimate < run.told[0][1] / CONVERGED
 
 
-def run_once(system: System, solver: Solver, asked: Asked) -> Controlled:
+def run_once(system: System, solver: Solver, asked: Asked, accuracy: float, length: float = 1.0) -> Controlled:
     """A run with the tolerance or step of the solver, without an estimate of its error. Where its steps are not constant and do
-    not follow a disturbance that grows unseen, it is repeated with shorter ones."""
+    not follow a disturbance that grows unseen, it is repeated with shorter ones. Contacts inside its steps count from a fraction
+    of its tolerance (of the accuracy, where steps are constant) times the length (m) on."""
     with python_warnings.catch_warnings(record=True) as caught:
         python_warnings.simplefilter("always", AccuracyWarning)
-        for repeats in range(REPEATS + 1):
+        for repeats in range(FOLLOWING + 1):
             run = solver.run(system, asked)
             growth = growing(system, run, repeats > 0)
-            bounds = () if solver.fixed or repeats == REPEATS else unfollowed(growth)
+            bounds = () if solver.fixed or repeats == FOLLOWING else unfollowed(growth)
             if not bounds:
                 break
             asked = replace(asked, bounds=(*asked.bounds, *bounds), share=CLOSER)
     notes = tuple(dict.fromkeys(str(w.message) for w in caught))
-    return Controlled(run, solver, math.nan, 1 + repeats, run.stats.cpu_s, notes, growth=tuple(growth))
+    hidden = hidden_contacts(system, run, SHALLOW * (accuracy if solver.rtol is None else solver.rtol) * length)
+    return Controlled(run, solver, math.nan, 1 + repeats, run.stats.cpu_s, notes, hidden=tuple(hidden), growth=tuple(growth))
 
 
 def _better(run: Controlled, attempt: Callable[[], Controlled]) -> Controlled:

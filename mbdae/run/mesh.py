@@ -41,9 +41,9 @@ def with_finer_beams(scene: SceneData) -> SceneData:
                           "open file, out of its laws") from error
     for beam in (body for body in finer.bodies if isinstance(body, Beam)):
         if beam.order < max(ORDERS):
-            beam.order += 1
+            vars(beam)["order"] += 1
         else:
-            beam.elements = (2 * np.asarray(beam.elements)).tolist()
+            vars(beam)["elements"] = (2 * np.asarray(beam.elements)).tolist()
     return finer
 
 

@@ -140,11 +140,10 @@ class CloserRun:
         except MbdaeError:
             return None
         begin, end = float(self.run.t[0]), float(self.run.t[-1])
-        whole = found.t[-1] >= end
-        if not whole and found.t[-1] - begin < REACHED * (end - begin):
+        if found.t[-1] < begin + REACHED * (end - begin):
             return None
         times = some_of(check_times(found), system.n, bool(self.prepared.contacts))
-        return OtherRun.beside(found, times, SHARE, kind="closer" if whole else "window")
+        return OtherRun.beside(found, times, SHARE, kind="closer")
 
     def _tighter(self, label: str) -> Solver | None:
         """The solver with the smaller tolerance; None where round-off allows none."""

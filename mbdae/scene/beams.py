@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import statement
 from mbdae.scene.section import Section
 from mbdae.ties import nearest
-from mbdae.values import shown
+from mbdae.values import fixed, shown
 
 #: points, m, and section used in place of wrong ones, so that the other arguments are checked too
 HARMLESS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
@@ -79,7 +80,8 @@ class BeamStatements(SceneItems):
         if body.curve is not None:
             mesh = mesh_of(body)
             body.mass = section.mass_per_length * mesh.length
-            body.drawn.position = np.einsum("ma,mai->i", mesh.lumped, mesh.curve) / mesh.length
+            centre = np.einsum("ma,mai->i", mesh.lumped, mesh.curve) / mesh.length
+            body.drawn = replace(body.drawn, position=fixed(centre))
         self._add_body(body)
         return body
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import InitVar, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.errors import NamesArguments, NamesAttributes, OptionError
+from mbdae.errors import NamesArguments, OptionError
 from mbdae.inputs.sensed import paths
 from mbdae.laws.contact import Normal
 from mbdae.laws.forces.line_load import LineLoad
@@ -19,14 +18,14 @@ from mbdae.laws.friction import Friction
 from mbdae.scene.shapes import Shape
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import TwoBodyLaw
-from mbdae.values import BadValueError, array, number, shown
+from mbdae.values import AsStated, BadValueError, array, as_floats, fixed, number, shown
 
 Array = NDArray[np.float64]
 FINE = 2048  #: number of chords by which the length along a curve is measured to find a place at a share of it
 MOVING = ("position", "rotation", "velocity", "angular_velocity")  #: quantities of a run that are no attributes of a body
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Drawn:
     """Where a body is drawn, and how it starts: position (3,) of the centre of mass, m; rotation (3, 3), body to inertial;
     velocity (3,) of the centre of mass, m/s; angular_velocity (3,), rad/s, inertial frame."""
@@ -38,7 +37,7 @@ class Drawn:
 
 
 @dataclass(eq=False, repr=False)
-class Body(NamesAttributes, NamesArguments):
+class Body(AsStated, NamesArguments):
     """A body as drawn. `inertia` (3, 3) about the centre of mass in body axes, None for a point mass or the ground; `drawn`: see
     `Drawn`. The motion in a run is no attribute of it: a load would silently use the value as drawn."""
 
@@ -60,7 +59,11 @@ class Body(NamesAttributes, NamesArguments):
     drawn: Drawn = field(init=False)
 
     def __post_init__(self, position: Array, rotation: Array, velocity: Array, angular_velocity: Array) -> None:
-        self.drawn = Drawn(position, rotation, velocity, angular_velocity)
+        self.inertia, self.outline = fixed(self.inertia), fixed(self.outline)
+        self.drawn = Drawn(*map(fixed, (position, rotation, velocity, angular_velocity)))
+
+    def _settled(self) -> bool:
+        return "drawn" in vars(self) and self.scene is not None and bool(self.scene.recording)
 
     if not TYPE_CHECKING:  # a type checker would take every attribute to exist
 
@@ -215,7 +218,7 @@ class Constrained(JointModel):
     penalty: float = 0.0
 
     def __post_init__(self) -> None:
-        _as_floats(self, "scaling", "penalty")
+        as_floats(self, "scaling", "penalty")
 
 
 @dataclass(frozen=True)
@@ -254,7 +257,7 @@ class Clearance(JointModel):
     length: float | None = None
 
     def __post_init__(self) -> None:
-        _as_floats(self, "outer", "inner", "length")
+        as_floats(self, "outer", "inner", "length")
 
 
 @dataclass(frozen=True)
@@ -266,18 +269,11 @@ class Stop:
     damping: float = 0.0
 
     def __post_init__(self) -> None:
-        _as_floats(self, "stiffness", "damping")
-
-
-def _as_floats(model: Any, *fields: str) -> None:
-    """Make floats of numbers of any type; other values stay, and the scene that uses the model reports them."""
-    for key in fields:
-        with suppress(BadValueError):
-            object.__setattr__(model, key, number(getattr(model, key)))
+        as_floats(self, "stiffness", "damping")
 
 
 @dataclass(eq=False, repr=False)
-class Connection(NamesAttributes):
+class Connection(AsStated):
     """A joint or force element: its laws, and the start values the user stated."""
 
     name: str
@@ -295,6 +291,9 @@ class Connection(NamesAttributes):
     others: dict[str, Any] = field(default_factory=dict)  #: bodies of further frames than k and l, by frame
     shapes: tuple[Shape, ...] = ()  #: of a contact, the shapes of k and of l; empty for all others
     places: dict[str, Array] = field(default_factory=dict)  #: side "k" or "l" -> the point of that body the user named, as drawn
+
+    def _settled(self) -> bool:
+        return "places" in vars(self) and bool(getattr(getattr(self.k, "scene", None), "recording", False))
 
     @property
     def recursive(self) -> bool:

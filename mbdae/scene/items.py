@@ -7,12 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import NamesAttributes, SceneError
+from mbdae.errors import NamesAttributes, SceneError, meant
 from mbdae.scene import reading
 from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Controller, Signal
-from mbdae.scene.reading import Argument
+from mbdae.scene.reading import Argument, Reader
 from mbdae.scene.record import Own, Statement
 from mbdae.scene.sensed import keep_read_coordinates, keep_wanted, read_by
+from mbdae.values import fixed, shown
+
+READ: dict[str, Reader] = {"name": reading.name, "space": reading.one_of("auto", "planar", "spatial"),
+        "gravity": lambda arg, value: fixed(reading.vector("m/s^2")(arg, value))}  # fmt: skip
+
+KEPT = {"recording", "_known", "_sent"}  #: attributes by which a scene keeps what it found
 
 
 class SceneItems(NamesAttributes):
@@ -22,13 +28,10 @@ class SceneItems(NamesAttributes):
     def __init__(self, name: str = "scene", gravity: Any = (0.0, 0.0, 0.0), space: str = "auto") -> None:
         """`gravity` (3,) in m/s^2; `space` "auto" (planar where that can be proved), "planar" or "spatial"."""
         self.problems: list[str] = []
-        self.name = reading.name(Argument(self, "scene", "name"), name)
-        head = f"scene '{self.name}'"
-        self.space = reading.one_of("auto", "planar", "spatial")(Argument(self, head, "space"), space)
+        self.name, self.space, self.gravity = name, space, gravity  # read by __setattr__
         self.statements: list[Statement] = []  #: the statements made on the scene, in order, as plain data (see `record.py`)
         self.own: Own = {}  #: classes and functions by the names they have in `statements`
         self.recording = True
-        self.gravity = reading.vector("m/s^2")(Argument(self, head, "gravity"), gravity)
         eye, zero = np.eye(3), np.zeros(3)
         self.ground = Body("ground", math.inf, None, zero, eye, zero, zero, is_ground=True, scene=self)
         self.bodies: list[Body] = []
@@ -40,6 +43,20 @@ class SceneItems(NamesAttributes):
         self._read = [0] * 5  #: how many entries of each list `_by_name` has read
         self._wanted: dict[str, set[str]] = {}  #: joint's name -> its quantities that sensors read, see `keep_read_coordinates`
         self.attachments: dict[Beam, tuple[float, ...]] = {}  #: places on beams where something is attached, see `nearest_place`
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Read what may be set after the scene was made too; AttributeError for everything else, which would have no effect."""
+        own, read = vars(self), READ.get(name)
+        made, known = "attachments" in own, len(own.get("problems", ()))
+        if read is not None:
+            head = f"scene '{own['name']}'" if "name" in own else "scene"
+            value = read(Argument(self, head, name), value)
+            if made and len(self.problems) > known:
+                raise SceneError([self.problems.pop()])
+        elif made and self.recording and name not in KEPT and (name in own or type(self).__module__.startswith("mbdae.")):
+            raise AttributeError(f"scene '{self.name}': {meant(name, READ)}{name} = {shown(value)} would have no effect: of a "
+                                 f"scene only {', '.join(READ)} are set, all else is stated (s.link, ...)")  # fmt: skip
+        super().__setattr__(name, value)
 
     @property
     def _items(self) -> list[Any]:

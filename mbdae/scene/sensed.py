@@ -8,15 +8,13 @@ from typing import Any
 
 from mbdae.errors import OptionError, SceneError, meant
 from mbdae.inputs.sensed import paths
+from mbdae.notation import LOOPS, UNITS
 from mbdae.scene.components import Array, Body, Connection, Controller, Signal
 from mbdae.scene.sensor_names import parsed, placed, rates_of
 from mbdae.symbolic.joint import Joint
 from mbdae.values import BadValueError
 
 MOTION = {"position": (3,), "velocity": (3,), "angular_velocity": (3,), "rotation": (3, 3)}  #: of bodies: quantity -> shape
-#: quantities of results that no load can read: all but gaps, for which there is no code, follow from accelerations or reactions,
-#: and so from the loads themselves
-LOOPS = ("force", "torque", "power", "acceleration", "angular_acceleration", "drive", "gap", "normal_force")
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +66,12 @@ def _of_body(scene: Any, path: str, sensed: Sensed) -> Sensed:
 
 
 def _refuse_loop(path: str, quantity: str) -> None:
-    if quantity.partition("[")[0] == "gap":
-        raise BadValueError(f"'{path}' cannot be read by loads; read the positions of its bodies instead")
-    if quantity.partition("[")[0] in LOOPS:
+    if quantity in LOOPS:
         raise BadValueError(f"'{path}' follows from accelerations and reactions, which depend on the loads themselves (an "
                             f"algebraic loop); read positions, velocities or states, such as a filtered one: "
                             f"s.state(name, rate=...)")  # fmt: skip
+    if quantity in UNITS:
+        raise BadValueError(f"'{path}' cannot be read by loads; read the positions and velocities of its bodies instead")
 
 
 def _unknown(scene: Any, path: str) -> str:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from mbdae.errors import SceneError
 from mbdae.laws.contact.base import Contact
 from mbdae.laws.forces.on_coordinate import OnCoordinate
-from mbdae.notation import QUANTITIES
+from mbdae.notation import UNITS
 from mbdae.scene.components import Body, Connection, Signal
 from mbdae.symbolic.law import Force
 from mbdae.values import BadValueError
@@ -126,4 +126,4 @@ def measured(scene: Any, sensor: str) -> tuple[str, str]:
         known |= {"length": "m", "rate": "m/s"} if has_length(item) else {}
         if quantity in known:
             return "speed" if (quantity, known[quantity]) == ("rate", "m/s") else quantity.replace("_", " "), known[quantity]
-    return quantity.replace("_", " "), QUANTITIES[quantity].unit if quantity in QUANTITIES else ""
+    return quantity.replace("_", " "), UNITS.get(quantity, "")

@@ -11,13 +11,12 @@ import numpy as np
 from mbdae.display import framed, picture
 from mbdae.errors import OptionError
 from mbdae.files import replacing, write_file
-from mbdae.notation import axis_label
 from mbdae.scene.components import Body, Connection, Place
 from mbdae.show.drawing import LETTERS, Picture, axes_for, entitled, figure_size, show_gravity
-from mbdae.show.film import SMOOTH, Curve, Film, digits, filmed, frame_times, natural_speed
-from mbdae.show.names import fitting
+from mbdae.show.figure import fitting
 from mbdae.show.player import page
 from mbdae.show.plots import PLACE, checked, dress, names_of, numbers, steady, style, track
+from mbdae.show.shapes import SMOOTH, Curve, Film, digits, filmed, frame_times, natural_speed
 from mbdae.values import number, option, optional, sequence, text
 
 DPI = 80  #: resolution of a GIF, pixels per inch
@@ -143,7 +142,7 @@ class _Stage:
         steady(axis)
         axis.tick_params(labelbottom=last)
         if last:
-            axis.set_xlabel(axis_label("time", "time"))
+            axis.set_xlabel("time [s]")
         return axis.axvline(self.t[0], color="0.2", linewidth=1.2)
 
     def show(self, i: int) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 from mbdae.results.started import started
 from mbdae.scene.components import Array
 from mbdae.show import symbols
+from mbdae.show.figure import Namer, fitting
 from mbdae.show.geometry import INK, Geometry, Shape
-from mbdae.show.names import Namer, fitting
 from mbdae.show.plots import dress, written
 from mbdae.show.shapes import geometry
 from mbdae.system.prepare import Prepared

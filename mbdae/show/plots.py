@@ -10,7 +10,7 @@ import numpy as np
 
 from mbdae.errors import OptionError, SceneError
 from mbdae.files import replacing
-from mbdae.notation import axis_label, counted
+from mbdae.notation import counted
 from mbdae.results.result import Result
 from mbdae.scene.components import Array, Body, Connection, Place
 from mbdae.scene.sensor_names import measured, placed, split
@@ -204,7 +204,7 @@ def plot_results(result: Result, sensors: Sequence[str], against: Any, labels: S
         _panel(axis, results, names, letter)
         axis.set_ylabel(label)
         _legend(axis)
-    axes[-1].set_xlabel(axis_label("time", "time"))
+    axes[-1].set_xlabel("time [s]")
     return written(figure, place)
 
 
@@ -259,7 +259,7 @@ def plot_orbit(result: Result, place: Any, axes: str, against: Any, labels: Sequ
         name, r = track(result, place)
         _path(axis, r[:, i], r[:, j], label or None)
     axis.set_aspect("equal", "datalim")
-    _frame(axis, axis_label(f"{name} {axes[0]}", "position"), axis_label(f"{name} {axes[1]}", "position"))
+    _frame(axis, f"{name} {axes[0]} [m]", f"{name} {axes[1]} [m]")
     return written(figure, file, "orbit")
 
 

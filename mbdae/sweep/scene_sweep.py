@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import ENDS, DiskError, ListsAttributes, OptionError, interrupted
+from mbdae.errors import DiskError, ListsAttributes, OptionError
 from mbdae.files import first_difference, path_of, read_file, write_file
 from mbdae.integrators.base import end_after, output_times
 from mbdae.integrators.checkpoints.trees import DamagedError, read_tree, write_tree
@@ -27,9 +27,9 @@ from mbdae.results.storable import by_item, own_laws
 from mbdae.run.control import plausible
 from mbdae.run.environment import versions
 from mbdae.scene.scene import SceneData
-from mbdae.sweep.resume import computed_again, interruption
+from mbdae.study.kept import computed_again, told_when_interrupted
+from mbdae.study.workers import THREADS, with_executor, with_processes
 from mbdae.sweep.scenes import SceneJob, planned, solved
-from mbdae.sweep.workers import THREADS, with_executor, with_processes
 from mbdae.system.base import Array
 from mbdae.system.prepare import modelled
 from mbdae.values import BadValueError, array, number, option, several, shown, text, whole
@@ -246,12 +246,8 @@ def sweep_scene(scene: SceneData, grid: Any, executor: Executor | None, workers:
         made.read_folder(again)
     size = PART if job.lines is not None else ALONE
     left = [(a, min(a + size, last)) for first, last in made.missing() for a in range(first, last, size)]
-    try:
+    with told_when_interrupted(resume, "points", lambda: (made.done, len(points)), made):
         _compute(made, functools.partial(solved, job), points, left, executor, workers, tell)
-    except ENDS as error:
-        told = interruption(resume, made.done, len(points), "points")
-        interrupted(error, f"{told}; this exception has them as its attribute `solution`", made)
-        raise
     return made
 
 

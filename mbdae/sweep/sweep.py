@@ -17,16 +17,15 @@ from typing import Any, overload
 
 import numpy as np
 
-from mbdae.errors import ENDS, ListsAttributes, OptionError, interrupted, naming_arguments, warn
+from mbdae.errors import ListsAttributes, OptionError, naming_arguments, warn
 from mbdae.notation import counted
 from mbdae.results.reads import reads
 from mbdae.run.environment import versions
 from mbdae.scene.scene import SceneData
-from mbdae.sweep.resume import interruption
-from mbdae.sweep.rows import FORMAT, Kept, SweepRow, as_line
+from mbdae.study.kept import SWEEP_FORMAT, Kept, SweepRow, as_line, told_when_interrupted
+from mbdae.study.page import as_json
+from mbdae.study.workers import THREADS, Job, Outcome, with_executor, with_processes
 from mbdae.sweep.scene_sweep import SceneSweep, sweep_scene
-from mbdae.sweep.workers import THREADS, Job, Outcome, with_executor, with_processes
-from mbdae.sweep.writing import as_json
 from mbdae.system.base import Array
 from mbdae.values import BadValueError, flag, function, option, optional, sequence, shown, text, whole
 
@@ -67,7 +66,14 @@ class Sweep(ListsAttributes):
     def array(self, key: str) -> Array:
         """A value of the job on the grid, (one length per axis, ...) or (points, ...); nan where it is missing."""
         key = option("key", key, text, "give the name of a value that the job returns")
-        known = {i: np.asarray(row.values[key], dtype=float) for i, row in self.done.items() if row.values and key in row.values}
+        known: dict[int, Array] = {}
+        for i, row in self.done.items():
+            if row.values and key in row.values:
+                try:
+                    known[i] = np.asarray(row.values[key], dtype=float)
+                except (TypeError, ValueError, OverflowError):  # text, a dict, rows of different lengths, too large a number
+                    raise OptionError(f"key = '{key}' is {shown(row.values[key])} at point {i}, which is no number or array of "
+                                      f"numbers; read it from `rows`") from None  # fmt: skip
         if not known:
             names = sorted({name for row in self.rows for name in row.values or ()})
             if names:
@@ -165,17 +171,12 @@ def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int
         left = {i: point for i, point in enumerate(points) if i not in done}
         come = with_executor(executor, job, left) if executor is not None else with_processes(job, left, workers)
         made = Sweep(tuple(points), done, axes)
-        try:
-            with closing(come) as coming:
-                for i, found in coming:
-                    done[i] = _row(points[i], found)
-                    kept.add(i, done[i])
-                    if tell is not None:
-                        tell(len(done), len(points))
-        except ENDS as error:
-            come_so_far = interruption(resume, len(done), len(points), "points")
-            interrupted(error, f"{come_so_far}; this exception has them as its attribute `solution`", made)
-            raise
+        with told_when_interrupted(resume, "points", lambda: (len(done), len(points)), made), closing(come) as coming:
+            for i, found in coming:
+                done[i] = _row(points[i], found)
+                kept.add(i, done[i])
+                if tell is not None:
+                    tell(len(done), len(points))
     if told := made.warnings:
         first = next(iter(told.values()))
         warn(f"sweep: {counted(len(told), 'point')} of {len(points)} warned, see its `warnings`; first {first}")
@@ -241,7 +242,7 @@ def _name(job: Any) -> str:
 
 def _statement(job: Any, grid: Any) -> dict[str, Any]:
     """What a stored sweep is known by: the job, all that it reads, the grid, and versions."""
-    return {"format": FORMAT, "job": _name(job), "reads": reads(job), "grid": grid, "versions": versions()}
+    return {"format": SWEEP_FORMAT, "job": _name(job), "reads": reads(job), "grid": grid, "versions": versions()}
 
 
 def _row(point: dict[str, Any], found: Outcome) -> SweepRow:

@@ -44,6 +44,10 @@ def unusable(e: Any, fixed: Collection[Any] | None = ()) -> str:
         if not is_condition(node) and kind != "Piecewise" and any(is_condition(part) for part in node.args):
             return f"the condition {next(filter(is_condition, node.args))} where a number is needed; state cases by " \
                    f"se.Piecewise((a, x > 0), (b, True))"  # fmt: skip
+        if kind == "Piecewise" and node.args[-1] != se.true:
+            return f"{shown(node)}, which has no value where none of its conditions holds; end it with (value, True)"
+        if kind == "Pow" and node.args[1].free_symbols and _without_powers(node.args[0]):
+            return f"{shown(node)}, a power whose base is not positive: no real number for most exponents; state it by cases"
         if node.is_Number or not (node.args or kind in USABLE or is_condition(node)):
             if not _is_finite(node):
                 return f"{node}, which is no real, finite number; look for a division by 0, or for numbers that are too large"
@@ -53,6 +57,11 @@ def unusable(e: Any, fixed: Collection[Any] | None = ()) -> str:
         elif kind not in USABLE and not is_condition(node) and not _works(node, fixed):
             return f"{shown(node)}, a function whose derivatives cannot be compiled; {OTHER_FUNCTIONS}"
     return ""
+
+
+def _without_powers(base: Any) -> bool:
+    """Whether an expression is a number whose powers are no real numbers for all exponents, 0 or a negative one."""
+    return not base.free_symbols and _is_finite(base) and float(base) <= 0
 
 
 def _is_finite(number: Any) -> bool:

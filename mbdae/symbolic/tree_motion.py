@@ -4,6 +4,7 @@ elementary motion by elementary motion, with its rates."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import NamedTuple
 
 import symengine as se
@@ -19,6 +20,20 @@ from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
 NONE = se.Integer(0)
 Numbers = tuple[tuple[str, int | None], ...]  #: parameter -> its value where that is 0, 1 or -1, None: a symbol
+FRAMES = ("k_", "l_")  #: beginnings of the names of numbers that place a law on its sides
+
+
+class Open(Enum):
+    """Which parameters of laws are inputs of kernels, besides those that vary within a run, which always are."""
+
+    FEWEST = "none: what does not vary in a run is evaluated once, and 0, 1 and -1 are written into the kernels of trees"
+    LAWS = "the numbers of laws; of joints in trees, places and axes that are 0, 1 or -1 stay written into the kernels"
+    ALL = "every one"
+
+    def inputs(self, numbers: Numbers) -> Numbers:
+        """These numbers of a law in a tree, without the values of those that become inputs."""
+        return tuple((name, value if self is Open.FEWEST or (self is Open.LAWS and name[:2] in FRAMES) else None)
+                     for name, value in numbers)
 
 
 @dataclass(frozen=True)

@@ -187,8 +187,10 @@ class System:
     @property
     def owner(self) -> Owner:
         """Which thread runs these equations, or others that share their arrays."""
-        found: Owner = vars(self).setdefault("_owner", Owner(f"the System {self.label} ({self.names[0]}, ...)"))
-        return found
+        own = vars(self)
+        if "_owner" not in own:
+            own.setdefault("_owner", Owner(f"the System {self.label} ({self.names[0]}, ...)"))
+        return own["_owner"]  # type: ignore[no-any-return]
 
     def __copy__(self) -> Self:
         """A System that shares everything with this one."""

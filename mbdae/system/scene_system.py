@@ -15,7 +15,7 @@ from mbdae.system.assembled.contact_guards import ContactGuards
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.assembled.numbers import numbers_of
 from mbdae.system.assembled.ordered_assembly import OrderedAssembly, assembly_of
-from mbdae.system.assembled.right_hand_side import partition_of, rhs_of, state_rates
+from mbdae.system.assembled.right_hand_side import partition_of, right_hand_side, state_rates
 from mbdae.system.assembled.switches import switches_of_model
 from mbdae.system.base import Array, Kept, Numbers, System
 from mbdae.system.model.inputs import timeline
@@ -27,7 +27,7 @@ from mbdae.system.rank.rows_in_force import RowsInForce
 from mbdae.system.sampling import Sampling
 from mbdae.system.start.start import Start
 from mbdae.system.start.typical_sizes import multiplier_scales, state_scale, stress_scale
-from mbdae.threads import single_threaded
+from mbdae.threads import alone, single_threaded
 from mbdae.ties import largest
 
 #: tests set this to False, so that solvers step over inputs of time and switching laws, which checks after a run have to find
@@ -53,7 +53,7 @@ class SceneSystem(System):
         self.n, self.names, self.equations, self.kinds, self.index = made.n, made.names, made.equations, made.kinds, made.index
         self.label = made.label
         if isinstance(made, OrderedAssembly) and not prepared.rows:
-            self.rate_jacobian, self.rate_products = made.rate_jacobian, made.products
+            self.rate_jacobian, self.rate_products = (partial(self.owner.alone, f) for f in (made.rate_jacobian, made.products))
         lines, stressed = prepared.model.lines, self.numbering.stresses
         z = np.concatenate([np.zeros(0), *(line.stress(start.q, start.u) for line in lines if stressed)])
         self.t0, (self.y0, self.yp0), self.scale = start.t, _values(prepared, made, start, z), _scales(prepared, made)
@@ -64,7 +64,7 @@ class SceneSystem(System):
         self.partition = None if mechanics.reactive else partition_of(mechanics, all_bodies)
         self.displaced = Displacements(self.numbering)
         if self.rhs is None and not self.numbering.m:
-            self.rhs = rhs_of(made)
+            self.rhs = partial(self.owner.alone, partial(right_hand_side, made))
         if prepared.contacts:
             self.guards = guards = ContactGuards(made, prepared.contacts, mechanics, prepared.states)
             self.guard_names, self.guard_units, self.guard_jumps = guards.names, guards.units, guards.jumps
@@ -92,18 +92,23 @@ class SceneSystem(System):
         """CSC pattern of the Jacobian."""
         return self.assembly.pattern
 
+    @alone
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         self.assembly.residual(t, y, yp, out)
 
+    @alone
     def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
         self.assembly.residual_stages(t, y, yp, out)
 
+    @alone
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
         self.assembly.jacobian(t, y, yp, cj, out)
 
+    @alone
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         return self.assembly.jacobian_parts(t, y, yp)
 
+    @alone
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         return self.assembly.jacobian_values(t, y, yp)
 

@@ -31,6 +31,7 @@ from mbdae.system.base import Array, Numbers, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import Rows
 from mbdae.system.scene_system import SceneSystem
+from mbdae.threads import alone
 from mbdae.values import shown
 
 #: the independent part of a row is what other rows do not contain, over the row's length. Below this value of its square, near a
@@ -112,6 +113,7 @@ class WithoutMultipliers(SceneSystem):
         """lambda (m,) of the last evaluation."""
         return (self._rates.kernel or self._rates).multipliers
 
+    @alone
     def rhs(self, t: float, y: Array, out: Array) -> None:
         """out[:] = y'."""
         kernel = self._rates.kernel
@@ -122,6 +124,7 @@ class WithoutMultipliers(SceneSystem):
         if row >= 0:
             raise singular(t, self.full.numbering.rows[row].name)
 
+    @alone
     def rate_jacobian(self, t: float, y: Array) -> Array:
         """dy'/dy (n, n)."""
         self.rhs(t, y, self._rate)
@@ -147,7 +150,7 @@ class WithoutMultipliers(SceneSystem):
             self._warned = True
             name = self.full.numbering.rows[weakest].name
             text = (f"a singular position is near or passed at t = {t:.6g} s: constraint {name} depends on the others there; "
-                    "form mb.Index1() may continue on another branch of the motion unnoticed; compare with a run by "
+                    f"form {self.label} may continue on another branch of the motion unnoticed; compare with a run by "
                     "form=mb.GGL() and mb.RadauIIA(3)")  # fmt: skip
             warnings.warn(text, AccuracyWarning, stacklevel=4)
 

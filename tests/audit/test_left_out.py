@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import mbdae as mb
-from mbdae.audit.left_out import refuses_zero
+from mbdae.audit.remarks import refuses_zero
 
 SPRING = """
 k [N/m]: parameter stiffness of PointSpring

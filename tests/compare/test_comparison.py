@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.compare.rows import Row, with_front
-from mbdae.compare.table import cells
+from mbdae.compare.table import Row, cells, with_front
 
 
 def pendulum():
@@ -245,7 +244,7 @@ def test_peak_memory_is_that_of_the_run():
     """A large array that lives during a run counts, one freed before it does not."""
     import numpy as np
 
-    from mbdae.compare.memory import peak_bytes, reset_peak
+    from mbdae.compare.run import peak_bytes, reset_peak
 
     large = np.ones(40_000_000)
     del large

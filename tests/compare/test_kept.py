@@ -12,26 +12,26 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.compare.checkpoint import Checkpoint, State
-from mbdae.compare.pairwise import TightestRun
-from mbdae.compare.reference import Reference
-from mbdae.compare.rows import Row
+from mbdae.compare.comparison import Checkpoint
+from mbdae.compare.problem import Reference
+from mbdae.compare.table import Row, TightestRun
 
 HOSTILE = ["os:system", "__import__('os').system('touch X')", "", "x" * 100_000, -1, 10**400, 1e308, float("nan"), True, None,
     [], {}, [1], "1"]
 
 
-def state() -> State:
+def state(path: Path = Path("w.json")) -> Checkpoint:
     rows = [Row("IDA", "IDA", "GGL", None, 1e-3, 1e-5, 2e-4, 0.1, None, 12), Row("Radau", "R", "GGL", "m", 1e-3,
         failure="stopped")]
     finals = {"IDA": TightestRun("IDA", "1e-03", 1e-5, np.linspace(0, 1, 24).reshape(4, 3, 2))}
-    return State(Reference("Radau", 1e-5, "IDA", 1e-6), np.arange(12.0).reshape(4, 3), rows, finals, 0.5, 0.75)
+    return Checkpoint(path, {"t_end": 1.0}, Reference("Radau", 1e-5, "IDA", 1e-6), np.arange(12.0).reshape(4, 3), rows, finals,
+                      0.5, 0.75)
 
 
 def test_what_is_kept_comes_back(tmp_path: Path) -> None:
-    kept = Checkpoint(tmp_path / "w.json", {"t_end": 1.0})
-    kept.save(state())
-    again = kept.load()
+    state(tmp_path / "w.json").save(0.5, 0.75)
+    again = Checkpoint(tmp_path / "w.json", {"t_end": 1.0})
+    again.load()
     assert (again.rows, again.reference, again.cpu_s, again.total_cpu_s) == (state().rows, state().reference, 0.5, 0.75)
     assert np.array_equal(again.reference_values, state().reference_values)
     assert np.array_equal(again.tightest_runs["IDA"].values, state().tightest_runs["IDA"].values)
@@ -44,17 +44,19 @@ def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
         yield from places(part, (*path, key))
 
 
-def attempt(kept: Checkpoint) -> tuple[State | None, str]:
+def attempt(path: Path) -> tuple[Checkpoint | None, str]:
     """What is kept, or why it is refused."""
+    kept = Checkpoint(path, {"t_end": 1.0})
     try:
-        return kept.load(), ""
+        kept.load()
+        return kept, ""
     except mb.OptionError as error:
         return None, str(error)
 
 
 def test_damaged_entries_are_told_or_of_their_kind(tmp_path: Path) -> None:
-    kept = Checkpoint(tmp_path / "w.json", {"t_end": 1.0})
-    kept.save(state())
+    kept = state(tmp_path / "w.json")
+    kept.save(0.5, 0.75)
     good = json.loads(kept.path.read_text())
     refused = 0
     for path in places(good):
@@ -65,7 +67,7 @@ def test_damaged_entries_are_told_or_of_their_kind(tmp_path: Path) -> None:
                 holder = holder[key]
             holder[path[-1]] = new
             kept.path.write_text(json.dumps(changed))
-            found, told = attempt(kept)
+            found, told = attempt(kept.path)
             if found is None:
                 refused += 1
                 assert "w.json" in told
@@ -85,8 +87,8 @@ def test_other_texts_are_told(text: Any, tmp_path: Path) -> None:
 
 
 def test_a_bomb_is_not_unpacked(tmp_path: Path) -> None:
-    kept = Checkpoint(tmp_path / "w.json", {})
-    kept.save(State(reference_values=np.zeros(1_000_000)))
+    kept = Checkpoint(tmp_path / "w.json", {}, reference_values=np.zeros(1_000_000))
+    kept.save(0.0, 0.0)
     data = json.loads(kept.path.read_text())
     for shape in ([1], [2_000_000], [10**15], [-1], [1.5], ["1"], [True]):
         data["truth"]["shape"] = shape

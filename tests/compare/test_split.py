@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import pytest
 
 import mbdae as mb
-from mbdae.compare.picture import own_look
-from mbdae.compare.reference import Reference, _of_the_nearest
-from mbdae.compare.rows import Row, with_front
+from mbdae.compare.page import own_look
+from mbdae.compare.problem import Reference, _of_the_nearest
+from mbdae.compare.table import Row, with_front
 from mbdae.costs import cold, made_once, measured, spends
 
 PARTS = ("derive_s", "compile_s", "start_s", "companions_s", "judgement_s")

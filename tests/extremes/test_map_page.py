@@ -10,11 +10,9 @@ from pathlib import Path
 import pytest
 
 import mbdae as mb
+from mbdae.extremes import Extremes
 from mbdae.extremes.cell import VERDICTS
-from mbdae.extremes.data import Block
-from mbdae.extremes.extremes import Extremes
-from mbdae.extremes.page import COLOURS
-from mbdae.extremes.table import notes
+from mbdae.extremes.page import COLOURS, Block, notes
 from mbdae.notation import counted
 
 

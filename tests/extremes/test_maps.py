@@ -13,8 +13,8 @@ import sympy as sp
 import mbdae as mb
 from mbdae.cli import main
 from mbdae.compare.problem import new_problem
+from mbdae.extremes import Extremes
 from mbdae.extremes.cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, verdict
-from mbdae.extremes.extremes import Extremes
 from mbdae.extremes.ways import ways
 
 RUNS = [mb.Run(mb.IDA(), mb.GGL()), mb.Run(mb.RadauIIA(3), mb.GGL(), model=mb.Classical()), mb.Run(mb.IDA(), mb.Index3())]
@@ -151,7 +151,7 @@ def test_command_line(tmp_path, monkeypatch, capsys):
 
 def test_a_method_does_not_confirm_itself(monkeypatch):
     """At the tolerance of round-off two runs of one method are the same run."""
-    module = sys.modules["mbdae.extremes.reference"]
+    module = sys.modules["mbdae.extremes.cell"]
     monkeypatch.setattr(module, "METHODS", ((mb.RadauIIA(3), 10.0), (mb.RadauIIA(3), 10.0)))
     assert module.reference_at(new_problem(pendulum(), 0.1, None, None), 1e-4).uncertainty is None
     monkeypatch.setattr(module, "METHODS", ((mb.RadauIIA(3), 10.0), (mb.IDA(), 10.0)))

@@ -8,13 +8,12 @@ import sympy
 
 import mbdae as mb
 from mbdae.compare.problem import new_problem
-from mbdae.extremes.reference import reference_at
-from mbdae.extremes.values import asked_values, ladder
-from mbdae.extremes.vary import default_vary, varied
+from mbdae.extremes.cell import reference_at
+from mbdae.extremes.ways import asked_values, default_vary, ladder, varied
 from mbdae.inputs.timed import expression, values
 from mbdae.laws.forces import JointSpring, PointSpring
 from mbdae.laws.joints import Planar
-from mbdae.sweep.statements import changed
+from mbdae.study.statements import changed
 
 
 def machine(length=1.0):

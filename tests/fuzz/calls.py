@@ -15,11 +15,10 @@ import numpy as np
 import mbdae as mb
 from mbdae.analysis import Equilibrium, Floquet, Linearization
 from mbdae.analysis.shapes import Mode
-from mbdae.compare import Run
-from mbdae.compare.comparison import Comparison
+from mbdae.compare import Comparison, Run
 from mbdae.documents.document import Document
-from mbdae.extremes.data import Block
-from mbdae.extremes.extremes import Extremes
+from mbdae.extremes import Extremes
+from mbdae.extremes.page import Block
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result
 from mbdae.scene.components import JointModel, Stop
@@ -286,18 +285,15 @@ CALLS: dict[str, Call] = {
     "Floquet.shares": Call(lambda: floquet().shares, lambda: {"vector": [1.0, 0.0, 0.0]}),
     "Mode.__getitem__": Call(lambda: linear().modes[0].__getitem__, lambda: {"body": "rod"}),
     "ComparisonData.cheapest": Call(lambda: comparison().cheapest, lambda: {"accuracy": 1e-3}),
-    "ComparisonData.to_json": Call(lambda: comparison().to_json, lambda: FILE, "mbdae.sweep.writing.write_file"),
-    "Comparison.to_html": Call(lambda: comparison().to_html, lambda: FILE, "mbdae.compare.comparison.page"),
-    "Comparison.plot": Call(lambda: comparison().plot, lambda: FILE, "mbdae.compare.comparison.work_precision"),
-    "ExtremesData.to_json": Call(lambda: Extremes("a", 1.0, 1e-3, None, "", (), 0.0).to_json, lambda: FILE,
-                             "mbdae.sweep.writing.write_file"),
-    "Extremes.to_html": Call(lambda: Extremes("a", 1.0, 1e-3, None, "", (), 0.0).to_html, lambda: FILE,
-                             "mbdae.sweep.writing.write_file"),
+    "Study.to_json": Call(lambda: comparison().to_json, lambda: FILE, "mbdae.study.page.write_file"),
+    "Study.to_html": Call(lambda: Extremes("a", 1.0, 1e-3, None, "", (), 0.0).to_html, lambda: FILE,
+                          "mbdae.study.page.write_file"),
+    "Comparison.plot": Call(lambda: comparison().plot, lambda: FILE, "mbdae.compare.page.work_precision"),
     "Block.at": Call(lambda: _block().at, lambda: {"label": "a", "value": 1.0}),
     "Sweep.array": Call(lambda: _sweep().array, lambda: {"key": "b"}),
-    "Sweep.to_json": Call(lambda: _sweep().to_json, lambda: FILE, "mbdae.sweep.writing.write_file"),
+    "Sweep.to_json": Call(lambda: _sweep().to_json, lambda: FILE, "mbdae.study.page.write_file"),
     "Audit.__getitem__": Call(lambda: mb.Audit("none", ()).__getitem__, lambda: {"number": "1"}),
-    "Audit.to_json": Call(lambda: mb.Audit("none", ()).to_json, lambda: FILE, "mbdae.sweep.writing.write_file"),
+    "Audit.to_json": Call(lambda: mb.Audit("none", ()).to_json, lambda: FILE, "mbdae.study.page.write_file"),
     "Audit.save": Call(lambda: mb.Audit("none", ()).save, lambda: {"path": folder() / "a.md"},
                        "mbdae.documents.document.write_file"),
     "Document.save": Call(lambda: Document("none").save, lambda: {"path": folder() / "a.md"},
@@ -326,8 +322,7 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("Block.at", "label"): (TEXT, ANY),
     ("sweep", "job"): ({"a class", "a function"}, "what can be called"),
     **{(c, "path"): (TEXT, "a file may have any ending") for c in (
-        "Result.save", "ComparisonData.to_json", "Comparison.to_html", "ExtremesData.to_json", "Extremes.to_html",
-        "Sweep.to_json", "Audit.to_json")},
+        "Result.save", "Study.to_json", "Study.to_html", "Sweep.to_json", "Audit.to_json")},
     **{(c, "hide"): ({*TEXT, "a tuple of text"}, "names, looked for where the picture is made") for c in (
         "Scene.draw", "Result.animate")},
     ("Scene.simulate", "checkpoint"): (TEXT, "a folder may have any name"),

@@ -11,7 +11,7 @@ from mbdae.errors import WallClockError
 from mbdae.integrators.runge_kutta.batch import solve_batch
 from mbdae.native import explicit
 from mbdae.native.explicit import Batch
-from mbdae.run.batch import run_batch
+from mbdae.run.batch import Batches, run_batch
 
 SOLVER = mb.DOP853(rtol=1e-8)
 
@@ -165,6 +165,8 @@ def test_numbers_that_are_compiled_in_are_refused():
     """A mass of 1 kg is part of the kernels of a tree: to vary its place would change nothing."""
     with pytest.raises(mb.OptionError, match="compiled in"):
         solve_batch(system(forearm=1.0), 1.0, SOLVER, numbers={"lower.mass": [1.0, 2.0]})
+    # equations with all numbers as inputs
+    assert Batches(arm(forearm=1.0), 1.0, numbers=["lower.mass"]).read({"lower.mass": 2.0})
     with pytest.raises(mb.OptionError, match="are functions"):
         solve_batch(growing(), 1.0, SOLVER, numbers={"a.b": [1.0]})
 

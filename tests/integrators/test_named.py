@@ -9,9 +9,9 @@ import pytest
 
 import mbdae as mb
 from mbdae.formulations import Form
-from mbdae.formulations.named import FORMS, form_of, form_words
+from mbdae.formulations.named import form_of, form_words, forms
 from mbdae.integrators.base import Solver
-from mbdae.integrators.named import SOLVERS, solver_of, solver_words
+from mbdae.integrators.named import solver_of, solver_words, solvers
 
 EXPORTED = [getattr(mb, name) for name in mb.__all__]
 
@@ -32,7 +32,7 @@ class Needy(mb.GGL):
 
 
 def test_every_exported_class_has_a_name() -> None:
-    for base, known in ((Solver, SOLVERS), (Form, FORMS)):
+    for base, known in ((Solver, solvers()), (Form, forms())):
         assert {c for c in EXPORTED if isinstance(c, type) and issubclass(c, base) and not isabstract(c)} == set(known)
 
 
@@ -42,7 +42,7 @@ def test_a_solver_by_object_class_and_name(given: object) -> None:
 
 
 def test_all_variants_have_names() -> None:
-    for made in SOLVERS:
+    for made in solvers():
         assert solver_of(made.__name__) == solver_of(made) == made()
         for variant in made.variants():
             assert solver_of(variant.label) == variant
@@ -51,7 +51,7 @@ def test_all_variants_have_names() -> None:
     assert solver_of("cvode (bdf)") == mb.CVODE(method="BDF")
     assert solver_of("genalpha") == mb.GeneralizedAlpha()
     assert solver_of(Mine) == solver_of(Mine()) == Mine()
-    for made in FORMS:
+    for made in forms():
         assert form_of(made) == form_of(made.__name__) == form_of(made.__name__.lower()) == made()
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.show.film import frame_times, natural_speed
+from mbdae.show.shapes import frame_times, natural_speed
 
 
 def data_of(page: str) -> dict[str, Any]:

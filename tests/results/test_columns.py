@@ -11,6 +11,8 @@ import sympy as sp
 
 import mbdae as mb
 from mbdae.inputs import timed
+from mbdae.notation import quantity
+from mbdae.results.sensors import BodySensor
 from mbdae.scene.sensor_names import SensorName, measured, parsed
 
 
@@ -179,3 +181,29 @@ def test_names_that_are_expressions_of_others_are_refused():
         r.value("2*a-b.position[0]")
     with pytest.raises(mb.OptionError, match="'a-b' is the name of an item, and also an expression of the items a, b"):
         s.simulate(0.1, record="a-b.position[0] > 0.05")
+
+
+class Momentum(BodySensor):
+    """A sensor as it would be stated in the class of bodies."""
+
+    @property
+    @quantity("kg m/s")
+    def momentum(self) -> Any:
+        """(nt, 3), kg m/s, inertial frame."""
+        return self._body.mass * self.velocity
+
+
+def test_a_quantity_stated_once_is_known_everywhere(monkeypatch: Any) -> None:
+    """By its unit, in expressions, as a condition; loads say that they cannot read it."""
+    monkeypatch.setattr(BodySensor, "momentum", Momentum.momentum, raising=False)
+    s = mb.Scene("ball", gravity=(0, -9.81, 0))
+    ball = s.rigid_body("ball", 2.0, 0.1, at=(0, 1))
+    r = s.simulate(1.0, until="ball.momentum[1] < -9.81", record="ball.momentum[1] == -4.905")
+    assert r.t[-1] == pytest.approx(0.5, abs=1e-6)
+    np.testing.assert_allclose(r.value("ball.momentum[1]/2"), r["ball"].velocity[:, 1])
+    assert measured(s, "ball.momentum[1]") == ("momentum", "kg m/s")
+    assert r.peak("ball.momentum").unit == "kg m/s"
+    assert "momentum" in dir(r["ball"])
+    s.force("F", ball, (s.sensor("ball.momentum[0]"), 0, 0))
+    with pytest.raises(mb.SceneError, match=r"'ball.momentum\[0\]' cannot be read by loads"):
+        s.simulate(1.0)

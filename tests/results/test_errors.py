@@ -9,13 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy as sp
 from beam_scenes import slider_crank
 from contact_scenes import ball
 
 import mbdae as mb
-from mbdae.results.errors import fallen
-from mbdae.results.peaks import Peak, with_error
+from mbdae.results.errors import Errors, fallen
+from mbdae.results.peaks import Peak, largest, with_error
 from mbdae.results.quantities import magnitudes
+from mbdae.results.reactions import OtherRun
 
 G = 9.81
 
@@ -113,6 +115,49 @@ def test_peaks_carry_their_error(rigid: mb.Result) -> None:
 def test_values_are_printed_with_the_digits_that_their_error_leaves(value: float, error: float | None, shown: str) -> None:
     assert with_error(value, error) == shown
     assert shown in repr(Peak(value, 0.0, "N", "x", error))
+
+
+def test_peaks_of_many_steps_are_those_of_a_search_in_every_step(monkeypatch: Any) -> None:
+    """Of a force that a swing of two rods and short pulses change; and a peak read again is not sought again."""
+    s = mb.Scene("rods", gravity=(0, -G, 0))
+    upper, lower = s.link("upper", (0, 0), (1, 0), mass=1.0), s.link("lower", (1, 0), (2, 0), mass=1.0)
+    s.revolute("A", s.ground, upper, at=(0, 0))
+    s.revolute("B", upper, lower, at=(1, 0))
+    s.force("pulses", lower, (0, 30 * sp.Piecewise((1, sp.Mod(mb.t, 0.7) < 0.05), (0, True))))
+    r = s.simulate(5.0, accuracy=1e-5)
+    exact = [largest(r, quantity, 0.0, 5.0) for quantity in ("A.force", "B.force[1]", "lower.acceleration")]
+    monkeypatch.setattr("mbdae.results.peaks.MANY", 50)
+    assert [largest(r, quantity, 0.0, 5.0) for quantity in ("A.force", "B.force[1]", "lower.acceleration")] == exact
+    first = r.peak("A.force")
+    monkeypatch.setattr("mbdae.results.peaks.largest", None)
+    again = r.peak("A.force")
+    assert (again, again.error) == (first, first.error)
+
+
+def test_a_closer_run_that_ended_early_counts_where_it_lived(rigid: mb.Result) -> None:
+    """Up to its end it alone counts, behind it the companion alone; errors do not add."""
+    close = four_bar().simulate(0.5, accuracy=1e-9).solution
+    (companion,) = rigid.accuracy.errors.others
+    short = OtherRun.beside(close, np.linspace(0, 0.3, 61), 1.1, kind="closer")
+    errors = Errors(rigid.prepared, rigid.solution, (companion, short), 1e-4)
+    late = Errors(rigid.prepared, rigid.solution, (companion.after(0.3),), 1e-4)
+    early = Errors(rigid.prepared, rigid.solution, (short,), 1e-4)
+    found = errors.of(rigid, "B.force").error
+    assert found == pytest.approx(max(late.of(rigid, "B.force").error, early.of(rigid, "B.force").error), rel=1e-12)
+    assert found <= Errors(rigid.prepared, rigid.solution, (companion,), 1e-4).of(rigid, "B.force").error * (1 + 1e-12)
+
+
+def test_a_peak_at_a_damped_stop_is_not_as_uncertain_as_the_time_of_the_impact() -> None:
+    """The force jumps where the beam touches the stop, so that values over time differ by all of it; peaks do not: that of the
+    run and that of one at 1e-7 agree."""
+    s = mb.Scene("beam on a stop", gravity=(0, -G, 0))
+    section = mb.Section.rectangular(0.012, 0.006, E=210e9, nu=0.3, rho=7850.0, damping=1e-5)
+    s.revolute("hinge", s.ground, s.beam("beam", (0, 0), (0.5, 0), section=section, elements=2), at=(0, 0), limits=(-0.1, None),
+               stop=mb.Stop(stiffness=1e4, damping=10.0))  # fmt: skip
+    found = s.simulate(0.1, accuracy=1e-3).peak("hinge.force")
+    exact = s.simulate(0.1, accuracy=1e-7, solver=mb.RadauIIA(5)).peak("hinge.force")
+    assert abs(found.value - exact.value) <= 3 * found.error
+    assert found.error < 3e-3 * found.value
 
 
 # ---- telling

@@ -206,7 +206,6 @@ def test_ida_sees_every_unknown_in_its_error_test_and_starts_nothing_itself(monk
             starts.append((np.array(start[1]), np.array(start[2])))
             super().__init__(equations, settings, start, **options)
 
-    monkeypatch.delenv("MBDAE_SUNDIALS", raising=False)
     monkeypatch.setattr(sundials, "Ida", Recorded)
     system = system_for(prepare(pendulum(angle0=-0.3)))
     IDA(rtol=1e-6).solve(system, 0.1)

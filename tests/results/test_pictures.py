@@ -10,7 +10,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.show.animation import _Stage
-from mbdae.show.film import filmed
+from mbdae.show.shapes import filmed
 
 
 def test_one_panel_per_quantity_with_units(bar: Any, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.results.started import started
-from mbdae.show import solids
+from mbdae.show import symbols
 from mbdae.show.shapes import geometry
 from mbdae.system.prepare import prepare
 
@@ -62,7 +62,7 @@ def test_solids_are_closed_and_turned_outwards() -> None:
     can = mb.Cylinder(at=np.array([1.0, 0, 0]), axis=np.array([0.6, 0, 0.8]), radius=0.5, length=2.0)
     ball = mb.Sphere(at=np.array([0.0, 1, 0]), radius=2.0)
     for one, volume, loss in ((box, 6.0, 1e-12), (can, np.pi / 2, 0.02), (ball, 32 * np.pi / 3, 0.07)):
-        (part,) = solids.drawn(one, False, 1.0)
+        (part,) = symbols.drawn(one, False, 1.0)
         corners = [part.points[list(face)] for face in part.faces]
         parts = [np.linalg.det([c[0], c[i], c[i + 1]]) for c in corners for i in range(1, len(c) - 1)]
         assert volume * (1 - loss) <= sum(parts) / 6 <= volume * (1 + 1e-12)

@@ -3,6 +3,7 @@
 # ruff: noqa: E501
 from __future__ import annotations
 
+import concurrent.futures as futures
 import math
 import pickle
 import re
@@ -220,3 +221,23 @@ def test_arrays_of_expressions_and_functions_of_python() -> None:
         s.torque(name, "rod", (0, 0, value))
         assert s.problems.pop().startswith(f"torque '{name}': value[2] = "), name
         assert not s.problems
+
+
+def test_what_is_set_after_a_statement_is_refused_or_followed():
+    """A body's number or a joint's would be ignored; gravity and name of a scene are read whenever it is used."""
+    s = mb.Scene("late", gravity=(0, -9.81, 0))
+    s.revolute("hinge", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0), damper=0.1)
+    for item, name in (("rod", "mass"), ("rod", "inertia"), ("hinge", "damper"), ("hinge", "model"), ("ground", "anything")):
+        with pytest.raises(AttributeError, match=rf"'{item}': {name} = 5.0 comes after its statement, .* mb.sweep\(scene, "):
+            setattr(s[item], name, 5.0)
+    for array in (s["rod"].inertia, s["rod"].drawn.position, s.gravity):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+    with pytest.raises(AttributeError, match=r"^scene 'late': did you mean 'gravity'\? gravty = 5 would have no effect"):
+        s.gravty = 5
+    for name, value in (("gravity", "down"), ("gravity", (1, 2, 3, 4)), ("space", "curved"), ("name", 3)):
+        with pytest.raises(mb.SceneError, match=rf"^1 problem in the scene:\n  - scene 'late': {name} = "):
+            setattr(s, name, value)
+    s.gravity = 0, 0
+    assert abs(s.simulate(0.1)["hinge"].angle[-1]) < 1e-12
+    assert mb.sweep(s, {"rod.mass": [2.0]}, futures.ThreadPoolExecutor(1), t_end=0.1).array("hinge.angle")[0, -1] == 0

@@ -15,9 +15,9 @@ import pytest
 import sympy
 
 import mbdae as mb
+from mbdae.study.statements import changed
 from mbdae.sweep import scene_sweep
 from mbdae.sweep.scene_sweep import Points
-from mbdae.sweep.statements import changed
 
 GRID = {"a.mass": [0.5, 1.0, 1.7], "b.mass": [0.4, 0.7]}
 OUTPUTS = [0.5, 1.0]

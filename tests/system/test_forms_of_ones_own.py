@@ -1,4 +1,5 @@
-"""A form under a label of its own, and a solver of one's own, are known everywhere by what they say of themselves."""
+"""A form under a label of its own, and a solver of one's own, are known everywhere by what they say of themselves: nothing but
+this file states them."""
 
 import ast
 from dataclasses import dataclass
@@ -9,9 +10,19 @@ import numpy as np
 import pytest
 
 import mbdae as mb
+import mbdae.formulations.named
+import mbdae.integrators.named
+from mbdae.extremes.ways import shipped_runs
 from mbdae.formulations import system_for
-from mbdae.formulations.named import FORMS
-from mbdae.integrators.named import SOLVERS
+from mbdae.formulations.named import form_of, forms
+from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
+from mbdae.integrators.checkpoints import keeper
+from mbdae.integrators.dense import hermite
+from mbdae.integrators.named import solver_of, solvers
+from mbdae.integrators.rates import check_rates
+from mbdae.integrators.runge_kutta.method import CollocationMethod
+from mbdae.integrators.runge_kutta.tables import collocation_table
+from mbdae.laws import contact, couplings, forces, friction, joints
 from mbdae.run.choice import unknowns
 from mbdae.system.prepare import prepare
 
@@ -47,6 +58,66 @@ class Kutta(mb.OneStep):
         b = f(t + h / 2, y + h / 2 * a)
         c = f(t + h / 2, y + h / 2 * b)
         return y + h / 6 * (a + 2 * b + 2 * c + f(t + h, y + h * c))
+
+
+@dataclass(frozen=True)
+class Bogacki(Solver):
+    """Bogacki and Shampine's method of order 3: explicit, its steps follow a tolerance."""
+
+    rtol: float | None = None
+    highest_index: ClassVar[int] = 0
+    factors: ClassVar[dict[str, dict[str, float]]] = {"Bogacki": {"": 0.03}}
+
+    def __post_init__(self):
+        set_tolerances(self)
+
+    atol = None
+
+    def check(self, system):
+        check_rates(self.label, system)
+
+    def integrate(self, system, loop, h0):
+        def f(t, y):
+            out = np.empty(system.n)
+            system.rhs(t, y, out)
+            loop.stats.residuals += 1
+            return out
+
+        t, (y, a), going = loop.t, loop.state, True
+        atol, h = absolute_tolerance(system, self.tolerance, None), h0 or 1e-3 * (loop.t_end - t)
+        while going:
+            longest = np.inf if system.longest_step is None else system.longest_step(t)
+            end = loop.t_end if loop.t_end - t < 1.01 * min(h, longest) else t + min(h, longest)
+            h = end - t
+            b = f(t + h / 2, y + h / 2 * a)
+            c = f(t + 3 * h / 4, y + 3 * h / 4 * b)
+            reached = y + h / 9 * (2 * a + 3 * b + 4 * c)
+            d = f(end, reached)
+            error = np.max(np.abs(h * (-5 * a / 72 + b / 12 + c / 9 - d / 8)) / (atol + self.tolerance * np.abs(reached)))
+            if error > 1:
+                loop.stats.rejected += 1
+                loop.guard()
+            else:
+                t, y, a = end, reached, d
+                going = loop.accept(t, y, a)
+            h *= min(5.0, max(0.2, 0.9 * (error + 1e-10) ** (-1 / 3)))
+
+    def dense(self, t, y, yp, pieces):
+        return hermite(3, t, y, yp)
+
+
+@dataclass(frozen=True)
+class Late(CollocationMethod):
+    """Implicit collocation at 1/3 and 1, order 3: stiffly accurate, so that it takes constraints."""
+
+    rtol: float | None = None
+    highest_index: ClassVar[int] = 3
+    factors: ClassVar[dict[str, dict[str, float]]] = {"Late": {"": 0.01}}
+    table = collocation_table((1 / 3, 1.0), 3)
+
+
+OWN = [(Bogacki(), Accelerations()), (Kutta(), Accelerations()), (Late(), Stabilised()), (Late(), Positions())]
+every_pair = pytest.mark.parametrize(("solver", "form"), OWN, ids=lambda made: made.label)
 
 
 def four_bar():
@@ -93,28 +164,95 @@ def test_solvers_take_the_forms_whose_index_they_integrate():
     assert taken == [[False, True, True, True], [True, True, True, True], [False, False, False, True]]
 
 
+@every_pair
+def test_own_equations_by_own_methods_deliver_the_accuracy_and_are_continued_and_stored(solver, form, tmp_path):
+    s, exact = four_bar(), four_bar().simulate(0.3, 1e-8)
+    r = s.simulate(0.2, 1e-4, solver=solver, form=form, outputs=11)
+    assert (r.info.solver.label, r.info.form, r.accuracy.met) == (solver.label, form.label, True)
+    on = s.simulate(0.3, 1e-4, solver=solver, form=form, start=r)
+    for part in (r, on):
+        assert np.abs(part["D"].angle - exact(part.t)["D"].angle).max() < 2e-4
+    r.save(tmp_path / "own.npz")
+    again = mb.load(tmp_path / "own.npz", laws=[type(solver), type(form)])
+    assert again.info.solver == r.info.solver
+    assert np.array_equal(again(0.123)["D"].angle, r(0.123)["D"].angle)
+
+
+@every_pair
+def test_a_run_that_was_killed_goes_on(solver, form, tmp_path, monkeypatch):
+    options = {"accuracy": 1e-4, "solver": solver, "form": form, "every": 20}
+    whole = four_bar().simulate(0.2, checkpoint=tmp_path / "whole", **options)
+    write, count = keeper.RunFiles.write, []
+
+    class Killed(BaseException):
+        pass
+
+    def killing(*arguments):
+        write(*arguments)
+        count.append(1)
+        if len(count) == 2:
+            raise Killed
+
+    with monkeypatch.context() as patched:
+        patched.setattr(keeper.RunFiles, "write", killing)
+        with pytest.raises(Killed):
+            four_bar().simulate(0.2, checkpoint=tmp_path / "killed", **options)
+    again = four_bar().simulate(0.2, checkpoint=tmp_path / "killed", **options)
+    assert np.array_equal(again.solution.t, whole.solution.t)
+    assert np.array_equal(again.solution.y, whole.solution.y)
+
+
 def test_comparisons_and_maps_run_them():
-    runs = [mb.Run(mb.RadauIIA(3), Stabilised()), mb.Run(Kutta(), Accelerations())]
-    found = mb.compare(four_bar(), 0.2, accuracies=(1e-4,), runs=runs)
-    assert {run.form for run in found.runs} == {"Stabilised", "Accelerations"}
-    assert all(run.error < 1e-4 for run in found.runs)
-    mapped = mb.extremes(four_bar(), 0.2, {"coupler.mass": [0.6, 6.0]}, runs=runs, accuracy=1e-4)
-    assert {cell.form for cell in mapped.cells} >= {"Stabilised", "Accelerations"}
+    runs = [mb.Run(solver, form) for solver, form in OWN]
+    found = mb.compare(four_bar(), 0.1, accuracies=(1e-3,), runs=[*runs, mb.Run(mb.RadauIIA(3), Stabilised())])
+    assert len(found.runs) == len(runs) + 1
+    assert all(run.error < 1e-3 for run in found.runs)
+    mapped = mb.extremes(four_bar(), 0.1, {"coupler.mass": [0.6, 6.0]}, runs=runs, accuracy=1e-3)
+    assert {(cell.form, cell.solver) for cell in mapped.cells} >= {(form.label, solver.label) for solver, form in OWN}
     assert not any(cell.failure for cell in mapped.cells)
 
 
-def test_no_label_of_a_form_or_solver_is_written_outside_of_its_class():
-    labels = {form.label for form in FORMS} | {variant.label for solver in SOLVERS for variant in solver.variants()}
+def test_a_class_in_a_folder_of_the_package_is_known_by_its_names(monkeypatch):
+    """Words, stored files and the runs of maps read the same list."""
+    monkeypatch.setattr("mbdae.integrators.named.classes_in", lambda folder, base: (mb.IDA, Late))
+    monkeypatch.setattr("mbdae.formulations.named.classes_in", lambda folder, base: (mb.GGL, Stabilised))
+    named = [module.__dict__[name] for module in (mbdae.integrators.named, mbdae.formulations.named)
+             for name in ("solver_words", "_full_names", "form_words") if name in vars(module)]
+    for one in named:
+        one.cache_clear()
+    try:
+        assert solver_of("late") == Late()
+        assert form_of("stabilised") == Stabilised()
+        assert ("Late", "Stabilised") in {(run.solver.label, run.form.label) for run in shipped_runs(free=False)}
+    finally:
+        for one in named:
+            one.cache_clear()
+
+
+#: texts that are no labels: prefixes of names in C, headings of reports
+NO_LABELS = {"native": {"IDA", "Free"}, "reports": {"Friction", "Planar"}}
+
+
+def test_no_label_of_a_form_solver_or_law_is_written_outside_of_its_class():
+    laws = [vars(home)[name] for home in (contact, couplings, forces, friction, joints) for name in home.__all__]
+    labels = {form.label for form in forms()} | {variant.label for solver in solvers() for variant in solver.variants()}
+    labels |= {made.__name__ for made in (*laws, *solvers())}
     package = Path(mb.__file__).parent
-    written = [f"{path.relative_to(package)}:{node.lineno}: {node.value}" for path in sorted(package.rglob("*.py"))
-               if path.name != "__init__.py" for node in _texts(ast.parse(path.read_text(encoding="utf-8")))
-               if node.value in labels]  # __init__.py: lists of exported names
-    assert [place for place in written if not place.startswith("native/sundials_library.py")] == []  # IDA: a prefix of names in C
+    written = [f"{where}:{node.lineno}: {node.value}" for path in sorted(package.rglob("*.py")) if path.name != "__init__.py"
+               for where in [path.relative_to(package)] for node in _texts(ast.parse(path.read_text(encoding="utf-8")), labels)
+               if node.value not in NO_LABELS.get(where.parts[0], ())]  # __init__.py: lists of exported names
+    assert written == []
 
 
-def _texts(tree):
-    """Texts of a module, without those by which a class says something of itself (what it has measured, its label)."""
-    said = {id(node) for made in ast.walk(tree) if isinstance(made, ast.ClassDef)
-            for entry in made.body if isinstance(entry, ast.Assign | ast.AnnAssign) for node in ast.walk(entry)}
-    texts = (node for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str))
-    return [node for node in texts if id(node) not in said]
+def _texts(tree, labels):
+    """Texts of a module that are labels, without those in the class of this name and those by which a class says something of
+    itself (what it has measured, its label)."""
+    said, found = set(), []
+    for made in ast.walk(tree):
+        if isinstance(made, ast.ClassDef):
+            stated = (entry for entry in made.body if isinstance(entry, ast.Assign | ast.AnnAssign))
+            said |= {id(node) for entry in stated for node in ast.walk(entry)}
+            said |= {id(node) for node in ast.walk(made) if getattr(node, "value", None) == made.name}
+        elif isinstance(made, ast.Constant) and isinstance(made.value, str) and made.value in labels:
+            found.append(made)
+    return [node for node in found if id(node) not in said]

@@ -136,3 +136,19 @@ def test_rejections_are_told():
     assert "rejected 240 attempts of steps and accepted 300" in rejecting(run)
     run.stats.retaken = 200  # because of kinks
     assert rejecting(run) == ""
+
+
+@pytest.mark.parametrize("solver", [mb.RadauIIA(3), mb.RadauIIA(5)])
+def test_a_run_that_fails_at_a_loose_tolerance_is_made_at_a_tighter_one(solver):
+    """Robertson's reaction with its small concentration measured at a scale of 1: at 1e-2 it falls below 0, and the reaction
+    explodes."""
+
+    def reaction(t, y, yp, out):
+        forth, back, pair = 0.04 * y[0], 1e4 * y[1] * y[2], 3e7 * y[1] ** 2
+        out[:] = yp[0] + forth - back, yp[1] - forth + back + pair, np.sum(y) - 1
+
+    with pytest.raises(mb.SolverError):
+        solver.at_accuracy(1e-2, "DAE").solve(mb.DAE(reaction, [1, 0, 0], [-0.04, 0.04, 0]), 40.0)
+    r = mb.DAE(reaction, [1, 0, 0], [-0.04, 0.04, 0], names=["a", "b", "c"]).simulate(40.0, accuracy=1e-2, solver=solver)
+    assert r.reliable
+    assert abs(r["a"][-1] - 0.7158270688) < 1e-2  # of the test set

@@ -29,7 +29,7 @@ RESIST, SOON, FEW_UNKNOWNS = 3, 2, 100
 #: largest number of steps in one call of the native method, and in the first call where contacts or switches are watched; where
 #: every step has to be looked at by itself it is 1
 ROWS, FEW = 256, 8
-REMEDY = "see whether a force jumps or grows without bound there, or the position is singular; else loosen rtol"
+REMEDY = "see whether a force jumps or grows without bound there, or the position is singular; else take another rtol"
 
 
 class Adaptive:

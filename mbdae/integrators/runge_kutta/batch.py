@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.errors import ListsAttributes, MbdaeError, OptionError, WallClockError, interrupted
+from mbdae.errors import ENDS, ListsAttributes, MbdaeError, OptionError, WallClockError, interrupted
 from mbdae.integrators.base import DEFAULT_ACCURACY, Asked, absolute_tolerance
 from mbdae.integrators.runge_kutta.dop853 import DOP853, METHOD
 from mbdae.native.equations import Equations, rates_of
@@ -173,7 +173,7 @@ class _Run:
                 for i in range(len(self.points)):
                     self._alone(i)
                     self._look(i + 1)
-        except (KeyboardInterrupt, SystemExit) as error:
+        except ENDS as error:
             how_far = f"interrupted: {self.done} of {len(self.points)} points are done"
             interrupted(error, f"{how_far}; the attribute `solution` of this exception has them", self._made())
             raise

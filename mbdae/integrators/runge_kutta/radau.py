@@ -66,6 +66,11 @@ class RadauIIA(CollocationMethod):
         """The method with 2, 3 and 5 stages."""
         return [cls(stages) for stages in STAGES]
 
+    @classmethod
+    def mapped(cls) -> list[RadauIIA]:
+        """The method with 2 and 3 stages."""
+        return [cls(2), cls(3)]
+
     @property
     def label(self) -> str:
         """Name with the number of stages."""

@@ -14,7 +14,7 @@ from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.rates import check_rates, rate_jacobian
 from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.integrators.solution import Interpolant
-from mbdae.integrators.sundials.shared import Method, SundialsRun
+from mbdae.integrators.sundials.shared import SundialsRun
 from mbdae.integrators.watched.watch import SundialsWatch
 from mbdae.native import sundials as native
 from mbdae.native.equations import rates_of
@@ -107,17 +107,13 @@ class CVODE(Solver):
 class _Run(SundialsRun):
     """A run with CVODE, which calls the right-hand side and its Jacobian."""
 
-    def create(self) -> Method:
+    def create(self) -> native.Method:
         solver, system, start = self.solver, self.system, (self.loop.t, *self.loop.state)
         smooth = solver.method == "Adams" and self.watch is None  # in stiff equations (BDF) y' magnifies errors of y
         settings, nodes = self.settings(solver.max_order or HIGHEST[solver.method]), radau_table(NODES).c[:-1]
-        tame = TAME if smooth else 0.0
-        if native.why_not():
-            from mbdae.integrators.sundials.python import CvodeByPython
-
-            return CvodeByPython(system, settings, start, method=solver.method, nodes=nodes, tame=tame)
         multistep = native.ADAMS if solver.method == "Adams" else native.BDF
-        return native.Cvode(rates_of(system, rate_jacobian), settings, start, multistep=multistep, nodes=nodes, tame=tame)
+        return native.Cvode(rates_of(system, rate_jacobian), settings, start, multistep=multistep, nodes=nodes,
+                            tame=TAME if smooth else 0.0)  # fmt: skip
 
     def accepted(self, watch: SundialsWatch) -> None:
         """Request a new Jacobian where the present one was evaluated with other contacts closed: CVODE evaluates it at predicted

@@ -14,7 +14,7 @@ from mbdae.integrators.dense import Hermite
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.matrices.iteration import as_csc
 from mbdae.integrators.solution import Interpolant
-from mbdae.integrators.sundials.shared import Method, SundialsRun
+from mbdae.integrators.sundials.shared import SundialsRun
 from mbdae.native import sundials as native
 from mbdae.native.equations import equations_of
 from mbdae.system.base import Array, System
@@ -89,13 +89,9 @@ class IDA(Solver):
 class _Run(SundialsRun):
     """A run with IDA, which calls the residual and its Jacobian."""
 
-    def create(self) -> Method:
+    def create(self) -> native.Method:
         system, order, start = self.system, self.solver.max_order, (self.loop.t, *self.loop.state)
         sparse = system.sparse
-        if native.why_not(sparse):
-            from mbdae.integrators.sundials.python import IdaByPython
-
-            return IdaByPython(system, self.settings(order), start)
         return native.Ida(equations_of(system), self.settings(order), start, sparse=sparse,
                           pattern=system.sparsity if sparse else system.pattern, differences=system.differences,
                           relaxing=self.watch is None)  # fmt: skip

@@ -1,12 +1,9 @@
-"""Steps and errors of the solvers of SUNDIALS.
-
-They use `native.sundials`, or, where its libraries cannot be opened, the slower methods of `python`.
-"""
+"""Steps and errors of the solvers of SUNDIALS, IDA and CVODE of `native.sundials`."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -19,17 +16,12 @@ from mbdae.native import sundials as native
 from mbdae.native.sundials_steps import MOST_ROWS, Settings, Steps
 from mbdae.system.base import Array
 
-if TYPE_CHECKING:
-    from mbdae.integrators.sundials.python import PythonMethod
-
-Method: TypeAlias = "native.Method | PythonMethod"  #: IDA or CVODE with its memory, as a context manager
-
 
 class SundialsRun(ABC):
     """One run with SUNDIALS. last: IDA or CVODE with its memory, from which the last point evaluated can be read after a
     failure."""
 
-    last: Method
+    last: native.Method
 
     def __init__(self, solver: Any, loop: StepLoop, h0: float | None) -> None:
         system = loop.system
@@ -40,7 +32,7 @@ class SundialsRun(ABC):
         self._counted = (0, 0, 0)
 
     @abstractmethod
-    def create(self) -> Method:
+    def create(self) -> native.Method:
         """Create the method, to begin at the last accepted step."""
 
     @abstractmethod

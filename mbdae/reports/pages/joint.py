@@ -14,9 +14,16 @@ from mbdae.notation import counted
 from mbdae.reports.law_page import LawPage
 from mbdae.reports.letters import effort_unit
 from mbdae.reports.page import BOTH, DERIVED, KERNEL, MOVED, described, document, provenance, row_name
-from mbdae.reports.pages.joint_sections import coordinates_section, other_statements, solution_set, title_of_joint
 from mbdae.reports.pages.recursive import RecursivePage, matrix, origin, recursive_pages
-from mbdae.reports.pages.sections import figure_of, planar_pages, resistance_section
+from mbdae.reports.pages.sections import (
+    coordinates_section,
+    figure_of,
+    other_statements,
+    planar_pages,
+    resistance_section,
+    solution_set,
+    title_of_joint,
+)
 from mbdae.reports.statement import Statement
 from mbdae.reports.states import STEP
 from mbdae.reports.vectors import Base

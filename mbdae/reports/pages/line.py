@@ -15,8 +15,7 @@ from mbdae.documents.document import Document
 from mbdae.reports.law_page import inertial_axes
 from mbdae.reports.letters import Letter, letters, name_vectors
 from mbdae.reports.page import Page, described, document, made_from, title_of
-from mbdae.reports.pages.line_states import LineState
-from mbdae.reports.states import POINTS, STEP, Numbers, value
+from mbdae.reports.states import POINTS, STEP, LineState, Numbers, value
 from mbdae.reports.vectors import Base, Record, Vector
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.fingerprint import canonical

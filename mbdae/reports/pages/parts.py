@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table
+from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table, curve
 from mbdae.documents.document import Document
-from mbdae.documents.drawing import curve
 from mbdae.laws.contact import JournalContact
 from mbdae.laws.forces import JointFriction
 from mbdae.laws.friction import Friction

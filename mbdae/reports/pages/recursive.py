@@ -16,8 +16,8 @@ from mbdae.laws.joints import Prismatic, Revolute
 from mbdae.reports.calculus import Motion
 from mbdae.reports.letters import effort_unit
 from mbdae.reports.page import BOTH, document, row_name, short_hash, title_of
-from mbdae.reports.pages.joint_sections import chain, motion_in
 from mbdae.reports.pages.recursive_values import MATRIX, ORACLE, TREE, RecursiveValues
+from mbdae.reports.pages.sections import chain, motion_in
 from mbdae.reports.pages.tree_vectors import inserted
 from mbdae.reports.statement import Statement, structure_of
 from mbdae.reports.vectors import Base, Vector

@@ -10,17 +10,16 @@ from typing import Any
 import numpy as np
 
 from mbdae.analysis import linearize
-from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table, numbered
+from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table, numbered, pattern
 from mbdae.documents.document import Document
-from mbdae.documents.drawing import pattern
 from mbdae.documents.formulas import escaped
 from mbdae.errors import MbdaeError, SteadyError
 from mbdae.formulations import system_for
 from mbdae.notation import counted
 from mbdae.reports.letters import unit_text
 from mbdae.reports.page import checks_section, short_hash
+from mbdae.reports.scenes.equations import parameter_unit
 from mbdae.reports.scenes.forces import ClosedForms
-from mbdae.reports.scenes.units import parameter_unit
 from mbdae.reports.units import law_faults
 from mbdae.run.checks import Check
 from mbdae.run.reductions import absent

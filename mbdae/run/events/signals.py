@@ -16,6 +16,7 @@ from mbdae.inputs.sensed import path_of, symbol
 from mbdae.inputs.text import TIME
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result
+from mbdae.results.sensors import BodySensor, ConnectionSensor, quantities_of
 from mbdae.results.started import started
 from mbdae.scene.components import Body, Connection
 from mbdae.scene.sensed import found as sensed
@@ -28,12 +29,6 @@ from mbdae.system.prepare import Prepared
 from mbdae.values import BadValueError
 
 MANY = 50_000  #: largest number of times that are evaluated at once
-#: quantities of joints, forces and contacts that results have in addition to their coordinates
-SHOWN = ("force", "torque", "power", "gap", "gap_rate", "penetration", "normal_force", "friction_force", "slip", "length", "rate",
-         "friction_power", "wear_rate", "orbit")  # fmt: skip
-#: quantities of bodies that results have in addition to their coordinates
-MOTION = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration", "rotation", "strain",
-          "stress_resultants", "fibre_stress", "von_mises")  # fmt: skip
 
 
 def check(scene: Any, path: str) -> None:
@@ -46,7 +41,8 @@ def check(scene: Any, path: str) -> None:
             item = placed(scene, name)[0]
         except SceneError:
             raise refused from None
-        known = (*SHOWN, *drives_of(item)) if isinstance(item, Connection) else MOTION if isinstance(item, Body) else ()
+        of_joints = (*quantities_of(ConnectionSensor), "length", "rate", *drives_of(item)) if isinstance(item, Connection) else ()
+        known = quantities_of(BodySensor) if isinstance(item, Body) else of_joints
         if quantity not in known:
             raise (refused if "no sensor" in str(refused) else BadValueError(
                 f"there is no sensor '{path}': '{name}' has {', '.join(known) or 'none'}")) from None  # fmt: skip

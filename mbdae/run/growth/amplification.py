@@ -144,21 +144,23 @@ class Amplified:
         return None if found is None else found[0]
 
 
-def decided_by_round_off(prepared: Prepared, run: Solution, frozen: float, accuracy: float) -> list[str]:
-    """Words about a run in which small disturbances grow so much that round-off decides digits of the accuracy asked. frozen: the
-    sum of the growth with frozen coefficients; where it is too small for that, the growth along the run is not computed."""
+def decided_by_round_off(prepared: Prepared | None, run: Solution, frozen: float, accuracy: float) -> list[str]:
+    """Words about a run in which small disturbances grow so much that round-off decides digits of the accuracy asked. prepared:
+    None for own equations; frozen: the sum of the growth with frozen coefficients; where it is too small for that, the growth
+    along the run is not computed."""
     system = run.systems[0][1]
     if frozen < LEAST:
         return []
-    enough = math.log(DECIDES * accuracy / (ROUNDED * _farthest(prepared, run)))
+    enough = math.log(DECIDES * accuracy / (ROUNDED * (1.0 if prepared is None else _farthest(prepared, run))))
     found = Disturbances(system, run).growth(enough) if frozen > enough else None
     if found is None or found[0] < enough:
         return []
     factor = f"e^{found[0]:.0f} (1e{found[0] / math.log(10):.0f})"
     decisive = accuracy * math.exp(-min(found[0], 300.0))
-    return [f"small disturbances grow by a factor of {factor} up to t = {found[1]:.4g} s: what is below {decisive:.0e} of the "
-            f"scene's length (or rad) at the start, round-off too, decides whether an accuracy of {accuracy:g} is kept; a "
-            "shorter run, or a start farther from the unstable rest, can be predicted"]  # fmt: skip
+    measure = "the scene's length (or rad)" if prepared is not None else "the scale of an unknown"
+    return [f"small disturbances grow by a factor of {factor} up to t = {found[1]:.4g} s: what is below {decisive:.0e} of "
+            f"{measure} at the start, round-off too, decides whether an accuracy of {accuracy:g} is kept; a shorter run, or a "
+            "start farther from the unstable rest, can be predicted"]  # fmt: skip
 
 
 def _farthest(prepared: Prepared, run: Solution) -> float:

@@ -26,7 +26,7 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.growth.amplification import SMALL, Disturbances
-from mbdae.run.growth.roots import Found, Look, found_at, positions, vibrating
+from mbdae.run.growth.roots import Found, Look, Spectra, positions, roots_at
 from mbdae.system.base import Array, System
 
 #: a step follows a growing disturbance if step times magnitude of its root is at most FOLLOWED
@@ -55,7 +55,7 @@ VARYING = 2.0
 FAINT = 1e-3  #: size of a vibration, over the scales of the positions, from which on the error test sees it
 #: numbers of states of a run at which roots are sought, by the largest number of unknowns for each; LAST with still more. Where
 #: growth was found and the run repeated, CLOSELY times as many
-LOOKS, LAST, CLOSELY = ((6, 10), (4, 30), (3, 60)), 2, 3
+LOOKS, LAST, CLOSELY = ((6, 10), (4, 30)), 2, 3
 
 
 class Growth(NamedTuple):
@@ -97,12 +97,15 @@ def _growing(system: System, run: Solution, closely: bool) -> list[Growth]:
     steps = distinct(np.clip(np.searchsorted(run.t, wanted, side="right") - 1, 0, len(run.t) - 2))
     times, h = (run.t[steps] + run.t[steps + 1]) / 2, run.t[steps + 1] - run.t[steps]
     edges = np.concatenate([[t0], (times[1:] + times[:-1]) / 2, [t1]])
-    y, yp = run(times), run.derivative(times)
+    y, yp = run.interpolant.value(times), run.interpolant.derivative(times)
     looks = [Look(at, float(times[i]), y[i], yp[i], float(h[i]), t1 - t0) for i, at in enumerate(systems_at(run, times, system))]
-    found = _persistent(run, looks, found_at(looks, VISIBLE), edges)
-    late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else [0.0] * len(looks)
-    if not any(one.unseen for one in found) and system.n <= SMALL and _varies(system, t0, t1):
-        found, late = _by_varying(system, run, looks, found)
+    spectra = roots_at(looks)
+    found = _persistent(run, looks, spectra.found(VISIBLE), edges)
+    late = [0.0] * len(looks)
+    if any(one.unseen for one in found):
+        late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else late
+    elif system.n <= SMALL and _varies(system, t0, t1):
+        found, late = _by_varying(system, run, spectra, found)
     behind = [max(asked, one.unseen if one.unseen * look.h > FOLLOWED else 0.0)
               for look, one, asked in zip(looks, found, late, strict=True)]  # fmt: skip
     return _while_unseen([Growth(float(a), float(b), one.rate, one.unseen, asked)
@@ -165,8 +168,8 @@ def _steady(run: Solution, look: Look, between: tuple[float, float], rates: tupl
     """Whether the largest real part of a root is between two times (s) what it is at the looks, within a factor of STEADY."""
     times = between[0] + (between[1] - between[0]) * np.array(BETWEEN)
     looks = [look._replace(t=float(t), y=y, yp=yp) for t, y, yp in zip(times, run(times), run.derivative(times), strict=True)]
-    found = [one.rate for one in found_at(looks, VISIBLE)]
-    return max(*rates, *found) < STEADY * min(*rates, *found)
+    found = [*rates, *roots_at(looks).rates.tolist()]
+    return bool(max(found) < STEADY * min(found))
 
 
 def _varies(system: System, t0: float, t1: float) -> bool:
@@ -174,11 +177,11 @@ def _varies(system: System, t0: float, t1: float) -> bool:
     return system.timeline is not None and system.timeline(t0, t1) is not None
 
 
-def _by_varying(system: System, run: Solution, looks: list[Look],
+def _by_varying(system: System, run: Solution, spectra: Spectra,
                 found: list[Found]) -> tuple[list[Found], list[float]]:  # fmt: skip
     """Growth by equations that vary in time: what is found at every state, and the inverse of the step (1/s) asked for there. It
     is sought, along the run, where something vibrates unseen."""
-    idle = vibrating(looks, FAINT)
+    looks, idle = spectra.looks, spectra.idle(FAINT)
     hidden = [i for i, one in enumerate(idle) if one.size > 0]
     coarse = any(one.unseen * look.h > FOLLOWED / 4 for one, look in zip(idle, looks, strict=True))
     course = Disturbances(system, run).course() if len(hidden) > 1 and coarse else None

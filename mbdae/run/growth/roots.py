@@ -4,13 +4,13 @@ are too small to be seen by the error test of a solver."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.deferred import distinct
 from mbdae.integrators.matrices.iteration import IterationMatrix
 from mbdae.native.sparse import SingularMatrixError
 from mbdae.run.growth.amplification import SMALL, full_jacobians, spread
@@ -28,6 +28,10 @@ ALIKE = 1e-5  #: relative difference of roots that count as equal
 #: number of multiplications by which growth is sought among many roots, and the ratio by which it then shows from their middle to
 #: their end: the largest that vibrations alone gave was 1.1
 ROUNDS, GROWS = 20, 1.5
+#: number of eigenvectors a matrix up to which solving for each takes less time than finding all, and the relative distance from
+#: an eigenvalue at which it is solved
+FEW, BESIDE = 4, 1e-11
+Values = NDArray[Any]  #: numbers, real or complex
 
 
 class Look(NamedTuple):
@@ -62,64 +66,96 @@ class Found(NamedTuple):
         return float(np.max(np.abs(self.parts @ np.exp(self.roots * (time * faster))), initial=0.0))
 
 
-def found_at(looks: list[Look], seen: float) -> list[Found]:
-    """What is found at every state; seen: size of a disturbance that is seen, over the scales of the positions."""
-    system = looks[0].system
+class Spectra(NamedTuple):
+    """The roots at some states: S (k, n, n), the matrices of `_shifted`, their eigenvalues and the roots (k, n) that belong to
+    them, 1/s. With too many unknowns S is empty, and there is one root at every state: 1 over the step where something grows."""
+
+    looks: list[Look]
+    S: Array
+    values: Values
+    roots: Values
+
+    @property
+    def rates(self) -> Array:
+        """The largest real part of a root at every state (k,), 1/s."""
+        return np.asarray(np.max(self.roots.real, axis=1, initial=0.0))
+
+    def found(self, seen: float) -> list[Found]:
+        """What is found at every state; seen: size of a disturbance that is seen, over the scales of the positions."""
+        rates = self.rates.tolist()
+        if not self.S.size:
+            return [Found(rate, rate) for rate in rates]
+        grow = self.roots.real * self.looks[0].span > HARMLESS
+        return [one._replace(rate=rate) for one, rate in zip(self._unseen(grow, seen), rates, strict=True)]
+
+    def idle(self, seen: float) -> list[Found]:
+        """Of disturbances that neither grow nor decay with frozen coefficients what `found` finds of growing ones."""
+        span, turning = self.looks[0].span, np.abs(self.roots.imag)
+        return self._unseen((np.abs(self.roots.real) * span < turning) & (turning * span > HARMLESS), seen)
+
+    def _unseen(self, wanted: NDArray[np.bool_], seen: float) -> list[Found]:
+        """Of the wanted roots (k, n) those whose disturbances in the motion are smaller than `seen`, at every state."""
+        at, found, looks = np.nonzero(wanted)[0], [Found()] * len(self.looks), self.looks
+        if not len(at):
+            return found
+        right, left = _vectors(self.S, at, self.values[wanted])
+        roots, together = np.asarray(self.roots[wanted], complex), at[:, None] == at
+        motion = np.array([look.yp for look in looks]) / looks[0].system.scale
+        try:
+            shares = np.linalg.solve((left @ right.T) * together, np.sum(left * motion[at], axis=1)) / np.abs(roots)
+        except np.linalg.LinAlgError:
+            shares = np.zeros(len(at), complex)
+        parts = right.T[positions(looks[0].system)] * shares
+        alike = together & (np.abs(roots[:, None] - roots) < ALIKE * np.abs(roots))  # equal roots share a plane of disturbances
+        small = np.max(np.abs(parts @ alike), axis=0, initial=0.0) < seen
+        for i in distinct(at[small]).tolist():
+            these = small & (at == i)
+            found[i] = Found(0.0, float(np.max(np.abs(roots[these]))), parts[:, these], roots[these])
+        return found
+
+
+def roots_at(looks: list[Look]) -> Spectra:
+    """The roots at some states of a system."""
+    system, h = looks[0].system, np.array([look.h for look in looks])[:, None]
     if system.n > MOST or (system.n > SMALL and system.has_pattern):
-        rising = _rising_sparse(looks)
-        if system.n > MOST or not any(rising):
-            return [Found(1 / look.h, 1 / look.h) if up else Found() for look, up in zip(looks, rising, strict=True)]
-    shifted = _shifted(looks)
+        rising = np.array(_rising_sparse(looks))[:, None]
+        if system.n > MOST or not np.any(rising):
+            return Spectra(looks, np.zeros((0, 0, 0)), np.zeros(0), np.where(rising, 1 / h, -np.inf))
+    S = _shifted(looks)
     if system.n <= SMALL:
-        return [_roots(look, S, values, seen) for look, S, values in zip(looks, shifted, np.linalg.eigvals(shifted), strict=True)]
-    return [_roots(look, S, np.linalg.eigvals(S), seen) if _grows(S) else Found()
-            for look, S in zip(looks, shifted, strict=True)]  # fmt: skip
-
-
-def _roots(look: Look, S: Array, values: NDArray[np.complex128], seen: float) -> Found:
-    """What is found at a state, from the matrix of `_shifted` and its eigenvalues."""
-    roots = _back(values, look.h)
-    rate = float(np.max(roots.real, initial=0.0))
-    if rate * look.span < HARMLESS:
-        return Found(rate)
-    return _unseen(look, S, values[roots.real * look.span > HARMLESS], seen)._replace(rate=rate)
-
-
-def vibrating(looks: list[Look], seen: float) -> list[Found]:
-    """Of disturbances that neither grow nor decay with frozen coefficients what `found_at` finds of growing ones."""
-    found = []
-    for look, S in zip(looks, _shifted(looks), strict=True):
         values = np.linalg.eigvals(S)
-        roots = _back(values, look.h)
-        idle = (np.abs(roots.real) * look.span < np.abs(roots.imag)) & (np.abs(roots.imag) * look.span > HARMLESS)
-        found.append(_unseen(look, S, values[idle], seen))
+    else:
+        values = np.array([np.linalg.eigvals(one) if _grows(one) else np.zeros(system.n) for one in S])
+    finite = np.abs(values) * RESOLVED > 1
+    return Spectra(looks, S, values, np.where(finite, (SHIFT / h) * (1 - 1 / np.where(finite, values, 1.0)), -np.inf))
+
+
+def _vectors(shifted: Array, at: NDArray[np.int64], values: Values) -> tuple[Values, Values]:
+    """Right and left eigenvectors (k, n), one a row, to eigenvalues (k,) of the matrices (states, n, n) with the indices at (k,).
+    Few are found by solving twice with a matrix that is all but singular, from vectors that differ, as those of equal eigenvalues
+    do."""
+    n = shifted.shape[1]
+    values = values if np.any(values.imag) else values.real
+    if len(values) > FEW * len(distinct(at)):
+        found = [np.linalg.eig(S) for S in (shifted, shifted.transpose(0, 2, 1))]
+        right, left = (np.array([vectors[i][:, j] for i, j in zip(at, _nearest(others, at, values), strict=True)])
+                       for others, vectors in found)  # fmt: skip
+        return right, left
+    M = shifted[at] - (values * (1 + BESIDE))[:, None, None] * np.eye(n)
+    both, x = np.concatenate([M, M.transpose(0, 2, 1)]), np.tile(spread((len(at), n)), (2, 1))[:, :, None]
+    for _ in range(2):
+        x = np.linalg.solve(both, x)
+        x = x / np.max(np.abs(x), axis=1, keepdims=True)
+    return x[: len(at), :, 0], x[len(at) :, :, 0]
+
+
+def _nearest(values: Values, at: NDArray[np.int64], wanted: Values) -> list[int]:
+    """Of eigenvalues (states, n) the indices, each once, that are nearest to the wanted ones (k,) of the states at (k,)."""
+    free, found = np.ones(values.shape, dtype=bool), []
+    for i, one in zip(at, wanted, strict=True):
+        found.append(int(np.argmin(np.where(free[i], np.abs(values[i] - one), np.inf))))
+        free[i, found[-1]] = False
     return found
-
-
-def _unseen(look: Look, S: Array, wanted: NDArray[np.complex128], seen: float) -> Found:
-    """Of some eigenvalues (k,) of S, the matrix of `_shifted`, the roots whose disturbances in the motion are smaller than
-    `seen`."""
-    (values, right), (others, left) = ((np.asarray(part, complex) for part in np.linalg.eig(M)) for M in (S, S.T))
-    i, j = _nearest(values, wanted), _nearest(others, wanted)
-    V, W, roots = right[:, i], left[:, j], _back(np.asarray(values[i], complex), look.h)
-    try:
-        shares = np.linalg.solve(W.T @ V, W.T @ (look.yp / look.system.scale)) / np.abs(roots)
-    except np.linalg.LinAlgError:
-        shares = np.zeros(len(i), complex)
-    parts = V[positions(look.system)] * shares
-    alike = np.abs(roots[:, None] - roots) < ALIKE * np.abs(roots)  # roots that are equal share a plane of disturbances
-    sizes = np.array([np.max(np.abs(np.sum(parts[:, group], axis=1)), initial=0.0) for group in alike])
-    small = sizes < seen
-    return Found(0.0, float(np.max(np.abs(roots[small]), initial=0.0)), np.asarray(parts[:, small], complex), roots[small])
-
-
-def _nearest(values: NDArray[np.complex128], wanted: NDArray[np.complex128]) -> NDArray[np.int64]:
-    """Indices of values (n,), each once, that are nearest to the wanted ones (k,)."""
-    free, found = np.ones(len(values), dtype=bool), []
-    for one in wanted:
-        found.append(int(np.argmin(np.where(free, np.abs(values - one), np.inf))))
-        free[found[-1]] = False
-    return np.array(found, dtype=int)
 
 
 def positions(system: System) -> NDArray[np.bool_]:
@@ -133,22 +169,16 @@ def _shifted(looks: list[Look]) -> Array:
     root r of the equations is an eigenvalue 1 / (1 - h r / SHIFT); infinite roots, of constraints, are 0. A matrix is 0 where the
     equations are singular."""
     scale, h = looks[0].system.scale, np.array([look.h for look in looks])[:, None, None]
-    parts = [full_jacobians(look.system, look.t, look.y, look.yp) for look in looks]
-    A, E = (np.array(part) for part in zip(*parts, strict=True))
-    both, E = (A * (h / SHIFT) + E) * scale, E * scale
+    A, E = np.swapaxes([full_jacobians(look.system, look.t, look.y, look.yp) for look in looks], 0, 1)
+    both = (A * (h / SHIFT) + E) * scale
     size = np.max(np.abs(both), axis=2, keepdims=True)
-    sound = np.isfinite(both).all(axis=(1, 2)) & np.all(size > 0, axis=(1, 2))
-    out = np.zeros_like(both)
-    for i in np.flatnonzero(sound):
-        with suppress(np.linalg.LinAlgError):
-            out[i] = np.linalg.solve(both[i] / size[i], E[i] / size[i])
-    return np.asarray(out)
-
-
-def _back(values: NDArray[np.complex128], h: float) -> NDArray[np.complex128]:
-    """The roots (1/s) that belong to eigenvalues of the matrix of `_shifted`; -inf beyond RESOLVED times SHIFT / h."""
-    finite = np.abs(values) * RESOLVED > 1
-    return np.where(finite, (SHIFT / h) * (1 - 1 / np.where(finite, values, 1.0)), -np.inf)
+    sound = np.all(np.isfinite(size) & (size > 0), axis=1, keepdims=True)
+    size = np.where(sound, size, 1.0)
+    both, E = np.where(sound, both, np.eye(len(scale))) / size, np.where(sound, E * scale, 0.0) / size
+    try:
+        return np.asarray(np.linalg.solve(both, E))
+    except np.linalg.LinAlgError:
+        return np.zeros_like(both) if len(looks) == 1 else np.concatenate([_shifted([look]) for look in looks])
 
 
 def _grows(S: Array) -> bool:

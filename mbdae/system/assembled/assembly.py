@@ -20,6 +20,7 @@ from mbdae.kernels.tree_plan import TreePlan
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
+from mbdae.symbolic.tree_motion import Open
 from mbdae.system.assembled.evaluation import EquationsOfScene, Scatter
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.assembled.jacobian_entries import Entries, Pattern
@@ -47,14 +48,13 @@ class Assembly:
     """The equations of a model in a form, F(t, y, y') = 0 with their exact Jacobian, at any state; members as in `System`.
 
     rows: constraint rows in force; spec: options of the form; sparse: whether the Jacobian is, None: by the number of unknowns;
-    open: True keeps every parameter of a law an input of its kernels, so that it can be varied between runs; False evaluates
-    what does not vary within a run once and stores it as a constant."""
+    moved: the bodies that trees move, and which parameters are inputs of kernels."""
 
     has_pattern = True  #: whether the Jacobian has a sparsity pattern; False: it is full
 
     def __init__(self, model: Model, rows: list[Row], spec: FormSpec, sparse: bool | None = None,
-                 moved: MovedBodies | None = None, open: bool = False) -> None:  # fmt: skip
-        self.model, self.spec, self.label, self._open = model, spec, spec.label, open
+                 moved: MovedBodies | None = None) -> None:  # fmt: skip
+        self.model, self.spec, self.label = model, spec, spec.label
         self.moved = moved = moved if moved is not None else MovedBodies(model, [])
         rows = [row for row in rows if moved.keeps(row)]
         blocks = (*spec.blocks, "z") if spec.mixed else spec.blocks
@@ -95,7 +95,7 @@ class Assembly:
 
     def plan(self, d: Derived) -> LinearisedPlan:
         """The outputs of a law with their derivatives, sorted for this assembly."""
-        return linearised_plan(d, self.spec.outputs, not self._open)
+        return linearised_plan(d, self.spec.outputs, self.moved.open)
 
     def _kinds(self) -> tuple[str, ...]:
         nb = self.numbering
@@ -274,7 +274,7 @@ class Assembly:
         made = EquationsOfScene(self.numbering, self._residual, self._offset, self._loaded, self._jacobian, self._pattern,
                                 self._place, self._c)  # fmt: skip
         if not self.numbering.m:
-            varying = self._open or (bool(self.moved.trees) and bool(self.model.lines))
+            varying = self.moved.open is not Open.FEWEST or (bool(self.moved.trees) and bool(self.model.lines))
             light = not self._inert and not (self.constant_mass != 0).sum()
             made.with_rates(self._mass, None if varying else self.constant_mass, self.columns, light)
         return made

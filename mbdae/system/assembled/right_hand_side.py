@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbdae.deferred import sp, splu
+from mbdae.deferred import as_full, sp, splu
 from mbdae.errors import SolverError
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
@@ -22,6 +22,7 @@ from mbdae.system.motion.all_bodies import AllBodies
 from mbdae.system.motion.mechanics import Mechanics
 
 ITERATIONS = 30
+Matrix = Any  #: an array, or a csc_matrix
 SETTLED = 1e-10  #: largest change of a rate or multiplier, over the largest of all of them, at which Newton's method stops
 
 
@@ -103,31 +104,29 @@ class Rates:
     def __init__(self, full: Assembly, differential: int, linear: bool) -> None:
         self.full, self.n, self.linear = full, differential, linear
         self.multipliers = np.zeros(full.n - differential)
-        self._columns = np.repeat(np.arange(full.n), np.diff(full.columns.first)) if full.has_pattern else np.arange(full.n)
-        self._rate = self._columns < differential
+        columns = np.repeat(np.arange(full.n), np.diff(full.columns.first)) if full.sparse else np.arange(full.n)
+        self._rate = columns < differential
         self._Y, self._Yp, self._R = np.zeros((3, full.n))
 
     def point(self, y: Array, yp: Array) -> None:
         """Set the state at which the full equations are evaluated next: y, y' (yp), and the multipliers found last."""
         self._Y[: self.n], self._Y[self.n :], self._Yp[: self.n] = y, self.multipliers, yp
 
-    def matrices(self, t: float, y: Array, yp: Array) -> tuple[sp.csc_matrix, sp.csc_matrix]:
-        """Derivatives of F by (y', lambda) and by y, at the multipliers found last."""
+    def matrices(self, t: float, y: Array, yp: Array) -> tuple[Matrix, Matrix]:
+        """Derivatives of F by (y', lambda) and by y, at the multipliers found last; sparse where the full equations are."""
         self.point(y, yp)
-        by_parts = self.full.jacobian_parts if self.full.pattern is None else self.full.jacobian_values
-        fy, fyp = by_parts(t, self._Y, self._Yp)
-        return self._matrix(np.where(self._rate, fyp, fy)), self._matrix(fy)[:, : self.n]
+        fy, fyp = self.full.jacobian_parts(t, self._Y, self._Yp)
+        by_rates = np.where(self._rate, fyp, fy)
+        if not self.full.sparse:
+            return by_rates, fy[:, : self.n]
+        places = self.full.sparsity
+        by_rates, fy = (sp.csc_matrix((data, places.indices, places.indptr), shape=places.shape) for data in (by_rates, fy))
+        return by_rates, fy[:, : self.n]
 
     def shares(self, t: float, y: Array) -> Array:
         """(m,) of every constraint row: the squared part that is independent of the other rows, over the row's squared length."""
         nb, (by_rates, _) = self.full.numbering, self.matrices(t, y, np.zeros(self.n))
-        return row_shares(by_rates[self.n :, nb.nq : nb.nq + nb.nu].toarray())
-
-    def _matrix(self, data: Array) -> sp.csc_matrix:
-        pattern = self.full.pattern
-        if pattern is None:
-            return sp.csc_matrix(data)
-        return sp.csc_matrix((data, pattern.indices, pattern.indptr), shape=pattern.shape)
+        return row_shares(as_full(by_rates[self.n :, nb.nq : nb.nq + nb.nu]))
 
     def solve(self, t: float, y: Array, out: Array) -> None:
         """out[:] = y'. Where the equations are not linear in the multipliers, those found last are the starting values; after a
@@ -167,13 +166,13 @@ class Rates:
     def jacobian(self, t: float, y: Array, yp: Array) -> Array:
         """dy'/dy (n, n) at y' and the multipliers of the same point, by the implicit function theorem."""
         by_rates, by_state = self.matrices(t, y, yp)
-        return -factorised(by_rates, self.full, t)(by_state.toarray())[: self.n]
+        return -factorised(by_rates, self.full, t)(as_full(by_state))[: self.n]
 
 
-def factorised(matrix: sp.csc_matrix, full: Assembly, t: float) -> Callable[[Array], Array]:
+def factorised(matrix: Matrix, full: Assembly, t: float) -> Callable[[Array], Array]:
     """The function right -> solution x of matrix x = right; it raises a SolverError where the matrix is singular."""
     try:
-        solve = partial(np.linalg.solve, matrix.toarray()) if not full.sparse else splu(matrix).solve
+        solve = splu(matrix).solve if full.sparse else partial(np.linalg.solve, matrix)
     except RuntimeError:
         raise singular(t, "") from None
 
@@ -195,17 +194,12 @@ def singular(t: float, row: str) -> SolverError:
                        "mb.RadauIIA(3) may pass a singular position", t, row)  # fmt: skip
 
 
-def rhs_of(system: Assembly) -> Callable[[float, Array, Array], None]:
-    """The function out[:] = y' of a scene without constraints, y = (q, u, s): a residual at y' = 0, then the mass matrix.
-
-    It raises a SolverError where the mass matrix is not positive definite."""
-
-    def rhs(t: float, y: Array, out: Array) -> None:
-        velocity = system.evaluation.right_hand_side(t, y, out)
-        if velocity >= 0:
-            raise _massless(system, system.numbering.nq + velocity, t)
-
-    return rhs
+def right_hand_side(system: Assembly, t: float, y: Array, out: Array) -> None:
+    """out[:] = y' of a scene without constraints, y = (q, u, s): a residual at y' = 0, then the mass matrix. SolverError where
+    that is not positive definite."""
+    velocity = system.evaluation.right_hand_side(t, y, out)
+    if velocity >= 0:
+        raise _massless(system, system.numbering.nq + velocity, t)
 
 
 def _massless(system: Assembly, unknown: int, t: float) -> SolverError:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from mbdae.kernels.tree_plan import MOST_SOLVED, Piece, TreePlan, tree_plan
 from mbdae.symbolic.joint import Joint
-from mbdae.symbolic.tree import OPERATIONS
+from mbdae.symbolic.tree import OPERATIONS, tree_program
+from mbdae.symbolic.tree_motion import Open
 from mbdae.system.model.groups import Instance
 from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node
@@ -40,10 +41,12 @@ class MovedBodies:
     nodes among these on which other laws act; sharing: nodes of beams that share unknowns.
 
     ordered: whether the trees are evaluated joint by joint instead of by kernels of whole trees; alone: whether in addition no
-    constraint row remains besides the joints of the trees."""
+    constraint row remains besides the joints of the trees; open: which parameters are inputs of kernels, of laws outside of the
+    trees too."""
 
-    def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True, ordered: bool = False) -> None:
-        self.ordered = ordered
+    def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True, ordered: bool = False,
+                 open: Open = Open.FEWEST) -> None:  # fmt: skip
+        self.ordered, self.open = ordered, open
         self.nodes = tuple(n for tree in trees for n in tree.moved_nodes)
         moved = set(self.nodes)
         inside = {place for tree in trees for place in (*tree.joints, *tree.members)}
@@ -68,6 +71,23 @@ class MovedBodies:
         self._groups: dict[Any, list[Tree]] = {}
         for tree in self.trees:
             self._groups.setdefault(tree.structure, []).append(tree)
+
+    def opened(self, model: Model) -> MovedBodies:
+        """The same with the numbers of laws as inputs of kernels; in trees that would become too large with them only
+        those of the laws outside."""
+        trees = [tree.opened() for tree in self.trees]
+        large = not self.ordered and any(len(tree_program(tree.structure).program.steps) >= OPERATIONS for tree in trees)
+        return MovedBodies(model, self.trees if large else trees, ordered=self.ordered, open=Open.LAWS)
+
+    def written(self, model: Model) -> set[tuple[str, str]]:
+        """Parameters (item, name) that are no inputs because their values are written into the kernels of a tree."""
+        found = set()
+        for tree in self.trees:
+            parts: tuple[Any, ...] = (*tree.structure.links, *tree.structure.members)
+            for place, part in zip((*tree.joints, *tree.members), parts, strict=True):
+                item = model.groups[place[0]].instances[place[1]].item
+                found |= {(item, name) for name, value in part.numbers if value is not None}
+        return found
 
     def keeps(self, row: Row) -> bool:
         """Whether a constraint row stays in the equations: no recursive joint and no shared displacement satisfies it."""

@@ -15,7 +15,7 @@ from mbdae.scene.topology import leader
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Structure
-from mbdae.symbolic.tree_motion import Link, Member, Numbers, TreeStructure
+from mbdae.symbolic.tree_motion import FRAMES, Link, Member, Numbers, Open, TreeStructure
 from mbdae.system.model.beams import drawn_quaternion
 from mbdae.system.model.groups import Instance
 from mbdae.system.model.model import Model
@@ -71,6 +71,13 @@ class Tree:
         """This tree with those of its bodies marked as loaded that are among `nodes`: laws outside of the tree act on them."""
         numbers = tuple(j for j, n in enumerate(self.nodes) if j and n in nodes)
         return replace(self, structure=replace(self.structure, loaded=numbers))
+
+    def opened(self) -> Tree:
+        """This tree with the numbers of its laws as inputs of its kernels."""
+        inputs, of = Open.LAWS.inputs, self.structure
+        links = tuple(replace(link, numbers=inputs(link.numbers)) for link in of.links)
+        members = tuple(replace(member, numbers=inputs(member.numbers)) for member in of.members)
+        return replace(self, structure=replace(of, links=links, members=members))
 
 
 Joined = tuple[Connection, Body, Body]  #: a joint with the bodies (or nodes of beams) it connects
@@ -204,7 +211,7 @@ def _link(model: Model, parent: int, child: Node | None, place: Place, numbers: 
 def _with_quaternions(instance: Instance, sides: Any) -> dict[str, float]:
     """Numbers of a joint's law; in space with the quaternions of its axes in both bodies, "k_P0" to "l_P3"."""
     stated = instance.law.params.keys() - instance.law.derived()
-    own = {name: v for name, v in instance.numbers.items() if name[:2] in ("k_", "l_") or name in stated}
+    own = {name: v for name, v in instance.numbers.items() if name[:2] in FRAMES or name in stated}
     for side, (kind, _) in zip("kl", sides[:2], strict=True):
         if kind in (NodeKind.SPATIAL, NodeKind.GROUND):
             Q = np.array([[own[f"{side}_Q{a}{i}"] for a in "xyz"] for i in (1, 2, 3)])
@@ -219,12 +226,13 @@ def _with_quaternions(instance: Instance, sides: Any) -> dict[str, float]:
 
 
 def _rounded(numbers: dict[str, float], length: float) -> Numbers:
-    """Numbers as part of the structure of a tree: those equal to 0, 1 or -1 up to rounding become constants of its kernels, all
-    others (None) are inputs at run time. length: that of the scene, m."""
+    """Numbers as part of the structure of a tree: those equal to 0, 1 or -1, of places and axes up to rounding, become constants
+    of its kernels, all others (None) are inputs at run time. length: that of the scene, m."""
     out: list[tuple[str, int | None]] = []
     for name, value in numbers.items():
-        small = ROUND_OFF * (length if "_p" in name else 1.0)
-        whole = 0 if abs(value) <= small else (1 if value > 0 else -1) if abs(abs(value) - 1) <= ROUND_OFF else None
+        slack = ROUND_OFF if name[:2] in FRAMES else 0.0
+        small = slack * (length if "_p" in name else 1.0)
+        whole = 0 if abs(value) <= small else (1 if value > 0 else -1) if abs(abs(value) - 1) <= slack else None
         out.append((name, whole))
     return tuple(out)
 
@@ -242,8 +250,5 @@ def _is_member(instance: Instance, structure: Structure, numbered: dict[Node, in
 
 def _member(model: Model, g: int, i: int, numbered: dict[Node, int]) -> Member:
     group, instance = model.groups[g], model.groups[g].instances[i]
-    frames = {name: v for name, v in instance.numbers.items() if name[:2] in ("k_", "l_")}
-    values = {name: v for name, v in instance.numbers.items() if name not in frames}
-    whole = tuple((name, int(v) if v in (0.0, 1.0, -1.0) else None) for name, v in values.items())
     nodes = tuple(None if n is None else numbered[n] for n in instance.nodes)
-    return Member(group.derived, nodes, _rounded(frames, model.length) + whole)
+    return Member(group.derived, nodes, _rounded(instance.numbers, model.length))

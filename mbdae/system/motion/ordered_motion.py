@@ -17,7 +17,7 @@ from mbdae.system.base import Array
 from mbdae.system.model.model import Model
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.nodes import Node
-from mbdae.system.model.numbering import Numbering, Row
+from mbdae.system.model.numbering import Numbering
 from mbdae.system.model.trees import Tree
 from mbdae.system.motion.all_bodies import AllBodies, TreeMechanics
 from mbdae.system.motion.ordered_tree import OrderedTree
@@ -270,8 +270,3 @@ class OrderedMechanics(TreeMechanics):
         for r, c in drives.items():  # the multiplier of a row that prescribes a coordinate is the force left on it
             u = tree.node(-c).u
             multipliers[:, rows[r]] = left[:, u] / G[r, u]
-
-
-def ordered_mechanics(model: Model, rows: list[Row], all_bodies: AllBodies) -> OrderedMechanics:
-    """The mechanics of a model whose rows all belong to its trees."""
-    return OrderedMechanics(model, rows, all_bodies)

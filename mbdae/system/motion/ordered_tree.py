@@ -18,7 +18,7 @@ from mbdae.kernels.links import BodyKernels, ProgramKernel
 from mbdae.native.program import Operations
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.links.state import directions
-from mbdae.symbolic.tree_motion import Member
+from mbdae.symbolic.tree_motion import Member, Open
 from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.numbering import Numbering
 from mbdae.system.model.trees import Tree
@@ -60,10 +60,10 @@ class OrderedTree:
         self._base: dict[int, int] = {}
         self._kept: dict[int, tuple[int, ProgramKernel]] = {}
         self._accelerations: dict[int, tuple[int, ProgramKernel]] = {}
-        self._general = False
+        self._open = moved.open
         self.bodies = self._bodies()
         if len({id(own.kernels) for own in self.bodies.values()}) > MOST_KINDS:
-            self._general = True
+            self._open = Open.ALL
             self.bodies = self._bodies()
         self._runs = self._ordered()
 
@@ -85,9 +85,9 @@ class OrderedTree:
         kinds = [structure.root, *(link.kind for link in structure.links)]
         for j, link in enumerate(structure.links, start=1):
             members = tuple(alone.get(j, ()))
-            stated = tuple(links.between(structure.members[m], {j: 1}, self._general) for m in members)
+            stated = tuple(links.between(structure.members[m], {j: 1}, self._open) for m in members)
             heavy = any((a, a) in self._inertia for a in self._velocities(j))
-            kernels = links.link_kernels(kinds[link.parent], links.alone(link, self._general), stated, self.quaternion, heavy)
+            kernels = links.link_kernels(kinds[link.parent], links.alone(link, self._open), stated, self.quaternion, heavy)
             found[j] = Own(kernels, link.parent if link.parent in found else -1, members)
         return found
 
@@ -147,7 +147,7 @@ class OrderedTree:
 
     def _kernel_between(self, m: int, nodes: tuple[int, ...]) -> ProgramKernel:
         kinds = tuple(self._kind(j) for j in nodes)
-        member: Member = links.between(self.tree.structure.members[m], {n: i for i, n in enumerate(nodes)}, self._general)
+        member: Member = links.between(self.tree.structure.members[m], {n: i for i, n in enumerate(nodes)}, self._open)
         return links.member_kernel(kinds, member)
 
     def _kind(self, j: int) -> NodeKind:

@@ -16,7 +16,7 @@ from typing import Any
 from mbdae.errors import AccuracyWarning, OptionError
 from mbdae.notation import counted
 from mbdae.results.reads import reads
-from mbdae.sweep.worker import Worker, WorkerDiedError
+from mbdae.study.worker import Worker, WorkerDiedError
 
 DIED = "worker died"
 THREADS = "executor=concurrent.futures.ThreadPoolExecutor()"  #: to work in threads, which share this process's objects
@@ -212,7 +212,7 @@ def with_executor(executor: Executor, job: Job, points: dict[int, dict[str, Any]
             done, _ = wait(inside, return_when=FIRST_COMPLETED)
             for future in done:
                 found = _found(future)
-                broken |= _broken(future)
+                broken |= not future.cancelled() and isinstance(future.exception(), BrokenExecutor)
                 yield inside.pop(future), found
     finally:
         for future in inside:
@@ -224,15 +224,6 @@ def _found(future: Future[Outcome]) -> Outcome:
     try:
         return future.result()
     except (Exception, CancelledError) as error:
-        died = isinstance(error, BrokenExecutor | CancelledError) or _killed(error)
+        given_up = type(error).__name__ == "KilledWorker"  # by Dask, because several workers ended while they computed it
+        died = isinstance(error, BrokenExecutor | CancelledError) or given_up
         return Outcome(None, f"{DIED}: {_text(error)}" if died else _text(error), died)
-
-
-def _broken(future: Future[Outcome]) -> bool:
-    """Whether a future failed because its executor broke, not because of its job."""
-    return not future.cancelled() and isinstance(future.exception(), BrokenExecutor)
-
-
-def _killed(error: BaseException) -> bool:
-    """Whether Dask gave a point up, because several workers ended while they computed it."""
-    return type(error).__name__ == "KilledWorker"

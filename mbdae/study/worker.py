@@ -109,11 +109,12 @@ def _set(name: str, value: str | None) -> None:
 
 @contextmanager
 def _not_interrupted() -> Iterator[None]:
-    """Context that delays Ctrl-C while a process starts, because it would make Python print a traceback of its start-up."""
+    """Context that delays signals while a process starts, because Ctrl-C, or an exception of a handler in its parent, would make
+    Python print a traceback of its start-up."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
     try:
         yield
     finally:
@@ -126,7 +127,7 @@ def _serve(connection: Connection, answer: Callable[[bytes], bytes], parent: int
     _set(SAFE_PATH, safe_path)
     signal.signal(signal.SIGINT, lambda *_: None)  # Ctrl-C reaches all processes; it is the parent that ends workers
     if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        signal.pthread_sigmask(signal.SIG_SETMASK, ())
     keep_one_thread()
     connection.send_bytes(READY)
     with suppress(EOFError, OSError):

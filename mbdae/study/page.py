@@ -1,9 +1,19 @@
-"""Parts of the HTML pages of comparisons and maps: a page loads no other file and has layouts for screens, phones and print."""
+"""What a study gives its user: text, data as JSON, and an HTML page, which loads no other file and has layouts for screens,
+phones and print."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
+from typing import Any, ClassVar
+
+from mbdae.display import plain, titled
+from mbdae.errors import ListsAttributes
+from mbdae.files import write_file
+from mbdae.values import file_to_write, optional
 
 STYLE = """
 :root { color-scheme: only light; }
@@ -62,7 +72,7 @@ def bullets(lines: Sequence[str]) -> str:
     return "<ul>" + "".join(f"<li>{escape(line)}</li>\n" for line in lines) + "</ul>\n"
 
 
-def table(labelled_by: str, head: str, rows: Sequence[str], caption: str = "", attributes: str = "") -> str:
+def html_table(labelled_by: str, head: str, rows: Sequence[str], caption: str = "", attributes: str = "") -> str:
     """A table that scrolls in its own box, also by keyboard. labelled_by: id of the heading that names it; head, rows: HTML of
     the table rows; attributes: of the <table> element."""
     captions = f"<caption>{escape(caption)}</caption>" if caption else ""
@@ -70,7 +80,7 @@ def table(labelled_by: str, head: str, rows: Sequence[str], caption: str = "", a
             f"{captions}<thead><tr>{head}</tr></thead>\n<tbody>\n{''.join(rows)}</tbody></table></div>\n")  # fmt: skip
 
 
-def row(label: str, cells: Sequence[str], attributes: str = "") -> str:
+def html_row(label: str, cells: Sequence[str], attributes: str = "") -> str:
     """A table row with its label; cells: HTML."""
     return f'<tr{attributes}><th scope="row">{escape(label)}</th>{"".join(cells)}</tr>\n'
 
@@ -85,3 +95,66 @@ def made_with(cpu: str, environment: Mapping[str, str | int]) -> str:
     entries = "".join(f"<dt>{escape(name)}</dt><dd>{escape(str(value))}</dd>"
                       for name, value in {"CPU time": cpu, **environment}.items())  # fmt: skip
     return section("made", "Made with", f"<dl>{entries}</dl>\n")
+
+
+def written(make: Callable[[], str], path: Any) -> str:
+    """The text that `make` returns, written to `path` where one is given; a path that cannot be written to is refused first."""
+    place = optional("path", path, file_to_write, "give the path of a file in a folder that exists, or None")
+    text = make()
+    if place is not None:
+        write_file(place, text)
+    return text
+
+
+def as_json(data: Any, path: Any) -> str:
+    """Plain data as JSON text, written to `path` where one is given."""
+    return written(lambda: json.dumps(data, indent=1, allow_nan=False) + "\n", path)
+
+
+@dataclass(frozen=True)
+class Study(ListsAttributes, ABC):
+    """Many runs of a scene, as plain text, JSON and HTML page; a kind of study states `to_dict`, `table` and `_page`."""
+
+    scene: str
+    t_end: float  #: end time of the scene as stated, s
+
+    kind: ClassVar[str]  #: word for the study, in titles
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """All data as dictionaries, lists, texts and numbers; values that are not known are None."""
+
+    @abstractmethod
+    def table(self) -> str:
+        """The study as plain text."""
+
+    @abstractmethod
+    def _page(self) -> str:
+        """The study as one HTML page."""
+
+    def _pictures(self) -> Sequence[str]:
+        """Pictures that a notebook shows above the text, as HTML."""
+        return ()
+
+    def to_json(self, path: Any = None) -> str:
+        """The data as JSON text, also written to `path` where one is given."""
+        return as_json(self.to_dict(), path)
+
+    def to_html(self, path: Any = None) -> str:
+        """One self-contained HTML page, with a picture where the study has one, tables and verdicts, also written to `path` where
+        one is given."""
+        return written(self._page, path)
+
+    def __str__(self) -> str:
+        return self.table()
+
+    def _repr_html_(self) -> str:
+        return titled(f"{self.kind} of '{self.scene}'", *self._pictures(), plain(self.table()))
+
+
+def grid(rows: Sequence[Sequence[str]], left: Sequence[str] = ()) -> list[str]:
+    """The lines of a text table from rows of cells; the first column, and the texts in `left`, are aligned left, the others
+    right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(cell.ljust(n) if j == 0 or cell in left else cell.rjust(n)
+                      for j, (cell, n) in enumerate(zip(row, widths, strict=True))).rstrip() for row in rows]  # fmt: skip
