@@ -221,7 +221,7 @@ def test_comparing_costs_little_beside_the_solvers():
 
 
 @pytest.mark.parametrize(("make", "said"), [
-    (lambda: mb.Run("idas"), "solver = 'idas' is not one of 'ida'"),
+    (lambda: mb.Run("idas"), "solver = 'idas' is not one of 'cvode', 'cvodeadams'"),
     (lambda: mb.Run(mb.IDA(), "gg"), "form = 'gg' is not one of 'ggl'"),
     (lambda: mb.Run(mb.IDA(), model="clearance"), "model = 'clearance'"),
     (lambda: mb.compare(pendulum(), 1.0, []), "is empty: give one or more, such as"),

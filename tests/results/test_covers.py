@@ -272,7 +272,7 @@ def test_a_finer_mesh_that_does_not_run_is_told(monkeypatch):
     assert "failed: " in known.not_covered["mesh"]
     with pytest.raises(KeyboardInterrupt):
         again(progress=stop)
-    r.prepared.model.scene.problem = threading.Lock()
+    vars(r.prepared.model.scene)["problem"] = threading.Lock()
     assert "cannot be copied" in again().unknown["mesh"]
 
 

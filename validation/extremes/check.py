@@ -9,10 +9,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from mbdae.extremes.values import asked_values
 from runner import Case, Claim, Found
 
 import mbdae as mb
+from mbdae.extremes.ways import asked_values
 
 claim = Claim("extremes", "at extreme masses, stiffnesses, speeds, clearances, steps and near singular positions no run is "
               "silently wrong", 0.0, "silent misses",
