@@ -16,8 +16,8 @@ import numpy as np
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.system.distance import distance
 from mbdae.system.prepare import prepare
+from mbdae.system.sampling import distance
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 SCENES = {"pendulum": 5.0, "four_bar": 1.0, "andrews_squeezer": 0.03, "heavy_top": 1.0, "ground_resonance": 2.0}

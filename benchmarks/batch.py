@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 import mbdae as mb
-from mbdae.integrators.runge_kutta.batch import solve_batch
+from mbdae.integrators.batch import solve_batch
 from mbdae.native.program import core
 from mbdae.system.prepare import prepare
 

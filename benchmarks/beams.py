@@ -36,8 +36,8 @@ import numpy as np
 
 import mbdae as mb
 from mbdae.formulations import default_form, system_for
-from mbdae.system.distance import motion_distance
 from mbdae.system.prepare import Prepared, prepare
+from mbdae.system.sampling import motion_distance
 
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent / "examples"), str(HERE.parent / "validation")]

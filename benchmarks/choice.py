@@ -33,8 +33,8 @@ import numpy as np
 
 import mbdae as mb
 from mbdae.results.result import Result
-from mbdae.system.distance import motion_distance
 from mbdae.system.prepare import Prepared, prepare
+from mbdae.system.sampling import motion_distance
 
 ROOT = Path(__file__).parent.parent
 sys.path[:0] = [str(ROOT / folder) for folder in ("validation", "examples", "benchmarks")]

@@ -29,9 +29,9 @@ import sympy as sp
 
 import mbdae as mb
 from mbdae.formulations import default_form, system_for
+from mbdae.results.clearance import OtherRun
 from mbdae.results.errors import Errors
-from mbdae.results.reactions import OtherRun
-from mbdae.run.mesh import distance_of_meshes
+from mbdae.run.verification import distance_of_meshes
 from mbdae.system.prepare import Prepared, prepare
 
 sys.path[:0] = [str(Path(__file__).parent.parent / "validation")]

@@ -32,9 +32,10 @@ import numpy as np
 
 import mbdae as mb
 from mbdae.contracts.variants import variants
-from mbdae.formulations.ggl import ggl_outputs
-from mbdae.kernels import linearised_plan, plan
-from mbdae.laws import elements, forces, joints
+from mbdae.formulations import ggl_outputs
+from mbdae.kernels.plan import linearised_plan, plan
+from mbdae.laws import bodies as elements
+from mbdae.laws import forces, joints
 from mbdae.symbolic.derive import derive
 
 ROOT = Path(__file__).resolve().parent.parent

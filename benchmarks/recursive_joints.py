@@ -31,9 +31,8 @@ import numpy as np
 import mbdae as mb
 from mbdae.compare.run import Equations
 from mbdae.formulations import system_for
-from mbdae.results.accuracy import Accuracy
+from mbdae.results.accuracy import Accuracy, RunInfo
 from mbdae.results.result import Result
-from mbdae.results.run_info import RunInfo
 from mbdae.system.prepare import Prepared, prepare
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "validation"))

@@ -20,77 +20,66 @@ from mbdae.errors import (
     meant,
     methods_naming_arguments,
 )
-from mbdae.forks import in_forked_process as in_forked_process  # first of all: forking may come while another module is imported
-from mbdae.memory import collector_paused
+from mbdae.process import collector_paused
+from mbdae.process import (
+    in_forked_process as in_forked_process,  # first of all: forking may come while another module is imported
+)
 
 if TYPE_CHECKING:
-    from mbdae.api import Scene, load
+    from mbdae.api import Scene
     from mbdae.audit import Audit, audit
-    from mbdae.compare import Run, compare
-    from mbdae.contracts.selftest import selftest
+    from mbdae.compare import compare
+    from mbdae.compare.run import Run
+    from mbdae.contracts import selftest  # type: ignore[no-redef,unused-ignore]
     from mbdae.export import Export, export
-    from mbdae.extremes import extremes
+    from mbdae.extremes import extremes  # type: ignore[no-redef,unused-ignore]
     from mbdae.formulations import GGL, ODE, Index1, Index3
     from mbdae.inputs.measured import read_table, table
-    from mbdae.integrators.alpha.generalized_alpha import HHT, GeneralizedAlpha
+    from mbdae.integrators.dop853 import DOP853
+    from mbdae.integrators.generalized_alpha import HHT, GeneralizedAlpha
+    from mbdae.integrators.named import measure_order
     from mbdae.integrators.one_step import OneStep
-    from mbdae.integrators.orders import measure_order
-    from mbdae.integrators.runge_kutta.dop853 import DOP853
-    from mbdae.integrators.runge_kutta.radau import RadauIIA
-    from mbdae.integrators.sundials.cvode import CVODE
-    from mbdae.integrators.sundials.ida import IDA
+    from mbdae.integrators.radau import RadauIIA
+    from mbdae.integrators.sundials import CVODE, IDA
     from mbdae.laws.contact import Hertz, Normal
     from mbdae.laws.friction import Coulomb, Friction, LuGre
-    from mbdae.laws.joints import (
-        Cylindrical,
-        Distance,
-        FixedOrientation,
-        Free,
-        Planar,
-        PointOnLine,
-        PointOnPlane,
-        Prismatic,
-        Revolute,
-        Screw,
-        Spherical,
-        Universal,
-        Weld,
-    )
-    from mbdae.reports.report import report
-    from mbdae.run.own.equations import DAE
+    from mbdae.laws.joint_rows import Distance, FixedOrientation, Free, PointOnLine, PointOnPlane
+    from mbdae.laws.joints import Cylindrical, Planar, Prismatic, Revolute, Screw, Spherical, Universal, Weld
+    from mbdae.reports import report  # type: ignore[no-redef,unused-ignore]
+    from mbdae.results.storage import load
     from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive, Stop
-    from mbdae.scene.section import Section
-    from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Sphere
-    from mbdae.sweep import sweep
+    from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Section, Sphere
+    from mbdae.sweep import sweep  # type: ignore[no-redef,unused-ignore]
     from mbdae.symbolic.coupling import Coupling
     from mbdae.symbolic.joint import Joint
     from mbdae.symbolic.law import Force, params
     from mbdae.system.base import Switches
+    from mbdae.system.dae import DAE
 
 __version__ = "0.3.0"
 
 #: name -> module it comes from, imported on first use so that `import mbdae` stays light
 _HOME = {
-    "Audit": "mbdae.audit", "Box": "mbdae.scene.shapes", "CVODE": "mbdae.integrators.sundials.cvode",
+    "Audit": "mbdae.audit", "Box": "mbdae.scene.shapes", "CVODE": "mbdae.integrators.sundials",
     "Classical": "mbdae.scene.components", "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.laws.friction",
     "Coupling": "mbdae.symbolic.coupling", "Cylinder": "mbdae.scene.shapes", "Cylindrical": "mbdae.laws.joints",
-    "DAE": "mbdae.run.own.equations", "DOP853": "mbdae.integrators.runge_kutta.dop853", "Distance": "mbdae.laws.joints",
+    "DAE": "mbdae.run.own_equations", "DOP853": "mbdae.integrators.dop853", "Distance": "mbdae.laws.joints",
     "Export": "mbdae.export", "FixedOrientation": "mbdae.laws.joints", "Force": "mbdae.symbolic.law", "Free": "mbdae.laws.joints",
     "Friction": "mbdae.laws.friction", "GGL": "mbdae.formulations",
-    "GeneralizedAlpha": "mbdae.integrators.alpha.generalized_alpha", "HHT": "mbdae.integrators.alpha.generalized_alpha",
-    "Hertz": "mbdae.laws.contact", "IDA": "mbdae.integrators.sundials.ida", "Index1": "mbdae.formulations",
+    "GeneralizedAlpha": "mbdae.integrators.generalized_alpha", "HHT": "mbdae.integrators.generalized_alpha",
+    "Hertz": "mbdae.laws.contact", "IDA": "mbdae.integrators.sundials", "Index1": "mbdae.formulations",
     "Index3": "mbdae.formulations", "Joint": "mbdae.symbolic.joint", "Kinematic": "mbdae.scene.components",
     "LuGre": "mbdae.laws.friction", "Normal": "mbdae.laws.contact", "ODE": "mbdae.formulations",
     "OneStep": "mbdae.integrators.one_step", "Planar": "mbdae.laws.joints", "Plane": "mbdae.scene.shapes",
     "Point": "mbdae.scene.shapes", "PointOnLine": "mbdae.laws.joints", "PointOnPlane": "mbdae.laws.joints",
-    "Prismatic": "mbdae.laws.joints", "RadauIIA": "mbdae.integrators.runge_kutta.radau", "Recursive": "mbdae.scene.components",
+    "Prismatic": "mbdae.laws.joints", "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components",
     "Revolute": "mbdae.laws.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Screw": "mbdae.laws.joints",
-    "Section": "mbdae.scene.section", "Sphere": "mbdae.scene.shapes", "Spherical": "mbdae.laws.joints",
+    "Section": "mbdae.scene.shapes", "Sphere": "mbdae.scene.shapes", "Spherical": "mbdae.laws.joints",
     "Stop": "mbdae.scene.components", "Switches": "mbdae.system.base", "Universal": "mbdae.laws.joints",
     "Weld": "mbdae.laws.joints", "audit": "mbdae.audit", "compare": "mbdae.compare", "export": "mbdae.export",
-    "extremes": "mbdae.extremes", "load": "mbdae.api", "measure_order": "mbdae.integrators.orders",
-    "params": "mbdae.symbolic.law", "read_table": "mbdae.inputs.measured", "report": "mbdae.reports.report",
-    "selftest": "mbdae.contracts.selftest", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",
+    "extremes": "mbdae.extremes", "load": "mbdae.api", "measure_order": "mbdae.integrators.named",
+    "params": "mbdae.symbolic.law", "read_table": "mbdae.inputs.measured", "report": "mbdae.reports",
+    "selftest": "mbdae.contracts", "sweep": "mbdae.sweep", "table": "mbdae.inputs.measured",
 }  # fmt: skip
 
 __all__ = [

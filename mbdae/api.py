@@ -1,39 +1,52 @@
-"""The Scene as users see it, and `load`. Importing this module gives Result its pictures and files (`mbdae.show.attached`)."""
+"""Adds plots and animations as methods of `Result`, so that the results package need not import the drawing code.
+
+The drawing code is imported by the first picture, so that a run without pictures does not wait for it.
+
+The Scene as users see it, and `load`. Importing this module gives Result its pictures and files (`mbdae.api`).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from mbdae.display import picture, rows, titled
 from mbdae.errors import SceneError, with_text_when_interrupted
-from mbdae.formulations import Form, default_form, system_for
-from mbdae.formulations.named import form_of
+from mbdae.formulations import Form, default_form, form_of, system_for
 from mbdae.integrators.base import Asked, Solver, end_after, output_times
 from mbdae.integrators.named import solver_of
-from mbdae.limits import limited
-from mbdae.results.result import Result
+from mbdae.notation import picture, rows, titled
+from mbdae.results.result import ATTACHED, Result
 from mbdae.results.storage import load as load
-from mbdae.run.checkpoint import keeper_of, kept, statement_of
+from mbdae.run.checkpoint import keeper_of, kept, progress_of, statement_of
 from mbdae.run.checks import Check, check_scene
 from mbdae.run.choice import choose, prepared_from, with_recursive_joints
+from mbdae.run.conditions import conditions
 from mbdae.run.control import Controlled, plausible
-from mbdae.run.events.conditions import conditions
-from mbdae.run.events.watched import Watched
+from mbdae.run.events import Watched
 from mbdae.run.job import Job
-from mbdae.run.progress import progress_of
+from mbdae.scene.contacts import READERS
 from mbdae.scene.scene import SceneData
-from mbdae.show import attached as attached
 from mbdae.system.base import Array
 from mbdae.system.prepare import prepare
 from mbdae.system.scene_system import SceneSystem
-from mbdae.system.start.start import Start
-from mbdae.threads import single_threaded
+from mbdae.system.start import Start
+from mbdae.threads import limited, single_threaded
 from mbdae.values import flag, number, of_class, option, optional
 
 if TYPE_CHECKING:
     from mbdae.analysis import Equilibrium, Floquet, Linearization
+
+def _by(module: str, name: str) -> Callable[..., Any]:
+    """A function that imports its module of this package at the first call."""
+    return lambda *args, **options: getattr(import_module(f"mbdae.show.{module}"), name)(*args, **options)
+
+
+ATTACHED.update(plot=_by("plots", "plot_results"), phase=_by("plots", "plot_phase"), orbit=_by("plots", "plot_orbit"),
+                animate=_by("animation", "animate"))  # fmt: skip
+READERS["color"] = _by("plots", "hexadecimal")
+
 
 DEFAULT_OUTPUTS = 201
 START = "give a Result of this scene (mb.load reads one), an equilibrium, or None for the start of the scene"

@@ -36,7 +36,7 @@ from pathlib import Path
 from types import FunctionType, TracebackType
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
-from mbdae import signals
+from mbdae import process
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -131,7 +131,7 @@ class StoppedError(MbdaeError):
     """A run that is kept in a folder was ended by SIGTERM, after the step under way; the same call goes on with it."""
 
 
-ENDS = (KeyboardInterrupt, SystemExit, signals.RaisedError, DiskError)  #: what ends a call, with what was computed until then
+ENDS = (KeyboardInterrupt, SystemExit, process.RaisedError, DiskError)  #: what ends a call, with what was computed until then
 
 
 def interrupted(error: BaseException, text: str, solution: Any) -> None:
@@ -282,8 +282,8 @@ def naming_arguments(function: Callable[P, T]) -> Callable[P, T]:
 
     @wraps(function)
     def told(*args: P.args, **kwargs: P.kwargs) -> T:
-        if signals.from_user(1) and (replaced := signals.heard()):
-            return signals.ended(told, replaced, args, kwargs)
+        if process.from_user(1) and (replaced := process.heard()):
+            return process.ended(told, replaced, args, kwargs)
         try:
             return function(*args, **kwargs)
         except MbdaeError as error:

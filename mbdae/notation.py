@@ -1,9 +1,14 @@
-"""Units of what sensors measure, and numbers of things in words."""
+"""Units of what sensors measure, and numbers of things in words.
+
+HTML that notebooks show for objects: tables, pictures and whole pages.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeVar
+import base64
+import html
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 UNITS: dict[str, str] = {}  #: quantity of sensors -> its SI unit, "" where it has none; `quantity` enters them
@@ -27,3 +32,50 @@ def counted(count: int, noun: str) -> str:
     first, *rest = noun.split(" of ")
     many = f"{first[:-1]}ies" if first.endswith("y") else f"{first}es" if first.endswith("s") else f"{first}s"
     return " of ".join([f"{count} {first if count == 1 else many}", *rest])
+
+
+STYLE = "text-align:left;vertical-align:top;padding:2px 12px 2px 0"
+PLAYER_HEIGHT = 660  #: height of a page inside of a notebook, px
+
+
+def titled(title: str, *parts: str) -> str:
+    """Parts of HTML under a title."""
+    return f"<div><b>{html.escape(title)}</b>{''.join(parts)}</div>"
+
+
+def rows(table: Iterable[Sequence[Any]], head: Sequence[str] = ()) -> str:
+    """A table; texts are escaped."""
+    top = f"<thead><tr>{_cells('th', head)}</tr></thead>" if head else ""
+    body = "".join(f"<tr>{_cells('td', row)}</tr>" for row in table)
+    return f"<table>{top}<tbody>{body}</tbody></table>"
+
+
+def _cells(tag: str, row: Sequence[Any]) -> str:
+    return "".join(f'<{tag} style="{STYLE}">{html.escape(str(cell))}</{tag}>' for cell in row)
+
+
+def lines(text: str) -> str:
+    """Lines "name: value" as a table of two columns; a line without a name continues the one before."""
+    found: list[list[str]] = []
+    for line in text.splitlines():
+        name, colon, rest = line.strip().partition(": ")
+        if colon:
+            found.append([name, rest])
+        elif line.strip():
+            found.append(["", line.strip()])
+    return rows(found)
+
+
+def plain(text: str) -> str:
+    """Text with its line breaks and columns kept."""
+    return f'<pre style="white-space:pre;overflow-x:auto">{html.escape(text)}</pre>'
+
+
+def picture(file: bytes, kind: str = "png") -> str:
+    """An image inside of the page, its bytes as text (base64)."""
+    return f'<img style="max-width:100%" src="data:image/{kind};base64,{base64.b64encode(file).decode("ascii")}">'
+
+
+def framed(page: str, height: int = PLAYER_HEIGHT) -> str:
+    """A whole page in a frame of some height (px), so that its scripts and styles do not mix with those around it."""
+    return f'<iframe srcdoc="{html.escape(page)}" style="width:100%;height:{height}px;border:0"></iframe>'

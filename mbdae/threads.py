@@ -2,20 +2,29 @@
 
 Matrices of a hundred unknowns gain nothing from several threads, and where the machine is busy the threads wait for
 each other: a run of 0.1 s was seen to take 13 s of CPU on two loaded cores.
+
+The present call of `Scene.simulate` in this thread: how long it may take, and the run that came furthest.
+
+The limit of wall time holds in every phase: whatever may take long calls `check` now and then, or makes runs, which do. A run
+that is complete is noted by `came`, so that it is not lost where Ctrl-C comes while its error is estimated.
 """
 
 from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from functools import lru_cache, partial, wraps
+from math import inf
 from threading import Lock, RLock, local
 from typing import Any, ParamSpec, TypeVar, cast
 
-from mbdae.errors import OptionError
-from mbdae.forks import in_forked_process
+from mbdae.errors import OptionError, WallClockError
+from mbdae.process import in_forked_process
 
 EVALUATION = 0.1  #: time (s) after which a thread that waits for an evaluation by another one looks whether that makes a run
 P = ParamSpec("P")
@@ -155,3 +164,53 @@ def alone(method: Callable[P, T]) -> Callable[P, T]:
 
 
 in_forked_process(_INSIDE.forked)
+
+
+@dataclass
+class Call:
+    """max_wall: largest wall time (s); begin: of time.perf_counter(), which nobody sets; solution: the run that came furthest."""
+
+    max_wall: float = inf
+    begin: float = field(default_factory=lambda: time.perf_counter())
+    solution: Any = None
+
+
+_present: ContextVar[Call | None] = ContextVar("call", default=None)
+
+
+@contextmanager
+def limited(max_wall: float | None) -> Iterator[None]:
+    """Context of a call that may take `max_wall` (s); None: as long as it needs, or as the call around it may."""
+    outer = _present.get()
+    call = Call() if max_wall is None else Call(max_wall)
+    if outer is not None and outer.begin + outer.max_wall < call.begin + call.max_wall:
+        call.begin, call.max_wall = outer.begin, outer.max_wall
+    token = _present.set(call)
+    try:
+        yield
+    finally:
+        _present.reset(token)
+
+
+def check(doing: str) -> None:
+    """WallClockError where the time of the present call is over. doing: what goes on, in words."""
+    call = _present.get()
+    if call is not None and time.perf_counter() - call.begin > call.max_wall:
+        reached = 0.0 if call.solution is None else float(call.solution.t[-1])
+        raise WallClockError(f"max_wall = {call.max_wall:g} s of wall time is used up while {doing}: raise max_wall, or simplify "
+                             f"what is asked", reached, "", call.solution)  # fmt: skip
+
+
+def came(solution: Any) -> None:
+    """Note a run that is complete: the one that came furthest from the start of the first one, of equals the last."""
+    call = _present.get()
+    if call is not None:
+        best = call.solution
+        if best is None or (solution.t[0] == best.t[0] and solution.t[-1] >= best.t[-1] and solution.names == best.names):
+            call.solution = solution
+
+
+def furthest() -> Any:
+    """The run that came furthest in the present call; None where none is complete."""
+    call = _present.get()
+    return None if call is None else call.solution

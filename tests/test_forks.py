@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae import forks, threads
-from mbdae.signals import Signals
+from mbdae import process, threads
+from mbdae.process import Signals
 
 needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="systems that fork")
 PATIENCE = 60  #: s after which a forked process counts as one that hangs
@@ -97,13 +97,13 @@ def test_forking_waits_for_imports_of_other_threads(monkeypatch: pytest.MonkeyPa
         owner: Any = threading.get_ident()
 
     monkeypatch.setattr("importlib._bootstrap._module_locks", {"mbdae.x": Lock})
-    assert not forks._others_import()
+    assert not process._others_import()
     Lock.owner = -1
-    assert forks._others_import()
+    assert process._others_import()
     slept: list[float] = []
-    monkeypatch.setattr(forks.time, "sleep", lambda s: slept.append(s) or setattr(Lock, "owner", None))
-    monkeypatch.setattr(forks, "active_count", lambda: 2)
-    forks._wait_for_imports()
+    monkeypatch.setattr(process.time, "sleep", lambda s: slept.append(s) or setattr(Lock, "owner", None))
+    monkeypatch.setattr(process, "active_count", lambda: 2)
+    process._wait_for_imports()
     assert len(slept) == 1
 
 

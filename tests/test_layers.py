@@ -19,12 +19,13 @@ LAYERS = [
     {"__main__"}, {"cli"}, {"__init__"}, {"api"}, {"contracts", "extremes"}, {"audit", "export"}, {"reports", "compare"},
     {"sweep", "documents"}, {"analysis"}, {"show"}, {"run"}, {"study"}, {"results"}, {"integrators"}, {"formulations"},
     {"system"}, {"kernels"}, {"scene"}, {"laws"}, {"inputs"}, {"symbolic"}, {"values", "files"}, {"native"},
-    {"deferred", "disk", "limits"}, {"threads"}, {"costs", "memory", "notation", "errors", "ties", "display"},
-    {"signals"}, {"forks"},
+    {"deferred", "disk"}, {"threads"}, {"notation", "errors"},
+    {"process"},
 ]  # fmt: skip
 #: parts of `system` from the bottom up, as its docstring says
-SYSTEM = ["base", "differences", "shown_index", "partition", "dae", "model", "motion", "start", "rank", "assembled", "prepare",
-          "distance", "sampling", "scene_system", "without_multipliers"]  # fmt: skip
+SYSTEM = ["base", "shown_index", "dae", "model", "motion", "changes", "start_of_beams", "positions", "nearest", "start",
+          "start_with_contacts", "dependent_rows", "many_rows", "redundancy", "undetermined", "assembled",
+          "prepare", "sampling", "scene_system", "without_multipliers"]  # fmt: skip
 LEVEL = {name: len(LAYERS) - i for i, names in enumerate(LAYERS) for name in names}
 #: the System interface is all an integrator sees; kernels are called by these alone
 KERNELS_CALLED_BY = {"system", "results", "run", "contracts", "export"}

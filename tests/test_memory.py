@@ -7,7 +7,7 @@ import sys
 import pytest
 
 import mbdae as mb
-from mbdae.memory import building
+from mbdae.process import building
 from mbdae.system.prepare import prepare
 
 

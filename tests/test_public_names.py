@@ -77,5 +77,5 @@ def test_a_result_that_is_loaded_can_be_drawn_and_stored(tmp_path: Path) -> None
 
 def test_functions_survive_the_import_of_their_package() -> None:
     """`import mbdae.compare` imports a package that has the name of a function; the public name must stay the function."""
-    code = "import mbdae, mbdae.compare; from mbdae.compare.comparison import compare; assert mbdae.compare is compare"
+    code = "import mbdae, mbdae.compare; from mbdae.compare import compare; assert mbdae.compare is compare"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -12,7 +12,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.cli import main
-from mbdae.laws import couplings, forces, joints
+from mbdae.laws import forces, joints, on_coordinates
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.law import Law
 
@@ -26,7 +26,7 @@ def blocks(document: str) -> list[tuple[str, str, int]]:
     return [(m.group(1), m.group(2), document[: m.start()].count("\n") + 1) for m in found]
 
 
-HOMES = {mb.Joint: joints, Coupling: couplings, mb.Force: forces}
+HOMES = {mb.Joint: joints, Coupling: on_coordinates, mb.Force: forces}
 BLOCKS = blocks(README)
 PYTHON = [(text, line) for language, text, line in BLOCKS if language == "python"]
 LINES = [line for language, text, _ in BLOCKS if language == "bash" for line in text.splitlines()]
@@ -91,7 +91,7 @@ def test_commands_are_understood(command, monkeypatch, tmp_path):
         assert all((ROOT / "validation" / name).is_dir() for name in arguments.claims)
         return
     if arguments.command.__name__ == "report":
-        from mbdae.reports.report import names
+        from mbdae.reports import names
 
         assert arguments.what in names() or (ROOT / arguments.what).is_file()
         return

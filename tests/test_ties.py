@@ -7,9 +7,9 @@ import pytest
 
 import mbdae as mb
 from mbdae.analysis.shapes import scaled
-from mbdae.laws.elements.line_mesh import polyline
+from mbdae.laws.line_mesh import polyline
 from mbdae.scene.beams import nearest_place
-from mbdae.ties import largest, nearest
+from mbdae.values import largest, nearest
 
 UP, DOWN = 1 + 1e-12, 1 - 1e-12
 

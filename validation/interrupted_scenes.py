@@ -21,8 +21,7 @@ from overconstrained_scenes import MECHANISMS
 from own_methods import Gauss, Midpoint
 
 import mbdae as mb
-from mbdae.integrators.checkpoints import keeper
-from mbdae.integrators.runge_kutta import adaptive, dop853
+from mbdae.integrators import dop853, radau, stored_runs
 
 EVERY, ANEW, CALL = 10, 200, 16  #: steps between two checkpoints; of methods that begin anew there; of one call of C, at most
 SEED = 3
@@ -132,8 +131,8 @@ def run(name: str, folder: Path | None) -> str:
     """The bits of a run that is looked at after few steps, and kept in a folder, if one is given: written to the disk at every
     checkpoint."""
     make, end, options = RUNS[name]
-    before = keeper.PAUSE, adaptive.ROWS, dop853.ROWS
-    keeper.PAUSE, adaptive.ROWS, dop853.ROWS = 0.0, CALL, CALL
+    before = stored_runs.PAUSE, radau.ROWS, dop853.ROWS
+    stored_runs.PAUSE, radau.ROWS, dop853.ROWS = 0.0, CALL, CALL
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -141,7 +140,7 @@ def run(name: str, folder: Path | None) -> str:
             kept = {} if folder is None else {"checkpoint": folder, "every": every}
             return bits(make().simulate(end, **kept, **options))
     finally:
-        keeper.PAUSE, adaptive.ROWS, dop853.ROWS = before
+        stored_runs.PAUSE, radau.ROWS, dop853.ROWS = before
 
 
 def killed(name: str, folder: Path, kills: int, how: int = signal.SIGKILL) -> tuple[int, str]:

@@ -8,7 +8,7 @@ import numpy as np
 
 import mbdae as mb
 from mbdae.system.base import Array
-from mbdae.system.model.rotations import rotation_matrices, turned
+from mbdae.system.model.nodes import rotation_matrices, turned
 from mbdae.system.prepare import Prepared
 
 R = mb.Recursive()

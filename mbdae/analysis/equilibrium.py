@@ -12,16 +12,14 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from mbdae.analysis.frame import body_of, motion_in_words
-from mbdae.analysis.plane import LOOK, looked_at
+from mbdae.analysis.plane import LOOK, DenseStiffness, Tangent, looked_at
 from mbdae.analysis.statics import CONVERGED, Point, Statics
 from mbdae.analysis.steady import Rest, acceleration_scale, reason_not_steady
-from mbdae.analysis.stiffness import DenseStiffness, Tangent
 from mbdae.errors import EquilibriumError, OptionError, StartError, naming_arguments
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.notation import counted
-from mbdae.results.accuracy import Accuracy
+from mbdae.results.accuracy import Accuracy, RunInfo
 from mbdae.results.result import Result
-from mbdae.results.run_info import RunInfo
 from mbdae.results.states import Instant
 from mbdae.scene.components import Connection
 from mbdae.scene.scene import SceneData
@@ -29,7 +27,7 @@ from mbdae.scene.sensed import refuse_sampled
 from mbdae.system.base import Array
 from mbdae.system.motion.constrained import least_norm
 from mbdae.system.prepare import prepare
-from mbdae.system.start.start import Start
+from mbdae.system.start import Start
 from mbdae.threads import single_threaded
 from mbdae.values import array, flag, function, option, optional, shown
 

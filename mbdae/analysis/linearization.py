@@ -7,20 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.analysis.elastic import stresses_of
 from mbdae.analysis.equilibrium import Equilibrium
-from mbdae.analysis.frame import RotatingFrame, advanced, body_of, frame_at, motion_in_words
-from mbdae.analysis.mesh import OnMesh, finer
+from mbdae.analysis.frame import RotatingFrame, advanced, body_of, frame_at, motion_in_words, stresses_of
 from mbdae.analysis.modes import DEFAULT, lowest, softest_beam
 from mbdae.analysis.pencil import Pencil, complete_system
 from mbdae.analysis.plane import LOOK, OUT_OF_PLANE, looked_at
-from mbdae.analysis.reduced import Reduced, errors_of, free_basis, reduced
-from mbdae.analysis.shapes import Mode, Modes, motion, participants, scaled, shares
-from mbdae.analysis.spectrum import Structure, spectrum
+from mbdae.analysis.shapes import Mode, Modes, OnMesh, finer, motion, participants, scaled, shares
+from mbdae.analysis.spectrum import Reduced, Structure, errors_of, free_basis, reduced, spectrum
 from mbdae.analysis.state import pencil_at, pencil_with_errors, structure
 from mbdae.analysis.steady import STEADY, reason_not_steady, times_to_compare
 from mbdae.errors import OptionError, SteadyError, naming_arguments
-from mbdae.formulations.index3 import Index3
+from mbdae.formulations import Index3
 from mbdae.notation import counted
 from mbdae.results.result import Result
 from mbdae.scene.scene import SceneData
@@ -30,10 +27,9 @@ from mbdae.system.assembled.right_hand_side import state_rates
 from mbdae.system.base import Array
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared, prepare
-from mbdae.system.start.start import Start
+from mbdae.system.start import Start
 from mbdae.threads import single_threaded
-from mbdae.ties import largest
-from mbdae.values import flag, option, optional, shown, whole
+from mbdae.values import flag, largest, option, optional, shown, whole
 
 
 class Linearization(OnMesh, Modes[Mode]):

@@ -15,10 +15,10 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, eigs, eigsh, splu
 
-from mbdae.analysis.energy import NOISE
 from mbdae.analysis.pencil import Pencil, acting_states
 from mbdae.analysis.roots import parts
 from mbdae.analysis.spectrum import Spectrum, Structure, digits, exact_zeros
+from mbdae.analysis.state import NOISE
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model
 

@@ -18,16 +18,14 @@ from scipy.optimize import linear_sum_assignment
 
 from mbdae.analysis.frame import attitude
 from mbdae.analysis.linearization import start_at
-from mbdae.analysis.mesh import OnMesh, finer
-from mbdae.analysis.monodromy import Departures, departures, propagated
-from mbdae.analysis.orbit import check_return, followed
-from mbdae.analysis.shapes import Mode, Modes, motion, participants, scaled, shares
+from mbdae.analysis.orbit import Departures, check_return, departures, followed, propagated
+from mbdae.analysis.shapes import Mode, Modes, OnMesh, finer, motion, participants, scaled, shares
 from mbdae.errors import MbdaeError, SolverError, naming_arguments, warn
 from mbdae.formulations import system_for
 from mbdae.notation import counted
+from mbdae.scene.models import with_open_tree
 from mbdae.scene.scene import SceneData
 from mbdae.scene.sensed import refuse_sampled
-from mbdae.scene.variants import with_open_tree
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare

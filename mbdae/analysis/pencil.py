@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from mbdae.analysis.frame import RotatingFrame, skew
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.assembled.assembly import Assembly
-from mbdae.system.assembled.form_spec import FormSpec
+from mbdae.system.assembled.jacobian_entries import FormSpec
 from mbdae.system.base import Array, System
 from mbdae.system.model.moved_bodies import MovedBodies
-from mbdae.system.model.nodes import Node
-from mbdae.system.model.rotations import rotation_matrices
+from mbdae.system.model.nodes import Node, rotation_matrices
 from mbdae.system.model.shared_nodes import Sharing
 from mbdae.system.motion.mechanics import Mechanics
 

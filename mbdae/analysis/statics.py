@@ -18,11 +18,11 @@ from scipy.sparse.linalg import splu
 from mbdae.analysis.frame import motion_in_words, steady_acceleration
 from mbdae.analysis.modes import softest_beam
 from mbdae.analysis.pencil import Pencil, complete_system, derivatives, pencil
-from mbdae.analysis.reduced import free_basis
+from mbdae.analysis.plane import DenseStiffness, SparseStiffness, Tangent, stiffness
+from mbdae.analysis.spectrum import free_basis
 from mbdae.analysis.steady import Rest, acceleration_scale
-from mbdae.analysis.stiffness import DenseStiffness, SparseStiffness, Tangent, stiffness
 from mbdae.errors import EquilibriumError
-from mbdae.formulations.index3 import Index3
+from mbdae.formulations import Index3
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target, loads

@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.analysis.elastic import add_dead_loads, dynamics, forces_off
 from mbdae.analysis.frame import (
     RotatingFrame,
+    add_dead_loads,
     advanced,
     angular_velocity,
     attitude,
+    dynamics,
+    forces_off,
     frame_at,
     nodes_in_space,
     position,
@@ -26,12 +28,11 @@ from mbdae.symbolic.outputs import loads
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.right_hand_side import state_rates
 from mbdae.system.base import Array
-from mbdae.system.model.joint_motion import JointMotion
-from mbdae.system.model.nodes import Node
+from mbdae.system.model.nodes import JointMotion, Node
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
-from mbdae.system.start.start import Starter
-from mbdae.ties import largest
+from mbdae.system.start import Starter
+from mbdae.values import largest
 
 #: relative change below which a motion counts as steady; also the largest angular velocity, relative to a natural frequency of
 #: the scene, with which it counts as at rest. Eigenvalues change by about as much

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.audit.assumptions import bounds
 from mbdae.audit.evaluate import NO_VALUE, OutsideError, SizeError, Value, attempt, evaluate, infinite
 from mbdae.audit.motion import VECTORS, WIDE, Motion
 from mbdae.audit.notation import Node, Statement
 from mbdae.audit.phrases import Env
 from mbdae.audit.reading import Printed
+from mbdae.audit.rules_motion import bounds
 from mbdae.errors import MbdaeError
 
 SAME = 1e-9  #: relative difference below which two sides count as equal

@@ -11,7 +11,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.audit import latex, notation
+from mbdae.audit import carried, notation
 from mbdae.audit.carried import expression_value
 from mbdae.audit.evaluate import SizeError, attempt, evaluate, size
 from mbdae.audit.fits import places
@@ -55,7 +55,7 @@ class Edit:
 
     def tex(self, letters: Mapping[str, str]) -> str:
         """Description of the change with formulas in TeX."""
-        shown = [f"${latex.formula(p, letters) if isinstance(p, Node) else latex.name(str(p), letters)}$"
+        shown = [f"${carried.formula(p, letters) if isinstance(p, Node) else carried.name(str(p), letters)}$"
                  for p in (*self.pieces, *filter(None, [self.where]))]  # fmt: skip
         form = self.form.replace("->", r"$\to$") + (" in {}" if self.where is not None else "")
         return form.format(*shown)

@@ -10,7 +10,7 @@ import symengine as se
 
 from mbdae.audit.notation import Node
 from mbdae.errors import MbdaeError
-from mbdae.symbolic.functions import complex_atan2
+from mbdae.symbolic.rebuild import complex_atan2
 
 STEP = 1e-30  #: size of the complex step; its error, of order STEP^2, is far below round-off, and nothing is subtracted
 FINITE = 0.01  #: spacing of the finite differences for the outer one of two nested derivatives: FINITE^10 is below round-off

@@ -12,9 +12,10 @@ from mbdae.audit.carried import expression_value
 from mbdae.audit.evaluate import Value
 from mbdae.audit.motion import Motion
 from mbdae.laws import contact, forces, friction, joints
-from mbdae.laws.contact import Hertz, JournalContact
-from mbdae.laws.elements.beam import Beam
+from mbdae.laws.beam import Beam
+from mbdae.laws.contact import Hertz
 from mbdae.laws.friction import Coulomb
+from mbdae.laws.journal import JournalContact
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.law import Law

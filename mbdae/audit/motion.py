@@ -18,7 +18,7 @@ import numpy as np
 
 from mbdae.audit.carried import Carried, joint_class
 from mbdae.audit.evaluate import STEP, NestedError, SizeError, Value, cross
-from mbdae.symbolic.functions import complex_atan2
+from mbdae.symbolic.rebuild import complex_atan2
 
 _E3 = np.array([[0.0], [0.0], [1.0]])
 #: independent vectors of each body: position, velocity, acceleration, angular velocity, angular acceleration

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.audit import latex
+from mbdae.audit import carried
 from mbdae.audit.evaluate import STEP, SizeError, Value, derivative, evaluate, shifted
 from mbdae.audit.laws import WITH_COORDINATES, Own
 from mbdae.audit.motion import Motion
@@ -145,7 +145,7 @@ class Scope:
         found = {n: m.letter for n, m in self.symbols.items() if m.letter}
         taken = set(found.values())
         for n in sorted(self.symbols.keys() - found.keys(), key=len):
-            tex = latex.name(n)
+            tex = carried.name(n)
             found |= {n: rf"\mathrm{{{n}}}".replace("_", r"\_")} if tex in taken else {}
             taken.add(tex)
         return found

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.audit.assumptions import constant
 from mbdae.audit.compare import SAME, States, compared, difference, vanishing
 from mbdae.audit.evaluate import NO_VALUE, PARTIAL, OutsideError, Value, attempt, evaluate
 from mbdae.audit.laws import WITH_COORDINATES, Own, derived, law_class, part_class
@@ -21,6 +20,7 @@ from mbdae.audit.phrases import PARAMETER, Definition, Env, Meaning
 from mbdae.audit.reading import Printed
 from mbdae.audit.rules_contact import energy_fed
 from mbdae.audit.rules_laws import names
+from mbdae.audit.rules_motion import constant
 from mbdae.errors import MbdaeError
 from mbdae.symbolic.line import LineLaw
 from mbdae.symbolic.part import Part

@@ -36,7 +36,7 @@ def check(a: argparse.Namespace) -> int:
 
 def run(a: argparse.Namespace) -> int:
     """Simulate the scene; 1 where the accuracy asked for is not met."""
-    from mbdae.run.progress import bar
+    from mbdae.run.checkpoint import bar
 
     out, module = _folder(a.out), _load(a)
     t_end, scene = _t_end(a, module), _scene(a, module)
@@ -98,8 +98,8 @@ def report(a: argparse.Namespace) -> int:
     """Report of a law, joint model or scene, 1 where a check in it fails; audit of a file of formulas, 1 unless all are right."""
     if Path(a.what).suffix == ".audit":
         return _report_audit(a)
-    from mbdae.reports.report import names
-    from mbdae.reports.report import report as make
+    from mbdae.reports import names
+    from mbdae.reports import report as make
 
     if a.what in names():
         document = make(a.what)
@@ -284,7 +284,7 @@ def _t_end(a: argparse.Namespace, module: ModuleType) -> float:
 
 def _measure(a: argparse.Namespace, module: ModuleType, scene: Any) -> str | None:
     """The sensor named by `measure` in FILE; one of an item that is not in the scene is refused before the run."""
-    from mbdae.scene.sensor_names import placed, split
+    from mbdae.scene.sensed import placed, split
 
     measure = getattr(module, "measure", None)
     if measure is None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from types import ModuleType
 from typing import Any
 
-from mbdae.compare import Comparison, compare
-from mbdae.extremes import Extremes, extremes
-from mbdae.run.progress import bar
+from mbdae.compare import compare
+from mbdae.compare.page import Comparison
+from mbdae.extremes import extremes
+from mbdae.extremes.page import Extremes
+from mbdae.run.checkpoint import bar
 
 
 def compare_file(module: ModuleType, scene: Any, t_end: float, **options: Any) -> Comparison:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any, NoReturn
 
 from mbdae.cli.streams import REPORTS, UsageError
-from mbdae.disk.store import store
+from mbdae.disk import store
 from mbdae.errors import unknown_name
 
 # -- The command `mbdae cache`

@@ -10,11 +10,10 @@ from html import escape
 from typing import Any
 
 from mbdae.compare.table import COLUMNS, ComparisonData, Row, cells, failure_lines, pairwise_cells
-from mbdae.display import picture
 from mbdae.documents.formulas import escaped
-from mbdae.notation import counted
+from mbdae.notation import counted, picture
 from mbdae.show.plots import COLOURS, checked, style, written
-from mbdae.study.page import bullets, document, headings, html_row, html_table, made_with, section
+from mbdae.study import bullets, document, headings, html_row, html_table, made_with, section
 
 #: sorts a table by the column whose heading is clicked, numbers by value and unknown ones last
 SCRIPT = """

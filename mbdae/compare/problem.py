@@ -15,18 +15,17 @@ from mbdae.compare.run import Equations, Run, peak_bytes, reset_peak
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SceneError
 from mbdae.formulations import Form, default_form
 from mbdae.integrators.base import Solver, end_after
-from mbdae.integrators.distance import scaled_distance
-from mbdae.integrators.runge_kutta.radau import RadauIIA
-from mbdae.integrators.solution import Solution
+from mbdae.integrators.radau import RadauIIA
+from mbdae.integrators.solution import Solution, scaled_distance
 from mbdae.results.result import Result
-from mbdae.results.started import started
+from mbdae.results.stored_parts import started
 from mbdae.scene.components import Classical, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
-from mbdae.scene.sensor_names import measured
+from mbdae.scene.sensed import measured
 from mbdae.show.plots import numbers
 from mbdae.system.base import Array, System
-from mbdae.system.distance import motion_distance
 from mbdae.system.prepare import prepare
+from mbdae.system.sampling import motion_distance
 from mbdae.values import array, function, number, option, optional, shown, text
 
 GRID = 1001  #: number of times at which trajectories are compared
@@ -326,7 +325,7 @@ def _of_the_nearest(problem: Problem, first: Reference, made: Sequence[tuple[str
 def _seconds(problem: Problem, smallest: float) -> list[Solver]:
     """Second methods in the order in which they are tried. IDA is tried again with a smaller tolerance, because the difference
     from the reference may be its own error."""
-    from mbdae.integrators.sundials.ida import IDA
+    from mbdae.integrators.sundials import IDA
 
     label = problem.system(None).label
     tries: list[tuple[Solver, float]] = [(IDA(), CONFIRM), (IDA(), 30 * CONFIRM), (RadauIIA(2), CONFIRM)]

@@ -10,14 +10,12 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError
-from mbdae.formulations import Form, Index1, Index3, default_form, system_for
-from mbdae.formulations.named import form_of
+from mbdae.formulations import Form, Index1, Index3, default_form, form_of, system_for
 from mbdae.integrators.base import Solver
 from mbdae.integrators.named import solver_of
 from mbdae.integrators.solution import Solution
-from mbdae.results.accuracy import Accuracy
+from mbdae.results.accuracy import Accuracy, RunInfo
 from mbdae.results.result import Result
-from mbdae.results.run_info import RunInfo
 from mbdae.scene.components import JointModel
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
@@ -103,10 +101,9 @@ def default_runs(constrained: bool, system: System | None = None, others: Mappin
     others: joint models to compare in addition to those of the scene, each with whether its equations are an ODE. resolving: for
     a scene with beams, the form that resolves their vibrations; BDF and Adams, which take very many steps for them, are left
     out."""
-    from mbdae.integrators.runge_kutta.dop853 import DOP853
-    from mbdae.integrators.runge_kutta.radau import RadauIIA
-    from mbdae.integrators.sundials.cvode import CVODE
-    from mbdae.integrators.sundials.ida import IDA
+    from mbdae.integrators.dop853 import DOP853
+    from mbdae.integrators.radau import RadauIIA
+    from mbdae.integrators.sundials import CVODE, IDA
 
     runs = [Run(IDA()), Run(RadauIIA(2)), Run(RadauIIA(3))]
     if system is not None and int(np.max(system.index)) > 1:

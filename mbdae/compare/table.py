@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.compare.problem import Reference
-from mbdae.study.page import Study, grid
+from mbdae.study import Study, grid
 from mbdae.system.base import Array
 from mbdae.values import number, option
 

@@ -11,15 +11,15 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.contracts.states import States, Values, columns, moved
-from mbdae.formulations.ggl import ggl_outputs
-from mbdae.kernels import Kernel, LinearisedPlan, Plan
-from mbdae.kernels.plan import Outputs
+from mbdae.formulations import ggl_outputs
+from mbdae.kernels import Kernel
+from mbdae.kernels.plan import LinearisedPlan, Outputs, Plan
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.law import Element, Force, Law, Structure
 from mbdae.symbolic.outputs import Target, acceleration, dynamics, input_symbols, jacobian_G, kinematics, position, velocity
 from mbdae.symbolic.vectors import ZERO, Expr
 from mbdae.system.base import Array
-from mbdae.system.model.rotations import turned
+from mbdae.system.model.nodes import turned
 
 POINTS = 4  #: number of random states in which a variant of a law is evaluated
 STEP = 1e-30  #: imaginary increment of the complex-step derivative

@@ -12,8 +12,7 @@ from mbdae.contracts.case import STEP, Case, Measured, compared, label, of_eleme
 from mbdae.contracts.motion import stated_motion
 from mbdae.contracts.states import Values, columns, embedded, rates, rigid_velocities, rigidly_moved, rotation
 from mbdae.errors import LawError
-from mbdae.formulations.ggl import ggl_outputs
-from mbdae.formulations.index3 import index3_outputs
+from mbdae.formulations import ggl_outputs, index3_outputs
 from mbdae.kernels.plan import Outputs
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.joint import Joint

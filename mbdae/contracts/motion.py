@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 
 from mbdae.contracts.case import STEP, Case, Measured, branches
 from mbdae.contracts.states import Domain, Values, columns, rotation, turn, value
-from mbdae.kernels import Plan
+from mbdae.kernels.plan import Plan
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.joint import Joint
@@ -27,7 +27,7 @@ from mbdae.symbolic.motion import Motion, Rotation, motion_of
 from mbdae.symbolic.outputs import Target, coordinate, position, velocity
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.system.base import Array
-from mbdae.system.model.rotations import quaternion, rotation_matrices, turned
+from mbdae.system.model.nodes import quaternion, rotation_matrices, turned
 
 SOLVED = 1e-11  #: a pose of l whose rows all have smaller magnitudes than this (m or 1) counts as a solution of the rows
 #: a solution of the rows counts as one to which the motion does not lead if its distance from all poses to which it leads is

@@ -18,7 +18,7 @@ from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.motion import real_value, symbolic_motion
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
-from mbdae.system.model.rotations import quaternion, quaternion_product, rotation_matrices, turned
+from mbdae.system.model.nodes import quaternion, quaternion_product, rotation_matrices, turned
 
 # -- Values of the coordinates of a joint for which its motion is defined
 

@@ -7,11 +7,11 @@ from itertools import product
 from typing import Any
 
 from mbdae.errors import LawError, OptionError
+from mbdae.laws.bodies import JointCoordinate
 from mbdae.laws.contact import Hertz
-from mbdae.laws.elements import JointCoordinate
-from mbdae.laws.forces.on_coordinate import OnCoordinate
 from mbdae.laws.friction import Coulomb, LuGre
 from mbdae.laws.joints import Cylindrical, Prismatic, Revolute
+from mbdae.laws.on_coordinates import OnCoordinate
 from mbdae.symbolic.derive import Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint

@@ -1,14 +1,24 @@
-"""Stored values and compiled functions, under keys made of digests."""
+"""Stored values and compiled functions, under keys made of digests.
+
+A digest of what a law states: equal for equal expressions in all processes, different for all others.
+
+Numbers enter bit by bit, symbols by their names, functions by their kinds. Values that a digest might not cover completely
+(functions of SymPy, objects of a user's classes) have none.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import io
 import pickle
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from enum import Enum
 from typing import Any
 
-from mbdae.disk.store import store
-from mbdae.disk.surroundings import surroundings
+import symengine as se
+
+from mbdae.disk import store, surroundings
 
 #: classes that an entry may contain in addition to plain values: compiled functions, expressions, floats of NumPy
 ALLOWED = {("symengine.lib.symengine_wrapper", "llvm_loading_func"), ("symengine.lib.symengine_wrapper", "load_basic"),
@@ -58,3 +68,91 @@ def keep(key: str | None, value: Any) -> None:
     except Exception:  # a part cannot be stored: the value is made anew in every process
         return
     store().write(key, content)
+
+
+PLAIN = ("Zero", "One", "NegativeOne", "Half", "Integer", "Rational", "Pi", "Exp1", "BooleanTrue", "BooleanFalse", "Infinity",
+         "NegativeInfinity", "NaN", "GoldenRatio", "EulerGamma", "Catalan", "ImaginaryUnit")  #: text identifies them  # fmt: skip
+UNORDERED = ("Add", "Mul")
+REFUSED = ("PyFunction", "PySymbol", "Dummy", "RealMPFR", "ComplexMPC", "ComplexDouble", "Complex")
+
+
+class NoDigestError(Exception):
+    """A value that a digest could not identify completely."""
+
+
+MOST = 50_000  #: all remembered digests are forgotten where there are more than this when a new computation of digests begins
+_known: dict[Any, str] = {}  #: digests of expressions met in this process: laws share the expressions of their frames
+
+
+class Digests:
+    """Computes digests of values, with each expression visited once."""
+
+    def __init__(self) -> None:
+        if len(_known) > MOST:
+            _known.clear()
+        #: number of floating-point zeros met. Expressions that contain one are not looked up in `_known`: symengine takes 0.0 and
+        #: -0.0 for equal, but their digests must differ
+        self._zeros = 0
+
+    def of(self, value: Any) -> str:
+        """The digest of plain values, expressions, vectors, and containers and data classes of them; NoDigestError for others."""
+        if value is None or isinstance(value, bool | int | str):
+            return f"{type(value).__name__} {value!r}"
+        if isinstance(value, float):
+            return f"float {value.hex()}"
+        if isinstance(value, se.Basic) or hasattr(value, "_sympy_") or type(value).__module__.startswith("sympy."):
+            return self._of_expression(se.sympify(value))
+        return _short(self._of_container(value))
+
+    def _of_container(self, value: Any) -> str:
+        kind = type(value).__name__
+        if isinstance(value, Enum):
+            return f"{kind}.{value.name}"
+        if isinstance(value, frozenset | set):
+            return f"{kind} {sorted(map(self.of, value))}"
+        if isinstance(value, Mapping):
+            return f"{kind} {[(self.of(k), self.of(v)) for k, v in value.items()]}"
+        if isinstance(value, tuple | list):
+            return f"sequence {[self.of(v) for v in value]}"
+        if is_dataclass(value) and not isinstance(value, type):
+            return f"{kind} {[(f.name, self.of(getattr(value, f.name))) for f in fields(value)]}"
+        if kind in ("Vec", "Motion") and type(value).__module__.startswith("mbdae.symbolic."):
+            return f"{kind} {[self.of(v) for v in (value.c if kind == 'Vec' else value.steps)]}"
+        raise NoDigestError(kind)
+
+    def _of_expression(self, e: Any) -> str:
+        found = _known.get(e)
+        if found is None:
+            before = self._zeros
+            found = _short(self._text(e, type(e).__name__))
+            if self._zeros == before:
+                _known[e] = found
+        return found
+
+    def _text(self, e: Any, kind: str) -> str:
+        if kind == "Symbol":
+            return f"Symbol {e.name}"
+        if kind == "RealDouble":
+            self._zeros += float(e) == 0
+            return f"RealDouble {float(e).hex()}"
+        if kind in PLAIN:
+            return f"{kind} {e}"
+        if kind in REFUSED or not e.args or not type(e).__module__.startswith("symengine."):
+            raise NoDigestError(kind)
+        inner = [self._of_expression(a) for a in e.args]
+        name = e.get_name() if kind == "FunctionSymbol" else ""
+        return f"{kind} {name} {sorted(inner) if kind in UNORDERED else inner}"
+
+
+def _short(text: str) -> str:
+    return hashlib.blake2b(text.encode(), digest_size=20).hexdigest()
+
+def code_key(symbols: Sequence[Any], expressions: Sequence[Any], level: int | None) -> str | None:
+    """The key of compiled code, computed from symbols and expressions (not from a law) and from the compiler's optimisation
+    level; None where nothing is stored."""
+    if not store().used:
+        return None
+    try:
+        return key_of("code", Digests().of([list(symbols), list(expressions), level]))
+    except Exception:  # an expression has no digest: it is compiled in every process
+        return None

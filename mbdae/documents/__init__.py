@@ -1,1 +1,293 @@
-"""Documents of text, formulas, tables and pictures, written as HTML, Markdown or LaTeX."""
+"""A document for people to read: a title over blocks, written as HTML, Markdown or LaTeX.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from unicodedata import combining, normalize
+
+from mbdae.documents.blocks import Block, Code, Drawing, Equation, Paragraph, Picture, Section, Table, every
+from mbdae.documents.formulas import extent, folded, split_text, width
+from mbdae.documents.html import html
+from mbdae.documents.mathml import GREEK, SIGNS
+from mbdae.errors import NamesArguments, OptionError
+from mbdae.files import write_file
+from mbdae.notation import framed
+from mbdae.values import file_to_write, option, shown
+
+# -- Text for TeX: escapes of special characters, Greek letters and signs, substitutes for characters that TeX lacks
+
+
+#: packages needed for the text that this module writes
+PACKAGES = r"""\usepackage[T1]{fontenc}
+\usepackage[utf8]{inputenc}
+\usepackage{lmodern}
+"""
+_SPECIAL = {"\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}", "$": r"\$",
+            "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\ensuremath{<}", ">": r"\ensuremath{>}"}  # fmt: skip
+_NAMES = {sign: name for name, sign in reversed((GREEK | SIGNS).items()) if not sign.isascii() and name.isalpha()}
+#: Greek letters for which TeX has no command because they look like Latin ones
+_LATIN = dict(zip("ΑΒΕΖΗΙΚΜΝΟΡΤΧο", "ABEZHIKMNOPTXo", strict=True))
+_SIGNS = {sign: rf"\ensuremath{{\{name}}}" for sign, name in _NAMES.items()} | {
+    greek: rf"\ensuremath{{\mathrm{{{latin}}}}}" for greek, latin in _LATIN.items()} | {
+    "²": r"\ensuremath{^2}", "³": r"\ensuremath{^3}", "°": r"\ensuremath{^\circ}", "–": "--", "…": r"\ldots{}",
+    "−": r"\ensuremath{-}", "\xa0": "~"}  # fmt: skip
+_NOT_SET = "ĦħĸĿŀŉŦŧſ"  #: accented Latin letters that TeX does not set
+
+
+def plain(text: str) -> str:
+    """Text escaped so that TeX prints it as it is, in text and in `\\text` of formulas."""
+    return "".join(_SPECIAL.get(c) or _sign(c, _SIGNS) for c in text)
+
+
+def signs(latex: str) -> str:
+    """LaTeX with commands in place of characters that TeX does not read, in text or formulas."""
+    return "".join(_sign(c, _SIGNS) for c in latex)
+
+
+def verbatim(text: str) -> str:
+    """Text without characters that TeX does not read: Greek letters by their names, others by their code points."""
+    return "".join(_sign(c, _NAMES | _LATIN) for c in text)
+
+
+def _sign(c: str, known: dict[str, str]) -> str:
+    """One character as TeX reads it; unknown accents are dropped, other unknown characters written as U+ and their code point."""
+    if c in known:
+        return known[c]
+    if (c.isascii() and (c.isprintable() or c in "\n\t")) or ("À" <= c <= "ž" and c not in _NOT_SET):
+        return c
+    base = "".join(part for part in normalize("NFKD", c) if not combining(part))
+    return "".join(_sign(part, known) for part in base) if base not in ("", c) else "" if combining(c) else f"U+{ord(c):04X}"
+
+
+# -- A document as a LaTeX article
+
+
+HEAD = r"\documentclass[a4paper,10pt]{article}" + "\n" + PACKAGES + r"""\usepackage[margin=22mm]{geometry}
+\usepackage{amsmath,amssymb,bm,graphicx,longtable,array,tikz}
+\setlength{\parindent}{0pt}\setlength{\parskip}{4pt}
+\setlength{\tabcolsep}{3pt}\raggedright\sloppy\allowdisplaybreaks
+"""
+#: text between two consecutive equations: a line end replaces it, so that they share one display
+_NEXT = "\n\\end{gather*}\n\n\\begin{gather*}\n"
+_SPACE = r"\s+(?=[^$]*(?:\$[^$]*\$[^$]*)*$)"  #: regular expression of the blanks between words, outside of `$...$`
+WIDEST = 44.0  #: width of a line in em above which the whole formula is scaled to 0.9 of the text width
+LETTERS = 76.0  #: largest width of a line in letters; wider formulas are broken between terms
+_LEVELS = {2: "section", 3: "subsection", 4: "subsubsection"}
+
+
+def latex(title: str, blocks: Sequence[Block], files: Mapping[int, str] | None = None) -> str:
+    """The LaTeX text of a document; `files`: name of the file of a picture by the picture's id."""
+    body = "\n\n".join(_tex_block(block, 2, files or {}) for block in blocks).replace(_NEXT, " \\\\\n")
+    return f"{HEAD}\\begin{{document}}\n{{\\LARGE\\bfseries {_text(title)}\\par}}\n\\medskip\n\n{body}\n\\end{{document}}\n"
+
+
+def _text(text: str) -> str:
+    out = []
+    for formula, part in split_text(text):
+        if formula:
+            out.append(f"${signs(part)}$")
+            continue
+        for i, piece in enumerate(part.split("`")):
+            out.append(f"\\texttt{{{plain(piece)}}}" if i % 2 else plain(piece))
+    return "".join(out)
+
+
+def _tex_block(block: Block, level: int, files: Mapping[int, str]) -> str:
+    if isinstance(block, Section):
+        level = block.level or level
+        command = _LEVELS.get(level, "paragraph")
+        return "\n\n".join([f"\\{command}*{{{_text(block.title)}}}", *(_tex_block(b, level + 1, files) for b in block.blocks)])
+    if isinstance(block, Paragraph):
+        return _text(block.text)
+    if isinstance(block, Equation):
+        return _tex_equation(block)
+    if isinstance(block, Table):
+        return _tex_table(block)
+    if isinstance(block, Code):
+        return f"{{\\small\n\\begin{{verbatim}}\n{verbatim(block.text)}\n\\end{{verbatim}}}}"
+    return _tex_picture(block, files)
+
+
+def displayed(formula: str) -> str:
+    """A formula that fits the text width: broken between its terms, scaled down where a single term is wider."""
+    lines = folded(signs(formula), LETTERS, lambda part: max(width(part), 2 * extent(part)))
+    body = "\\begin{aligned}\n& " + " \\\\\n& ".join(lines) + "\n\\end{aligned}" if len(lines) > 1 else lines[0]
+    return f"\\resizebox{{0.9\\linewidth}}{{!}}{{$\\displaystyle {body}$}}" if max(map(extent, lines)) > WIDEST else body
+
+
+def _tex_equation(equation: Equation) -> str:
+    tag, body = f" \\tag{{{equation.number}}}" if equation.number is not None else "", displayed(equation.latex)
+    note = f"\n\n{{\\small {_text(equation.note)}}}" if equation.note else ""
+    return f"\\begin{{gather*}}\n{body}{tag}\n\\end{{gather*}}{note}"
+
+
+def _tex_table(table: Table) -> str:
+    columns = "".join(f">{{\\raggedright\\arraybackslash}}p{{{share:.3f}\\linewidth}}" for share in _shares(table))
+    head = " & ".join(f"\\textbf{{{_text(cell)}}}" for cell in table.head)
+    rows = " \\\\\n".join(" & ".join(map(_text, row)) for row in table.rows)
+    caption = f"{_text(table.caption)}\n\n" if table.caption else ""
+    below = r"\hline\noalign{\smallskip}"
+    body = f"{head} \\\\\n{below}\n\\endhead\n{rows} \\\\\n"
+    size = "small" if len(table.head) < 6 else "scriptsize"
+    return f"{caption}{{\\{size}\\begin{{longtable}}{{{columns}}}\n{body}\\end{{longtable}}}}"
+
+
+def _shares(table: Table) -> list[float]:
+    """Column widths by content: no narrower than the longest word, with the remaining width given to long texts."""
+    cells = list(zip(table.head, *table.rows, strict=True))
+    words = [max(1.25 * _letters(word) + 1.2 for cell in column for word in re.split(_SPACE, cell)) for column in cells]
+    texts = [max(map(_letters, column)) for column in cells]
+    need, spare = sum(words), 86.0 - 2.2 * len(cells)
+    more = [max(0.0, text - word) for text, word in zip(texts, words, strict=True)]
+    room = max(0.0, spare - need)
+    share = min(1.0, room / max(sum(more), 1e-9))
+    wide = [word + share * m for word, m in zip(words, more, strict=True)]
+    return [(0.98 - 0.014 * len(cells)) * w / max(sum(wide), spare) for w in wide]
+
+
+def _letters(word: str) -> float:
+    """Estimated width of a text in letters; underscores outside of formulas count extra."""
+    return width(word) + sum(0.8 * part.count("_") for formula, part in split_text(word) if not formula)
+
+
+def _tex_picture(picture: Picture, files: Mapping[int, str]) -> str:
+    name = files.get(id(picture))
+    if isinstance(picture.content, Drawing):
+        return f"\\begin{{center}}\n{signs(picture.content.tikz())}\n\n{_text(picture.caption)}\n\\end{{center}}"
+    shown = f"\\includegraphics[width=\\linewidth,height=0.5\\textheight,keepaspectratio]{{{name}}}\n\n" if name else "Picture: "
+    return f"{shown}{_text(picture.caption)}"
+
+
+# -- A document as Markdown with mathematics between dollar signs
+
+
+def markdown(title: str, blocks: Sequence[Block], files: Mapping[int, str] | None = None) -> str:
+    """The Markdown text of a document; `files`: name of the file of a picture by the picture's id."""
+    parts = [f"# {_plain(title)}", *(_markdown_block(block, 2, files or {}) for block in blocks)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _markdown_block(block: Block, level: int, files: Mapping[int, str]) -> str:
+    if isinstance(block, Section):
+        level = block.level or level
+        parts = (_markdown_block(b, level + 1, files) for b in block.blocks)
+        return "\n\n".join([f"{'#' * level} {_plain(block.title)}", *parts])
+    if isinstance(block, Paragraph):
+        return _plain(block.text)
+    if isinstance(block, Equation):
+        return _markdown_equation(block)
+    if isinstance(block, Table):
+        return _markdown_table(block)
+    if isinstance(block, Code):
+        return f"```text\n{block.text}\n```"
+    name, caption = files.get(id(block)), _plain(block.caption)
+    return f"![{caption}]({name})" if name else f"*Picture: {caption}*"
+
+
+def _markdown_equation(equation: Equation) -> str:
+    lines = folded(equation.latex)
+    tag = f" \\tag{{{equation.number}}}" if equation.number is not None else ""
+    body = lines[0] if len(lines) == 1 else "\\begin{aligned}\n& " + " \\\\\n& ".join(lines) + "\n\\end{aligned}"
+    note = f"\n\n{_plain(equation.note)}" if equation.note else ""
+    return f"$$\n{body}{tag}\n$$" + note
+
+
+def _markdown_table(table: Table) -> str:
+    head = "| " + " | ".join(map(_cell, table.head)) + " |\n|" + "---|" * len(table.head)
+    rows = "\n".join("| " + " | ".join(map(_cell, row)) + " |" for row in table.rows)
+    caption = f"{_plain(table.caption)}\n\n" if table.caption else ""
+    return f"{caption}{head}\n{rows}"
+
+
+def _cell(text: str) -> str:
+    return _plain(text).replace("|", r"\|").replace("\n", " ")
+
+
+def _plain(text: str) -> str:
+    """Text in which `<` outside of code and mathematics is escaped, so that it starts no HTML."""
+    return re.sub(r"(`[^`]*`|(?<!\\)\$[^$]*\$)|<", lambda m: m[1] or r"\<", text)
+
+
+COMPILERS = ("pdflatex", "lualatex")
+INSTALL_TEX = "install TeX (Debian: texlive-latex-recommended, texlive-pictures, lmodern)"
+
+
+@dataclass(frozen=True)
+class Document(NamesArguments):
+    """A title and blocks, which can be written as HTML, Markdown, LaTeX or PDF."""
+
+    title: str
+    blocks: Sequence[Block] = ()
+
+    def __repr__(self) -> str:
+        sections = ", ".join(block.title for block in self.blocks if isinstance(block, Section))
+        return f"Document({self.title!r}: {sections or 'no sections'}; .save(path) writes .html, .md, .tex or .pdf)"
+
+    def to_html(self) -> str:
+        """An HTML page that loads no other file: mathematics as MathML, pictures embedded."""
+        return html(self.title, self.blocks)
+
+    def to_markdown(self) -> str:
+        """Markdown with mathematics between dollar signs; pictures are replaced by their captions."""
+        return markdown(self.title, self.blocks)
+
+    def to_latex(self) -> str:
+        """A LaTeX article that needs only packages of a basic installation; pictures are replaced by their captions."""
+        return latex(self.title, self.blocks)
+
+    def _repr_html_(self) -> str:
+        return framed(self.to_html())
+
+    def save(self, path: str | Path) -> Path:
+        """Write the document in the format of the suffix, .html, .md, .tex or .pdf; returns the path.
+
+        Pictures are embedded in .html; for .md and .tex they become files next to it. A .pdf needs lualatex or pdflatex
+        (Debian: texlive-latex-recommended, texlive-pictures, lmodern). Raises OptionError without them, or for another suffix."""
+        file: Path = option("path", path, file_to_write, "write .html, .md, .tex or .pdf into a folder that exists",
+                            suffixes=(".html", ".md", ".tex", ".pdf"))  # fmt: skip
+        if file.suffix.lower() == ".pdf":
+            return self._typeset(file)
+        writers: dict[str, Callable[[], str]] = {
+            ".html": self.to_html, ".md": lambda: self._with_pictures(file), ".tex": lambda: self._with_pictures(file),
+        }  # fmt: skip
+        return write_file(file, writers[file.suffix.lower()]())
+
+    def _typeset(self, file: Path) -> Path:
+        """Compile the document's LaTeX to a PDF; OptionError without a TeX installation."""
+        compiler = next((found for found in map(shutil.which, COMPILERS) if found), None)
+        if compiler is None:
+            raise OptionError(f"path = {shown(str(file))}: there is none of {', '.join(COMPILERS)} here; write .tex, or "
+                              f"{INSTALL_TEX}")
+        with TemporaryDirectory() as folder:
+            self.save(Path(folder) / "report.tex")
+            command = [compiler, "-interaction=nonstopmode", "-halt-on-error", "report.tex"]
+            for _ in range(2):  # the second run knows the column widths of the tables
+                done = subprocess.run(command, cwd=folder, capture_output=True, check=False)
+            if done.returncode:
+                output = done.stdout.decode(errors="replace")
+                last_output = output.partition("\n! ")[2][:300] or output[-300:].strip() or "it printed nothing"
+                raise OptionError(f"path = {shown(str(file))}: {Path(compiler).name} stopped: {last_output}; write .tex, or "
+                                  f"{INSTALL_TEX}")
+            return write_file(file, (Path(folder) / "report.pdf").read_bytes())
+
+    def _with_pictures(self, file: Path) -> str:
+        """Markdown or LaTeX text of the document, after its pictures were written to the same folder (LaTeX cannot include SVG:
+        such a picture is replaced by its caption)."""
+        files = {}
+        for i, picture in enumerate(self.pictures()):
+            if picture.suffix == ".png" or file.suffix.lower() == ".md":
+                place = file.with_name(f"{file.stem}-{i + 1}{picture.suffix}")
+                write_file(place, picture.file)
+                files[id(picture)] = place.name
+        return (markdown if file.suffix.lower() == ".md" else latex)(self.title, self.blocks, files)
+
+    def pictures(self) -> Iterator[Picture]:
+        """All pictures in their order."""
+        return every(Picture, self.blocks)

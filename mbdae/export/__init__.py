@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.display import rows, titled
 from mbdae.errors import OptionError, naming_arguments
 from mbdae.export import languages, text
 from mbdae.export.law import law_program
 from mbdae.export.program import Entry, Program
 from mbdae.export.scene import scene_program
 from mbdae.files import write_file
-from mbdae.formulations.named import form_of
+from mbdae.formulations import form_of
+from mbdae.notation import rows, titled
 from mbdae.scene.components import Connection
 from mbdae.scene.scene import SceneData
 from mbdae.values import option, shown, word

@@ -13,7 +13,7 @@ import symengine as se
 import mbdae.native
 from mbdae.export.program import Entry, Function, Program, weights
 from mbdae.native.program import CALL, CHOLESKY, LOAD, LOOKUP, LU, POSITIVE, SET, Step
-from mbdae.symbolic.source import Language, called, steps
+from mbdae.symbolic.program import Language, called, steps
 from mbdae.symbolic.vectors import Expr
 
 

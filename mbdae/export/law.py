@@ -10,12 +10,13 @@ import numpy as np
 
 from mbdae.errors import OptionError
 from mbdae.export.program import RATES, Entry, Program, force_of, node_units, rate_of
-from mbdae.kernels import Kernel, linearised_plan, plan
-from mbdae.laws.contact import JournalContact
+from mbdae.kernels import Kernel
+from mbdae.kernels.plan import linearised_plan, plan
 from mbdae.laws.friction import Friction
+from mbdae.laws.journal import JournalContact
 from mbdae.native.program import Operations
 from mbdae.notation import counted
-from mbdae.reports.scenes.equations import row_unit
+from mbdae.reports.scene_equations import row_unit
 from mbdae.reports.statement import OPTIONS, structure_of
 from mbdae.results.sensors import power_outputs, reaction_outputs
 from mbdae.symbolic import outputs as of

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import symengine as se
 
+from mbdae.documents import WIDEST, Document, displayed, plain
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
-from mbdae.documents.document import WIDEST, Document, displayed, plain
 from mbdae.documents.formulas import escaped, extent
 from mbdae.errors import OptionError
 from mbdae.export.languages import CASADI, SYMPY, described
@@ -18,8 +18,8 @@ from mbdae.native.program import ADD, CALL, CHOLESKY, LOAD, LOOKUP, LU, MULTIPLY
 from mbdae.reports.letters import unit_text
 from mbdae.reports.vectors import Record
 from mbdae.reports.writer import Writer
+from mbdae.symbolic.program import Language, reached, written
 from mbdae.symbolic.rebuild import rebuilt
-from mbdae.symbolic.source import Language, reached, written
 from mbdae.symbolic.vectors import Expr
 
 # -- The operations of a function applied to symbols instead of numbers: a sequence of named expressions

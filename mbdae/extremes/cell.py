@@ -17,11 +17,10 @@ from mbdae.compare.run import Equations
 from mbdae.errors import AccuracyWarning, MbdaeError
 from mbdae.extremes.ways import Way
 from mbdae.integrators.base import Asked, Solver
-from mbdae.integrators.runge_kutta.radau import RadauIIA
-from mbdae.integrators.sundials.ida import IDA
-from mbdae.results.accuracy import Accuracy
+from mbdae.integrators.radau import RadauIIA
+from mbdae.integrators.sundials import IDA
+from mbdae.results.accuracy import Accuracy, RunInfo
 from mbdae.results.result import Result
-from mbdae.results.run_info import RunInfo
 from mbdae.run.control import Controlled, run_controlled
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.scene_system import SceneSystem

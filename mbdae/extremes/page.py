@@ -13,8 +13,8 @@ from typing import Any
 from mbdae.errors import NamesArguments
 from mbdae.extremes.cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, Cell
 from mbdae.notation import counted
-from mbdae.run.environment import environment
-from mbdae.study.page import Study, document, grid, headings, html_row, html_table, made_with, section
+from mbdae.run.checkpoint import environment
+from mbdae.study import Study, document, grid, headings, html_row, html_table, made_with, section
 from mbdae.values import number, option, text
 
 #: matches numbers and details of failures: of several warnings or errors that are equal without these only the first is shown

@@ -15,7 +15,7 @@ from typing import Any
 from mbdae.compare.problem import Problem
 from mbdae.compare.run import Run, checked_runs
 from mbdae.errors import OptionError
-from mbdae.formulations.named import form_words
+from mbdae.formulations import form_words
 from mbdae.integrators.named import solvers
 from mbdae.scene.components import Classical, JointModel, Recursive
 from mbdae.scene.record import item_name

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mbdae.errors import MbdaeError
 from mbdae.inputs import tables
 from mbdae.inputs.enclosure import Enclosure, halves
-from mbdae.inputs.pieces import Pieces, pieces
+from mbdae.inputs.measured import Pieces, pieces
 from mbdae.inputs.tables import Table
 from mbdae.inputs.timed import SIDE, TIME, affine, rate, sided, split
 from mbdae.symbolic.rebuild import is_condition, nodes

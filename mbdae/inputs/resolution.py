@@ -21,8 +21,7 @@ from mbdae.inputs.breaks import TOLERANCE, TooManyError, breaks, distinct, table
 from mbdae.inputs.enclosure import Bounds, Enclosure, Node, halves
 from mbdae.inputs.tables import SIDED
 from mbdae.inputs.timed import TIME, rate, sided
-from mbdae.symbolic.functions import KINDS, scales
-from mbdae.symbolic.rebuild import is_condition, nodes
+from mbdae.symbolic.rebuild import KINDS, is_condition, nodes, scales
 from mbdae.symbolic.vectors import Expr
 
 Array = NDArray[np.float64]

@@ -1,4 +1,7 @@
-"""Sensors in expressions: symbols that carry the path of a sensor, such as sensor("J.angle")."""
+"""Rewriting of inputs in functions that kernels can compile: Piecewise for one-sided functions, floor for Mod, ceiling, frac.
+
+Sensors in expressions: symbols that carry the path of a sensor, such as sensor("J.angle").
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,105 @@ from typing import Any
 
 import symengine as se
 
+from mbdae.inputs import tables
+from mbdae.inputs.text import FUNCTIONS
+from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_sided, rebuilt, without_overflow
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import BadValueError, shown
+
+#: functions that inputs may contain and that are rewritten with Piecewise or floor
+REWRITTEN = ("Abs", "sign", "Heaviside", "Max", "Min", "Mod", "ceiling", "frac")
+HUGE = 100.0  #: a number times an exponential is put into the exponent if the magnitude of ln|number| is larger, see `_exponents`
+
+
+def rewritten(value: Any) -> Expr:
+    """An expression in functions the kernels compile; refuses expressions without a value or a derivative."""
+    if isinstance(value, se.Basic) and is_plain(value):
+        return without_overflow(one_sided(value))
+    import sympy
+
+    value = sympy.sympify(value)
+    if value.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
+        raise BadValueError(f"{shown(value)} contains an infinite number or a division by zero: give finite numbers")
+    used = {type(f).__name__ for f in value.atoms(sympy.core.function.Application)}
+    unknown = sorted(name for name in used - {*FUNCTIONS, *REWRITTEN, *LOGIC, "ITE"} if tables.named(name) is None)
+    if unknown:
+        known = ", ".join(FUNCTIONS + REWRITTEN)
+        raise BadValueError(f"{shown(value)} contains the function {unknown[0]}; expressions of mb.t may use {known}")
+    for piecewise in value.atoms(sympy.Piecewise):
+        if not _complete(piecewise):
+            raise BadValueError(f"{shown(piecewise)} has no value where none of its conditions holds; end it with (value, True)")
+    if value.has(sympy.I):
+        raise BadValueError(f"{shown(value)} contains the imaginary unit: give a real expression")
+    return without_overflow(_with_exponents(*_exponents(_without_steps(value))))
+
+
+def is_plain(e: Expr) -> bool:
+    """Whether a symengine expression contains nothing that SymPy has to rewrite or to refuse."""
+    parts = nodes(e)
+    if not all(part.args[-1] == se.true for part in parts if isinstance(part, se.Piecewise)):
+        return False
+    numbers = {"Integer", "Rational", "RealDouble", "Zero", "One", "NegativeOne", "Half", "Pi", "Exp1"}
+    names = {type(part).__name__ for part in parts if not is_condition(part) and tables.lookup_of(part) is None}
+    return names <= {*FUNCTIONS, *ONE_SIDED, "Add", "Mul", "Pow", "Symbol", *numbers}
+
+
+def _without_steps(e: Any) -> Any:
+    """A SymPy expression with Heaviside, Mod, frac and ITE, which symengine does not have, rewritten."""
+    import sympy as sp
+
+    rules: dict[Any, Any] = {
+        sp.Heaviside: lambda x, at_zero=None: (1 + sp.sign(x)) / 2,
+        sp.Mod: lambda x, period: x - period * sp.floor(x / period), sp.frac: lambda x: x - sp.floor(x),
+        sp.ITE: lambda c, a, b: sp.Or(sp.And(c, a), sp.And(sp.Not(c), b)),
+    }  # fmt: skip
+    for function, rule in rules.items():
+        e = e.replace(function, rule)
+    return e
+
+
+def _exponents(e: Any) -> tuple[Any, dict[str, Any]]:
+    """The expression with a symbol for every exponential that SymPy has split into a number and a rest, exp(x - 5000) into
+    1e-2171 exp(x): neither fits into a double although their product does. Also returned: the exponents (rest, number) of these
+    symbols."""
+    import sympy as sp
+
+    found: dict[str, Any] = {}
+
+    def huge(x: Any) -> bool:
+        number = x.as_coeff_Mul()[0] if x.is_Mul else sp.S.One
+        return bool(number.is_Float and number != 0 and abs(sp.log(abs(number))) > HUGE and any(a.func is sp.exp for a in x.args))
+
+    def merged(x: Any) -> Any:
+        number, rest = x.as_coeff_Mul()
+        power = next(a for a in rest.as_ordered_factors() if a.func is sp.exp)
+        name = f"exponential_{len(found)}"
+        found[name] = power.args[0], float(sp.log(abs(number)))
+        return sp.sign(number) * sp.Symbol(name, real=True) * (rest / power)
+
+    return e.replace(huge, merged), found
+
+
+def _with_exponents(value: Any, exponents: dict[str, Any]) -> Expr:
+    """The expression in symengine, with the exponentials put back for their symbols and Piecewise for one-sided functions."""
+
+    def rule(node: Expr, _: list[Expr]) -> Expr | None:
+        if isinstance(node, se.Symbol) and str(node) in exponents:
+            rest, number = exponents[str(node)]
+            return se.exp(_with_exponents(rest, exponents) + number)
+        return None
+
+    return one_sided(rebuilt(se.sympify(value), rule))
+
+
+def _complete(piecewise: Any) -> bool:
+    """Whether a Piecewise has a value everywhere: one of its conditions is always true."""
+    import sympy
+
+    conditions = [condition for _, condition in piecewise.args]
+    return bool(conditions[-1] == True or sympy.simplify_logic(sympy.Or(*conditions)) == True  # noqa: E712
+                or sympy.Or(*conditions).simplify() == True)  # fmt: skip  # noqa: E712
+
 
 _HEAD = "sensor("
 

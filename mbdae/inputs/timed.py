@@ -16,12 +16,10 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.disk.entries import keep, recall
-from mbdae.disk.exact import code_key
+from mbdae.disk.entries import code_key, keep, recall
 from mbdae.inputs import tables
 from mbdae.inputs.deferred_time import Timed
-from mbdae.inputs.rewriting import is_plain, rewritten
-from mbdae.inputs.sensed import refuse_symbols
+from mbdae.inputs.sensed import is_plain, refuse_symbols, rewritten
 from mbdae.inputs.text import TIME as TIME
 from mbdae.inputs.text import canonical
 from mbdae.symbolic.rebuild import is_condition, nodes, rebuilt

@@ -14,13 +14,12 @@ import numpy as np
 
 from mbdae.errors import OptionError, warn
 from mbdae.inputs.resolution import Bound, divided, with_edges
-from mbdae.integrators.checkpoints.keeper import active
-from mbdae.integrators.checkpoints.record import Record
 from mbdae.integrators.loop import StepLoop
-from mbdae.integrators.rejections import said
-from mbdae.integrators.solution import Interpolant, Solution, Stats
-from mbdae.limits import came
+from mbdae.integrators.record import Record
+from mbdae.integrators.solution import Interpolant, Solution, Stats, said
+from mbdae.integrators.stored_runs import active
 from mbdae.system.base import Array, System
+from mbdae.threads import came
 from mbdae.values import array, function, number, of_class, option, optional, sequence, set_option, several, shown, text, whole
 
 DEFAULT_ACCURACY = 1e-6

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import distinct
+from mbdae.integrators.collocation_tables import CollocationTable, radau_table
 from mbdae.integrators.kept_rows import leave
-from mbdae.integrators.runge_kutta.tables import CollocationTable, radau_table
 from mbdae.system.base import Array
 
 FEW = 64  #: largest number of times that are evaluated together, so that their data stay in the processor's cache

@@ -13,13 +13,12 @@ from typing import Any, Self
 import numpy as np
 
 from mbdae.errors import ENDS, OptionError, SolverError, WallClockError, interrupted, keeping
-from mbdae.integrators.checkpoints.record import Record
 from mbdae.integrators.dense import joined
 from mbdae.integrators.kept_rows import Rows
+from mbdae.integrators.record import Record
 from mbdae.integrators.solution import Interpolant, Method, Outputs, Solution, Stats
-from mbdae.limits import check
 from mbdae.system.base import Array, System
-from mbdae.threads import one_thread
+from mbdae.threads import check, one_thread
 
 PROGRESS_PERIOD = 0.1
 FIRST_LOOK = 16  #: number of steps after which `stop` is asked for the first time whether a run may end early

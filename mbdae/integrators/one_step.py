@@ -10,16 +10,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mbdae.errors import OptionError
-from mbdae.integrators.constant import StepFailedError, constant_steps, not_finite
+from mbdae.integrators.constant import StepFailedError, check_rates, constant_steps, not_finite, rate_jacobian
 from mbdae.integrators.dense import hermite
 from mbdae.integrators.loop import StepLoop
-from mbdae.integrators.rates import check_rates, rate_jacobian
 from mbdae.integrators.solution import Interpolant, Stats
 from mbdae.integrators.stepped import Stepped
-from mbdae.integrators.watched.arguments import cubic_of_step
+from mbdae.integrators.watched_arguments import cubic_of_step
 from mbdae.system.base import Array, System
-from mbdae.ties import largest
-from mbdae.values import option, whole
+from mbdae.values import largest, option, whole
 
 #: an unknown larger than this many times its scale plus its magnitude at the start is reported as the cause of a rate that is not
 #: finite

@@ -1,4 +1,9 @@
-"""The result of an integration."""
+"""The result of an integration.
+
+The distance of two runs, and the times at which runs are compared.
+
+Runs that reject most of their steps say so.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +13,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from mbdae.errors import ListsAttributes, OptionError
+from mbdae.deferred import distinct
+from mbdae.errors import ListsAttributes, OptionError, warn
 from mbdae.system.base import Array, System
 from mbdae.values import array, option, shown
 
@@ -137,3 +143,54 @@ def systems_at(run: Solution, t: Array, otherwise: System) -> list[System]:
     if len(begins) < 2:
         return [otherwise] * len(t)
     return [run.systems[max(i, 0)][1] for i in np.searchsorted(begins, t, side="right") - 1]
+
+
+BETWEEN = 3  #: number of points at which runs are compared between two neighbouring ends of steps of the coarser run
+#: where the coarser run has more ends of steps than this, only every second, third, ... one of them is used for the comparison
+MOST = 2000
+
+Measure = Callable[[Array, Array, Array], Array]  #: times (nt,) and two trajectories (nt, n) -> their distance (nt,)
+
+
+def scaled_distance(system: System, a: Array, b: Array, without: tuple[str, ...] = ("lambda", "mu")) -> Array:
+    """(nt,) largest difference of an unknown of a and b (nt, n), relative to its scale; without: kinds of unknowns left out. Used
+    for equations without a scene."""
+    keep = np.array([kind not in without for kind in system.kinds])
+    unit = np.maximum(system.scale, np.max(np.abs(b), axis=0))
+    return np.asarray(np.max((np.abs(a - b) / unit)[:, keep], axis=1))
+
+
+def check_times(coarse: Solution, outputs: Array | None = None) -> Array:
+    """Times (s) at which a run is compared with the run `coarse`: outputs, ends of steps of `coarse`, and points inside its
+    steps."""
+    t = coarse.t
+    if len(t) > MOST:
+        t = t[:: len(t) // MOST + 1]
+    inner = (t[:-1, None] + np.diff(t)[:, None] * (np.arange(BETWEEN) + 0.5) / BETWEEN).ravel()
+    asked = np.zeros(0) if outputs is None else outputs[outputs <= coarse.t[-1]]
+    return distinct(np.concatenate([asked, t, inner]))
+
+
+#: a run is said to reject too many steps where these are at least MANY times those accepted, and where FEW steps or more were
+#: accepted. Measured: at most 0.51 times in the examples, with each of the default solver, IDA and Radau IIA, contacts included;
+#: 0.87 times, at 20 times the cost, where IDA stays at short steps (transistor amplifier)
+MANY, FEW = 0.75, 200
+
+
+def rejecting(run: Solution) -> str:
+    """The warning about a run that rejects most of its steps; "" where it does not. Steps that were repeated because of a contact
+    or a kink do not count: that is how these are found."""
+    stats = run.stats
+    rejected = stats.rejected - stats.dips - stats.retaken
+    if stats.steps < FEW or rejected < MANY * stats.steps:
+        return ""
+    return (f"{run.solver.label} rejected {rejected} attempts of steps and accepted {stats.steps}: it makes far shorter steps "
+            "than the solution needs; see whether the Jacobian, the index and the scales of the unknowns are right, or take "
+            "another solver")
+
+
+def said(run: Solution) -> Solution:
+    """The run itself, after the warning where it rejects most of its steps."""
+    if text := rejecting(run):
+        warn(text)
+    return run

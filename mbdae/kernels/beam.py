@@ -12,19 +12,17 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError, internal
-from mbdae.kernels.element import Array, ElementKernel
 from mbdae.kernels.line import LineKernel
-from mbdae.laws.elements.beam import Beam
-from mbdae.laws.elements.line_mesh import LineMesh
-from mbdae.laws.elements.line_shape import Table, mass_points, strain_points
-from mbdae.laws.forces.line_load import LineLoad
+from mbdae.kernels.line_nodes import Array, ElementKernel
+from mbdae.laws.beam import Beam, Table, mass_points, strain_points
+from mbdae.laws.forces import LineLoad
+from mbdae.laws.line_mesh import LineMesh
 from mbdae.native.program import Operations, block
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Structure
 from mbdae.symbolic.line import LineDerived, derive_line
 from mbdae.symbolic.outputs import Target
-from mbdae.symbolic.quaternions import rotation_columns
-from mbdae.symbolic.vectors import Vec
+from mbdae.symbolic.vectors import Vec, rotation_columns
 
 
 def derived_beam(numbers: Mapping[str, float], kind: NodeKind, mixed: bool = True) -> LineDerived:

@@ -14,16 +14,14 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.costs import made_once
-from mbdae.disk.entries import keep, part_key, recall
-from mbdae.disk.exact import code_key
+from mbdae.disk.entries import code_key, keep, part_key, recall
 from mbdae.errors import LawError, internal
-from mbdae.kernels.compile import Kernel
-from mbdae.kernels.element import Array, ElementKernel
-from mbdae.kernels.line_nodes import Nodes
+from mbdae.kernels import Kernel
+from mbdae.kernels.line_nodes import Array, ElementKernel, Nodes
 from mbdae.kernels.line_program import LineProgram
-from mbdae.laws.elements.line_shape import Table
+from mbdae.laws.beam import Table
 from mbdae.native.program import Operations, block
+from mbdae.process import made_once
 from mbdae.symbolic.line import Field, LineDerived
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.kernels.compile import Kernel
+from mbdae.kernels import Kernel
 from mbdae.kernels.line_nodes import kinematic_tensor
 from mbdae.native.program import Operations, block
 

@@ -11,19 +11,26 @@ from typing import Any, NamedTuple
 
 import symengine as se
 
-from mbdae.disk.entries import keep, key_of, part_key, recall
-from mbdae.disk.exact import Digests
-from mbdae.kernels.compile import Kernel
+from mbdae.disk.entries import Digests, keep, key_of, part_key, recall
+from mbdae.kernels import Kernel
 from mbdae.kernels.tree_plan import structure_key
 from mbdae.symbolic.frames import NodeKind
-from mbdae.symbolic.links.passes import Pass, Shape, inward, outward, projected
-from mbdae.symbolic.links.programs import LinkProgram, MemberProgram, NodeProgram, RootProgram
-from mbdae.symbolic.links.state import directions
+from mbdae.symbolic.links import (
+    LinkProgram,
+    MemberProgram,
+    NodeProgram,
+    Pass,
+    RootProgram,
+    Shape,
+    directions,
+    inward,
+    outward,
+    projected,
+)
 from mbdae.symbolic.program import Program
-from mbdae.symbolic.quaternions import rate_from_body_spin
 from mbdae.symbolic.rebuild import symbols_of
 from mbdae.symbolic.tree_motion import Link, Member, Open, TreeStructure
-from mbdae.symbolic.vectors import Expr, Vec
+from mbdae.symbolic.vectors import Expr, Vec, rate_from_body_spin
 
 Place = tuple[Any, ...]
 #: number of operations below which LLVM optimises a kernel; more than elsewhere, because one such kernel is run for many bodies

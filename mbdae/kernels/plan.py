@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import symengine as se
 
-from mbdae.costs import made_once
 from mbdae.disk.entries import keep, key_of, part_key, recall
-from mbdae.kernels.compile import Kernel
+from mbdae.kernels import Kernel
+from mbdae.process import made_once
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import Target, derivatives, input_symbols, insert
 from mbdae.symbolic.rebuild import jumps_with, symbols_of

@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 
 import symengine as se
 
-from mbdae.costs import made_once
-from mbdae.disk.entries import keep, key_of, part_key, recall
-from mbdae.disk.exact import Digests
-from mbdae.disk.store import store
-from mbdae.kernels.compile import Kernel
+from mbdae.disk import store
+from mbdae.disk.entries import Digests, keep, key_of, part_key, recall
+from mbdae.kernels import Kernel
+from mbdae.process import made_once
 from mbdae.symbolic.motion import symbolic_steps
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.rebuild import symbols_of

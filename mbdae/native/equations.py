@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 
 from mbdae.errors import SolverError
-from mbdae.signals import Signals
+from mbdae.process import Signals
 
 Pointer, Number, Whole = ctypes.c_void_p, ctypes.c_double, ctypes.c_int64
 RESIDUAL = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Pointer)

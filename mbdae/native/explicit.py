@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import internal
+from mbdae.native import declared
 from mbdae.native.equations import SLICE, Equations, Number, Pointer, Stepping, Stretches, Whole
-from mbdae.native.library import declared
 
 Array = NDArray[np.float64]
 Whole64 = NDArray[np.int64]

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from mbdae.deferred import cython_lapack
 from mbdae.errors import internal
-from mbdae.native.elimination import Array, Entries, Index, Order, address
+from mbdae.native import Array, Entries, Index, Order, address, declared
 from mbdae.native.equations import Number, Pointer, Whole
-from mbdae.native.library import declared
 
 #: LAPACK's dense LU is used where the sparse factorisation would take at least FEW multiplications and at least DENSE times those
 #: of the dense one. Measured with full matrices, the sparse code is as fast as LAPACK with 25 unknowns, a third slower

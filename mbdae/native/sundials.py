@@ -17,11 +17,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.native import declared
 from mbdae.native.equations import Equations, Number, Pointer, Whole, seen
-from mbdae.native.library import declared
-from mbdae.native.sundials_library import sundials
-from mbdae.native.sundials_steps import MOST_ROWS, Array, Block, Run, Settings, Steps
-from mbdae.signals import Signals
+from mbdae.native.sundials_library import MOST_ROWS, Array, Block, Run, Settings, Steps, sundials
+from mbdae.process import Signals
 
 #: wall time (s) after which a call of the step loop in C returns, so that Python handles Ctrl-C, limits and progress
 SLICE = 0.05

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import inspect
 import re
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,17 +12,17 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.documents import Document
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table, every, numbered
-from mbdae.documents.document import Document
 from mbdae.documents.formulas import escaped
-from mbdae.formulations.ggl import ggl_outputs
+from mbdae.formulations import ggl_outputs
 from mbdae.kernels.plan import linearised_plan
 from mbdae.reports.letters import Letter, results, worded
 from mbdae.reports.reading import RELATIONS, Key, Reader, Symbols, UnreadError, key_of, members
 from mbdae.reports.states import POINTS, residual
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import Derived
-from mbdae.symbolic.fingerprint import fingerprint
+from mbdae.symbolic.outputs import fingerprint
 
 BOUND = 1e-10  #: largest relative difference that is attributed to round-off
 KERNEL, DERIVED, MOVED = "the compiled kernel", "the derived equations", "a complex step along a motion of the bodies"
@@ -299,8 +298,6 @@ def described(law: Any) -> list[Block]:
     text = " ".join((inspect.getdoc(law) or "").split("\n\n")[0].split())
     text = re.sub(r"[,;]? *\(?[Pp]aper Eqs?\. [0-9, to-]*[0-9]\)?", "", text)
     sentence = re.split(r"(?<=[.;])\s", text)[0].rstrip(";.")
-    if "=" in sentence and law.__module__.startswith("mbdae."):
-        sentence = (sys.modules[law.__module__].__doc__ or "").split("\n")[0].rstrip(".")
     told = re.sub(r"^([klm])(?=\W)", r"body \1", worded(escaped(sentence)))
     return [Paragraph(f"{told[:1].upper()}{told[1:]}.")] if told else []
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mbdae.documents.formulas import tokens
 from mbdae.errors import MbdaeError, internal
-from mbdae.symbolic.functions import complex_atan2
+from mbdae.symbolic.rebuild import complex_atan2
 
 Key = tuple[str, ...]
 Array = NDArray[Any]

@@ -10,9 +10,9 @@ import symengine as se
 
 from mbdae.errors import LawError, OptionError, unknown_name
 from mbdae.laws.contact import Hertz
-from mbdae.laws.contact.surfaces import SurfaceContact
 from mbdae.laws.friction import Coulomb, LuGre
 from mbdae.laws.joints import Revolute
+from mbdae.laws.surfaces import SurfaceContact
 from mbdae.reports.calculus import Dual, Motion, Pair, actual, virtual
 from mbdae.reports.letters import specs_of_coordinates
 from mbdae.reports.vectors import Record, Vector

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from mbdae.reports.vectors import Atom, Base, NamedVector, Record, Vector
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind
-from mbdae.symbolic.functions import complex_atan2
+from mbdae.symbolic.rebuild import complex_atan2
 from mbdae.symbolic.vectors import Expr, Vec
-from mbdae.system.model.rotations import quaternion, rotation_matrices, turned
+from mbdae.system.model.nodes import quaternion, rotation_matrices, turned
 
 POINTS = 20  #: number of random states in every check that states no other number
 STEP = 1e-30  #: size of the complex step

@@ -11,10 +11,10 @@ from numpy.polynomial.legendre import legvander
 
 from mbdae.kernels.beam import derived_beam, reference_positions, turns
 from mbdae.kernels.line_nodes import Nodes
-from mbdae.laws.elements.line_mesh import LineMesh
-from mbdae.laws.elements.line_shape import Table, table
+from mbdae.laws.beam import Table, table
+from mbdae.laws.line_mesh import LineMesh
 from mbdae.notation import quantity
-from mbdae.results.fibres import Fibre
+from mbdae.results.clearance import Fibre
 from mbdae.results.sensors import BodySensor, judged, turned_about_z
 from mbdae.results.states import RunStates
 from mbdae.scene.components import Body
@@ -22,7 +22,7 @@ from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.beams import Line, nodal_inputs
-from mbdae.system.model.rotations import rotation_matrices
+from mbdae.system.model.nodes import rotation_matrices
 
 STRESSES = ("N1", "N2", "N3", "M1", "M2", "M3")
 #: distances from the axis that differ by less than this times the length of the longest element count as equal, and a place xi

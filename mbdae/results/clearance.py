@@ -1,18 +1,33 @@
-"""Sensors of contacts: gap, forces, slip, contacts, wear; of a joint with clearance also its orbit."""
+"""Sensors of contacts: gap, forces, slip, contacts, wear; of a joint with clearance also its orbit.
+
+Runs beside a run, with which it is compared, and the forces and torques of all joints and force elements at once.
+
+Stresses at a point of the section of a beam, from its stress resultants.
+
+Normal stress by Bernoulli, shear of shear forces by Jourawski (V Q / (I b)), of a torque in round sections by Saint-Venant.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from mbdae.deferred import distinct
+from mbdae.errors import NamesArguments, OptionError
+from mbdae.integrators.solution import Solution
 from mbdae.notation import quantity
-from mbdae.results.sensors import ConnectionSensor, judged
+from mbdae.results.sensors import ConnectionSensor, judged, reaction_outputs
+from mbdae.results.states import States
+from mbdae.scene.shapes import Section
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Force
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
+from mbdae.system.prepare import Prepared
 
 
 def observed_outputs(d: Derived) -> list[tuple[Target, Expr]]:
@@ -132,3 +147,153 @@ class ClearanceSensor(ContactSensor):
         """The contact in numbers: see `Result.contacts`."""
         law = self._item.laws[-1]
         return super().summary() | {"play": law.outer - law.inner}
+
+
+#: largest number of unknowns at all steps of a run beside the one that is returned that is kept whole (16 MB, with its
+#: derivatives and stages 50 MB); larger ones are kept at the times of the comparison alone
+WHOLE = 2_000_000
+#: number of times at which a run is compared with another; with contacts up to MOST, as far as all unknowns at them are at most
+#: NUMBERS: impacts are short, and of 200 times of a run with 5000 steps one companion met them and another did not
+FEWEST, MOST, NUMBERS = 200, 2000, 400_000
+KINDS = ("companion", "window", "mesh", "closer")  #: see `OtherRun`
+
+
+def some_of(times: Array, unknowns: int, contacts: bool) -> Array:
+    """Those of the times of a comparison at which two runs are read: equally many between any two of them. contacts: whether
+    their scene has some."""
+    count = int(np.clip(NUMBERS // max(unknowns, 1), FEWEST, MOST if contacts else FEWEST))
+    return np.asarray(times[distinct(np.linspace(0, len(times) - 1, count).astype(int))])
+
+
+def wrenches(prepared: Prepared, at: States) -> Array:
+    """(nt, items, 6) force (N) and torque (N m) of every joint and force element on its body l, as their sensors show them."""
+    m, items = prepared.with_all_rows, [c.name for c in prepared.model.scene.connections]
+    multipliers = m.accelerations(at.t, at.q, at.u, at.s, at.z)[1]
+    total = np.zeros((len(at.t), len(items), 6))
+    for g, _, values in m.evaluate(reaction_outputs, at.t, at.q, at.u, at.s, multipliers):
+        for i, instance in enumerate(prepared.model.groups[g].instances):
+            if instance.item in items:
+                total[:, items.index(instance.item)] += values[:, i]
+    return total
+
+
+@dataclass(frozen=True, eq=False)
+class AtTimes:
+    """Dense output of a run of which the unknowns y (k, n) at the times t (k,) alone are kept."""
+
+    t: Array
+    y: Array
+
+    def value(self, t: Array) -> Array:
+        """y at times among those kept; OptionError for others."""
+        i = np.clip(np.searchsorted(self.t, t), 0, len(self.t) - 1)
+        if not np.array_equal(self.t[i], t):
+            raise OptionError("a run that was kept at some times is not known at others")
+        return self.y[i]
+
+    def derivative(self, t: Array) -> Array:
+        """y' is not kept: nan."""
+        return np.full_like(self.value(t), np.nan)
+
+
+def sampled(run: Solution, times: Array) -> Solution:
+    """A run of which the unknowns at some times (k,) alone are kept."""
+    y = run(times)
+    return replace(run, t=times, y=y, yp=np.zeros((0, y.shape[1])), outputs=None, interpolant=AtTimes(times, y), systems=())
+
+
+@dataclass(frozen=True, eq=False)
+class OtherRun:
+    """A run with which the returned run is compared at some times (k,): the error of the latter is `share` times the difference.
+
+    kind: "companion" (the same method at a larger tolerance, or another method), "window" (a short run that resolves vibrations
+    which the run may leave out), "mesh" (the run on a finer mesh of the beams) or "closer" (a run that is far more accurate, made
+    when a quantity was read); prepared: its scene, where it has another mesh; ratio: its tolerance over that of the run (0: not
+    known)."""
+
+    run: Solution
+    times: Array
+    share: float
+    prepared: Prepared | None = None
+    kind: str = "companion"
+    ratio: float = 0.0
+
+    @classmethod
+    def beside(cls, run: Solution, times: Array, share: float, prepared: Prepared | None = None, kind: str = "companion",
+               ratio: float = 0.0) -> OtherRun:  # fmt: skip
+        """The run, whole where it is small."""
+        kept = replace(run, systems=(), outputs=None) if run.y.size <= WHOLE else sampled(run, times)
+        return cls(kept, times, share, prepared, kind, ratio)
+
+    def after(self, end: float) -> OtherRun:
+        """The same run, compared after a time (s)."""
+        return replace(self, times=self.times[self.times > end])
+
+    def until(self, end: float) -> OtherRun:
+        """The same run, compared up to a time (s)."""
+        return replace(self, times=self.times[self.times <= end])
+
+
+OUTSIDE = 1e-6  #: distance beyond the boundary of a section, relative to its size, that counts as rounding
+
+
+@dataclass(frozen=True)
+class Fibre(NamesArguments):
+    """A point of a section, x2 and x3 in m along its axes 2 and 3 from the centroid; called: name of the beam in messages."""
+
+    section: Section
+    x2: float
+    x3: float
+    called: str
+
+    def normal(self, resultants: Array) -> Array:
+        """Normal stress (nt,), Pa, of N1, M2, M3 among the resultants (nt, 6), N and N m."""
+        s, E = self.section, self._modulus()
+        N1, M2, M3 = resultants[:, 0], resultants[:, 4], resultants[:, 5]
+        return np.asarray(E * (N1 / s.EA + M2 * self.x3 / s.EI2 - M3 * self.x2 / s.EI3))
+
+    def shear(self, resultants: Array) -> Array:
+        """Shear stress (nt, 2), Pa, along axes 2 and 3; OptionError for a torque on a section that is not round."""
+        s, E = self.section, self._modulus()
+        N2, N3, M1 = resultants[:, 1], resultants[:, 2], resultants[:, 3]
+        along2 = N2 * self._first_over_width(2, abs(self.x2)) * E / s.EI3
+        along3 = N3 * self._first_over_width(3, abs(self.x3)) * E / s.EI2
+        if np.any(M1) and not self._round:
+            raise OptionError(f"{self.called}: the shear stress of a torque is known for circles and tubes alone; read "
+                              f"fibre_stress and stress_resultants")  # fmt: skip
+        polar = M1 * E / (s.EI2 + s.EI3) if self._round else 0 * M1
+        return np.stack([along2 - polar * self.x3, along3 + polar * self.x2], axis=1)
+
+    def von_mises(self, resultants: Array) -> Array:
+        """Von Mises stress (nt,), Pa, of the resultants (nt, 6), N and N m."""
+        return np.asarray(np.sqrt(self.normal(resultants) ** 2 + 3 * np.sum(self.shear(resultants) ** 2, axis=1)))
+
+    @property
+    def _round(self) -> bool:
+        return bool(self.section.shape) and self.section.shape[0] == "tube"
+
+    def _modulus(self) -> float:
+        """Young's modulus, Pa; refuses a section without a shape, and a point outside of it."""
+        shape: Any = self.section.shape
+        if not shape or not self.section.E:
+            raise OptionError(f"{self.called}: its section has stiffnesses and no shape, so that stresses are not known: make it "
+                              f"by mb.Section.circular, tube or rectangular")  # fmt: skip
+        kind, a, b = shape
+        slack = 1 + OUTSIDE
+        inside = b / slack <= np.hypot(self.x2, self.x3) <= a * slack if kind == "tube" else (
+            abs(self.x3) <= a / 2 * slack and abs(self.x2) <= b / 2 * slack)  # fmt: skip
+        if not inside:
+            section = f"a tube of radii {a:g} and {b:g} m" if kind == "tube" else f"a rectangle of {a:g} m by {b:g} m"
+            where = f"x2 = {self.x2:g} m, x3 = {self.x3:g} m"
+            raise OptionError(f"{self.called}: the point {where} is outside of its section, {section}: "
+                              f"name a point of it, such as beam.at((x, y, z))")  # fmt: skip
+        return float(self.section.E)
+
+    def _first_over_width(self, axis: int, x: float) -> float:
+        """First moment of the part of the section beyond x along an axis, over the width there, m^2."""
+        kind, a, b = self.section.shape
+        if kind == "rectangle":
+            h = b if axis == 2 else a
+            return float(max((h / 2) ** 2 - x**2, 0.0) / 2)
+        outer, inner = max(a**2 - x**2, 0.0), max(b**2 - x**2, 0.0)
+        return float((outer + np.sqrt(outer * inner) + inner) / 3)

@@ -16,9 +16,9 @@ import numpy as np
 from mbdae.deferred import distinct
 from mbdae.errors import MbdaeError, warn
 from mbdae.integrators.solution import Solution
-from mbdae.results.peaks import largest
+from mbdae.results.clearance import AtTimes, OtherRun, wrenches
+from mbdae.results.contacts import largest
 from mbdae.results.quantities import Quantity, magnitudes, named, unit_of, value
-from mbdae.results.reactions import AtTimes, OtherRun, wrenches
 from mbdae.results.states import states_of
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared

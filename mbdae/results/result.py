@@ -8,30 +8,26 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.display import rows, titled
 from mbdae.errors import ListsAttributes, OptionError, SceneError, unknown_name
 from mbdae.inputs.sensed import symbol
 from mbdae.integrators.solution import Solution, Stats
-from mbdae.laws.contact.base import Contact
-from mbdae.notation import counted
-from mbdae.results.accuracy import Accuracy
+from mbdae.laws.contact import Contact
+from mbdae.notation import counted, rows, titled
+from mbdae.results.accuracy import Accuracy, Drift, Event, RunInfo
 from mbdae.results.beams import BeamSensor
 from mbdae.results.clearance import ClearanceSensor, ContactSensor
-from mbdae.results.columns import to_csv, to_dataframe, to_xarray
-from mbdae.results.energy import Energy, energy
-from mbdae.results.peaks import Peak, peak
-from mbdae.results.quantities import Quantity, value
-from mbdae.results.run_info import Drift, Event, RunInfo
+from mbdae.results.contacts import Peak, peak
+from mbdae.results.quantities import Quantity, to_csv, to_dataframe, to_xarray, value
 from mbdae.results.sensors import BodySensor, ConnectionSensor
-from mbdae.results.states import RunStates
+from mbdae.results.states import Energy, RunStates, energy
 from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Controller, Place, Signal
 from mbdae.scene.scene import SceneData
-from mbdae.scene.sensor_names import parsed, placed
+from mbdae.scene.sensed import parsed, placed
 from mbdae.system.base import Array
+from mbdae.system.dependent_rows import smallest, unit_rows_at
 from mbdae.system.prepare import Prepared
-from mbdae.system.rank.rows import smallest, unit_rows_at
 from mbdae.system.sampling import Sampling, UnderWay
-from mbdae.system.start.start import Start
+from mbdae.system.start import Start
 from mbdae.values import file_to_write, number, of_class, option, optional, shown, text
 
 #: name of a method of Result -> function that draws or stores it; entered by the modules that have these functions

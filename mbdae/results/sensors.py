@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError
-from mbdae.laws.forces.on_coordinate import OnCoordinate
+from mbdae.laws.on_coordinates import OnCoordinate
 from mbdae.notation import UNITS, quantity
 from mbdae.results.contacts import Contacts, contacts_at
 from mbdae.results.states import RunStates
 from mbdae.scene.components import Body, Connection
-from mbdae.scene.sensor_names import drives_of, has_length, rates_of
+from mbdae.scene.sensed import drives_of, has_length, rates_of
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Element, Force
 from mbdae.symbolic.outputs import Target, power, reaction
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
-from mbdae.system.model.rotations import rotation_matrices
+from mbdae.system.model.nodes import rotation_matrices
 
 
 class judged(property):  # noqa: N801, used as `property` is

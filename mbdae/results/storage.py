@@ -16,19 +16,17 @@ import numpy as np
 
 from mbdae.errors import MbdaeError, OptionError, SceneError, naming_arguments
 from mbdae.files import path_of
-from mbdae.formulations import Form
-from mbdae.formulations.named import forms
+from mbdae.formulations import Form, forms
 from mbdae.integrators.base import Solver
+from mbdae.integrators.collocation_tables import radau_table
 from mbdae.integrators.dense import Collocation, Hermite, Joined
 from mbdae.integrators.named import solvers
-from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.integrators.solution import Interpolant, Solution, Stats
-from mbdae.results import archive, storable, stored_others
-from mbdae.results.accuracy import Accuracy
-from mbdae.results.header import FORMAT, VERSION, OtherFormatError, parsed
+from mbdae.results import archive, stored_parts
+from mbdae.results.accuracy import Accuracy, Event, RunInfo
+from mbdae.results.archive import FORMAT, VERSION, OtherFormatError, parsed
 from mbdae.results.result import ATTACHED, Result
-from mbdae.results.run_info import Event, RunInfo
-from mbdae.results.stored_start import start_header, start_of
+from mbdae.results.stored_parts import start_header, start_of
 from mbdae.scene.record import encode, stored_name, without_module
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
@@ -37,9 +35,9 @@ from mbdae.system.model.numbering import constraint_rows
 from mbdae.system.motion.all_bodies import AllBodies
 from mbdae.system.motion.ordered_motion import bodies_of
 from mbdae.system.prepare import Prepared, mechanics_of, modelled
-from mbdae.system.rank.redundancy import RankReport
-from mbdae.system.start.contacts import expected_contacts
-from mbdae.system.start.start import Start
+from mbdae.system.redundancy import RankReport
+from mbdae.system.start import Start
+from mbdae.system.start_with_contacts import expected_contacts
 from mbdae.values import BadValueError, shown
 
 _START = ("q", "u", "s", "acceleration", "multipliers")
@@ -52,14 +50,15 @@ def save(result: Result, path: Any) -> None:
     """Write a result to one .npz file; OptionError where something in it cannot be stored."""
     prepared, solution = result.prepared, result.solution
     header = {
-        "format": FORMAT, "version": VERSION, "scene": storable.statements(prepared.model.scene), "rank": _rank(prepared.rank),
-        "start": start_header(prepared.start), "laws": storable.own_laws(prepared.model), "time": prepared.time,
-        "info": _info(result.info), **stored_others.header_of(result.accuracy.errors),
+        "format": FORMAT, "version": VERSION, "scene": stored_parts.statements(prepared.model.scene),
+        "rank": _rank(prepared.rank),
+        "start": start_header(prepared.start), "laws": stored_parts.own_laws(prepared.model), "time": prepared.time,
+        "info": _info(result.info), **stored_parts.header_of(result.accuracy.errors),
         "run": {"names": list(solution.names), "complete": solution.complete, "dense": _dense(solution.interpolant)},
     }  # fmt: skip
     arrays = {f"start_{name}": getattr(prepared.start, name) for name in _START} | _arrays(solution.interpolant)
     arrays |= {"t": result.t, "steps": solution.t, "y": solution.y, "yp": solution.yp}
-    arrays |= stored_others.arrays_of(result.accuracy.errors)
+    arrays |= stored_parts.arrays_of(result.accuracy.errors)
     text = json.dumps(header)
     try:
         parsed(text)
@@ -121,7 +120,7 @@ def _result(header: dict[str, Any], arrays: dict[str, Array], known: Known) -> R
     solution = Solution(arrays["steps"], arrays["y"], arrays["yp"], None, stats, solver, tuple(run["names"]), run["complete"],
                         _interpolant(run["dense"], arrays))  # fmt: skip
     accuracy, warnings = _accuracy(info["accuracy"], prepared), tuple(info["warnings"])
-    accuracy = stored_others.with_errors(accuracy, header, arrays, prepared, solution)
+    accuracy = stored_parts.with_errors(accuracy, header, arrays, prepared, solution)
     made = RunInfo(solver, _form(info["form"], known), accuracy, stats, info["runs"], info["cpu_s"], warnings,
                    info.get("choice", ""), info.get("reliable", True),
                    tuple(Event(float(t), str(name), int(sense)) for t, name, sense in info.get("events", [])))  # fmt: skip
@@ -155,7 +154,7 @@ def _scene(header: dict[str, Any], known: Known) -> SceneData:
 def _prepared(header: dict[str, Any], scene: SceneData, start: Start) -> Prepared:
     unknowns = header["run"]["names"]
     model, moved = modelled(scene)
-    storable.check_laws(header.get("laws", {}), storable.own_laws(model))
+    stored_parts.check_laws(header.get("laws", {}), stored_parts.own_laws(model))
     if list(AllBodies(model, moved).numbering.names()) != unknowns[: AllBodies(model, moved).numbering.n]:
         model, moved = modelled(scene, by_rows={c.name: "stored with its rows" for c in scene.joints if c.rigid})
     rows, stored = {row.name: row for row in constraint_rows(model)}, header["rank"]
@@ -290,7 +289,7 @@ def _check_shapes(header: dict[str, Any], shapes: dict[str, tuple[int, ...]]) ->
     if dense["kind"] == "joined":
         inside = sum(dense["steps"])
         meant |= {"part_t": (inside,), "part_y": (inside, n), "part_yp": (inside, n)}
-    meant |= stored_others.shapes_of(header, shapes)
+    meant |= stored_parts.shapes_of(header, shapes)
     if set(shapes) != set(meant):
         name = min(set(shapes) ^ set(meant))
         raise BadValueError(f"the file {'has an unknown' if name in shapes else 'lacks the'} array {shown(name)}")

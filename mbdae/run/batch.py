@@ -15,8 +15,8 @@ from mbdae.deferred import distinct
 from mbdae.errors import NotReadError, OptionError
 from mbdae.formulations import system_for
 from mbdae.integrators.base import Asked
-from mbdae.integrators.runge_kutta.batch import Batch, refuse_watched, solve_batch
-from mbdae.integrators.runge_kutta.dop853 import DOP853
+from mbdae.integrators.batch import Batch, refuse_watched, solve_batch
+from mbdae.integrators.dop853 import DOP853
 from mbdae.run.choice import choose, prepared_from, with_recursive_joints
 from mbdae.run.control import ATTEMPTS, FINER, measure_of, plausible
 from mbdae.scene.scene import SceneData

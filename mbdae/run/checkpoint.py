@@ -1,4 +1,8 @@
-"""Calls of `Scene.simulate` stored in a folder while they run: recognition of the same call, and its end by SIGTERM.
+"""Versions of software, and the number of CPUs, of a run; nothing identifies the computer or its user.
+
+Progress of a run as a bar on the error stream, if that is a terminal.
+
+Calls of `Scene.simulate` stored in a folder while they run: recognition of the same call, and its end by SIGTERM.
 
 `integrators.checkpoints` stores the runs of a call; here the folder gets a statement of scene and options by which an equal call
 recognises it, and SIGTERM ends the call after the current step.
@@ -8,6 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -21,15 +26,94 @@ from mbdae.errors import OptionError, StoppedError
 from mbdae.files import first_difference, read_file, write_file
 from mbdae.formulations import Form
 from mbdae.integrators.base import Solver
-from mbdae.integrators.checkpoints.keeper import Keeper, Stopping, active, keeping_runs
-from mbdae.integrators.checkpoints.trees import DamagedError
+from mbdae.integrators.stored_runs import DamagedError, Keeper, Stopping, active, keeping_runs
 from mbdae.results.reads import own_classes, own_of
 from mbdae.results.result import Result
-from mbdae.results.storable import by_item, own_laws, statements
-from mbdae.run.environment import versions
+from mbdae.results.stored_parts import by_item, own_laws, statements
 from mbdae.scene.scene import SceneData
 from mbdae.system.prepare import modelled
-from mbdae.values import option, optional, path, shown, whole
+from mbdae.values import function, option, optional, path, shown, whole
+
+PACKAGES = ("mbdae", "numpy", "scipy", "scikit-sundae", "symengine")
+
+
+def environment() -> dict[str, str | int]:
+    """Versions of Python and of the numerical packages, operating system, processor type, and CPUs this process may use."""
+    import platform
+
+    found: dict[str, str | int] = {"python": platform.python_version()}
+    found |= {name: _version(name) for name in PACKAGES}
+    return found | {"machine": f"{platform.system()} {platform.machine()}", "cpus": _cpus()}
+
+
+def versions() -> dict[str, str | int]:
+    """What may change the last digits of a result: `environment` without the number of CPUs."""
+    return {name: value for name, value in environment().items() if name != "cpus"}
+
+
+def _version(package: str) -> str:
+    # imported here because it imports e-mail and sockets too, which takes 0.02 s
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed as a package"
+
+
+def _cpus() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class Bar:
+    """Callback (t, t_end, stats) of a run that draws a progress bar; the bar disappears when the run ends."""
+
+    def __init__(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn
+
+        console = Console(stderr=True)
+        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[note]}"))
+        self._bar = Progress(*columns, console=console, transient=True, auto_refresh=False, redirect_stdout=False,
+                             redirect_stderr=False, disable=not console.is_terminal)  # fmt: skip
+        self._task = self._bar.add_task("", total=1.0, note="")
+        self._running = False
+
+    def __call__(self, t: float, t_end: float, stats: Any) -> None:
+        self.show(t / t_end, "run", f"t = {t:.4g} of {t_end:g} s, {stats.steps} steps, {stats.cpu_s:.1f} s CPU")
+
+    def show(self, share: float, what: str, note: str) -> None:
+        """Draw the bar at `share` (0 to 1) of the whole run."""
+        if not self._running:
+            self._bar.start()
+            self._running = True
+        self._bar.update(self._task, completed=share, description=what, note=note, refresh=True)
+
+    def close(self) -> None:
+        """Remove the bar; the next call of `show` draws it again."""
+        if self._running:
+            self._bar.stop()
+            self._running = False
+
+    def __del__(self) -> None:
+        if getattr(self, "_running", False):
+            self.close()
+
+
+def bar() -> Bar:
+    """A new progress bar."""
+    return Bar()
+
+
+def progress_of(progress: Any) -> Any:
+    """The callback for a progress option: a bar for True, None for False; OptionError for what is no function."""
+    if isinstance(progress, bool | np.bool_):
+        return bar() if progress else None
+    return optional("progress", progress, function, "give True for a bar, a function progress(t, t_end, stats), or None",
+                    takes="t, t_end, stats")  # fmt: skip
+
 
 T = TypeVar("T")
 #: default of `every`: number of accepted steps after which a checkpoint is due, if PAUSE (`checkpoints.keeper`) has passed since

@@ -9,19 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.display import lines, titled
 from mbdae.errors import ListsAttributes
 from mbdae.kernels.tree_plan import tree_plan
-from mbdae.laws.forces.on_coordinate import OnCoordinate
-from mbdae.notation import counted
-from mbdae.run.choice import Choice, choose, with_recursive_joints
-from mbdae.run.reductions import Reduction, reductions
+from mbdae.laws.on_coordinates import OnCoordinate
+from mbdae.notation import counted, lines, titled
+from mbdae.run.choice import Choice, Reduction, choose, reductions, with_recursive_joints
 from mbdae.scene.components import Array, Beam, Classical, Connection, Recursive
+from mbdae.scene.models import not_joined
 from mbdae.scene.scene import SceneData
-from mbdae.scene.topology import not_joined
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
-from mbdae.system.model.inputs import expressions_of, timeline
+from mbdae.system.model.moved_bodies import expressions_of, timeline
 from mbdae.system.model.trees import Tree
 from mbdae.system.motion.ordered_tree import ordered_size
 from mbdae.system.prepare import FORESIGHT, Prepared, prepare
@@ -47,7 +45,7 @@ class Check(ListsAttributes):
 
     @cached_property
     def reductions(self) -> list[Reduction]:
-        """How the equations become fewer from the naive formulation to the default run; see `mbdae.run.reductions`."""
+        """How the equations become fewer from the naive formulation to the default run; see `mbdae.run.choice`."""
         return reductions(self.prepared.model.scene, self.prepared, self.choice)
 
     @property

@@ -21,20 +21,16 @@ import numpy as np
 from mbdae.deferred import distinct
 from mbdae.errors import FINAL, AccuracyWarning, ChatteringError, SolverError, WallClockError, keeping
 from mbdae.integrators.base import SHARE, Asked, Solver
-from mbdae.integrators.distance import Measure, check_times, scaled_distance
-from mbdae.integrators.halving import halved
-from mbdae.integrators.runge_kutta.radau import RadauIIA
-from mbdae.integrators.second_method import second_method
-from mbdae.integrators.solution import Solution
-from mbdae.results.reactions import OtherRun, some_of
-from mbdae.run.contact_tolerances import largest_tolerance, resolving
-from mbdae.run.estimate import Run, companions, estimated, fall_shown, share_of
-from mbdae.run.excitations import beginning_at, windows
-from mbdae.run.growth.growing import Growth, at_least, growing, unfollowed, unseen
-from mbdae.run.hidden_contacts import Hidden, hidden_contacts
+from mbdae.integrators.radau import RadauIIA
+from mbdae.integrators.solution import Measure, Solution, check_times, scaled_distance
+from mbdae.integrators.stepped import halved, second_method
+from mbdae.results.clearance import OtherRun, some_of
+from mbdae.run.contacts import Hidden, hidden_contacts, largest_tolerance, resolving
+from mbdae.run.estimate import Run, beginning_at, companions, estimated, fall_shown, share_of, windows
+from mbdae.run.growing import Growth, at_least, growing, unfollowed, unseen
 from mbdae.system.base import Array, System
-from mbdae.system.distance import distance
 from mbdae.system.prepare import Prepared
+from mbdae.system.sampling import distance
 from mbdae.system.scene_system import SceneSystem
 from mbdae.values import number, option
 

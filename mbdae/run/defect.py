@@ -20,15 +20,15 @@ from numpy.polynomial import legendre
 
 from mbdae.deferred import distinct, median
 from mbdae.errors import SolverError
-from mbdae.integrators.matrices.iteration import IterationMatrix
+from mbdae.integrators.matrices import IterationMatrix
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.native.sparse import SingularMatrixError
-from mbdae.run.short_events import may_have_short_events
+from mbdae.run.contacts import may_have_short_events
 from mbdae.system.base import Array, System
-from mbdae.system.distance import Motion, motion_distance
 from mbdae.system.prepare import Prepared
+from mbdae.system.sampling import Motion, motion_distance
 from mbdae.system.scene_system import SceneSystem
-from mbdae.ties import largest
+from mbdae.values import largest
 
 SEED = 20240229
 #: number of points in every step examined, so that an event lasting a tenth of it is almost always hit (an eighth: always)

@@ -3,18 +3,34 @@ only (index 1).
 
 BDF of order above 2 adds energy to undamped motion: measured, a pendulum gains a fifth of its energy in 1e4 periods at rtol =
 1e-6, and a damped oscillator can be made to grow. Neither constraints nor local errors show that; the energy balance does.
+
+Warnings about runs with contact or friction, and about constant steps.
+
+Measured: every run that left the true motion, although its solver reported success, had an energy error above a tenth of the
+energy it dissipated.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import NamedTuple
+
 import numpy as np
 
-from mbdae.results.energy import Energy, has_power
+from mbdae.deferred import median
+from mbdae.integrators.solution import rejecting
+from mbdae.notation import counted
+from mbdae.results.accuracy import Accuracy
+from mbdae.results.clearance import ClearanceSensor
+from mbdae.results.contacts import contacts_at
 from mbdae.results.result import Result
+from mbdae.results.states import Energy, has_power
+from mbdae.run.contacts import RESOLVED, reversing, slowest_velocities, stepped_over, typical_speed
 from mbdae.run.control import Controlled
 from mbdae.system.motion.mechanics import row_sizes
 from mbdae.system.prepare import Prepared
-from mbdae.ties import largest
+from mbdae.system.start_with_contacts import ExpectedContact
+from mbdae.values import largest
 
 #: a warning is given where the energy error, relative to the energy exchanged, is above this times the accuracy, above SHARE and
 #: above round-off
@@ -89,3 +105,206 @@ def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> lis
                     "form satisfies constraints for accelerations only; raise its baumgarte, ask for a smaller accuracy, or use "
                     "mb.GGL()"]  # fmt: skip
     return []
+
+
+#: a result is doubtful where the ratio of position tolerance to median penetration is above this or, if that is more, above
+#: three times the solver's `penetration_share`
+COARSE = 0.1
+#: ratio of energy error to dissipated energy (with constant steps: to the energy exchanged) above which a result is not reliable
+ALARM = 0.1
+#: before the energy error is compared with ALARM times the dissipated energy, the latter is taken as at least this fraction of
+#: the largest kinetic energy
+MOVING = 1e-3
+#: before the energy error is compared with ALARM times the dissipated energy, the latter is taken as at least this fraction of
+#: the largest energy stored in a contact
+STORED = 0.1
+FEW_STEPS = 3  #: impacts count as not resolved where the shortest contact took fewer steps than this
+#: a motion against the spin is reported as a backward whirl where all of these are reached: ratio of whirl rate to spin rate,
+#: fraction of the time in contact, number of turns of the pin around the race
+WHIRL_RATE, WHIRL_CONTACT, WHIRL_TURNS = 5.0, 0.9, 2.0
+#: a step resolves an unstable oscillation, so that it grows in the run as in the equations, where step times angular frequency
+#: is at most this; longer steps damp it away
+RESOLVED_STEP = 1.0
+GROWN = 5.0  #: smallest logarithm of the growth that steps have damped away, summed over the run, for which there is a warning
+
+
+class Assessment(NamedTuple):
+    """Warnings about a run, and whether the run is reliable."""
+
+    notes: tuple[str, ...] = ()
+    reliable: bool = True
+    singular: bool = False  #: whether the run passes a singular position, where two branches of the motion meet
+    #: largest violation of a constraint row (over the scene's length, or in rad), where it caused a warning; else 0
+    off: float = 0.0
+
+    def within(self, known: Accuracy) -> Accuracy:
+        """The accuracy with the violation of constraint rows included in its estimate."""
+        if not self.off:
+            return known
+        unknown = dict(known.unknown) | {"reactions": "the joints are not kept closed"}
+        motion = None if known.motion is None else max(known.motion, self.off)
+        return replace(known, estimated=motion, verified=None, unknown=unknown, found_reactions=None)
+
+
+def reliability(result: Result, run: Controlled) -> Assessment:
+    """Warnings about contact, friction and constant steps; not reliable where energy is gained or lost without a cause, or where
+    the steps damp an unstable contact."""
+    prepared = result.prepared
+    if run.solver.fixed and (made := _of_constant_steps(result)):
+        return Assessment(tuple(made), False)
+    if not prepared.contacts and not any(True for _ in slowest_velocities(prepared)):
+        return Assessment()
+    energy = _of_energy(result, run)
+    notes, reliable = list(energy), not energy
+    for contact in prepared.contacts:
+        notes += _of_contact(result, run, contact)
+        sensor = result[contact.item]
+        if isinstance(sensor, ClearanceSensor):
+            whirl = _whirl(result, sensor, contact.item)
+            unstable = [] if whirl else _flutter(result, sensor, contact)
+            notes += whirl + unstable
+            reliable &= not unstable
+    return Assessment((*notes, *_of_friction(result, run)), reliable)
+
+
+def _of_energy(result: Result, run: Controlled) -> list[str]:
+    """A warning where the energy balance is off by more than a tenth of what contact and friction dissipate, or by more than a
+    hundredth of what a contact stores, where that is larger; nor is there one where the error that was estimated explains it: a
+    speed that is off by the fraction a changes a kinetic energy by 2 a of it."""
+    e = result.energy
+    off = float(np.max(np.abs(e.balance), initial=0.0))
+    lost, moving = float(e.impact[-1] + e.friction[-1]), float(np.max(e.kinetic, initial=0.0))
+    explained = 2 * run.estimate * moving if compared(run, result.info.accuracy.asked) else 0.0
+    allowed = ALARM * max(lost, MOVING * moving, STORED * _stored(result))
+    if off <= max(allowed, explained, round_off(result.prepared, e)):
+        return []
+    return [f"not reliable: the energy balance is off by {off:.2g} J, where contact and friction dissipate {lost:.2g} J: ask for "
+            f"a smaller accuracy, or rtol"]  # fmt: skip
+
+
+def _stored(result: Result) -> float:
+    """The largest energy (J) stored by a contact of a run."""
+    found = [0.0]
+    for contact in result.prepared.contacts:
+        deepest = contacts_at(result.prepared, result.solution, [contact]).deepest
+        load = contact.law.elastic_load(deepest) if deepest > 0 else None
+        found.append(load[1] if load is not None else 0.0)
+    return max(found)
+
+
+def _of_constant_steps(result: Result) -> list[str]:
+    """A warning where, with constant steps, the energy balance is off by more than a tenth of the energy exchanged."""
+    e = result.energy
+    off = np.abs(e.balance)
+    moved = max(float(np.max(e.kinetic)), float(np.ptp(e.potential)), float(np.max(np.abs(e.work))), float(np.max(e.dissipated)))
+    if np.isfinite(off).all() and np.max(off) <= max(ALARM * moved, round_off(result.prepared, e)):
+        return []
+    return [f"not reliable: with steps of {result.stats.h_max:.2g} s the energy balance is off by {np.max(off):.2g} J, where "
+            f"{moved:.2g} J were exchanged: take a smaller step, or error control (mb.RadauIIA(3), mb.IDA())"]  # fmt: skip
+
+
+def _of_contact(result: Result, run: Controlled, expected: ExpectedContact) -> list[str]:
+    """Warnings where penetrations are small compared with the tolerance, or beyond the range of validity of the contact law."""
+    law, item, unit = expected.law, expected.item, expected.unit
+    contacts = contacts_at(result.prepared, result.solution, [expected])
+    if not len(contacts):
+        return []
+    found = []
+    typical, deepest = float(median(contacts.peak)), contacts.deepest
+    tolerance = (run.solver.rtol or 0.0) * expected.size
+    coarse = tolerance > max(COARSE, 3 * run.solver.penetration_share) * typical and typical > ROUNDED * expected.size
+    if coarse and not compared(run, result.info.accuracy.asked):
+        wanted = run.solver.penetration_share * typical / expected.size
+        found.append(f"'{item}' penetrates by {typical:.2g} {unit} (median of its contacts), {run.solver.label} with its rtol "
+                     f"resolves only {tolerance:.2g} {unit}: "
+                     f"{_finer(run, result.info.form, wanted, 'take a softer contact law')}")  # fmt: skip
+    limit, limit_in_words, likely_cause = law.doubtful_depth()
+    if deepest > limit:
+        found.append(f"'{item}' penetrates by up to {deepest:.2g} {unit}, more than {limit:.2g} {unit} "
+                     f"({limit_in_words}): {likely_cause}")  # fmt: skip
+    return found
+
+
+def _finer(run: Controlled, form: str, wanted: float, other_remedy: str) -> str:
+    """Advice in words to take the rtol `wanted`, or, where round-off does not allow so small a one, the smallest allowed or
+    `other_remedy`."""
+    least = run.solver.tightest.get(form, run.solver.tightest[""])
+    if least <= 3 * wanted:  # with a tolerance of up to three times the wanted one the warning does not come again
+        return f"give that solver rtol = {max(wanted, least):.1g}"
+    return f"rtol = {least:.1g}, the smallest it takes in this form, does not resolve that either; {other_remedy}"
+
+
+def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
+    """A warning where dry friction drives the pin backwards around the race (backward whirl)."""
+    t = result.solution.t
+    late = t[t >= t[0] + 0.5 * (t[-1] - t[0])]
+    if len(late) < 20:
+        return []
+    times = late[:: len(late) // 2000 + 1]
+    seen = sensor.at_times(times)
+    found = result.coordinate_at(item, result.prepared.model.scene[item].coordinates[0], times)
+    if found is None:
+        return []
+    spin = float(median(found[1]))
+    in_contact = float(np.mean(seen["gap"].min(axis=1) < 0))
+    x, y = seen["orbit"].T
+    angle = np.unwrap(np.arctan2(y, x))
+    turning, turns = float(median(np.diff(angle) / np.diff(times))), abs(float(angle[-1] - angle[0])) / (2 * np.pi)
+    if in_contact < WHIRL_CONTACT or turning * spin >= 0 or abs(turning) < WHIRL_RATE * abs(spin) or turns < WHIRL_TURNS:
+        return []
+    return [f"backward whirl in '{item}': the contact runs around the race at {turning:.4g} rad/s against a spin of {spin:.4g} "
+            "rad/s, driven by dry friction, so the pin does not run as in an ideal joint: less friction or more contact damping "
+            "ends it"]  # fmt: skip
+
+
+def _flutter(result: Result, sensor: ClearanceSensor, expected: ExpectedContact) -> list[str]:
+    """A warning where dry friction makes a contact unstable (flutter) and the steps are so long that an implicit method damps
+    this; see `instability` of its law."""
+    law, t = expected.law, result.solution.t
+    if law.friction is None or len(t) < 3:
+        return []
+    seen = sensor.on_steps
+    step, grown, fast = np.diff(t, append=t[-1]), 0.0, 0.0
+    for gap, force, rub in zip(seen["gap"].T, seen["normal_force"].T, seen["friction_force"].T, strict=True):
+        growth, rate = law.instability(expected.mass, -gap, force, np.abs(rub))
+        damped = (growth > 0) & (step * rate > RESOLVED_STEP)
+        grown += float(np.sum((growth * step)[damped]))
+        fast = max(fast, float(np.max(rate[damped], initial=0.0)))
+    if grown < GROWN:
+        return []
+    return [f"not reliable: friction makes the contact in '{expected.item}' unstable: it oscillates at about {fast:.2g} rad/s "
+            f"and grows, which steps of {float(np.max(step)):.1g} s damp away; follow it with a smaller rtol or steps below "
+            f"{RESOLVED_STEP / fast:.1g} s, or take less friction or more contact damping"]  # fmt: skip
+
+
+def _of_friction(result: Result, run: Controlled) -> list[str]:
+    speed, form = typical_speed(result.prepared), result.info.form
+    resolved = (run.solver.rtol or 0.0) * speed
+    return [f"friction of '{item}' changes within {velocity:.2g} m/s of sliding, {run.solver.label} with its rtol resolves only "
+            f"{resolved:.2g} m/s: {_finer(run, form, RESOLVED * velocity / speed, 'raise that velocity of the friction law')}"
+            for item, velocity in reversing(result.prepared, run.solution) if resolved > 10 * RESOLVED * velocity]  # fmt: skip
+
+
+def compared(run: Controlled, asked: float | None) -> bool:
+    """Whether runs with longer steps during impacts show that a run is as accurate as asked, at a tolerance that round-off does
+    not bound, so that its contacts are resolved, also those that hardly touch and take two steps. Measured on such grazes: with a
+    tolerance of up to 70 times the penetration the error was a tenth of the accuracy."""
+    return (asked is not None and run.solver.rtol is not None and len(run.told) > 0 and run.estimate <= asked
+            and run.told[-1][0] > run.limit * (1 + 1e-9))  # fmt: skip
+
+
+def doubts_of_steps(run: Controlled, asked: float | None = None) -> list[str]:
+    """Warnings about contacts and laws that the steps did not resolve. asked: the accuracy; None where none was asked."""
+    stats, found = run.solution.stats, []
+    if run.hidden:
+        found.append(stepped_over(run.hidden))
+    elif stats.missed_dips:
+        found.append(f"{counted(stats.missed_dips, 'contact')} may have been stepped over (begun and ended within a step): "
+                     "use error control, or a smaller step")  # fmt: skip
+    for item, count in stats.unresolved.items():
+        found.append(f"{counted(count, 'step')} did not resolve the law of '{item}', which jumps, bends or acts for a part of a "
+                     f"step only: use error control or steps of at most {stats.resolving_step:.1g} s")  # fmt: skip
+    if 0 < stats.shortest_contact < FEW_STEPS and not compared(run, asked):
+        found.append(f"the shortest contact took {counted(stats.shortest_contact, 'step')}: impacts are not resolved; use a "
+                     f"smaller rtol or step")  # fmt: skip
+    return [*found, text] if (text := rejecting(run.solution)) else found

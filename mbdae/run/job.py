@@ -39,29 +39,25 @@ from mbdae.errors import (
 )
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Asked, Solver
-from mbdae.integrators.checkpoints.keeper import keeping_runs
-from mbdae.integrators.runge_kutta.radau import RadauIIA
+from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
-from mbdae.limits import furthest
+from mbdae.integrators.stored_runs import keeping_runs
+from mbdae.results.accuracy import RunInfo
 from mbdae.results.result import Result
-from mbdae.results.run_info import RunInfo
-from mbdae.run.assessment import assessed
+from mbdae.run.assessment import assessed, singular_stop
 from mbdae.run.checkpoint import kept_value
 from mbdae.run.choice import Choice, alternatives
-from mbdae.run.contact_tolerances import refuse_unresolved
+from mbdae.run.contacts import hidden_contacts, refuse_unresolved
 from mbdae.run.control import CLOSER, FOLLOWING, SHALLOW, UNTESTED, Controlled, cpu_of, run_controlled
-from mbdae.run.drift import joint_drift
-from mbdae.run.growth.growing import growing, unfollowed
-from mbdae.run.hidden_contacts import hidden_contacts
-from mbdae.run.lost_vibrations import with_lost_vibrations
+from mbdae.run.drift import Assessment, joint_drift
+from mbdae.run.growing import growing, unfollowed
 from mbdae.run.recheck import Rechecked, rechecked
-from mbdae.run.reliability import Assessment
-from mbdae.run.singular_positions import singular_stop
-from mbdae.run.verification import CloserRun, accuracy_of, nothing_known, verified
+from mbdae.run.verification import CloserRun, accuracy_of, nothing_known, verified, with_lost_vibrations
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
 from mbdae.system.without_multipliers import WithoutMultipliers
+from mbdae.threads import furthest
 
 UNRESOLVED = ("part of the error are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with "
               "solver=mb.RadauIIA(3) follows them")  # fmt: skip

@@ -13,7 +13,7 @@ from mbdae.deferred import distinct
 from mbdae.errors import AccuracyWarning, SolverError, WallClockError
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Solver
-from mbdae.integrators.runge_kutta.radau import RadauIIA
+from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.results.accuracy import Accuracy
 from mbdae.run.control import Controlled
@@ -21,7 +21,7 @@ from mbdae.run.defect import Defect, Suspect, apart
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
-from mbdae.system.start.start import Start
+from mbdae.system.start import Start
 
 FINER = 10.0  #: ratio of the accuracy of the run to that of the fine run, unless round-off forbids the latter
 #: largest number of residual evaluations of the fine run from one point at which it stops to the next; where it needs more, the

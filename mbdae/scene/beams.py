@@ -8,18 +8,16 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import MbdaeError, OptionError
-from mbdae.laws.elements.line_mesh import LineMesh, arc, curved, polyline
-from mbdae.laws.elements.line_shape import ORDERS, node_positions
-from mbdae.laws.forces.line_load import LineLoad
+from mbdae.laws.beam import ORDERS, node_positions
+from mbdae.laws.forces import LineLoad
+from mbdae.laws.line_mesh import LineMesh, arc, curved, polyline
 from mbdae.notation import counted
 from mbdae.scene import reading
 from mbdae.scene.components import Array, Beam, BeamLoad, Connection
-from mbdae.scene.items import SceneItems
 from mbdae.scene.reading import Argument, reads
-from mbdae.scene.record import statement
-from mbdae.scene.section import Section
-from mbdae.ties import nearest
-from mbdae.values import fixed, shown
+from mbdae.scene.record import SceneItems, statement
+from mbdae.scene.shapes import Section
+from mbdae.values import fixed, nearest, shown
 
 #: points, m, and section used in place of wrong ones, so that the other arguments are checked too
 HARMLESS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mbdae.errors import NamesArguments, OptionError
 from mbdae.inputs.sensed import paths
 from mbdae.laws.contact import Normal
-from mbdae.laws.forces.line_load import LineLoad
+from mbdae.laws.forces import LineLoad
 from mbdae.laws.friction import Friction
 from mbdae.scene.shapes import Shape
 from mbdae.symbolic.joint import Joint

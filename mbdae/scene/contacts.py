@@ -1,4 +1,9 @@
-"""Statements of contact between bodies: two shapes, and the laws that act where they touch."""
+"""Mass properties: slender rods, inertia matrices and what makes them impossible.
+
+How bodies look: their shapes and colours. No force follows from it; a contact states its own shapes.
+
+Statements of contact between bodies: two shapes, and the laws that act where they touch.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +14,128 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.laws.contact import BallOnBall, BallOnCylinder, BallOnPlane, CylinderOnPlane
-from mbdae.laws.contact.base import Contact
+from mbdae.laws.contact import Contact
+from mbdae.laws.surfaces import BallOnBall, BallOnCylinder, BallOnPlane, CylinderOnPlane
 from mbdae.scene import reading
-from mbdae.scene.appearance import placed, shape
-from mbdae.scene.components import Connection
+from mbdae.scene.components import Array, Body, Connection
 from mbdae.scene.connections import where
-from mbdae.scene.items import SceneItems
 from mbdae.scene.models import friction_law, normal_law
-from mbdae.scene.reading import reads
-from mbdae.scene.record import statement
+from mbdae.scene.reading import Argument, reads
+from mbdae.scene.record import SceneItems, statement
 from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Shape, Sphere
 from mbdae.symbolic.law import TwoBodyLaw
+from mbdae.values import BadValueError, array, shown
+
+
+def of_rods(points: Array, mass: float) -> tuple[Array, Array]:
+    """Centre of mass (3,), m, and inertia (3, 3) about it, kg m^2, of uniform slender rods through points (n, 3); mass in kg."""
+    ends = np.stack([points[:-1], points[1:]], axis=1)
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    masses = mass * lengths / lengths.sum()
+    middles = ends.mean(axis=1)
+    center = (masses[:, None] * middles).sum(axis=0) / mass if mass else middles.mean(axis=0)
+    J = np.zeros((3, 3))
+    for m, (a, b), c in zip(masses, ends, middles, strict=True):
+        for direction, weight in (((b - a), m / 12), (c - center, m)):
+            J += weight * (direction @ direction * np.eye(3) - np.outer(direction, direction))
+    return center, J
+
+
+def matrix(value: Array) -> Array:
+    """Inertia matrix (3, 3), kg m^2, from one number (about z), 3 principal values or 3x3."""
+    if value.ndim == 0:
+        return np.diag([0.0, 0.0, float(value)])
+    return np.diag(value) if value.shape == (3,) else np.asarray(value, dtype=float)
+
+
+def problems(name: str, J: Array, planar: bool, as_given: bool) -> list[str]:
+    """Why an inertia matrix is impossible, one sentence each. as_given: whether one that no body has is taken all the same."""
+    if not np.allclose(J, J.T, atol=1e-12 * (1 + np.abs(J).max())):
+        return [f"body '{name}': inertia matrix is not symmetric (differs by {np.abs(J - J.T).max():.3g} kg m^2); "
+                f"give equal products of inertia above and below the diagonal"]  # fmt: skip
+    moments = np.linalg.eigvalsh(J)
+    if moments[0] < -1e-12 * max(moments[-1], 1e-300):
+        return [f"body '{name}': inertia has the negative principal moment {moments[0]:.6g} kg m^2; give that of a "
+                f"body, whose principal moments are 0 or positive"]  # fmt: skip
+    if not (planar or as_given) and moments[0] + moments[1] < moments[2] * (1 - 1e-9):
+        return [f"body '{name}': principal moments {moments[0]:.6g}, {moments[1]:.6g}, {moments[2]:.6g} kg m^2 violate the "
+                f"triangle inequality (the two smaller must add up to at least the largest); correct them, or pass as_given=True "
+                f"to have them taken as they are"]  # fmt: skip
+    return []
+
+
+ROUNDING = 1e-15  #: a direction whose length deviates from 1 by at most this is not scaled to length 1 again
+GIVE_A_SHAPE = "give mb.Plane, mb.Cylinder, mb.Sphere, mb.Point or mb.Box"
+READERS: dict[str, Callable[[Any], str]] = {}  #: "color" -> function that reads a colour, entered by the package that draws
+
+
+def shape(arg: Argument, value: Any) -> Shape:
+    """Reader of a shape: returns it with plain values, a point, directions of length 1, and lengths above 0."""
+    if not isinstance(value, Shape) or type(value) is Shape:
+        arg.wrong(f"{shown(value)} is no shape", GIVE_A_SHAPE)
+        return Point()
+    found: dict[str, Any] = {}
+    for key, given in vars(value).items():
+        part = arg.part(f"{arg.option}.{key}")
+        if key in ("radius", "length"):
+            found[key] = None if given is None and key == "length" else reading.quantity("m", "positive")(part, given)
+        elif key in ("normal", "axis"):
+            found[key] = _unit(reading.direction(part, given))
+        elif key == "size":
+            found[key] = _edges(part, given)
+        elif given is not None:
+            found[key] = (reading.rotation if key == "rotation" else reading.point)(part, given)
+    return replace(value, **found)
+
+
+def _unit(direction: Array) -> Array:
+    """The direction at length 1; a unit vector is returned unchanged, so that a stored scene repeats its numbers exactly."""
+    return direction if abs(np.linalg.norm(direction) - 1) <= ROUNDING else reading.unit(direction)
+
+
+def _edges(arg: Argument, value: Any) -> Array:
+    """Reader of the lengths (3,), m, of the edges of a box; that along z is 0 where two are given."""
+    try:
+        found = array(value)
+        if found.shape not in ((2,), (3,)) or (found < 0).any() or not found.any():
+            raise BadValueError(shown(value))
+    except BadValueError as value_and_reason:
+        arg.wrong(value_and_reason, "give three lengths in m, 0 or more and not all 0, or two for a plate in the plane z = 0")
+        return np.ones(3)
+    return np.append(found, np.zeros(3 - len(found)))
+
+
+def shapes(arg: Argument, value: Any) -> tuple[Shape, ...]:
+    """Reader of the shapes of a body: one, or a list of them."""
+    given = list(value) if isinstance(value, list | tuple) else [value]
+    found = [shape(arg if len(given) == 1 else arg.part(f"{arg.option}[{i}]"), one) for i, one in enumerate(given)]
+    return tuple(found)
+
+
+def color(arg: Argument, value: Any) -> str:
+    """Reader of a colour: "#rrggbb", from a text that matplotlib knows or from 3 or 4 numbers (an opacity is ignored).
+    matplotlib's grey levels, numbers written as texts, are refused: no argument takes numbers as texts."""
+    try:
+        named = isinstance(value, str) and not value.strip().replace(".", "").isdigit()
+        return READERS["color"](value if named else tuple(array(value, (3,), (4,)).tolist()))
+    except ValueError as refused:
+        told = isinstance(refused, BadValueError) and shown(value) in str(refused)
+        remedy = "give a colour as matplotlib does: 'tab:blue', 'red', '#1f77b4', 'C0', or (r, g, b) from 0 to 1"
+        arg.wrong(refused if told else shown(value), remedy)
+        return "#000000"
+
+
+def placed(one: Any, point: Array) -> Any:
+    """The shape with its point `at`; where it has none, at `point` (3,), m, as drawn."""
+    return one if one.at is not None else replace(one, at=np.array(point, dtype=float))
+
+
+def looking(body: Body, shape: tuple[Shape, ...] | None, color: str | None) -> Body:
+    """The body with its shapes and colour."""
+    body.shapes = None if shape is None else tuple(placed(one, body.drawn.position) for one in shape)
+    body.color = color
+    return body
+
 
 TWO = "a plane touches spheres, points, boxes and cylinders; a sphere touches spheres, points and cylinders"
 STANDING = 1e-9  #: difference of a component of a unit vector from 0, or from 1 or -1, that counts as rounding

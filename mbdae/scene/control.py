@@ -1,18 +1,157 @@
-"""Statements of feedback: sensors as symbols, internal states, named signals."""
+"""Checks of the inputs of a scene over a run: finite, and without jumps of value or rate where a joint is prescribed.
+
+Statements of feedback: sensors as symbols, internal states, named signals.
+"""
 
 from __future__ import annotations
 
 import inspect
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+import symengine as se
 
 from mbdae.inputs import sensed as symbols
+from mbdae.inputs import timed
+from mbdae.inputs.breaks import TooManyError, beyond, jumps, unresolved
+from mbdae.inputs.resolution import Stretches, resolved
+from mbdae.inputs.sensed import paths
+from mbdae.inputs.tables import lookup_of, readable
 from mbdae.laws.control import HeldOutput, InternalState
 from mbdae.scene import reading
-from mbdae.scene.components import AsGiven, Controller, Signal
+from mbdae.scene.components import AsGiven, BeamLoad, Connection, Controller, Signal
 from mbdae.scene.connections import ConnectionStatements
 from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import statement
+from mbdae.symbolic.coupling import Coupling
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.rebuild import is_condition, nodes
+from mbdae.symbolic.vectors import Expr
 from mbdae.values import option, shown, text
+
+SMOOTH_RAMP = "join the pieces by a smooth ramp such as h*(3*x**2 - 2*x**3), x = (mb.t - t1)/T from 0 to 1"
+CUBIC_TABLE = "give kind=\"cubic\", and a table that ends without slope where it is held beyond its ends"
+#: what the user calls a value, where the statement has a word of its own for it
+_ARGUMENTS = {("revolute", "load"): "torque", ("prismatic", "load"): "force", ("prismatic", "displacement"): "position"}
+#: jumps of a prescribed motion, or of its rate, up to this part of its largest magnitude in the run count as rounding errors; so
+#: does what the round-off of the time changes
+JUMP = 1e-7
+MOST = 20_000  #: largest number of time intervals at whose ends and middles the values of an input are checked to be finite
+
+
+class Input(NamedTuple):
+    """One expression of time in a scene: its description, its unit, and whether it prescribes the motion of a joint."""
+
+    what: str
+    expression: Expr
+    unit: str
+    moves: bool
+
+
+def inputs(connections: list[Connection], loads: list[BeamLoad]) -> Iterator[Input]:
+    """Every expression of time of a scene."""
+    stated: list[tuple[str, str, Any]] = [(item.kind, item.name, law) for item in connections for law in item.laws]
+    for kind, name, law in stated + [("load", load.name, load.law) for load in loads]:
+        for key, parameter in law.params.items():
+            value = getattr(law, key)
+            if value is not None and getattr(se.sympify(value), "free_symbols", None) and not paths(value):
+                drives = law.drives() if isinstance(law, Joint) else {}
+                said = _ARGUMENTS.get((kind, drives.get(key, key)), drives.get(key, key))
+                what = readable(f"{kind} '{name}': {said} = {value}")
+                yield Input(what, se.sympify(value), parameter.unit, isinstance(law, Joint | Coupling))
+
+
+def _fed(connections: list[Connection], signals: list[Signal]) -> Iterator[Input]:
+    """Parts that depend on time alone in expressions that read sensors, of laws, signals and states."""
+    stated = [(c.kind, c.name, getattr(law, key)) for c in connections for law in c.laws for key in law.params]
+    stated += [(one.kind, one.name, one.value if one.law is None else getattr(one.law, "rate", None)) for one in signals]
+    for kind, name, value in stated:
+        if paths(value) or (kind in ("signal", "state") and getattr(value, "free_symbols", None)):
+            yield from (Input(readable(f"{kind} '{name}': {e}"), e, "1", False)
+                        for e in dict.fromkeys(of_time(se.sympify(value))))  # fmt: skip
+
+
+def of_time(e: Expr) -> Iterator[Expr]:
+    """The largest parts of an expression that depend on time alone. Of the cases of a Piecewise only parts with tables: the
+    others need not be finite at times at which their case does not hold."""
+    if e.free_symbols == {timed.TIME} and not is_condition(e):
+        yield e
+        return
+    for part in e.args:
+        yield from (one for one in of_time(part) if not isinstance(e, se.Piecewise) or any(map(lookup_of, nodes(one))))
+
+
+def problems(scene: Any, t0: float, t_end: float, continued: bool = False) -> list[str]:
+    """Mistakes in the inputs of a scene in [t0, t_end], one sentence each; continued: an earlier run ended at t0."""
+    found = [*inputs(scene.connections, scene.line_loads), *_fed(scene.connections, scene.signals)]
+    return [text for one in found for text in _of_one(one, t0, t_end, continued)]
+
+
+def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
+    try:
+        short = beyond(one.expression, t0, t_end)
+    except TooManyError:
+        short = ""  # `resolved` raises the same error below, where it is reported
+    if short:
+        return [f"{one.what}: {short}"]
+    parts = list(timed.derivatives(one.expression)) if one.moves else [timed.sided(one.expression)]
+    for part, value_or_rate in zip(parts, ("value", "rate", "second derivative"), strict=False):
+        start = float(timed.values(part, np.array([t0]))[0])
+        if not np.isfinite(start):
+            return [f"{one.what}: its {value_or_rate} is {start} at the start t = {t0:g} s; give an input that is finite there"]
+    try:
+        edges, found = resolved(timed.used(one.expression, one.moves), t0, t_end)
+    except TooManyError as too_many_steps_with_remedy:
+        return [f"{one.what} cannot be followed by a run: {too_many_steps_with_remedy}"]
+    twice = unresolved(one.expression, t0, t_end)
+    if twice is not None:
+        return [f"{one.what} changes at t = {twice[0]:.9g} s and again {twice[1]:.1e} s later, which is shorter than any step "
+                f"there: let more time pass between both, count the time from an instant near them, or give their effect as a "
+                f"start value"]  # fmt: skip
+    times, sides = _looked_at(edges, found)
+    values = [timed.values(part, times, sides) for part in parts]
+    poles = np.concatenate([times[~np.isfinite(values[0])], found.poles])
+    if len(poles):
+        first = f"t = {float(np.min(poles)):.6g} s"
+        if one.moves:
+            return [f"{one.what}: its value, rate or second derivative is not finite near {first}; the bodies cannot follow; "
+                    f"give a motion for which all three stay finite"]  # fmt: skip
+        return [f"{one.what} is not finite near {first}; give an input that stays finite"]
+    before = [2 * t0 - timed.after(t0)] if continued else []
+    return _jumps(one, parts, values, edges, before) if one.moves else []
+
+
+def _looked_at(edges: Any, found: Stretches) -> tuple[Any, Any]:
+    """Times at the ends and in the middle of stretches, and for each a time inside its interval between two breaks."""
+    step = len(found.edges) // MOST + 1
+    low, high = found.edges[:-1][::step], found.edges[1:][::step]
+    middle = (low + high) / 2
+    stretch = np.clip(np.searchsorted(edges, middle) - 1, 0, len(edges) - 2)
+    side = ((edges[1:] + edges[:-1]) / 2)[stretch]
+    return np.r_[low, middle, high], np.r_[side, side, side]
+
+
+def _jumps(one: Input, parts: list[Expr], values: list[Any], edges: Any, before: list[float]) -> list[str]:
+    """Messages about breaks at which a prescribed motion or its rate jumps. parts: the motion and its derivatives; values: theirs
+    at many times; edges: start, breaks and end, s; before: for a continued run, a time just before its start."""
+    middle = np.r_[before, (edges[1:] + edges[:-1]) / 2]
+    at = (edges if before else edges[1:])[:-1]
+    if not len(at):
+        return []
+    smooth_ramp_or_cubic_table = CUBIC_TABLE if timed.split(tuple(parts[:1])).readings else SMOOTH_RAMP
+    for order in (0, 1):
+        size, steep = (float(np.max(np.abs(v[np.isfinite(v)]), initial=0.0)) for v in values[order : order + 2])
+        by = jumps(parts[order], at, middle[:-1], middle[1:])
+        found = np.flatnonzero(np.abs(by) > max(JUMP * size, 1e-300) + 8 * np.spacing(at) * steep)
+        if len(found):
+            i = int(found[0])
+            if order:
+                return [f"{one.what}: its rate jumps by {by[i]:.4g} {one.unit}/s at t = {at[i]:.6g} s; that takes "
+                        f"an infinite force; {smooth_ramp_or_cubic_table}"]  # fmt: skip
+            return [f"{one.what} jumps by {by[i]:.4g} {one.unit} at t = {at[i]:.6g} s; the bodies cannot follow; "
+                    f"{smooth_ramp_or_cubic_table}"]  # fmt: skip
+    return []
 
 
 def _words(arg: Argument, value: Any) -> list[str]:

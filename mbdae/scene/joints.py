@@ -9,21 +9,9 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import unknown_name
-from mbdae.laws.contact import JournalContact
-from mbdae.laws.joints import (
-    Cylindrical,
-    Distance,
-    FixedOrientation,
-    Planar,
-    PointOnLine,
-    PointOnPlane,
-    Prismatic,
-    Revolute,
-    Screw,
-    Spherical,
-    Universal,
-    Weld,
-)
+from mbdae.laws.joint_rows import Distance, FixedOrientation, PointOnLine, PointOnPlane
+from mbdae.laws.joints import Cylindrical, Planar, Prismatic, Revolute, Screw, Spherical, Universal, Weld
+from mbdae.laws.journal import JournalContact
 from mbdae.scene import reading
 from mbdae.scene.components import Clearance, Connection, Kinematic
 from mbdae.scene.connections import ConnectionStatements, across, where

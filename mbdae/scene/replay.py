@@ -21,8 +21,7 @@ from mbdae.laws.contact import Normal
 from mbdae.laws.friction import Friction
 from mbdae.scene.components import AsGiven, Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
 from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, read, stored_name, without_module
-from mbdae.scene.section import Section
-from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Shape, Sphere
+from mbdae.scene.shapes import Box, Cylinder, Plane, Point, Section, Shape, Sphere
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Force, Law, TwoBodyLaw
@@ -46,7 +45,8 @@ _KINDS: dict[str, tuple[type, ...]] = {
 @cache
 def _built_in() -> Own:
     """Laws, parts of laws, joint models and cross-sections that mbdae defines, by name."""
-    homes = [import_module(f"mbdae.laws.{home}") for home in ("joints", "couplings", "forces", "contact", "friction")]
+    homes = [import_module(f"mbdae.laws.{home}") for home in ("joints", "forces", "contact", "surfaces",
+                                                                  "journal", "friction")]
     exported = [vars(home)[name] for home in homes for name in home.__all__]
     models, shapes = (Kinematic, Classical, Recursive, Clearance, Stop), (Plane, Sphere, Point, Cylinder, Box)
     return {stored_name(cls): cls for cls in (*exported, Section, *models, *shapes)}

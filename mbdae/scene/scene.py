@@ -14,18 +14,17 @@ import numpy as np
 from mbdae.errors import LawError
 from mbdae.inputs.tables import from_data
 from mbdae.laws.forces import AppliedForce, AppliedTorque, Bushing, PointSpring, RotationalBushing
-from mbdae.scene import inertia as mass_properties
+from mbdae.scene import contacts as mass_properties
 from mbdae.scene import reading
-from mbdae.scene.appearance import color, looking, shapes
 from mbdae.scene.beams import BeamStatements
 from mbdae.scene.components import Body, Connection, JointModel
 from mbdae.scene.connections import where
-from mbdae.scene.contacts import ContactStatements
+from mbdae.scene.contacts import ContactStatements, color, looking, shapes
 from mbdae.scene.control import ControlStatements
 from mbdae.scene.joints import JointStatements
+from mbdae.scene.models import replaced, with_recursive_tree
 from mbdae.scene.reading import FEEDS, reads
 from mbdae.scene.record import statement, tables_in
-from mbdae.scene.variants import replaced, with_recursive_tree
 from mbdae.symbolic.derive import digest_of
 from mbdae.symbolic.law import Force, TwoBodyLaw
 from mbdae.symbolic.stated import own

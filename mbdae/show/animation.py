@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.display import framed, picture
 from mbdae.errors import OptionError
 from mbdae.files import replacing, write_file
+from mbdae.notation import framed, picture
 from mbdae.scene.components import Body, Connection, Place
 from mbdae.show.drawing import LETTERS, Picture, axes_for, entitled, figure_size, show_gravity
 from mbdae.show.figure import fitting

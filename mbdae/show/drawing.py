@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.results.started import started
+from mbdae.results.stored_parts import started
 from mbdae.scene.components import Array
 from mbdae.show import symbols
 from mbdae.show.figure import Namer, fitting

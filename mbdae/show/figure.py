@@ -36,8 +36,8 @@ class Figure(_Figure):
 
     def draw(self, renderer: Any) -> None:
         """Draw it, with every text that can be read as TeX, or as it stands."""
-        for text in self.findobj(Text):
-            readable(text)
+        for found in self.findobj(Text):
+            readable(found)
         super().draw(renderer)
 
     def __init__(self, *args: Any, **options: Any) -> None:

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.laws.forces import JointLoad, JointSpring
-from mbdae.laws.joints import Distance
+from mbdae.laws.joint_rows import Distance
+from mbdae.laws.on_coordinates import JointLoad, JointSpring
 from mbdae.scene import shapes as solid
 from mbdae.scene.components import Array, Body, Connection
 from mbdae.show import symbols
 from mbdae.show.geometry import INK, Collected, Label, Shape, ends
 from mbdae.symbolic.joint import Joint
-from mbdae.system.model.joint_motion import JointMotion
+from mbdae.system.model.nodes import JointMotion
 
 # -- Shapes with which bodies are drawn
 

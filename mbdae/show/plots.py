@@ -13,7 +13,7 @@ from mbdae.files import replacing
 from mbdae.notation import counted
 from mbdae.results.result import Result
 from mbdae.scene.components import Array, Body, Connection, Place
-from mbdae.scene.sensor_names import measured, placed, split
+from mbdae.scene.sensed import measured, placed, split
 from mbdae.values import file_to_write, of_class, option, sequence, shown, text
 
 #: colours of Okabe and Ito by falling contrast; the line style changes with the colour, for grey prints

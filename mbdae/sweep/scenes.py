@@ -21,8 +21,8 @@ import numpy as np
 
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SceneError
 from mbdae.run.batch import Batches
+from mbdae.scene.models import with_open_tree
 from mbdae.scene.scene import SceneData, refuse_other_laws, stated_laws
-from mbdae.scene.variants import with_open_tree
 from mbdae.study.statements import changed
 from mbdae.system.base import Array
 from mbdae.system.prepare import modelled

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import symengine as se
 
-from mbdae.costs import made_once, spends
 from mbdae.errors import LawError
+from mbdae.process import made_once, spends
 from mbdae.symbolic.derived import Derived as Derived
 from mbdae.symbolic.derived import Facts, NotPlanarError, Pair, Terms, reaction_on_l, reactions
 from mbdae.symbolic.frames import Axes, Frame, NodeKind

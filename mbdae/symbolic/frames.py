@@ -22,8 +22,7 @@ from functools import cached_property, lru_cache
 import symengine as se
 
 from mbdae.errors import LawError
-from mbdae.symbolic.quaternions import rotation_columns, rotation_per_component
-from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
+from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec, rotation_columns, rotation_per_component
 
 #: kind of node -> numbers of its position and of its velocity unknowns
 SIZES = {"spatial": (7, 6), "planar": (3, 3), "point": (3, 3), "planar point": (2, 2), "ground": (0, 0), "planar ground": (0, 0),

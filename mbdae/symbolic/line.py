@@ -25,14 +25,13 @@ from typing import Any
 
 import symengine as se
 
-from mbdae.costs import made_once, spends
 from mbdae.errors import LawError
+from mbdae.process import made_once, spends
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Law, Structure
-from mbdae.symbolic.quaternions import body_spin, rotation_columns
 from mbdae.symbolic.rebuild import symbols_of
 from mbdae.symbolic.stated import frozen, unsteady
-from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
+from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec, body_spin, rotation_columns
 
 _ZERO = se.Integer(0)
 LENGTH, WEIGHT = se.Symbol("ds"), se.Symbol("weight")  #: ds/dxi of the reference curve, m; weight of the point in integrals, m

@@ -22,10 +22,8 @@ import symengine as se
 from mbdae.errors import LawError
 from mbdae.notation import counted
 from mbdae.symbolic.frames import Frame
-from mbdae.symbolic.functions import unusable
-from mbdae.symbolic.quaternions import rotation_columns
-from mbdae.symbolic.rebuild import is_condition, nodes
-from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
+from mbdae.symbolic.rebuild import is_condition, nodes, unusable
+from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec, rotation_columns
 from mbdae.values import BadValueError, array, shown
 
 _TIME = se.Symbol("t")

@@ -15,9 +15,8 @@ from typing import Any
 
 import symengine as se
 
-from mbdae.disk.entries import key_of
-from mbdae.disk.exact import Digests
-from mbdae.disk.store import store
+from mbdae.disk import store
+from mbdae.disk.entries import Digests, key_of
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Axes, NodeKind, make_frame
 from mbdae.symbolic.motion import Motion, Rotation, symbolic_steps

@@ -16,9 +16,8 @@ import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame, NodeKind, make_frame
-from mbdae.symbolic.functions import unusable
 from mbdae.symbolic.motion import symbolic_steps
-from mbdae.symbolic.rebuild import nodes
+from mbdae.symbolic.rebuild import nodes, unusable
 from mbdae.symbolic.variation import Variation, rate
 from mbdae.symbolic.vectors import Expr, Vec
 

@@ -15,11 +15,10 @@ import symengine as se
 
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
-from mbdae.symbolic.functions import KINDS
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Force
 from mbdae.symbolic.outputs import Target, input_symbols, insert
-from mbdae.symbolic.rebuild import nodes
+from mbdae.symbolic.rebuild import KINDS, nodes
 from mbdae.symbolic.vectors import Expr, Vec
 
 EQUAL = 1e-12  #: relative difference up to which two branches of a Piecewise count as the same function

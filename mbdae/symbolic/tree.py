@@ -15,23 +15,26 @@ from typing import Any
 
 import symengine as se
 
-from mbdae.costs import made_once
+from mbdae.process import made_once
 from mbdae.symbolic.derived import Derived
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, axes_pattern
 from mbdae.symbolic.motion import Motion, Rotation, Step, half_turn, motion_of, refuse_amounts
 from mbdae.symbolic.outputs import Target, dynamics
 from mbdae.symbolic.program import Program
-from mbdae.symbolic.quaternions import (
+from mbdae.symbolic.rebuild import substituted
+from mbdae.symbolic.stated import changed, motion_key
+from mbdae.symbolic.tree_motion import Coordinate, Link, Member, Moved, Numbers, State, TreeStructure, Way, moved, way
+from mbdae.symbolic.vectors import (
+    UNIT,
+    ZERO,
+    Expr,
+    Vec,
     product,
     rate_from_body_spin,
     rate_from_spatial_spin,
     rotation_columns,
     rotation_per_component,
 )
-from mbdae.symbolic.rebuild import substituted
-from mbdae.symbolic.stated import changed, motion_key
-from mbdae.symbolic.tree_motion import Coordinate, Link, Member, Moved, Numbers, State, TreeStructure, Way, moved, way
-from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
 #: a tree of recursive joints whose Jacobian takes more steps gets no kernel for the whole tree, which would cost more to compile
 #: than it saves: it is evaluated joint by joint, or its joints become kinematic. For export the steps are counted before the tree

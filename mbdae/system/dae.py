@@ -13,11 +13,8 @@ from mbdae.deferred import csc_matrix, issparse
 from mbdae.errors import OptionError
 from mbdae.notation import counted
 from mbdae.system.base import Array, Switches, System
-from mbdae.system.differences import Differences
-from mbdae.system.partition import checked_partition
-from mbdae.system.shown_index import contradiction
-from mbdae.ties import largest
-from mbdae.values import array, function, number, of_class, option, optional, sequence, shown, text
+from mbdae.system.shown_index import Differences, checked_partition, contradiction
+from mbdae.values import array, function, largest, number, of_class, option, optional, sequence, shown, text
 
 #: largest residual of an equation at the start that is accepted, over the magnitude of its terms as estimated from its
 #: derivatives and the scales of the unknowns

@@ -13,10 +13,12 @@ import numpy as np
 from mbdae.deferred import as_full
 from mbdae.errors import SceneError, StartError
 from mbdae.inputs.timed import after
-from mbdae.memory import building
-from mbdae.scene import prescribed, sensed
+from mbdae.process import building
+from mbdae.scene import control, sensed
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
+from mbdae.system.changes import cheapest
+from mbdae.system.dependent_rows import smallest, unit_rows
 from mbdae.system.model.model import Model, build
 from mbdae.system.model.moved_bodies import MovedBodies, acted_on_while_prescribed, by_order, too_large
 from mbdae.system.model.numbering import Row, constraint_rows
@@ -24,15 +26,11 @@ from mbdae.system.model.trees import find_trees
 from mbdae.system.motion.all_bodies import AllBodies, TreeMechanics
 from mbdae.system.motion.mechanics import Mechanics, row_sizes
 from mbdae.system.motion.ordered_motion import OrderedMechanics, bodies_of
-from mbdae.system.rank.redundancy import RankReport, analyse
-from mbdae.system.rank.rows import smallest, unit_rows
-from mbdae.system.rank.undetermined import massless_coordinates, massless_motions, massless_unknowns, undecided
-from mbdae.system.start.contacts import ExpectedContact, expected_contacts
-from mbdae.system.start.ideal_joints import ideal_start
-from mbdae.system.start.nearest import start_positions
-from mbdae.system.start.sparse_change import cheapest
-from mbdae.system.start.start import ChangedVelocity, Start, Starter
-from mbdae.system.start.typical_sizes import characteristic_time
+from mbdae.system.nearest import start_positions
+from mbdae.system.redundancy import RankReport, analyse
+from mbdae.system.start import ChangedVelocity, Start, Starter
+from mbdae.system.start_with_contacts import ExpectedContact, characteristic_time, expected_contacts, ideal_start
+from mbdae.system.undetermined import massless_coordinates, massless_motions, massless_unknowns, undecided
 from mbdae.threads import single_threaded
 
 SINGULAR = "; the scene starts in a singular position, where rows depend on each other that do not elsewhere: start away from it"
@@ -125,7 +123,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     begin_time = start.t if start is not None else t0
     end = t_end if t_end is not None and t_end > begin_time else begin_time + FORESIGHT
     problems = scene.problems + sensed.problems(scene)
-    problems += prescribed.problems(scene, begin_time, end, start is not None)
+    problems += control.problems(scene, begin_time, end, start is not None)
     if problems:
         raise SceneError(problems)
     if not scene.bodies:

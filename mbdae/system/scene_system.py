@@ -11,24 +11,22 @@ import numpy as np
 
 from mbdae.native.equations import Equations
 from mbdae.system.assembled.assembly import Assembly
-from mbdae.system.assembled.contact_guards import ContactGuards
-from mbdae.system.assembled.form_spec import FormSpec
-from mbdae.system.assembled.numbers import numbers_of
+from mbdae.system.assembled.guards import ContactGuards, switches_of_model
+from mbdae.system.assembled.jacobian_entries import FormSpec
 from mbdae.system.assembled.ordered_assembly import OrderedAssembly, assembly_of
-from mbdae.system.assembled.right_hand_side import partition_of, right_hand_side, state_rates
-from mbdae.system.assembled.switches import switches_of_model
+from mbdae.system.assembled.right_hand_side import numbers_of, partition_of, right_hand_side, state_rates
 from mbdae.system.base import Array, Kept, Numbers, System
-from mbdae.system.model.inputs import timeline
-from mbdae.system.motion.displacements import Displacements
+from mbdae.system.dependent_rows import Rows
+from mbdae.system.model.moved_bodies import timeline
+from mbdae.system.motion.all_bodies import Displacements
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
-from mbdae.system.rank.rows import Rows
-from mbdae.system.rank.rows_in_force import RowsInForce
+from mbdae.system.redundancy import RowsInForce
 from mbdae.system.sampling import Sampling
-from mbdae.system.start.start import Start
-from mbdae.system.start.typical_sizes import multiplier_scales, state_scale, stress_scale
+from mbdae.system.start import Start
+from mbdae.system.start_with_contacts import multiplier_scales, state_scale, stress_scale
 from mbdae.threads import alone, single_threaded
-from mbdae.ties import largest
+from mbdae.values import largest
 
 #: tests set this to False, so that solvers step over inputs of time and switching laws, which checks after a run have to find
 WATCH_INPUTS_AND_SWITCHES = True

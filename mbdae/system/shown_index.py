@@ -1,4 +1,9 @@
-"""The index of equations of a user's own, measured, beside the one that was declared.
+"""Equations of motion given as their parts: mass matrix M, forces f, constraints g and constraint Jacobian G, by a user's
+functions.
+
+Derivatives of a user's functions by forward differences, where the user gives none.
+
+The index of equations of a user's own, measured, beside the one that was declared.
 
 In E y' + A y = r the solution of (E + h A) y = h r, a step of the implicit Euler method, hands a disturbance of r on to an
 unknown of index k in proportion to h^(1 - k): multiples of the inverse of the step reach what is differentiated. The slope of
@@ -7,12 +12,145 @@ each row of (E + h A)^-1 over h, from step to step shorter, is therefore the ind
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mbdae.system.base import Array
+from mbdae.deferred import group_columns
+from mbdae.errors import OptionError
+from mbdae.system.base import Array, System
+from mbdae.values import BadValueError, option, sequence, shown
+
+#: largest residual at the start that is accepted: of M u' + G^T lambda = f over the sum of the largest magnitudes of M u' and f,
+#: of g = 0 over 1 plus the largest magnitude of q
+TOLERANCE = 1e-6
+
+Parts = tuple[Callable[..., Any], ...]
+
+
+def checked_partition(system: System, parts: Sequence[Callable[..., Any]]) -> tuple[Parts, tuple[str, ...]]:
+    """The parts (M, f, g, G), and the kind of every unknown of the system, which follows from their shapes; OptionError where
+    they do not fit the unknowns or the start."""
+    remedy = "give four functions (M, f, g, G): M(t, q), f(t, q, u), g(t, q), G(t, q)"
+    given = option("partition", parts, sequence, remedy, each=_function)
+    if len(given) != 4:
+        raise OptionError(f"partition = {shown(parts)}: {remedy}")
+    M, f, g, G = given
+    failure: Exception | None = None
+    for nu in range(system.n // 2, 0, -1):
+        left = system.n - 2 * nu
+        try:
+            q, u = system.y0[:nu], system.y0[nu : 2 * nu]
+            shapes = [np.shape(value) for value in (M(system.t0, q), f(system.t0, q, u), g(system.t0, q), G(system.t0, q))]
+        except (IndexError, ValueError, TypeError) as error:  # try the next division of the unknowns into q, u and multipliers
+            failure = error
+            continue
+        m = shapes[2][0] if shapes[2] else 0
+        if shapes == [(nu, nu), (nu,), (m,), (m, nu)] and left in (m, 2 * m):
+            _check_start(system, (M, f, g, G), nu, m)
+            kinds = ("q",) * nu + ("v",) * nu + ("lambda",) * m + ("mu",) * (left - m)
+            return (M, f, g, G), kinds
+    raise OptionError(f"partition: no division of the {system.n} unknowns into y = (q, u, lambda) or (q, u, lambda, mu) fits; "
+                      "with nu numbers in q and in u, and m in lambda and in mu, the functions have to return M (nu, nu), "
+                      "f (nu,), g (m,) and G (m, nu): correct what they return, or y0") from failure  # fmt: skip
+
+
+def _function(value: Any) -> Callable[..., Any]:
+    """The value if it is a function, of any arguments; else raises an error."""
+    if not callable(value):
+        raise BadValueError(f"{shown(value)} is not a function")
+    return value  # type: ignore[no-any-return]
+
+
+def _check_start(system: System, parts: Sequence[Callable[..., Any]], nu: int, m: int) -> None:
+    """Raise OptionError where the parts are not satisfied at the start."""
+    M, f, g, G = parts
+    t, q, u, multipliers = system.t0, system.y0[:nu], system.y0[nu : 2 * nu], system.y0[2 * nu : 2 * nu + m]
+    inertia, force, rows = np.asarray(M(t, q)) @ system.yp0[nu : 2 * nu], np.asarray(f(t, q, u)), np.asarray(G(t, q))
+    left, size = inertia + rows.T @ multipliers - force, np.max(np.abs(inertia)) + np.max(np.abs(force)) + 1e-300
+    if np.max(np.abs(left)) > TOLERANCE * size:
+        raise OptionError(f"partition: M u' + G^T lambda - f = {left} at the start instead of 0: M, f or G state other equations "
+                          "than the residual, or lambda has the other sign there; correct them")  # fmt: skip
+    if np.max(np.abs(g(t, q)), initial=0.0) > TOLERANCE * (1 + np.max(np.abs(q))):
+        raise OptionError(f"partition: g = {g(t, q)} at the start, where it has to vanish; correct g or y0")
+
+
+EPS = float(np.finfo(float).eps)
+#: increments relative to the larger of an argument and its scale: of y, and of y', in which equations are linear as a rule, so
+#: that a longer increment costs no digit and the round-off of the other terms is divided by more. Measured (capacitors of 1e-6 F
+#: beside conductances of 1e-4 A/V): five digits of dF/dy' with the increment of y, eight with this one
+OF_Y, OF_RATES = EPS**0.5, EPS ** (1 / 3)
+
+
+class Differences:
+    """Derivatives dF/dy and dF/dy' of F(t, y, y') by forward differences.
+
+    residual: function (t, y, yp, out); scale (n,): typical magnitude of each unknown; pattern: (n, n) CSC pattern of both, or
+    None. With a pattern, columns that have no row in common are changed together, as Curtis, Powell and Reid do."""
+
+    def __init__(self, residual: Callable[..., None], scale: Array, pattern: Any = None) -> None:
+        self._residual, self._scale, self._pattern = residual, scale, pattern
+        n = len(scale)
+        self._groups: Sequence[NDArray[np.intp]] = [np.array([j]) for j in range(n)]
+        if pattern is not None:
+            group = group_columns(pattern, np.arange(n))
+            self._groups = [np.flatnonzero(group == g) for g in range(int(group.max(initial=-1)) + 1)]
+
+    def parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        """dF/dy and dF/dy', each (n, n), or (nnz,) data of the pattern."""
+        base = np.empty(len(y))
+        self._residual(t, y, yp, base)
+        y, yp = np.array(y, dtype=float), np.array(yp, dtype=float)
+
+        def at(out: Array) -> None:
+            self._residual(t, y, yp, out)
+
+        return self._of(at, y, OF_Y, base), self._of(at, yp, OF_RATES, base)
+
+    def of_rates(self, rates: Callable[[float, Array, Array], None], t: float, y: Array) -> Array:
+        """df/dy (n, n) of y' = f(t, y); rates: function (t, y, out)."""
+        base, y = np.empty(len(y)), np.array(y, dtype=float)
+        rates(t, y, base)
+        return self._full(lambda out: rates(t, y, out), y, OF_Y, base)
+
+    def _of(self, values: Callable[[Array], None], x: Array, relative: float, base: Array) -> Array:
+        """Derivatives of `values` by the argument x (n,), an array that `values` reads and that is changed meanwhile."""
+        if self._pattern is None:
+            return self._full(values, x, relative, base)
+        pattern, shifted, kept = self._pattern, np.empty(len(base)), x.copy()
+        steps, data = self._steps(x, relative), np.empty(self._pattern.nnz)
+        for group in self._groups:
+            x[group] = kept[group] + steps[group]
+            values(shifted)
+            for j in group:
+                entries = slice(pattern.indptr[j], pattern.indptr[j + 1])
+                rows = pattern.indices[entries]
+                data[entries] = _over(shifted[rows] - base[rows], x[j] - kept[j])
+            x[group] = kept[group]
+        return data
+
+    def _full(self, values: Callable[[Array], None], x: Array, relative: float, base: Array) -> Array:
+        n, shifted, kept = len(x), np.empty(len(base)), x.copy()
+        steps, out = self._steps(x, relative), np.empty((len(base), n), order="F")
+        for j in range(n):
+            x[j] = kept[j] + steps[j]
+            values(shifted)
+            out[:, j] = _over(shifted - base, x[j] - kept[j])
+            x[j] = kept[j]
+        return out
+
+    def _steps(self, x: Array, relative: float) -> Array:
+        """Increments (n,), away from 0."""
+        return np.asarray(relative * np.maximum(np.abs(x), self._scale) * np.where(x >= 0, 1.0, -1.0))
+
+
+def _over(change: Array, step: float) -> Array:
+    with np.errstate(invalid="ignore"):  # inf - inf: the solver reports that the equations are not finite there
+        return np.asarray(change / step)
+
 
 #: steps over the time of the run, each a tenth of the one before
 STEPS = 10.0 ** -np.arange(1, 11)

@@ -23,13 +23,12 @@ from mbdae.errors import AccuracyWarning, OptionError
 from mbdae.native.equations import Equations
 from mbdae.system.assembled.acceleration_kernel import AccelerationKernel, acceleration_kernel
 from mbdae.system.assembled.assembly import Assembly
-from mbdae.system.assembled.form_spec import FormSpec
-from mbdae.system.assembled.numbers import REMEDY, numbers_of
+from mbdae.system.assembled.jacobian_entries import FormSpec
 from mbdae.system.assembled.ordered_assembly import assembly_of
-from mbdae.system.assembled.right_hand_side import Rates, singular
+from mbdae.system.assembled.right_hand_side import REMEDY, Rates, numbers_of, singular
 from mbdae.system.base import Array, Numbers, System
+from mbdae.system.dependent_rows import Rows
 from mbdae.system.prepare import Prepared
-from mbdae.system.rank.rows import Rows
 from mbdae.system.scene_system import SceneSystem
 from mbdae.threads import alone
 from mbdae.values import shown

@@ -297,9 +297,8 @@ def test_a_mode_evolves_as_its_eigenvalue_says() -> None:
     from mbdae.analysis.frame import frame_at
     from mbdae.analysis.pencil import complete_system
     from mbdae.analysis.state import pencil_at
-    from mbdae.formulations import GGL, Index3
-    from mbdae.formulations.build import system_for
-    from mbdae.system.start.start import Start, Starter
+    from mbdae.formulations import GGL, Index3, system_for
+    from mbdae.system.start import Start, Starter
 
     s = turntable()
     modes = s.linearize(at=s.equilibrium(frame="table"), frame="table")

@@ -15,7 +15,7 @@ from scenes import ground_resonance, steady_sliding
 from scipy.integrate import solve_ivp
 
 import mbdae as mb
-from mbdae.system.start.start import Start
+from mbdae.system.start import Start
 
 G, ARM, W = 9.81, 1.0, 9.0
 T = 2 * np.pi / W

@@ -338,7 +338,7 @@ def test_matrices_are_the_differences_of_the_accelerations() -> None:
     from mbdae.analysis.pencil import basis
     from mbdae.formulations import Index3
     from mbdae.system.assembled.assembly import Assembly
-    from mbdae.system.start.start import Starter
+    from mbdae.system.start import Starter
 
     s = tangled()
     modes = s.linearize(at=s.equilibrium())
@@ -366,8 +366,7 @@ def test_algebraic_stress_is_eliminated(compliance: float, rate: float) -> None:
     import scipy.sparse as sp
 
     from mbdae.analysis.pencil import Pencil
-    from mbdae.analysis.reduced import free_basis, reduced
-    from mbdae.analysis.spectrum import spectrum
+    from mbdae.analysis.spectrum import free_basis, reduced, spectrum
 
     d, mass = np.array([[1.0, -1.0]]), np.diag([2.0, 3.0])
     one, zero = np.eye(2), np.zeros((2, 2))

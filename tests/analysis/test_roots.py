@@ -7,8 +7,7 @@ import pytest
 from known_roots.check import judge
 
 import mbdae as mb
-from mbdae.analysis.definite import sign
-from mbdae.analysis.roots import EPS, roots
+from mbdae.analysis.roots import EPS, roots, sign
 
 G = 9.81
 

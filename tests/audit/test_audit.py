@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.audit import Audit, verdicts, wordings
+from mbdae.audit import Audit, verdicts
 from mbdae.audit.compare import SAME, States, difference
 from mbdae.audit.edits import Candidates, edits
 from mbdae.audit.evaluate import SizeError, evaluate
 from mbdae.audit.notation import AuditError, Reader, Statement, is_zero
-from mbdae.audit.phrases import understand
+from mbdae.audit.phrases import understand, wordings
 from mbdae.audit.reading import Printed, read
 from mbdae.audit.verdicts import audit_equation
 from mbdae.errors import MbdaeError
-from mbdae.laws.joints.coincidence import same_point
+from mbdae.laws.joint_rows import same_point
 
 FILE = Path(__file__).parents[2] / "validation" / "paper" / "paper.audit"  #: its verdicts are a claim of validation/
 PAPER = FILE.read_text(encoding="utf-8")

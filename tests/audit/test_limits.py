@@ -11,7 +11,7 @@ import sympy as sp
 import mbdae as mb
 from mbdae.audit import carried
 from mbdae.audit.motion import VECTORS, Motion
-from mbdae.laws.contact import JournalContact
+from mbdae.laws.journal import JournalContact
 from mbdae.symbolic import tree
 
 BODIES = """

@@ -8,7 +8,7 @@ import pytest
 import sympy as sp
 
 import mbdae as mb
-from mbdae.audit import latex
+from mbdae.audit import carried
 
 SYMBOLS = """
 b3k [1]: axis 3 of k
@@ -102,7 +102,7 @@ def test_letters_that_print_nothing_are_refused(letter: str) -> None:
 def test_names_survive_in_formulas(name: str, tmp_path) -> None:
     found = mb.audit(f"{name} [m]: position of k\nv [m/s]: velocity of k\n1: rate({name}) = v\n")
     assert found["1"].verdict == "RIGHT"
-    assert latex.name(name) == rf"\mathrm{{{name}}}".replace("_", r"\_")
+    assert carried.name(name) == rf"\mathrm{{{name}}}".replace("_", r"\_")
     page = found.save(tmp_path / "page.html").read_text(encoding="utf-8")
     shown = [re.sub(r"<[^>]*>|\s", "", formula) for formula in re.findall(r"<math.*?</math>", page, re.S)]
     assert f"ddt{name}" in shown
@@ -111,9 +111,9 @@ def test_names_survive_in_formulas(name: str, tmp_path) -> None:
 @pytest.mark.parametrize("name", ["ph", "mass", "eps", "rho0in"])
 def test_names_of_several_letters_are_no_index(name: str) -> None:
     """They read as they are written, or as the text declares."""
-    assert latex.name(name) == rf"\mathrm{{{name}}}"
-    assert latex.name(name, {name: "p_h"}) == "p_h"
-    found = [latex.name(n) for n in ("b3k", "phik", "alphal", "rkdot", "mu", "dphi", "v12")]
+    assert carried.name(name) == rf"\mathrm{{{name}}}"
+    assert carried.name(name, {name: "p_h"}) == "p_h"
+    found = [carried.name(n) for n in ("b3k", "phik", "alphal", "rkdot", "mu", "dphi", "v12")]
     assert found == ["b_{3}^{k}", r"\varphi^{k}", r"\alpha^{l}", r"\dot{r}^{k}", r"\mu", r"d\varphi", "v_{12}"]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.compare.comparison import Checkpoint
+from mbdae.compare import Checkpoint
 from mbdae.compare.problem import Reference
 from mbdae.compare.table import Row, TightestRun
 

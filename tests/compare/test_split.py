@@ -10,7 +10,7 @@ import mbdae as mb
 from mbdae.compare.page import own_look
 from mbdae.compare.problem import Reference, _of_the_nearest
 from mbdae.compare.table import Row, with_front
-from mbdae.costs import cold, made_once, measured, spends
+from mbdae.process import cold, made_once, measured, spends
 
 PARTS = ("derive_s", "compile_s", "start_s", "companions_s", "judgement_s")
 
@@ -62,7 +62,7 @@ def outer():
 
 
 def test_kinds_are_told_apart_and_a_cold_measurement_changes_nothing(monkeypatch):
-    monkeypatch.setattr("mbdae.costs.time", SimpleNamespace(process_time=lambda: CLOCK[0]))
+    monkeypatch.setattr("mbdae.process.time", SimpleNamespace(process_time=lambda: CLOCK[0]))
     first = inner(1)
     with cold(), measured() as spent:
         CLOCK[0] += 100

@@ -11,17 +11,18 @@ import pytest
 import symengine as se
 
 import mbdae as mb
+from mbdae import kernels as kernels_compile
 from mbdae.contracts import checks
-from mbdae.kernels import compile as kernels_compile
-from mbdae.laws import contact, couplings, elements, forces, joints
+from mbdae.laws import bodies, forces, joints, on_coordinates
+from mbdae.laws.journal import JournalContact
 from mbdae.symbolic import derive as symbolic_derive
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.variation import Variation, rate
 from mbdae.symbolic.vectors import ZERO
 
 kernels_plan = sys.modules["mbdae.kernels.plan"]  # the package exports a function of that name
-LAWS = [getattr(module, name) for module in (joints, couplings, forces, elements) for name in module.__all__]
-LAWS.append(contact.JournalContact)
+LAWS = [getattr(module, name) for module in (joints, on_coordinates, forces, bodies) for name in module.__all__]
+LAWS.append(JournalContact)
 #: others have their frictions, and as many coordinates; the report of Spherical is made below
 LONG = ("JournalContact", "Planar", "PointOnPlane", "PointOnLine", "Prismatic", "FixedOrientation", "Universal",
         "JointFriction", "Free", "Cylindrical", "JointStop", "Screw", "JointSpring", "Bushing", "Spherical", "ClearanceRevolute")
@@ -31,7 +32,7 @@ LONG = ("JournalContact", "Planar", "PointOnPlane", "PointOnLine", "Prismatic", 
                          ids=lambda law: law.__name__)  # fmt: skip
 def test_law_keeps_the_contract(law: Any) -> None:
     report = mb.selftest(law)
-    bodiless = [*couplings.__all__, "JointCoordinate"]  # these know no bodies
+    bodiless = [*on_coordinates.__all__, "JointCoordinate"]  # these know no bodies
     assert len(report.variants) >= (1 if law.__name__ in bodiless else 4)
     assert set(report.worst) >= {"Jacobian", "compiled kernel"}
     assert "planar = spatial" in report.worst or law.__name__ in bodiless
@@ -248,7 +249,7 @@ def test_lost_gyroscopic_moment_is_found(monkeypatch: pytest.MonkeyPatch, fresh:
     monkeypatch.setattr(case, "EVALUATED", tuple(without if o is outputs.dynamics else o for o in case.EVALUATED))
     monkeypatch.setattr(checks, "dynamics", without)
     with pytest.raises(mb.LawError, match="inertia, spatial: moment"):
-        mb.selftest(elements.RigidBody)
+        mb.selftest(bodies.RigidBody)
 
 
 @pytest.mark.usefixtures("between_bodies")

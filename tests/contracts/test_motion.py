@@ -8,9 +8,9 @@ import pytest
 import symengine as se
 
 import mbdae as mb
-from mbdae.contracts import selftest
+from mbdae import contracts
+from mbdae.contracts import _Run
 from mbdae.contracts.motion import stated_motion
-from mbdae.contracts.selftest import _Run
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.law import Structure
 from mbdae.symbolic.motion import Motion
@@ -61,7 +61,7 @@ class Unread(Sleeve):
 
 @pytest.fixture(autouse=True)
 def of_motions_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(selftest, "CONTRACTS", {"motion": stated_motion})
+    monkeypatch.setattr(contracts, "CONTRACTS", {"motion": stated_motion})
 
 
 def changed(**methods: Any) -> type[Sleeve]:

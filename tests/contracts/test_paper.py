@@ -17,8 +17,8 @@ from mbdae.contracts.case import Case
 from mbdae.contracts.checks import covector
 from mbdae.contracts.states import columns, rotation
 from mbdae.kernels import Kernel
-from mbdae.laws.forces import JointDamper, JointSpring
 from mbdae.laws.joints import Revolute
+from mbdae.laws.on_coordinates import JointDamper, JointSpring
 from mbdae.reports.statement import structure_of
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.law import Structure

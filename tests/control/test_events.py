@@ -8,7 +8,7 @@ import sympy as sp
 
 import mbdae as mb
 from mbdae.errors import OptionError, StartError
-from mbdae.run.events.roots import roots
+from mbdae.run.event_roots import roots
 
 G, END = 9.81, 3.0
 

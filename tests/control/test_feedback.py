@@ -11,7 +11,7 @@ import mbdae as mb
 from mbdae.errors import SceneError
 from mbdae.formulations import system_for
 from mbdae.inputs.sensed import symbol
-from mbdae.system.assembled.observed import Observer
+from mbdae.system.assembled.guards import Observer
 from mbdae.system.prepare import prepare
 
 MODELS = [mb.Kinematic(), mb.Classical(), mb.Recursive()]
@@ -134,7 +134,7 @@ def _dense(system, data):
 
 def test_rest_of_a_spring_follows_a_state():
     """A rotational spring whose rest angle an actuator shifts, d rest / dt = (0.3 - rest) / 0.2."""
-    from mbdae.laws.forces import JointSpring
+    from mbdae.laws.on_coordinates import JointSpring
 
     s = mb.Scene("actuator")
     rod = s.link("rod", (0, 0), (1, 0), mass=3.0)

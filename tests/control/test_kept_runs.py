@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.integrators.checkpoints import keeper
+from mbdae.integrators import stored_runs
 
 
 class Killed(BaseException):
@@ -45,9 +45,9 @@ class Files:
 @pytest.fixture
 def killed(monkeypatch):
     files = Files()
-    for owner, name in ((keeper.RunFiles, "write"), (keeper.RunFiles, "write_chunk"), (keeper, "write_tree")):
+    for owner, name in ((stored_runs.RunFiles, "write"), (stored_runs.RunFiles, "write_chunk"), (stored_runs, "write_tree")):
         monkeypatch.setattr(owner, name, files.counting(getattr(owner, name)))
-    monkeypatch.setattr(keeper, "PAUSE", 0.0)
+    monkeypatch.setattr(stored_runs, "PAUSE", 0.0)
     return files
 
 

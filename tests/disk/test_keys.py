@@ -11,10 +11,10 @@ import symengine as se
 import sympy
 
 import mbdae as mb
-from mbdae.disk import surroundings as around
+from mbdae import disk as around
+from mbdae.disk import Store
+from mbdae.disk.entries import Digests, NoDigestError
 from mbdae.disk.entries import key_of as entry_key
-from mbdae.disk.exact import Digests, NoDigestError
-from mbdae.disk.store import Store
 from mbdae.kernels import tree_plan
 from mbdae.kernels.plan import _key
 from mbdae.laws.forces import PointSpring
@@ -40,8 +40,8 @@ def digest(value):
 def kept(tmp_path, monkeypatch):
     """A store in use."""
     store = Store(tmp_path / "kept")
-    for module in ("mbdae.symbolic.stated", "mbdae.disk.entries", "mbdae.kernels.tree_plan", "mbdae.disk.exact",
-                   "mbdae.disk.surroundings"):  # fmt: skip
+    for module in ("mbdae.symbolic.stated", "mbdae.disk.entries", "mbdae.kernels.tree_plan", "mbdae.disk.entries",
+                   "mbdae.disk"):  # fmt: skip
         monkeypatch.setattr(f"{module}.store", lambda: store)
     around.surroundings.cache_clear()
     _known.cache_clear()

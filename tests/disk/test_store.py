@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from mbdae.disk import entries, place
-from mbdae.disk.store import HASH, PART, SUFFIX, Store
+from mbdae import disk
+from mbdae.disk import HASH, PART, SUFFIX, Store, entries
 
 KEY, OTHER = "a" * 64, "b" * 64
 POSIX = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="rights of files as on Unix")
@@ -113,7 +113,7 @@ def test_what_is_no_file_is_not_read_and_stops_nothing(tmp_path, kind):
     code = """
 import sys
 from pathlib import Path
-from mbdae.disk.store import Store
+from mbdae.disk import Store
 store = Store(Path(sys.argv[1]))
 print(store.content())
 print(store.read(sys.argv[2]))
@@ -194,7 +194,7 @@ def test_processes_that_write_at_once_leave_whole_entries(store):
     code = """
 import sys
 from pathlib import Path
-from mbdae.disk.store import Store
+from mbdae.disk import Store
 store = Store(Path(sys.argv[1]))
 for n in range(300):
     key = f"{n % 7:064}"
@@ -224,7 +224,7 @@ def test_counts_of_all_processes_are_added(store):
 
 
 def test_entries_are_few_enough_to_look_through(store, monkeypatch):
-    monkeypatch.setattr("mbdae.disk.store.MOST", 10)
+    monkeypatch.setattr("mbdae.disk.MOST", 10)
     for i in range(30):
         store.write(f"{i:064x}", b"content")
         os.utime(file_of(store, f"{i:064x}"), (i, i))
@@ -253,17 +253,17 @@ def test_where_entries_are(monkeypatch, variables, found):
         monkeypatch.delenv(name, raising=False)
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
-    assert place.chosen_folder()[0] == (None if found is None else Path(found))
+    assert disk.chosen_folder()[0] == (None if found is None else Path(found))
 
 
 def test_the_folders_of_other_systems(monkeypatch):
     monkeypatch.delenv("MBDAE_CACHE")
     monkeypatch.setenv("HOME", "/h")
     monkeypatch.setattr(sys, "platform", "darwin")
-    assert place.chosen_folder()[0] == Path("/h/Library/Caches/mbdae")
+    assert disk.chosen_folder()[0] == Path("/h/Library/Caches/mbdae")
     monkeypatch.setattr(sys, "platform", "win32")
     monkeypatch.setenv("LOCALAPPDATA", "/local")
-    assert place.chosen_folder()[0] == Path("/local/mbdae/Cache")
+    assert disk.chosen_folder()[0] == Path("/local/mbdae/Cache")
 
 
 class _Bad:

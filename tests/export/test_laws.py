@@ -8,7 +8,7 @@ import symengine as se
 
 import mbdae as mb
 from mbdae.export.program import run
-from mbdae.reports.report import exported
+from mbdae.reports import exported
 
 EXACT = 1e-12
 QUICK = ("revolute", "screw", "gear", "pointspring", "jointstop", "rigidbody", "beam", "lineload")

@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 
 import mbdae as mb
-from mbdae.extremes import Extremes
 from mbdae.extremes.cell import VERDICTS
-from mbdae.extremes.page import COLOURS, Block, notes
+from mbdae.extremes.page import COLOURS, Block, Extremes, notes
 from mbdae.notation import counted
 
 

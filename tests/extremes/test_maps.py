@@ -13,8 +13,8 @@ import sympy as sp
 import mbdae as mb
 from mbdae.cli import main
 from mbdae.compare.problem import new_problem
-from mbdae.extremes import Extremes
 from mbdae.extremes.cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, verdict
+from mbdae.extremes.page import Extremes
 from mbdae.extremes.ways import ways
 
 RUNS = [mb.Run(mb.IDA(), mb.GGL()), mb.Run(mb.RadauIIA(3), mb.GGL(), model=mb.Classical()), mb.Run(mb.IDA(), mb.Index3())]

@@ -11,8 +11,9 @@ from mbdae.compare.problem import new_problem
 from mbdae.extremes.cell import reference_at
 from mbdae.extremes.ways import asked_values, default_vary, ladder, varied
 from mbdae.inputs.timed import expression, values
-from mbdae.laws.forces import JointSpring, PointSpring
+from mbdae.laws.forces import PointSpring
 from mbdae.laws.joints import Planar
+from mbdae.laws.on_coordinates import JointSpring
 from mbdae.study.statements import changed
 
 

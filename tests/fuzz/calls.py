@@ -15,16 +15,16 @@ import numpy as np
 import mbdae as mb
 from mbdae.analysis import Equilibrium, Floquet, Linearization
 from mbdae.analysis.shapes import Mode
-from mbdae.compare import Comparison, Run
-from mbdae.documents.document import Document
-from mbdae.extremes import Extremes
-from mbdae.extremes.page import Block
+from mbdae.compare.page import Comparison
+from mbdae.compare.run import Run
+from mbdae.documents import Document
+from mbdae.extremes.page import Block, Extremes
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result
 from mbdae.scene.components import JointModel, Stop
 from mbdae.scene.scene import SceneData
-from mbdae.scene.section import Section
-from mbdae.sweep.sweep import Sweep
+from mbdae.scene.shapes import Section
+from mbdae.sweep import Sweep
 from mbdae.symbolic.law import Law
 from mbdae.symbolic.part import Part
 
@@ -216,7 +216,7 @@ CALLS: dict[str, Call] = {
     "OneStep": Call(lambda: Euler, lambda: {"step": None, "accuracy": None}),
     "measure_order": Call(lambda: mb.measure_order, lambda: {
         "solver": mb.HHT(), "what": scene(), "t_end": 0.1, "form": mb.GGL(), "steps": (4, 6, 8), "exact": None},
-        "mbdae.integrators.orders._reference"),
+        "mbdae.integrators.named._reference"),
     "GGL": Call(lambda: mb.GGL, lambda: {"algebraic": None, "waves": False}),
     "Index1": Call(lambda: mb.Index1, lambda: {"baumgarte": 1.0, "multipliers": None, "waves": False}),
     "Index3": Call(lambda: mb.Index3, lambda: {"waves": False}),
@@ -231,7 +231,7 @@ CALLS: dict[str, Call] = {
         "switches": _parts(), "partition": None, "rhs": None}),
     "DAE.simulate": Call(lambda: dae().simulate, lambda: {
         "t_end": 0.1, "accuracy": 1e-6, "solver": mb.IDA(), "outputs": 3, "max_wall": 60.0, "progress": None},
-        "mbdae.run.own.equations.OwnRun"),
+        "mbdae.run.own_equations.OwnRun"),
     "Switches": Call(lambda: mb.Switches, lambda: {"arguments": tell, "kinds": ("kink",), "weights": [1.0], "names": ("a",)}),
     "Scene.check": Call(lambda: scene().check, lambda: {"accuracy": 1e-6}, "mbdae.api.check_scene"),
     "Scene.system": Call(lambda: scene().system, lambda: {"form": None, "start": None}, "mbdae.api.system_for"),
@@ -251,18 +251,18 @@ CALLS: dict[str, Call] = {
         "source": "claims:\nA: 3 = rows\n", "laws": None, "counts": None, "quantities": None}),
     "compare": Call(lambda: mb.compare, lambda: {
         "scene": scene(), "t_end": 0.1, "runs": [mb.IDA()], "accuracies": [1e-3], "measure": "hinge.angle",
-        "reference": None, **RUNS}, "mbdae.compare.comparison.identity"),
+        "reference": None, **RUNS}, "mbdae.compare.identity"),
     "extremes": Call(lambda: mb.extremes, lambda: {
         "scene": scene(), "t_end": 0.1, "vary": {"rod.mass": [1.0]}, "runs": [mb.IDA()], "accuracy": 1e-3,
-        "measure": "hinge.angle", **RUNS}, "mbdae.extremes.extremes._Execution"),
+        "measure": "hinge.angle", **RUNS}, "mbdae.extremes._Execution"),
     "export": Call(lambda: mb.export, lambda: {"what": mb.FixedOrientation, "format": "sympy", "form": None, "frames": None}),
     "Export.save": Call(lambda: mb.export(mb.FixedOrientation).save, lambda: {"path": folder() / "a.py"}),
     "Export.__getitem__": Call(lambda: mb.export(mb.FixedOrientation, "sympy").__getitem__, lambda: {"name": "G"}),
     "report": Call(lambda: mb.report, lambda: {"what": mb.FixedOrientation}),
-    "selftest": Call(lambda: mb.selftest, lambda: {"law": mb.FixedOrientation}, "mbdae.contracts.selftest._of_law"),
+    "selftest": Call(lambda: mb.selftest, lambda: {"law": mb.FixedOrientation}, "mbdae.contracts._of_law"),
     "sweep": Call(lambda: mb.sweep, lambda: {
         "job": job, "grid": {"a": [1.0]}, "executor": None, "workers": 1, "resume": None, "again": False, "progress": None,
-        "t_end": None, "accuracy": 1e-6, "outputs": None}, "mbdae.sweep.sweep.with_processes"),
+        "t_end": None, "accuracy": 1e-6, "outputs": None}, "mbdae.sweep.with_processes"),
     "Solution.__call__": Call(lambda: result().solution, lambda: {"t": 0.1}),
     "Solution.derivative": Call(lambda: result().solution.derivative, lambda: {"t": 0.1}),
     "Result.__call__": Call(lambda: result().__call__, lambda: {"t": 0.1}),
@@ -285,19 +285,19 @@ CALLS: dict[str, Call] = {
     "Floquet.shares": Call(lambda: floquet().shares, lambda: {"vector": [1.0, 0.0, 0.0]}),
     "Mode.__getitem__": Call(lambda: linear().modes[0].__getitem__, lambda: {"body": "rod"}),
     "ComparisonData.cheapest": Call(lambda: comparison().cheapest, lambda: {"accuracy": 1e-3}),
-    "Study.to_json": Call(lambda: comparison().to_json, lambda: FILE, "mbdae.study.page.write_file"),
+    "Study.to_json": Call(lambda: comparison().to_json, lambda: FILE, "mbdae.study.write_file"),
     "Study.to_html": Call(lambda: Extremes("a", 1.0, 1e-3, None, "", (), 0.0).to_html, lambda: FILE,
-                          "mbdae.study.page.write_file"),
+                          "mbdae.study.write_file"),
     "Comparison.plot": Call(lambda: comparison().plot, lambda: FILE, "mbdae.compare.page.work_precision"),
     "Block.at": Call(lambda: _block().at, lambda: {"label": "a", "value": 1.0}),
     "Sweep.array": Call(lambda: _sweep().array, lambda: {"key": "b"}),
-    "Sweep.to_json": Call(lambda: _sweep().to_json, lambda: FILE, "mbdae.study.page.write_file"),
+    "Sweep.to_json": Call(lambda: _sweep().to_json, lambda: FILE, "mbdae.study.write_file"),
     "Audit.__getitem__": Call(lambda: mb.Audit("none", ()).__getitem__, lambda: {"number": "1"}),
-    "Audit.to_json": Call(lambda: mb.Audit("none", ()).to_json, lambda: FILE, "mbdae.study.page.write_file"),
+    "Audit.to_json": Call(lambda: mb.Audit("none", ()).to_json, lambda: FILE, "mbdae.study.write_file"),
     "Audit.save": Call(lambda: mb.Audit("none", ()).save, lambda: {"path": folder() / "a.md"},
-                       "mbdae.documents.document.write_file"),
+                       "mbdae.documents.write_file"),
     "Document.save": Call(lambda: Document("none").save, lambda: {"path": folder() / "a.md"},
-                          "mbdae.documents.document.write_file"),
+                          "mbdae.documents.write_file"),
 }  # fmt: skip
 
 FLAGS = {"a truth value", "numpy's"}

@@ -24,7 +24,7 @@ import pytest
 import sympy as sp
 
 import mbdae as mb
-from mbdae.disk.store import store
+from mbdae.disk import store
 from mbdae.results import archive
 
 MARK = "executed-by-a-file"

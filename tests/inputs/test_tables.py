@@ -20,7 +20,7 @@ from mbdae.export.program import run
 from mbdae.inputs import tables, timed
 from mbdae.inputs.breaks import breaks
 from mbdae.inputs.enclosure import enclosure
-from mbdae.inputs.pieces import pieces
+from mbdae.inputs.measured import pieces
 from mbdae.inputs.tables import Table
 from mbdae.native.program import LOOKUP, Operations
 from mbdae.run.batch import run_batch

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from dae_problems import Explicit, decay, pendulum, pendulum_exact
 
-from mbdae.integrators.runge_kutta.radau import RadauIIA
-from mbdae.integrators.sundials.cvode import CVODE
-from mbdae.integrators.sundials.ida import IDA
+from mbdae.integrators.radau import RadauIIA
+from mbdae.integrators.sundials import CVODE, IDA
 from mbdae.system.dae import DAE
 
 T = 3.0

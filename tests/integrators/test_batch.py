@@ -8,7 +8,7 @@ import sympy
 
 import mbdae as mb
 from mbdae.errors import WallClockError
-from mbdae.integrators.runge_kutta.batch import solve_batch
+from mbdae.integrators.batch import solve_batch
 from mbdae.native import explicit
 from mbdae.native.explicit import Batch
 from mbdae.run.batch import Batches, run_batch

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.integrators.checkpoints import keeper
-from mbdae.integrators.checkpoints.snapshot import go_back, snapshot
-from mbdae.integrators.checkpoints.trees import packed, read_tree, write_tree
-from mbdae.integrators.runge_kutta.radau import RadauIIA
-from mbdae.system.rank import rows_in_force
+from mbdae.integrators import stored_runs
+from mbdae.integrators.radau import RadauIIA
+from mbdae.integrators.record import go_back, snapshot
+from mbdae.integrators.stored_runs import packed, read_tree, write_tree
+from mbdae.system import redundancy
 
 OWN = [name for name, (_, _, options) in scenes.RUNS.items() if not ("solver" in options and options["solver"].restarts)]
 SHORT = ["Radau IIA", "Radau IIA, impacts", "Radau IIA, stops", "Radau IIA, breaks and friction", "DOP853, breaks and friction",
@@ -49,7 +49,7 @@ def written(monkeypatch):
         return write
 
     for name in ("write", "write_chunk"):
-        monkeypatch.setattr(keeper.RunFiles, name, counting(getattr(keeper.RunFiles, name)))
+        monkeypatch.setattr(stored_runs.RunFiles, name, counting(getattr(stored_runs.RunFiles, name)))
     return count
 
 
@@ -81,7 +81,7 @@ def test_after_any_file_the_run_goes_on_with_the_same_bits(name, tmp_path, writt
 def test_rows_change_again_where_they_changed_whatever_was_seen(tmp_path, monkeypatch):
     make, end, options = scenes.RUNS["Radau IIA, rows in force"]
     whole = make().simulate(end, checkpoint=tmp_path, **options)
-    monkeypatch.setattr(rows_in_force, "SHARE", np.inf)  # what was looked at once is not looked at again
+    monkeypatch.setattr(redundancy, "SHARE", np.inf)  # what was looked at once is not looked at again
     again = make().simulate(end, checkpoint=tmp_path, **options)
     times = [t for t, _ in whole.solution.systems]
     assert len(times) > 2
@@ -102,8 +102,8 @@ def test_what_ended_is_not_made_again(tmp_path, monkeypatch):
     def refuse(*_):
         raise AssertionError("a step")
 
-    monkeypatch.setattr("mbdae.integrators.runge_kutta.dop853.DOP853.integrate", refuse)
-    monkeypatch.setattr("mbdae.integrators.runge_kutta.method.CollocationMethod.integrate", refuse)
+    monkeypatch.setattr("mbdae.integrators.dop853.DOP853.integrate", refuse)
+    monkeypatch.setattr("mbdae.integrators.radau.CollocationMethod.integrate", refuse)
     monkeypatch.setattr("mbdae.run.job.assessed", refuse)
     monkeypatch.setattr("mbdae.run.job.rechecked", refuse)
     assert scenes.run("chosen, verified", tmp_path) == whole
@@ -183,7 +183,7 @@ SCRIPT = """
 import sys
 import mbdae as mb
 import interrupted_scenes as scenes
-from mbdae.integrators.checkpoints import keeper
+from mbdae.integrators import stored_runs as keeper
 keeper.PAUSE = 0.0
 def tell(t, t_end, stats):
     print(t, flush=True)
@@ -213,14 +213,14 @@ def test_sigterm_ends_a_script_with_a_plain_message(which, tmp_path):
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs signals of POSIX")
 def test_sigterm_waits_for_a_value_that_is_written(tmp_path, monkeypatch):
-    original = keeper.write_tree
+    original = stored_runs.write_tree
 
     def write(path, tree):
         if path.name.startswith("value"):
             os.kill(os.getpid(), signal.SIGTERM)
         original(path, tree)
 
-    monkeypatch.setattr(keeper, "write_tree", write)
+    monkeypatch.setattr(stored_runs, "write_tree", write)
     with pytest.raises(mb.StoppedError):
         scenes.chain().simulate(0.2, solver=mb.RadauIIA(3), checkpoint=tmp_path)
     assert (tmp_path / "value00001.npz").exists()

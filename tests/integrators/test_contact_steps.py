@@ -19,10 +19,10 @@ from contact_problems import (
 from dae_problems import pendulum, pendulum_exact
 
 import mbdae as mb
+from mbdae.integrators import contact_steps
 from mbdae.integrators.base import Asked
+from mbdae.integrators.contact_steps import ContactSteps, Cubic
 from mbdae.integrators.solution import Stats
-from mbdae.integrators.watched import contact_steps
-from mbdae.integrators.watched.contact_steps import ContactSteps, Cubic
 from mbdae.run.control import run_controlled
 
 SOLVERS = {

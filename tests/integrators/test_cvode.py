@@ -8,7 +8,7 @@ from scenes import data, dzhanibekov
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.integrators.rates import rate_jacobian
+from mbdae.integrators.constant import rate_jacobian
 from mbdae.system.base import System
 from mbdae.system.prepare import prepare
 
@@ -165,14 +165,14 @@ def test_beams_have_a_right_hand_side():
 
 def test_large_trees_have_factors_in_a_narrow_band(monkeypatch):
     from mbdae.kernels.tree_plan import TreePlan
-    from mbdae.system.motion import workspace
+    from mbdae.system.motion import constrained
 
     monkeypatch.setattr(TreePlan, "rates", property(lambda plan: None))  # as of trees that are too large for one kernel
     full = system_for(prepare(spring_chain()))
     rates = np.empty((2, full.n))
     y = full.y0 + 0.1 * np.sin(1.0 + np.arange(full.n))
     full.rhs(0.1, y, rates[0])
-    monkeypatch.setattr(workspace, "BANDED_FROM", 0)
+    monkeypatch.setattr(constrained, "BANDED_FROM", 0)
     narrow = system_for(prepare(spring_chain()))
     narrow.rhs(0.1, y, rates[1])
     assert not np.array_equal(narrow.assembly.evaluation.order, full.assembly.evaluation.order)

@@ -6,10 +6,10 @@ from scipy.sparse import csr_matrix
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.integrators.matrices import dissection, ordering
-from mbdae.integrators.matrices.iteration import IterationMatrix
-from mbdae.integrators.runge_kutta.tables import radau_table
-from mbdae.native.pivots import largest_pivots
+from mbdae.integrators import matrices
+from mbdae.integrators.collocation_tables import radau_table
+from mbdae.integrators.matrices import IterationMatrix
+from mbdae.native import largest_pivots
 from mbdae.native.sparse import Factors, Orders
 from mbdae.system.prepare import prepare
 
@@ -52,7 +52,7 @@ def square(n: int, weights: np.ndarray | None = None) -> tuple[csr_matrix, np.nd
 
 def test_a_square_is_divided_by_one_line() -> None:
     graph, weight = square(15)
-    found = dissection._separator(graph, weight)
+    found = matrices._separator(graph, weight)
     assert found is not None
     one, other, between = found
     assert np.array_equal(np.sort(np.concatenate(found)), np.arange(225))
@@ -66,20 +66,20 @@ def test_the_lightest_vertices_divide_a_graph() -> None:
     weight = np.full((15, 15), 5)
     weight[6] = 1
     graph, weight = square(15, weight.ravel())
-    parts = dissection._cut(graph, weight, np.arange(15), np.arange(210, 225))
+    parts = matrices._cut(graph, weight, np.arange(15), np.arange(210, 225))
     assert parts is not None
     assert np.array_equal(parts[2], np.arange(90, 105))
     assert np.array_equal(parts[0], np.arange(90))
-    assert dissection._cut(graph, weight, np.arange(15), np.arange(15, 30)) is None  # neighbours
+    assert matrices._cut(graph, weight, np.arange(15), np.arange(15, 30)) is None  # neighbours
 
 
 def test_what_is_divided_is_eliminated_with_less_fill_in() -> None:
     """An order of a square by halves against its natural one: some 31 n^2 log n entries against 2 n^3 (George)."""
     graph, weight = square(40)
-    entries = dissection.Entries(1600, graph.indptr, graph.indices)
-    order = dissection._divided(graph, weight)
+    entries = matrices.Entries(1600, graph.indptr, graph.indices)
+    order = matrices._divided(graph, weight)
     assert np.array_equal(np.sort(order), np.arange(1600))
-    assert dissection.Order(entries, order, order).work < 0.4 * dissection.Order(entries, np.arange(1600), np.arange(1600)).work
+    assert matrices.Order(entries, order, order).work < 0.4 * matrices.Order(entries, np.arange(1600), np.arange(1600)).work
 
 
 @pytest.mark.parametrize(("scene", "saved", "form"), [
@@ -94,7 +94,7 @@ def test_nets_are_dissected(scene: tuple[int, bool], saved: float, form: mb.GGL)
     matrix.refresh(0.0, system.y0, system.yp0)
     matrix.factor(1e-3)
     entries, values = matrix.entries, matrix.factors[0].values
-    order, pivots = dissection.dissected(system.kinds, entries), largest_pivots(entries, values)
+    order, pivots = matrices.dissected(system.kinds, entries), largest_pivots(entries, values)
     assert order is not None
     assert pivots is not None
     assert order.work < saved * pivots.work
@@ -114,30 +114,30 @@ def test_no_order_tried_for_a_net_fills_in_more_than_the_largest_pivots() -> Non
     matrix = IterationMatrix(system, TABLE.real, TABLE.pairs)
     entries, values = matrix.entries, matrix.factors[0].values
     pivots = largest_pivots(entries, values)
-    found = [search(entries, values) for search in ordering.searches(system.kinds)]
+    found = [search(entries, values) for search in matrices.searches(system.kinds)]
     assert pivots is not None
     assert found[-1] is not None
     assert max(order.work for order in found if order is not None) <= pivots.work
 
 
 def test_without_multipliers_nothing_is_dissected() -> None:
-    entries = dissection.Entries.full(3)
-    assert dissection.dissected(["q", "v", "v"], entries) is None
+    entries = matrices.Entries.full(3)
+    assert matrices.dissected(["q", "v", "v"], entries) is None
 
 
 def test_an_order_that_loses_digits_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the pivots of the dissected order are too small, the matrix is factorised in one that was compared with it."""
     system = system_for(prepare(net(8)), mb.GGL())
-    monkeypatch.setattr(ordering, "LOOPS", 0)  # compared in every scene
+    monkeypatch.setattr(matrices, "LOOPS", 0)  # compared in every scene
     wrong = []
 
     def multipliers_first(kinds, entries):
-        order = np.argsort(~np.isin(kinds, dissection.MULTIPLIERS), kind="stable")
-        wrong.append(dissection.Order(entries, order, order))
+        order = np.argsort(~np.isin(kinds, matrices.MULTIPLIERS), kind="stable")
+        wrong.append(matrices.Order(entries, order, order))
         wrong[0].work = 0
         return wrong[0]
 
-    monkeypatch.setattr(ordering, "dissected", multipliers_first)
+    monkeypatch.setattr(matrices, "dissected", multipliers_first)
     matrix = IterationMatrix(system, TABLE.real, TABLE.pairs)
     assert wrong
     assert matrix.orders.present not in (None, wrong[0])

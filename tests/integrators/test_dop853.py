@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 from scipy.integrate._ivp import dop853_coefficients as scipys
 
 import mbdae as mb
-from mbdae.integrators.runge_kutta import dop853_table as own
+from mbdae.integrators import dop853 as own
 
 
 def filled(entries, shape):

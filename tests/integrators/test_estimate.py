@@ -11,7 +11,7 @@ import sympy
 from scipy.integrate import solve_ivp
 
 import mbdae as mb
-from mbdae.integrators.halving import _order as shown_order
+from mbdae.integrators.stepped import _order as shown_order
 from mbdae.run.estimate import FALL, SLOW, companions, estimated
 from mbdae.run.estimate import fall_shown as fall
 

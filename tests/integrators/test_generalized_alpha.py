@@ -11,7 +11,7 @@ from scenes import a01, heavy_top, n_rods, physical_pendulum, stick_slip
 import mbdae as mb
 from mbdae.errors import AccuracyWarning, OptionError, SolverError
 from mbdae.formulations import system_for
-from mbdae.integrators.halving import MOST_STEPS
+from mbdae.integrators.stepped import MOST_STEPS
 from mbdae.system.prepare import prepare
 
 

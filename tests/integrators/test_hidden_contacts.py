@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 import mbdae as mb
 from mbdae.run import control
-from mbdae.run.hidden_contacts import hidden_contacts
+from mbdae.run.contacts import hidden_contacts
 
 
 def flying():

@@ -139,7 +139,7 @@ def test_memory_that_is_used_up_ends_a_run_with_what_was_computed(monkeypatch: p
         real(self, rows)
 
     monkeypatch.setattr(Rows, "extend", extend)
-    monkeypatch.setattr("mbdae.integrators.runge_kutta.adaptive.ROWS", 8)
+    monkeypatch.setattr("mbdae.integrators.radau.ROWS", 8)
     with pytest.raises(mb.SolverError, match="the memory is used up") as stop:
         double().simulate(5.0, solver=mb.RadauIIA(3))
     assert np.isfinite(stop.value.solution["A"].angle).all()
@@ -148,8 +148,8 @@ def test_memory_that_is_used_up_ends_a_run_with_what_was_computed(monkeypatch: p
 @pytest.mark.parametrize("solver", [mb.RadauIIA(3, rtol=1e-4), mb.DOP853(rtol=1e-4), mb.IDA(rtol=1e-4)], ids=lambda s: s.label)
 def test_a_run_interrupted_at_any_line_is_the_whole_one_until_there(solver: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Lines of the loop and of its storage, every 41st."""
-    monkeypatch.setattr("mbdae.integrators.runge_kutta.adaptive.ROWS", 8)
-    monkeypatch.setattr("mbdae.integrators.runge_kutta.dop853.ROWS", 8)
+    monkeypatch.setattr("mbdae.integrators.radau.ROWS", 8)
+    monkeypatch.setattr("mbdae.integrators.dop853.ROWS", 8)
     form = mb.Index1() if isinstance(solver, mb.DOP853) else None
     scene = double()
     whole = scene.simulate(1.0, solver=solver, form=form)

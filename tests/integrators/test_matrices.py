@@ -11,8 +11,8 @@ from beam_scenes import slider_crank, steel_rod
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.integrators.matrices.iteration import IterationMatrix
-from mbdae.integrators.runge_kutta.tables import radau_table
+from mbdae.integrators.collocation_tables import radau_table
+from mbdae.integrators.matrices import IterationMatrix
 from mbdae.system.prepare import prepare
 
 TABLE = radau_table(3)

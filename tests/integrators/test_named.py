@@ -8,8 +8,7 @@ from inspect import isabstract
 import pytest
 
 import mbdae as mb
-from mbdae.formulations import Form
-from mbdae.formulations.named import form_of, form_words, forms
+from mbdae.formulations import Form, form_of, form_words, forms
 from mbdae.integrators.base import Solver
 from mbdae.integrators.named import solver_of, solver_words, solvers
 

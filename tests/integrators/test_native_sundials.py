@@ -21,11 +21,11 @@ from recursive_scenes import four_bar
 import mbdae as mb
 from mbdae.errors import OptionError, SolverError
 from mbdae.formulations import system_for
-from mbdae.integrators.rates import rate_jacobian
+from mbdae.integrators.constant import rate_jacobian
 from mbdae.native import sundials, sundials_library
 from mbdae.native.build import HERE
 from mbdae.native.equations import Equations, Pointer, Table
-from mbdae.signals import Signals
+from mbdae.process import Signals
 from mbdae.system.dae import DAE
 from mbdae.system.prepare import prepare
 

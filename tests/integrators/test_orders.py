@@ -9,7 +9,7 @@ from own_methods import RK4, Dormand8, Euler, Midpoint
 from scenes import physical_pendulum
 
 import mbdae as mb
-import mbdae.integrators.orders as orders
+import mbdae.integrators.named as orders
 from mbdae.errors import OptionError
 
 SOME = (16, 24, 32, 48, 64)

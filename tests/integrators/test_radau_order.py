@@ -5,9 +5,9 @@ import pytest
 from dae_problems import pendulum, pendulum_exact
 
 from mbdae.errors import AccuracyWarning
-from mbdae.integrators.matrices.iteration import IterationMatrix
-from mbdae.integrators.runge_kutta.radau import RadauIIA
-from mbdae.integrators.runge_kutta.tables import radau_table
+from mbdae.integrators.collocation_tables import radau_table
+from mbdae.integrators.matrices import IterationMatrix
+from mbdae.integrators.radau import RadauIIA
 
 
 @pytest.mark.parametrize("form", ["index3", "ggl", "ggl_rates"])

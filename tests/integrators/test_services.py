@@ -11,9 +11,8 @@ from exported_solvers import ALL, READY, solve
 from scenes import physical_pendulum
 
 from mbdae.errors import OptionError, SolverError
-from mbdae.integrators.runge_kutta.radau import RadauIIA
-from mbdae.integrators.sundials.cvode import CVODE
-from mbdae.integrators.sundials.ida import IDA
+from mbdae.integrators.radau import RadauIIA
+from mbdae.integrators.sundials import CVODE, IDA
 from mbdae.system.dae import DAE
 
 every_solver = pytest.mark.parametrize("solver", READY, ids=lambda s: s.label + (" fixed" if s.fixed else ""))

@@ -8,10 +8,10 @@ import symengine as se
 from scipy.integrate import solve_ivp, trapezoid
 
 import mbdae as mb
+from mbdae.integrators import watch
 from mbdae.integrators.solution import Stats
-from mbdae.integrators.watched import switching
-from mbdae.integrators.watched.arguments import MARGIN, StepArguments
-from mbdae.integrators.watched.switching import SwitchingSteps
+from mbdae.integrators.watch import SwitchingSteps
+from mbdae.integrators.watched_arguments import MARGIN, StepArguments
 
 X, V = se.symbols("X V")
 W = 1e-3  #: m, or m/s: width of the laws
@@ -293,12 +293,12 @@ def test_a_kink_is_met_once_and_the_next_one_found():
 def test_a_place_is_not_taken_back_for_ever():
     """An argument without bounds at the start of the step: after some attempts the step is kept, and counted."""
     steps, inside = steps_of("periodic", lambda t: 1e3 * np.log(t + 1e-300))
-    for _ in range(switching.RETRIES):
+    for _ in range(watch.RETRIES):
         steps.look(0.0, 1.0, inside)
         assert steps.shorter() is not None
     steps.look(0.0, 1.0, inside)
     assert steps.shorter() is None
-    assert steps.stats.retaken == switching.RETRIES
+    assert steps.stats.retaken == watch.RETRIES
     assert steps.stats.unresolved == {"u": 1}
 
 

@@ -10,7 +10,7 @@ import pytest
 import sympy as sp
 
 import mbdae as mb
-from mbdae import limits
+from mbdae import threads
 from mbdae.errors import WallClockError
 
 
@@ -33,7 +33,7 @@ def rod(**drive: Any) -> mb.Scene:
 
 def stopped_after(looks: int, scene: mb.Scene, monkeypatch: pytest.MonkeyPatch, **options: Any) -> WallClockError:
     with monkeypatch.context() as patch:
-        patch.setattr(limits.time, "perf_counter", Clock(1.0 / looks))
+        patch.setattr(threads.time, "perf_counter", Clock(1.0 / looks))
         with pytest.raises(WallClockError, match="max_wall = 1 s of wall time is used up") as stop:
             scene.simulate(20.0, max_wall=1.0, **options)
     return stop.value
@@ -64,7 +64,7 @@ def test_in_every_later_phase_with_what_was_computed(monkeypatch: pytest.MonkeyP
     s, with_result = rod(), 0
     whole, clock = s.simulate(20.0, 1e-4), Clock(1e-9)
     with monkeypatch.context() as patch:
-        patch.setattr(limits.time, "perf_counter", clock)
+        patch.setattr(threads.time, "perf_counter", clock)
         s.simulate(20.0, 1e-4, max_wall=1.0)
     for looks in np.unique(np.linspace(2, 0.8e9 * clock.now, 9).astype(int)).tolist():
         error = stopped_after(looks, s, monkeypatch, accuracy=1e-4)
@@ -77,8 +77,8 @@ def test_in_every_later_phase_with_what_was_computed(monkeypatch: pytest.MonkeyP
 
 
 def test_a_call_inside_another_has_no_more_time_than_that() -> None:
-    with limits.limited(1e-9), limits.limited(None):
+    with threads.limited(1e-9), threads.limited(None):
         time.sleep(0.001)
         with pytest.raises(WallClockError):
-            limits.check("tested")
-    limits.check("there is no call")
+            threads.check("tested")
+    threads.check("there is no call")

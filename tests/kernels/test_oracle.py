@@ -15,9 +15,9 @@ from mbdae.contracts.case import Case, columns
 from mbdae.contracts.variants import variants
 from mbdae.kernels import Kernel
 from mbdae.kernels.tree_plan import tree_plan
-from mbdae.laws import elements, forces, joints
-from mbdae.laws.elements.beam import Beam
-from mbdae.laws.forces.line_load import LineLoad
+from mbdae.laws import bodies, forces, joints
+from mbdae.laws.beam import Beam
+from mbdae.laws.forces import LineLoad
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Structure
 from mbdae.symbolic.line import derive_line
@@ -25,7 +25,7 @@ from mbdae.system.base import Array
 from mbdae.system.prepare import prepare
 
 LAWS = [(joints.Revolute, {"kept": False}), (joints.Revolute, {"kept": True}), (forces.Bushing, {}), (forces.PointSpring, {}),
-        (elements.RigidBody, {})]  # fmt: skip
+        (bodies.RigidBody, {})]  # fmt: skip
 
 
 def compare(kernel: Kernel, x: Array) -> None:

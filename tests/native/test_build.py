@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from mbdae import native as module
 from mbdae.errors import LibraryError
 from mbdae.native import build as installed
-from mbdae.native import library as module
 
 ROOT = Path(__file__).resolve().parents[2]
 

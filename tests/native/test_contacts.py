@@ -11,12 +11,11 @@ import pytest
 
 import mbdae as mb
 from mbdae.formulations import system_for
+from mbdae.integrators.contact_steps import Contact, ContactSteps
 from mbdae.integrators.solution import Stats
-from mbdae.integrators.watched.contact_steps import Contact, ContactSteps
-from mbdae.native.contacts import SPEEDS
-from mbdae.native.elimination import address
+from mbdae.native import address, declared
+from mbdae.native.collocation import SPEEDS
 from mbdae.native.equations import Number, Pointer
-from mbdae.native.library import declared
 from mbdae.system.base import System
 from mbdae.system.prepare import prepare
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from mbdae.integrators.matrices.ordering import searches
-from mbdae.native.elimination import Entries, Order
-from mbdae.native.pivots import MANY, by_counts, largest_pivots
+from mbdae.integrators.matrices import searches
+from mbdae.native import MANY, Entries, Order, by_counts, largest_pivots
 from mbdae.native.sparse import Factors, Matrix, Orders, SingularMatrixError
 
 RNG = np.random.default_rng

@@ -10,7 +10,7 @@ import symengine as se
 import mbdae as mb
 from mbdae.kernels import Kernel
 from mbdae.native.program import Operations, core
-from mbdae.system.motion.workspace import Workspace
+from mbdae.system.motion.constrained import Workspace
 
 from .running import run
 

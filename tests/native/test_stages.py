@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.integrators.matrices.iteration import IterationMatrix
-from mbdae.integrators.runge_kutta.tables import collocation_table, radau_table
+from mbdae.integrators.collocation_tables import collocation_table, radau_table
+from mbdae.integrators.matrices import IterationMatrix
+from mbdae.native.collocation import STAGNATION, Stages
 from mbdae.native.equations import called
-from mbdae.native.radau import STAGNATION, Stages
 
 GAUSS = collocation_table((0.5 - sqrt(3) / 6, 0.5 + sqrt(3) / 6), 4)
 TABLES = [*(radau_table(s) for s in range(1, 6)), GAUSS]

@@ -23,7 +23,7 @@ import json, re, runpy, sys
 import mbdae as mb
 sys.path.insert(0, "REPORTS")
 from values import differing, of_law
-from mbdae.reports.report import exported
+from mbdae.reports import exported
 laws = {"classical": ["revolute"], "kinematic": ["revolute"], "recursive": ["revolute", "prismatic"]}
 
 class Bent(mb.Joint):

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import mbdae as mb
-from mbdae.reports.report import names
+from mbdae.reports import names
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FLAT = "return [...document.querySelectorAll('math')].filter(m => m.getBoundingClientRect().height < 3).length"

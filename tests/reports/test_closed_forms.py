@@ -14,7 +14,7 @@ import mbdae as mb
 from mbdae.documents.blocks import Equation, Section, numbered
 from mbdae.reports.page import Printed
 from mbdae.reports.reading import key_of
-from mbdae.reports.scenes.forces import ClosedForms
+from mbdae.reports.scene_forces import ClosedForms
 from mbdae.system.prepare import prepare
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

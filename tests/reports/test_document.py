@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 
 import mbdae as mb
+from mbdae.documents import COMPILERS, Document
 from mbdae.documents.blocks import Code, Equation, Paragraph, Picture, Section, Table
-from mbdae.documents.document import COMPILERS, Document
 from mbdae.documents.formulas import folded, pieces
 from mbdae.documents.mathml import FormulaError, inline
-from mbdae.reports.report import names
+from mbdae.reports import names
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -100,7 +100,7 @@ def test_reports_are_typeset(name, tmp_path):
 
 
 def test_a_pdf_without_tex_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("mbdae.documents.document.COMPILERS", ("no-such-tex",))
+    monkeypatch.setattr("mbdae.documents.COMPILERS", ("no-such-tex",))
     with pytest.raises(mb.OptionError, match="install TeX"):
         SAMPLE.save(tmp_path / "a.pdf")
 

@@ -8,8 +8,7 @@ import re
 import pytest
 
 from mbdae.documents.blocks import Equation, Section, every, numbered
-from mbdae.reports import page
-from mbdae.reports.report import report
+from mbdae.reports import page, report
 
 EDITS = 18  # every kind twice
 NAMES = ["revolute", "classical", "recursive", "universal", "screw", "spherical", "gear", "pointspring", "jointdamper", "hertz",

@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 
 import mbdae as mb
-from mbdae.laws.contact import JournalContact
-from mbdae.laws.forces import JointSpring
-from mbdae.laws.joints import ClearanceRevolute
-from mbdae.reports.report import exported, names
+from mbdae.laws.joint_rows import ClearanceRevolute
+from mbdae.laws.journal import JournalContact
+from mbdae.laws.on_coordinates import JointSpring
+from mbdae.reports import exported, names
 from mbdae.reports.statement import derived, structure_of
-from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.symbolic.law import Law
+from mbdae.symbolic.outputs import fingerprint
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import mbdae as mb
-from mbdae.reports.pages import line
+from mbdae.reports import line_page
 
 
 def test_linearised_strains_begin_with_their_value_at_rest() -> None:
@@ -14,8 +14,8 @@ def test_linearised_strains_begin_with_their_value_at_rest() -> None:
 
 
 def test_a_value_at_rest_that_is_missing_is_told(monkeypatch) -> None:
-    monkeypatch.setattr(line, "_straight", lambda base: 0 * line.np.eye(3)[0] if base.kind == "rs" else STRAIGHT(base))
+    monkeypatch.setattr(line_page, "_straight", lambda base: 0 * line_page.np.eye(3)[0] if base.kind == "rs" else STRAIGHT(base))
     assert "NOT EQUAL" in mb.report("beam").to_markdown()
 
 
-STRAIGHT = line._straight
+STRAIGHT = line_page._straight

@@ -15,8 +15,8 @@ import mbdae as mb
 from mbdae.cli import main
 from mbdae.documents.blocks import Section, Table
 from mbdae.kernels.plan import linearised_plan
-from mbdae.reports.scenes.sheet import KINDS, Sheet
-from mbdae.run.reductions import size_of
+from mbdae.reports.scene_sheet import KINDS, Sheet
+from mbdae.run.choice import size_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

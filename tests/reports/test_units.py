@@ -7,7 +7,7 @@ import pytest
 import symengine as se
 
 import mbdae as mb
-from mbdae.reports.report import exported
+from mbdae.reports import exported
 from mbdae.reports.statement import derived, structure_of
 from mbdae.reports.units import Unit, UnitError, dimensions, law_faults, unit
 from mbdae.symbolic.law import Element, Law

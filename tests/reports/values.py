@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import symengine as se
 
-from mbdae.reports.pages.parts import PartPage
-from mbdae.reports.report import _TYPICAL, exported
+from mbdae.reports import _TYPICAL, exported
+from mbdae.reports.parts_page import PartPage
 from mbdae.reports.statement import derived, structure_of
 from mbdae.reports.states import random_state, value
 from mbdae.symbolic.derive import derive

@@ -9,9 +9,9 @@ import pytest
 import sympy as sp
 
 import mbdae as mb
-from mbdae.laws.elements.line_shape import table
+from mbdae.laws.beam import table
 from mbdae.results.beams import Fields, angular_accelerations, angular_velocities
-from mbdae.results.fibres import Fibre
+from mbdae.results.clearance import Fibre
 
 t, G = mb.t, 9.81
 

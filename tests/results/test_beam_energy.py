@@ -61,10 +61,10 @@ def test_elastic_energy_and_work_by_hand() -> None:
 
 
 def test_energy_is_the_same_in_portions(monkeypatch: Any) -> None:
-    from mbdae.results import energy
+    from mbdae.results import states
 
     r = swinging("planar", 1e-2, (0, 3.0), "section").simulate(0.05, solver=mb.RadauIIA(3, rtol=1e-4))
     again = r(r.t)
-    monkeypatch.setattr(energy, "_ELEMENTS", 40)
+    monkeypatch.setattr(states, "_ELEMENTS", 40)
     assert again.energy.balance == pytest.approx(r.energy.balance, abs=1e-15)
     assert again.energy.dissipated == pytest.approx(r.energy.dissipated, abs=1e-15)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.results.started import started
+from mbdae.results.stored_parts import started
 from mbdae.show.drawing import LOOKS
 from mbdae.show.shapes import geometry
 from mbdae.system.prepare import prepare

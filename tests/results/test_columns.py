@@ -13,7 +13,7 @@ import mbdae as mb
 from mbdae.inputs import timed
 from mbdae.notation import quantity
 from mbdae.results.sensors import BodySensor
-from mbdae.scene.sensor_names import SensorName, measured, parsed
+from mbdae.scene.sensed import SensorName, measured, parsed
 
 
 @pytest.fixture(scope="module")

@@ -17,12 +17,12 @@ from contact_scenes import ball
 import mbdae as mb
 from mbdae.integrators.base import Asked
 from mbdae.results.accuracy import Accuracy
+from mbdae.results.clearance import AtTimes, OtherRun, wrenches
 from mbdae.results.errors import Errors
-from mbdae.results.reactions import AtTimes, OtherRun, wrenches
 from mbdae.results.states import states_of
 from mbdae.run import verification
 from mbdae.run.control import Controlled
-from mbdae.run.mesh import distance_of_meshes, mesh_error, with_finer_beams
+from mbdae.run.verification import distance_of_meshes, mesh_error, with_finer_beams
 from mbdae.system.prepare import prepare
 
 G, LENGTH, MASS = 9.81, 1.0, 2.0

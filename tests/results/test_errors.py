@@ -14,10 +14,10 @@ from beam_scenes import slider_crank
 from contact_scenes import ball
 
 import mbdae as mb
+from mbdae.results.clearance import OtherRun
+from mbdae.results.contacts import Peak, largest, with_error
 from mbdae.results.errors import Errors, fallen
-from mbdae.results.peaks import Peak, largest, with_error
 from mbdae.results.quantities import magnitudes
-from mbdae.results.reactions import OtherRun
 
 G = 9.81
 
@@ -126,10 +126,10 @@ def test_peaks_of_many_steps_are_those_of_a_search_in_every_step(monkeypatch: An
     s.force("pulses", lower, (0, 30 * sp.Piecewise((1, sp.Mod(mb.t, 0.7) < 0.05), (0, True))))
     r = s.simulate(5.0, accuracy=1e-5)
     exact = [largest(r, quantity, 0.0, 5.0) for quantity in ("A.force", "B.force[1]", "lower.acceleration")]
-    monkeypatch.setattr("mbdae.results.peaks.MANY", 50)
+    monkeypatch.setattr("mbdae.results.contacts.MANY", 50)
     assert [largest(r, quantity, 0.0, 5.0) for quantity in ("A.force", "B.force[1]", "lower.acceleration")] == exact
     first = r.peak("A.force")
-    monkeypatch.setattr("mbdae.results.peaks.largest", None)
+    monkeypatch.setattr("mbdae.results.contacts.largest", None)
     again = r.peak("A.force")
     assert (again, again.error) == (first, first.error)
 

@@ -11,8 +11,7 @@ import sympy as sp
 from scipy.integrate import solve_ivp
 
 import mbdae as mb
-from mbdae.run import control
-from mbdae.run.growth import amplification, growing
+from mbdae.run import amplification, control, growing
 
 G = 9.81
 RATE = sqrt(1.5 * G)  #: 1/s, of an upright rod of 1 m

@@ -12,11 +12,11 @@ import pytest
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.integrators.sundials.ida import IDA
+from mbdae.integrators.sundials import IDA
 from mbdae.native import sundials
 from mbdae.native.sundials_library import FUNCTIONS
+from mbdae.run.assessment import unequal_lengths
 from mbdae.run.drift import joint_drift
-from mbdae.run.quaternion_lengths import unequal_lengths
 from mbdae.system.prepare import prepare
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "validation"))

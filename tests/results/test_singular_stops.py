@@ -9,7 +9,7 @@ import pytest
 import sympy as sp
 
 import mbdae as mb
-from mbdae.run.singular_positions import singular_stop
+from mbdae.run.assessment import singular_stop
 
 
 def linkage(s, name, crank, rocker, base, at, **driven):

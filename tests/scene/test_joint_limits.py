@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.laws.forces import JointStop
+from mbdae.laws.on_coordinates import JointStop
 
 STOP = mb.Stop(stiffness=3e4, damping=0.1)
 INF = math.inf

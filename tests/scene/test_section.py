@@ -7,7 +7,7 @@ import math
 import pytest
 
 from mbdae.errors import OptionError
-from mbdae.scene.section import Section
+from mbdae.scene.shapes import Section
 
 STEEL = {"E": 210e9, "nu": 0.3, "rho": 7850.0}
 GIVEN = {"EA": 1e6, "GA2": 3e5, "GA3": 4e5, "GJ": 80.0, "EI2": 100.0, "EI3": 200.0, "mass_per_length": 2.0,

@@ -29,7 +29,7 @@ def four_bar(space: str = "auto", **crank: object) -> mb.Scene:
 
 def coordinate(p: Prepared, joint: str) -> tuple[float, float]:
     """Value and rate of a joint coordinate at the start."""
-    from mbdae.system.start.start import Starter
+    from mbdae.system.start import Starter
 
     starter = Starter(p.mechanics)
     item = p.model.scene[joint]
@@ -164,10 +164,10 @@ def test_held_value_out_of_reach() -> None:
 def test_spurious_branch_is_refused() -> None:
     """Drawn upside down a revolute's rows hold as well; the start refuses it."""
     from mbdae.system.model.model import build
+    from mbdae.system.model.nodes import turned
     from mbdae.system.model.numbering import constraint_rows
-    from mbdae.system.model.rotations import turned
     from mbdae.system.motion.mechanics import Mechanics
-    from mbdae.system.start.start import Starter
+    from mbdae.system.start import Starter
 
     s = mb.Scene("flipped", space="spatial")
     s.rigid_body("b", 1.0, (1, 1, 1), at=(0, 0, 0))

@@ -10,8 +10,8 @@ from beam_scenes import slider_crank, steel_pendulum
 
 import mbdae as mb
 from mbdae.formulations import default_form, system_for
-from mbdae.system.distance import motion_distance
 from mbdae.system.prepare import prepare
+from mbdae.system.sampling import motion_distance
 
 
 def soft(space: str = "auto") -> mb.Scene:

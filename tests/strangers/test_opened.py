@@ -7,10 +7,10 @@ import pytest
 from strangers.opened import differences, opened, start_of, stated
 
 import mbdae as mb
-from mbdae.results.started import started
+from mbdae.results.stored_parts import started
+from mbdae.system.changes import JointMotions
 from mbdae.system.prepare import prepare
-from mbdae.system.start.joint_motions import JointMotions
-from mbdae.system.start.start import Starter
+from mbdae.system.start import Starter
 
 ROUNDING = 1e-10  #: m, rad, s
 

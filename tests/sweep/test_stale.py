@@ -79,7 +79,7 @@ CHANGES: dict[str, Callable[[pytest.MonkeyPatch], Any]] = {
     "method": lambda m: m.setattr(Weight, "of", lambda self, m: self.factor + m),
     "default": lambda m: m.setattr(job, "__defaults__", (2.0,)),
     "code": lambda m: m.setattr(job, "__code__", (lambda m, power=1.0: {"y": m}).__code__),
-    "version": lambda m: m.setattr(sys.modules["mbdae.sweep.sweep"], "versions", lambda: {"mbdae": "0"}),
+    "version": lambda m: m.setattr(sys.modules["mbdae.sweep"], "versions", lambda: {"mbdae": "0"}),
 }
 
 

@@ -9,7 +9,7 @@ import mbdae as mb
 from mbdae.results.result import Result
 from mbdae.scene.components import JointModel
 from mbdae.system.base import Array
-from mbdae.system.model.rotations import rotation_matrices
+from mbdae.system.model.nodes import rotation_matrices
 
 SOFT = mb.Section(EA=1e4, GA2=1e4, GA3=1e4, GJ=50.0, EI2=50.0, EI3=80.0, mass_per_length=1.0, rotary_inertia=0.01)
 

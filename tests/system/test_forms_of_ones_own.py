@@ -10,19 +10,18 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-import mbdae.formulations.named
+import mbdae.formulations
 import mbdae.integrators.named
 from mbdae.extremes.ways import shipped_runs
-from mbdae.formulations import system_for
-from mbdae.formulations.named import form_of, forms
+from mbdae.formulations import form_of, forms, system_for
+from mbdae.integrators import stored_runs
 from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
-from mbdae.integrators.checkpoints import keeper
+from mbdae.integrators.collocation_tables import collocation_table
+from mbdae.integrators.constant import check_rates
 from mbdae.integrators.dense import hermite
 from mbdae.integrators.named import solver_of, solvers
-from mbdae.integrators.rates import check_rates
-from mbdae.integrators.runge_kutta.method import CollocationMethod
-from mbdae.integrators.runge_kutta.tables import collocation_table
-from mbdae.laws import contact, couplings, forces, friction, joints
+from mbdae.integrators.radau import CollocationMethod
+from mbdae.laws import contact, forces, friction, joints, on_coordinates
 from mbdae.run.choice import unknowns
 from mbdae.system.prepare import prepare
 
@@ -182,7 +181,7 @@ def test_own_equations_by_own_methods_deliver_the_accuracy_and_are_continued_and
 def test_a_run_that_was_killed_goes_on(solver, form, tmp_path, monkeypatch):
     options = {"accuracy": 1e-4, "solver": solver, "form": form, "every": 20}
     whole = four_bar().simulate(0.2, checkpoint=tmp_path / "whole", **options)
-    write, count = keeper.RunFiles.write, []
+    write, count = stored_runs.RunFiles.write, []
 
     class Killed(BaseException):
         pass
@@ -194,7 +193,7 @@ def test_a_run_that_was_killed_goes_on(solver, form, tmp_path, monkeypatch):
             raise Killed
 
     with monkeypatch.context() as patched:
-        patched.setattr(keeper.RunFiles, "write", killing)
+        patched.setattr(stored_runs.RunFiles, "write", killing)
         with pytest.raises(Killed):
             four_bar().simulate(0.2, checkpoint=tmp_path / "killed", **options)
     again = four_bar().simulate(0.2, checkpoint=tmp_path / "killed", **options)
@@ -215,8 +214,8 @@ def test_comparisons_and_maps_run_them():
 def test_a_class_in_a_folder_of_the_package_is_known_by_its_names(monkeypatch):
     """Words, stored files and the runs of maps read the same list."""
     monkeypatch.setattr("mbdae.integrators.named.classes_in", lambda folder, base: (mb.IDA, Late))
-    monkeypatch.setattr("mbdae.formulations.named.classes_in", lambda folder, base: (mb.GGL, Stabilised))
-    named = [module.__dict__[name] for module in (mbdae.integrators.named, mbdae.formulations.named)
+    monkeypatch.setattr("mbdae.formulations.classes_in", lambda folder, base: (mb.GGL, Stabilised))
+    named = [module.__dict__[name] for module in (mbdae.integrators.named, mbdae.formulations)
              for name in ("solver_words", "_full_names", "form_words") if name in vars(module)]
     for one in named:
         one.cache_clear()
@@ -234,7 +233,7 @@ NO_LABELS = {"native": {"IDA", "Free"}, "reports": {"Friction", "Planar"}}
 
 
 def test_no_label_of_a_form_solver_or_law_is_written_outside_of_its_class():
-    laws = [vars(home)[name] for home in (contact, couplings, forces, friction, joints) for name in home.__all__]
+    laws = [vars(home)[name] for home in (contact, on_coordinates, forces, friction, joints) for name in home.__all__]
     labels = {form.label for form in forms()} | {variant.label for solver in solvers() for variant in solver.variants()}
     labels |= {made.__name__ for made in (*laws, *solvers())}
     package = Path(mb.__file__).parent
@@ -247,7 +246,8 @@ def test_no_label_of_a_form_solver_or_law_is_written_outside_of_its_class():
 def _texts(tree, labels):
     """Texts of a module that are labels, without those in the class of this name and those by which a class says something of
     itself (what it has measured, its label)."""
-    said, found = set(), []
+    lists = [n for n in tree.body if isinstance(n, ast.Assign) and ast.unparse(n.targets[0]) == "__all__"]  # exported names
+    said, found = {id(node) for exported in lists for node in ast.walk(exported)}, []
     for made in ast.walk(tree):
         if isinstance(made, ast.ClassDef):
             stated = (entry for entry in made.body if isinstance(entry, ast.Assign | ast.AnnAssign))

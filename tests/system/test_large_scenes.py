@@ -8,10 +8,10 @@ import pytest
 
 import mbdae as mb
 from mbdae.integrators import kept_rows
+from mbdae.system.dependent_rows import smallest
+from mbdae.system.many_rows import SparseRows
 from mbdae.system.motion import mechanics
 from mbdae.system.prepare import prepare
-from mbdae.system.rank.large import SparseRows
-from mbdae.system.rank.rows import smallest
 
 KEPT = mb.Kinematic()
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import mbdae as mb
-from mbdae.run.reductions import absent, size_of
+from mbdae.run.choice import absent, size_of
 from mbdae.symbolic.frames import NodeKind
 
 

@@ -7,8 +7,8 @@ import pytest
 from overconstrained_scenes import MECHANISMS, SPEED
 
 import mbdae as mb
+from mbdae.system.dependent_rows import best_rows, chosen_rows, rows_in_order, smallest, unit_rows
 from mbdae.system.prepare import prepare
-from mbdae.system.rank.rows import best_rows, chosen_rows, rows_in_order, smallest, unit_rows
 
 PERIOD = 2 * np.pi / SPEED
 

@@ -10,8 +10,8 @@ from dae_problems import circle, decay, jay, jay_exact, pendulum, pendulum_exact
 from own_equations.problems import AMPLIFIED, amplifier
 
 import mbdae as mb
-from mbdae.integrators.rejections import rejecting
-from mbdae.results.unknowns import Unknowns, UnknownsDistance
+from mbdae.integrators.solution import rejecting
+from mbdae.results.accuracy import Unknowns, UnknownsDistance
 
 NAMES = ["x", "y", "vx", "vy", "pull"]
 

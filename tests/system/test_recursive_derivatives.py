@@ -13,7 +13,7 @@ import mbdae as mb
 from mbdae.formulations import ODE, system_for
 from mbdae.kernels.tree_plan import TreePlan, tree_plan
 from mbdae.system.base import Array
-from mbdae.system.model.rotations import rotation_matrices
+from mbdae.system.model.nodes import rotation_matrices
 from mbdae.system.model.trees import Tree
 from mbdae.system.prepare import Prepared, prepare
 

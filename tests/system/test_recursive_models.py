@@ -12,9 +12,8 @@ from recursive_scenes import prescribed, random_states, tree_on_free_body, tree_
 import mbdae as mb
 from mbdae.formulations import system_for
 from mbdae.integrators.solution import Stats
-from mbdae.results.accuracy import Accuracy
+from mbdae.results.accuracy import Accuracy, RunInfo
 from mbdae.results.result import Result
-from mbdae.results.run_info import RunInfo
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
 

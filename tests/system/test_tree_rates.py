@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 import mbdae as mb
 from mbdae.kernels.tree_plan import MOST_SOLVED
 from mbdae.native.program import CHOLESKY, PASS, POSITIVE
-from mbdae.system.model.rotations import quaternion, quaternion_product, rotation_matrices
+from mbdae.system.model.nodes import quaternion, quaternion_product, rotation_matrices
 
 ONE = True, False, False  #: a kernel of the whole tree
 

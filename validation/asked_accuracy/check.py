@@ -13,8 +13,8 @@ from runs import SOLVERS
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.system.distance import distance
 from mbdae.system.prepare import prepare
+from mbdae.system.sampling import distance
 
 claim = Claim("asked_accuracy", "on random scenes of 1 to 20 bodies no run is more than three times off what was asked without a "
               "warning", 3.0, "times asked",

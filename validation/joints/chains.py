@@ -14,20 +14,9 @@ from joints.oracle import Chain, Link, Moving, Wave, accelerations
 from scipy.spatial.transform import Rotation
 
 import mbdae as mb
-from mbdae.laws.joints import (
-    Cylindrical,
-    FixedOrientation,
-    Free,
-    Planar,
-    PointOnLine,
-    PointOnPlane,
-    Prismatic,
-    Revolute,
-    Screw,
-    Spherical,
-    Universal,
-)
-from mbdae.results.reactions import wrenches
+from mbdae.laws.joint_rows import FixedOrientation, Free, PointOnLine, PointOnPlane
+from mbdae.laws.joints import Cylindrical, Planar, Prismatic, Revolute, Screw, Spherical, Universal
+from mbdae.results.clearance import wrenches
 from mbdae.results.states import States
 from mbdae.system.prepare import Prepared
 

@@ -35,17 +35,17 @@ def _files(root: Path, names: tuple[str, ...]) -> Iterator[Path]:
 
 
 AREAS = (
-    Area("laws", 30, ("laws/joints", "laws/forces", "laws/couplings", "laws/control"),
+    Area("laws", 30, ("laws/joints.py", "laws/joint_rows.py", "laws/forces.py", "laws/on_coordinates.py", "laws/control.py"),
          ("laws/joints", "laws/forces", "laws/test_own_laws_stay.py", "scene/test_couplings.py", "scene/test_joint_limits.py",
           "oracles", "system/test_joint_stops.py", "scene/test_three_frames.py", "control", "reference/test_joint_models.py",
           "analysis/test_equilibrium.py", "contracts")),
-    Area("contact", 20, ("laws/contact",),
+    Area("contact", 20, ("laws/contact.py", "laws/surfaces.py", "laws/journal.py"),
          ("laws/contact/test_surfaces.py", "laws/contact/test_free_bodies.py", "native/test_contacts.py",
           "system/test_contact_start.py", "scene/test_clearance.py", "laws/contact/test_journal.py",
           "results/test_contact_stability.py", "contracts/test_laws.py")),
-    Area("friction", 10, ("laws/friction", "laws/forces/joint_friction.py"),
+    Area("friction", 10, ("laws/friction.py", "laws/on_coordinates.py"),
          ("laws/friction", "scene/test_joint_friction.py", "contracts/test_laws.py")),
-    Area("elements", 20, ("laws/elements",),
+    Area("elements", 20, ("laws/bodies.py", "laws/beam.py", "laws/line_mesh.py"),
          ("laws/elements", "system/test_beam_signs.py", "results/test_beam_energy.py", "scene/test_bent_start.py",
           "scene/test_beams_stored.py", "native/test_line_program.py", "oracles", "analysis/test_beams.py")),
     Area("symbolic", 30, ("symbolic",),

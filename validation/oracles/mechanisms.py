@@ -9,8 +9,8 @@ import sympy as sp
 from scipy.spatial.transform import Rotation
 
 import mbdae as mb
-from mbdae.laws.joints.coincidence import same_point
-from mbdae.system.model.sides import joint_axes
+from mbdae.laws.joint_rows import same_point
+from mbdae.system.model.nodes import joint_axes
 from oracles.bodies import GROUND, Body, Input, Joint, Load, Mechanism, Spring, State, perpendicular
 
 LETTERS = {"R": "revolute", "P": "prismatic", "S": "spherical", "U": "universal", "D": "distance", "W": "weld",

@@ -10,7 +10,7 @@ import numpy as np
 from own_equations.problems import PROBLEMS, Problem
 
 import mbdae as mb
-from mbdae.results.unknowns import UnknownsDistance
+from mbdae.results.accuracy import UnknownsDistance
 
 SOLVERS = (mb.IDA(), mb.CVODE(), mb.CVODE(method="BDF"), mb.DOP853(), mb.RadauIIA(2), mb.RadauIIA(3), mb.RadauIIA(5),
            mb.GeneralizedAlpha(), mb.HHT(), None)  # fmt: skip

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from mbdae.errors import OptionError
-from mbdae.run.progress import bar
+from mbdae.run.checkpoint import bar
 from mbdae.values import shown
 from runner.claim import Claim, Row
 from runner.draw import Draw

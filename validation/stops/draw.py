@@ -11,7 +11,7 @@ import sympy as sp
 from scipy.integrate import solve_ivp
 
 import mbdae as mb
-from mbdae.system.distance import distance
+from mbdae.system.sampling import distance
 
 G = 9.81  #: m/s^2
 #: longest step of the reference, as a fraction of the time scale sqrt(mass / stiffness) of an impact, and where bodies hardly

@@ -16,7 +16,7 @@ from strangers.draw import FAMILIES
 from strangers.story import Said, Story, build
 
 from mbdae.errors import MbdaeError
-from mbdae.results.started import started
+from mbdae.results.stored_parts import started
 from mbdae.system.base import Array
 from mbdae.system.prepare import prepare
 

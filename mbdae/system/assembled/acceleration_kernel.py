@@ -16,7 +16,7 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.deferred import distinct
-from mbdae.kernels import plan
+from mbdae.kernels.plan import plan
 from mbdae.native.equations import Equations, Table
 from mbdae.native.program import Operations, address_of
 from mbdae.symbolic import outputs
@@ -25,7 +25,7 @@ from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
-from mbdae.system.motion.workspace import Workspace, narrow_order
+from mbdae.system.motion.constrained import Workspace, narrow_order
 
 #: names of two parameters of a form, Baumgarte's factors in the constraint rows: of G u + g_t (1/s), and of g (1/s^2)
 VELOCITY, POSITION = "baumgarte_velocity", "baumgarte_position"

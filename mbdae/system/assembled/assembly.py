@@ -14,16 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.deferred import distinct, sp
-from mbdae.kernels import LinearisedPlan, linearised_plan
-from mbdae.kernels.element import ElementJacobian
+from mbdae.kernels.line_nodes import ElementJacobian
+from mbdae.kernels.plan import LinearisedPlan, linearised_plan
 from mbdae.kernels.tree_plan import TreePlan
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.tree_motion import Open
 from mbdae.system.assembled.evaluation import EquationsOfScene, Scatter
-from mbdae.system.assembled.form_spec import FormSpec
-from mbdae.system.assembled.jacobian_entries import Entries, Pattern
+from mbdae.system.assembled.jacobian_entries import Entries, FormSpec, Pattern
 from mbdae.system.base import Array, Places
 from mbdae.system.model.beams import ElementBatch, Line, batches
 from mbdae.system.model.model import Model
@@ -31,8 +30,8 @@ from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Row
 from mbdae.system.model.trees import Tree
+from mbdae.system.motion.constrained import Columns, Loaded
 from mbdae.system.motion.mechanics import LARGE
-from mbdae.system.motion.workspace import Columns, Loaded
 
 #: index of some kinds of unknowns, in place of that of the form, where the stresses of beams are unknowns ("z"). ELASTIC: steps
 #: may pass over elastic vibrations; with nearly rigid strains velocities and stresses then behave like unknowns of index 2 and 3,

@@ -15,7 +15,7 @@ from mbdae.native.program import Operations, address_of, core
 from mbdae.system.assembled.jacobian_entries import Pattern
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
-from mbdae.system.motion.workspace import Columns, Index, Loaded, Workspace, narrow_order
+from mbdae.system.motion.constrained import Columns, Index, Loaded, Workspace, narrow_order
 
 
 class Scatter:

@@ -11,17 +11,16 @@ import numpy as np
 
 from mbdae.kernels.links import quaternion_rate
 from mbdae.native.equations import Equations, Table
-from mbdae.native.program import Operations, Part, address_of, core
-from mbdae.native.tangent import Tangent
+from mbdae.native.program import Operations, Part, Tangent, address_of, core
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.evaluation import Scatter
 from mbdae.system.assembled.jacobian_entries import Pattern
 from mbdae.system.base import Array
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.numbering import Numbering
+from mbdae.system.motion.constrained import Workspace
 from mbdae.system.motion.ordered_motion import solve_alone
 from mbdae.system.motion.ordered_tree import OrderedTree
-from mbdae.system.motion.workspace import Workspace
 
 Inertia = dict[tuple[int, int], float]
 

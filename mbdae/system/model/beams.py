@@ -12,16 +12,15 @@ from numpy.typing import NDArray
 
 from mbdae.errors import OptionError, SceneError
 from mbdae.kernels.beam import GyroscopicKernel, load_kernel, mass_blocks, strain_kernel
-from mbdae.kernels.element import ElementKernel
 from mbdae.kernels.line import LineKernel, merged
-from mbdae.laws.elements.line_mesh import LineMesh
+from mbdae.kernels.line_nodes import ElementKernel
+from mbdae.laws.line_mesh import LineMesh
 from mbdae.scene.beams import mesh_of, nearest_place
 from mbdae.scene.components import Array, Beam, BeamLoad, Body, Station
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.line import WEIGHT
-from mbdae.system.model.nodes import Node
-from mbdae.system.model.rotations import quaternion, rotation_matrices
-from mbdae.ties import nearest
+from mbdae.system.model.nodes import Node, quaternion, rotation_matrices
+from mbdae.values import nearest
 
 if TYPE_CHECKING:
     from mbdae.scene.scene import SceneData

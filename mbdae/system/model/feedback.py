@@ -1,4 +1,6 @@
-"""Feedback in a model: parameters of laws that are expressions of sensors.
+"""The time at which conditions of inputs, such as t < 1, are evaluated inside a run.
+
+Feedback in a model: parameters of laws that are expressions of sensors.
 
 Such an expression is brought into a form that equal laws with other numbers share: every sensor that it reads, every signal,
 every number and every part that depends on time alone is replaced by a symbol. The frames and nodes that the sensors read are
@@ -9,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from math import inf, isnan, nan
 from types import SimpleNamespace
 from typing import Any
 
@@ -27,9 +30,38 @@ from mbdae.symbolic.rebuild import is_condition, joined
 from mbdae.symbolic.statement import Feeds, Reading
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.model.beams import Meshed
-from mbdae.system.model.nodes import Node
-from mbdae.system.model.sides import sides_of
+from mbdae.system.model.nodes import Node, sides_of
 from mbdae.values import BadValueError
+
+
+class ConditionTime:
+    """The time at which conditions of inputs, such as t < 1, are evaluated. `time`: a fixed one within the present part of a run
+    between two breaks, so that a condition does not change at the end of a step; None: just after the time at which the equations
+    are evaluated, but before `end`, the end of the run."""
+
+    def __init__(self) -> None:
+        self.read = np.array([nan, inf])  #: (time, end), s, an array whose address the native evaluation holds; NaN: time is None
+
+    @property
+    def time(self) -> float | None:
+        """The time in the present part of a run, s, or None."""
+        return None if isnan(self.read[0]) else float(self.read[0])
+
+    @time.setter
+    def time(self, value: float | None) -> None:
+        """Set the time, s, or None."""
+        self.read[0] = nan if value is None else value
+
+    @property
+    def end(self) -> float:
+        """The end of the run, s."""
+        return float(self.read[1])
+
+    @end.setter
+    def end(self, value: float) -> None:
+        """Set the end of the run, s."""
+        self.read[1] = value
+
 
 AT = 1e-9  #: a sensor on a beam is refused where the nearest node is farther than this part of the beam's length
 HALF = se.Rational(1, 2)

@@ -11,7 +11,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.errors import LawError, SceneError
-from mbdae.laws.elements import BeamNode, JointCoordinate, PointMass, RigidBody
+from mbdae.laws.bodies import BeamNode, JointCoordinate, PointMass, RigidBody
 from mbdae.laws.forces import Gravity
 from mbdae.scene.beams import mesh_of
 from mbdae.scene.components import Beam, Body, Clearance, Connection, Station
@@ -21,13 +21,18 @@ from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Structure
 from mbdae.system.model.beams import Line, meshed
-from mbdae.system.model.condition_time import ConditionTime
-from mbdae.system.model.feedback import Scenery, fed_into
-from mbdae.system.model.groups import Group, Groups, Instance, Key
-from mbdae.system.model.joint_motion import JointMotion, out_of_plane_motions
-from mbdae.system.model.nodes import Node
-from mbdae.system.model.rotations import rotation_matrices
-from mbdae.system.model.sides import sides_of
+from mbdae.system.model.feedback import ConditionTime, Scenery, fed_into
+from mbdae.system.model.nodes import (
+    Group,
+    Groups,
+    Instance,
+    JointMotion,
+    Key,
+    Node,
+    out_of_plane_motions,
+    rotation_matrices,
+    sides_of,
+)
 
 ALL = 6  #: degrees of freedom of a rigid body in space
 FLAT = 1e-12  #: distance of a point from the plane z = 0, over the scene's length, up to which it counts as lying in the plane

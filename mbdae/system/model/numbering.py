@@ -18,10 +18,9 @@ from mbdae.kernels.plan import Inputs
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.outputs import Target
 from mbdae.system.base import Array
-from mbdae.system.model.clock import clock
 from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node
-from mbdae.system.model.shared_nodes import Sharing
+from mbdae.system.model.shared_nodes import Sharing, clock
 
 COORDINATES = {
     NodeKind.SPATIAL: (("x", "y", "z", "P0", "P1", "P2", "P3"), ("vx", "vy", "vz", "Omega_x", "Omega_y", "Omega_z")),

@@ -1,4 +1,7 @@
-"""Nodes of beams that share unknowns, so that the joint between them needs no translation rows, or a weld no rows at all.
+"""The clock of a scene: it evaluates everything that is prescribed as a function of time, by reading tables and by one kernel for
+all expressions.
+
+Nodes of beams that share unknowns, so that the joint between them needs no translation rows, or a weld no rows at all.
 
 Where a joint that fixes a point lies exactly on two nodes, these have the same position: the second node uses the displacement
 unknowns of the first. Where the joint connects a node with the ground, its displacement is constant. A weld between nodes with
@@ -8,18 +11,54 @@ equal axes shares the rotation unknowns in the same way.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
-from mbdae.scene.components import Array
-from mbdae.scene.topology import leader
+from mbdae.inputs import timed
+from mbdae.kernels import Kernel
+from mbdae.native.program import Operations
+from mbdae.scene.models import leader
 from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.base import Array
 from mbdae.system.model.beams import drawn_quaternion
-from mbdae.system.model.groups import Instance
 from mbdae.system.model.model import Model
-from mbdae.system.model.nodes import Node
+from mbdae.system.model.nodes import Instance, Node
+
+
+class Clock:
+    """Evaluates `expressions` of two times: the time itself, and the one at which conditions such as t < 1 are evaluated
+    (`timed.sided`), so that a step that ends at a switch stays on one side of it."""
+
+    def __init__(self, expressions: tuple[Expr, ...]) -> None:
+        self.expressions = expressions
+        self._split = timed.split(expressions)
+        self._kernel = Kernel([timed.TIME, timed.SIDE, *self._split.symbols], self._split.expressions)
+
+    def values(self, inputs: Array) -> Array:
+        """Values (k, expressions) at inputs (k, 2): time, and time at which conditions are evaluated."""
+        return self._kernel.values(self._split.with_lookups(inputs))
+
+    def emit(self, part: Operations, at: int, first: int) -> None:
+        """Append the clock to a native program. It writes its values into the slots from `first` on; slot `at` holds the time,
+        the next one the time at which conditions are evaluated."""
+        read: dict[tuple[str, float, float, int], int] = {}
+        slots = [at, at + 1]
+        for (table, order), a, b, column in self._split.readings:
+            key = table.name, a, b, column
+            if key not in read:
+                read[key] = part.lookup(table.packed, at + column, at + 1, a, b)
+            slots.append(read[key] + order)
+        self._kernel.emit(part, np.array([slots]), first)
+
+
+@lru_cache(maxsize=64)
+def clock(expressions: tuple[Expr, ...]) -> Clock:
+    """The clock of some expressions; one object serves all numberings of a scene."""
+    return Clock(expressions)
+
 
 ON = 1e-13  #: a joint counts as lying on a node where no coordinate differs by more, over the scene's length
 EQUAL = 1e-13  #: difference of the angles (rad), or of a component of the quaternions, up to which axes of nodes count as equal

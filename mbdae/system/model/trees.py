@@ -11,16 +11,14 @@ import numpy as np
 
 from mbdae.errors import SceneError
 from mbdae.scene.components import Body, Connection
-from mbdae.scene.topology import leader
+from mbdae.scene.models import leader
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Structure
 from mbdae.symbolic.tree_motion import FRAMES, Link, Member, Numbers, Open, TreeStructure
 from mbdae.system.model.beams import drawn_quaternion
-from mbdae.system.model.groups import Instance
 from mbdae.system.model.model import Model
-from mbdae.system.model.nodes import Node
-from mbdae.system.model.rotations import quaternion, quaternion_product
+from mbdae.system.model.nodes import Instance, Node, quaternion, quaternion_product
 
 #: difference from 0, 1 or -1 up to which a number of a joint counts as this number; an offset is compared with 0 over the scene's
 #: length

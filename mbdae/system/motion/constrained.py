@@ -1,13 +1,28 @@
-"""Accelerations and multipliers of constrained equations of motion, many states at once, also where some rows are redundant."""
+"""Accelerations and multipliers of constrained equations of motion, many states at once, also where some rows are redundant.
+
+Accelerations and multipliers of many states with sparse matrices of one sparsity pattern.
+
+The workspace of a numbering as the array of a native program, with the operations that fill it: values prescribed in time, and
+the motion of loaded nodes.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+import ctypes
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mbdae.deferred import issparse
+from mbdae.deferred import entries_of, issparse, sp
+from mbdae.errors import internal
+from mbdae.kernels.tree_plan import Piece
+from mbdae.native import Entries, largest_pivots
+from mbdae.native.program import Operations, Scene, core
+from mbdae.native.sparse import Factors, Orders, SingularMatrixError
 from mbdae.system.base import Array
+from mbdae.system.model.numbering import Numbering
 
 AT_ONCE = 1_000_000  #: number of entries of the matrices of states that are solved together, which bounds the memory
 #: length of a constraint row in joint coordinates, over its length in the coordinates of all nodes, up to which it counts as 0
@@ -96,3 +111,215 @@ def _solve(K: Array, right: Array, scale: Array) -> Array:
     except np.linalg.LinAlgError:
         pass
     return np.asarray(scale * np.linalg.lstsq(K * scale, right, rcond=1e-12)[0], dtype=float)
+
+
+#: where rows are redundant or K is singular, constraints get this small compliance, which makes K regular; relative to 1 / mass
+#: in unit displacements
+GIVE = 1e-10
+#: number of solutions with this compliance: every one after the first corrects the error that the compliance causes and reduces
+#: it by about the factor GIVE
+CORRECTIONS = 4
+CLOSE = 1e-8  #: K counts as singular where the norm of the residual over that of the right-hand side is larger
+
+
+class FixedPattern:
+    """Solves K x = right with K = [[M, G^T - slope], [G, 0]] at many states, whose K have the same sparsity pattern.
+
+    M (nu, nu): sparse, equal in all states; m: number of constraint rows; rows, columns (k,): of the entries of G (m, nu); slope
+    (nt, nu, m): derivative of friction by lambda, or None. The order of elimination is found once, and again where pivots become
+    too small."""
+
+    def __init__(self, M: Any, m: int, rows: Any, columns: Any, slope: Array | None) -> None:
+        nu, (of_mass, by_mass, self._mass) = M.shape[0], entries_of(M)
+        self.n, self.m = nu + m, m
+        self._slope = None if slope is None else np.nonzero(np.any(slope != 0, axis=0))
+        of_slope = self._slope or (np.zeros(0, dtype=np.intp),) * 2
+        own = nu + np.arange(m)
+        i = np.concatenate([of_mass, columns, nu + rows, of_slope[0], own]).astype(np.int64)
+        j = np.concatenate([by_mass, nu + rows, columns, nu + of_slope[1], own]).astype(np.int64)
+        places, where = np.unique(j * self.n + i, return_inverse=True)
+        self.entries = Entries(self.n, np.searchsorted(places, np.arange(self.n + 1) * self.n), places % self.n)
+        self._order = np.argsort(where, kind="stable")
+        self._first = np.searchsorted(where[self._order], np.arange(len(places)))
+        self._own = where[len(where) - m :]
+        self._exact, self._near = (Factors(Orders(self.entries, (largest_pivots,)), float) for _ in range(2))
+
+    def values(self, G: Array, slope: Array | None) -> Array:
+        """Entries (nt, nnz) of K, from entries (nt, k) of G."""
+        parts = [np.broadcast_to(self._mass, (len(G), len(self._mass))), G, G]
+        if slope is not None and self._slope is not None:
+            parts.append(-slope[:, self._slope[0], self._slope[1]])
+        together = np.hstack([*parts, np.zeros((len(G), self.m))])
+        return np.asarray(np.add.reduceat(together[:, self._order], self._first, axis=1))
+
+    def at(self, values: NDArray[np.float64], give: Array, redundant: bool) -> Callable[[Array], Array]:
+        """The function right-hand side (n,) -> x (n,) at one state with entries of K `values` (nnz,); valid until `at` is called
+        for another state.
+
+        redundant: whether some rows follow from others. Then, and where K is singular, the multipliers are those of least norm as
+        in `unique_multipliers`. give (m,): the compliance of a row in units of `GIVE`: its squared length in unit displacements,
+        over the mass of a unit displacement."""
+        begun = [not redundant and self._factored(values), False]
+
+        def solve(right: Array) -> Array:
+            x = self._solved(values, right) if begun[0] else None
+            if x is not None:
+                return x
+            if not begun[1]:
+                self._factor_near(values, give)
+                begun[:] = False, True
+            return self._nearest(values, right)
+
+        return solve
+
+    def _product(self, values: Array, x: Array) -> Array:
+        return np.asarray(np.bincount(self.entries.row_of, values * x[self.entries.column_of], self.n), dtype=float)
+
+    def _factored(self, values: Array) -> bool:
+        """Factorise K; returns whether it is regular."""
+        self._exact.values[:] = values
+        try:
+            self._exact.factor()
+        except SingularMatrixError:
+            return False
+        return True
+
+    def _solved(self, values: Array, right: Array) -> Array | None:
+        """x with K x = right by the LU factors of K; None where the residual is too large because K is nearly singular."""
+        x = self._exact.solve(right)
+        left = np.linalg.norm(self._product(values, x) - right)
+        return x if left <= CLOSE * (np.linalg.norm(right) + 1e-300) else None
+
+    def _factor_near(self, values: Array, give: Array) -> None:
+        self._near.values[:] = values
+        self._near.values[self._own] -= GIVE * give
+        self._near.factor()
+
+    def _nearest(self, values: Array, right: Array) -> Array:
+        """The solution with multipliers of least norm, by the LU factors of K with compliant constraints. Corrections with the
+        same factors remove the error that the compliance causes."""
+        x = np.zeros(self.n)
+        for _ in range(CORRECTIONS):
+            x = x + self._near.solve(right - self._product(values, x))
+        return x
+
+
+Index = NDArray[np.intp]
+BANDED_FROM = 64  #: number of rows from which `narrow_order` reorders them; with fewer it does not pay
+Loaded = Sequence[tuple[Piece, Index, Index]]  #: kernels of trees, each with the slots it reads and those of its values
+
+
+class Workspace:
+    """A native program on the workspace of a numbering. Its first operations evaluate the values prescribed in time (`clock`),
+    and the motion of loaded nodes by kernels of trees (`motion`); subclasses append others."""
+
+    def __init__(self, numbering: Numbering, motion: Loaded = ()) -> None:
+        self.numbering, self.n = numbering, numbering.n
+        self.operations = Operations(numbering.width)
+        self.at = self.operations.slots(2)
+        self.clock = self.operations.part()
+        if numbering.clock.expressions:
+            numbering.clock.emit(self.clock, self.at, numbering.first_input)
+        self.motion = self.operations.part()
+        for piece, gather, places in motion:
+            self.motion.set(places, piece.kernel.emit(self.motion, gather))
+
+    def finish(self, residual: Operations | None = None, jacobian: Operations | None = None, rates: Operations | None = None,
+               unknowns: int | None = None, rates_at: int = 0, **slots: int) -> None:
+        """Allocate the array and make the table that C reads, after which no operations can be added.
+
+        residual, jacobian, rates: lists of operations; unknowns: length of the y that C is given, by default n; rates_at: slot of
+        the result y'; slots: first slots `rows`, `fy` and `fyp` of the other results, as in `Scene`."""
+        nb = self.numbering
+        self.W = np.zeros(self.operations.size)
+        self.W[: nb.width] = nb.workspace(1)[0]
+        self.operations.fill(self.W)
+        self.of_rates = rates
+        parts = {"clock": self.clock, "residual": residual, "jacobian": jacobian, "rates": rates}
+        self._parts = {name: part for name, part in parts.items() if part is not None}
+        self._x = np.zeros(max(part.widest for part in self._parts.values()) + 1)
+        self._kept: list[Any] = [nb]
+        self.scene = Scene(W=self.W.ctypes.data, x=self._x.ctypes.data, n=self.n if unknowns is None else unknowns,
+                           dotted=self.n, at=self.at, rates=rates_at, bad=-1, read=nb.model.conditions.read.ctypes.data,
+                           t=np.nan, side=np.nan, **slots)  # fmt: skip
+        self.make("clock")
+        self.address = ctypes.addressof(self.scene)
+        (self._y, self._at_y), (self._yp, self._at_yp) = self.view(0, self.scene.n), self.view(self.n, self.scene.n)
+        self._rates, self._at_rates = self.view(rates_at, self.scene.n)
+        self._call_rates = core().scene_rates
+
+    def make(self, *parts: str) -> None:
+        """Compile those of the parts "residual", "jacobian" and "rates" that are not compiled yet; to be called before they
+        run."""
+        for name in parts:
+            if name in self._parts:
+                table, kept = self._parts[name].table(len(self.W))
+                setattr(self.scene, "of_rates" if name == "rates" else name, table)
+                self._kept.append(kept)
+                del self._parts[name]
+
+    def view(self, first: int, count: int) -> tuple[Array, int]:
+        """View of `count` numbers from slot `first` on, and its address, which callers store because asking NumPy for it takes
+        long."""
+        found = self.W[first : first + count]
+        return found, found.ctypes.data
+
+    def solved(self, t: float, y: Array, out: Array) -> int:
+        """out[:] = y'. Returns the number of the row at which a factorisation failed, because it depends on those before it, or
+        -1."""
+        self.make("rates")
+        self._y[:] = y
+        code = self._call_rates(self.address, t, self._at_y, self._at_rates)
+        out[:] = self._rates
+        return int(self.scene.bad) if code > 0 else -1
+
+
+class Values(Workspace):
+    """Evaluates kernels at given states, such as that of the gaps of contacts."""
+
+    def __init__(self, numbering: Numbering, motion: Loaded, gathers: Sequence[Index], kernels: Sequence[Any]) -> None:
+        super().__init__(numbering, motion)
+        self._made_of = numbering, motion, gathers, kernels
+        part = self.operations.part(self.motion)
+        pieces = [kernel.emit(part, gather).ravel() for gather, kernel in zip(gathers, kernels, strict=True)]
+        at = np.concatenate([np.zeros(0, dtype=np.intp), *pieces])
+        self.width, first = len(at), self.operations.slots(len(at))
+        part.set(first + np.arange(len(at)), at)
+        self.finish(part, rows=first)
+        self.make("residual")
+        self._call = core().scene_values
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For copies: a copy makes its own tables, because they contain addresses of arrays."""
+        return Values, self._made_of
+
+    def at_states(self, t: Array, y: Array) -> Array:
+        """(k, values) at times (k,) and unknowns y (k, n or more)."""
+        t, y = np.ascontiguousarray(t, dtype=float), np.ascontiguousarray(y, dtype=float)
+        if y.shape != (len(t), max(self.n, y.shape[1])):
+            raise internal(f"states of shape {y.shape} were given at {len(t)} times: ({len(t)}, {self.n} or more) is needed")
+        out = np.empty((len(t), self.width))
+        self._call(self.address, len(t), t.ctypes.data, y.ctypes.data, y.shape[1], self.width, out.ctypes.data)
+        return out
+
+
+class Columns(NamedTuple):
+    """Sparsity pattern of a matrix (n, n), column by column: first (n + 1,) where each column begins, rows (nnz,) of the
+    entries."""
+
+    first: Index
+    rows: Index
+
+
+def narrow_order(n: int, i: Index, j: Index) -> tuple[Index, Index]:
+    """An order of n rows and columns in which a symmetric matrix with entries at (i, j) has a narrow band, and the position of
+    each row in it."""
+    order = np.arange(n)
+    if n >= BANDED_FROM:
+        from scipy.sparse.csgraph import reverse_cuthill_mckee  # imported here because small scenes do not need it
+
+        graph = sp.csr_matrix((np.ones(len(i)), (i, j)), shape=(n, n))
+        order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.intp)
+    place = np.empty(n, dtype=np.intp)
+    place[order] = np.arange(n)
+    return order, place

@@ -20,10 +20,9 @@ from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Numbering
 from mbdae.system.model.trees import Tree
 from mbdae.system.motion.all_bodies import AllBodies, TreeMechanics
+from mbdae.system.motion.constrained import Workspace
 from mbdae.system.motion.ordered_tree import OrderedTree
-from mbdae.system.motion.reaction_friction import Solve
-from mbdae.system.motion.states import blocks
-from mbdae.system.motion.workspace import Workspace
+from mbdae.system.motion.states import Solve, blocks
 
 #: pivot of the mass matrix over the largest pivot, up to which a motion counts as having no inertia
 NOTHING = 1e-13

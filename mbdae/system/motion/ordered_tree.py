@@ -17,7 +17,7 @@ from mbdae.kernels import links
 from mbdae.kernels.links import BodyKernels, ProgramKernel
 from mbdae.native.program import Operations
 from mbdae.symbolic.frames import NodeKind
-from mbdae.symbolic.links.state import directions
+from mbdae.symbolic.links import directions
 from mbdae.symbolic.tree_motion import Member, Open
 from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.numbering import Numbering

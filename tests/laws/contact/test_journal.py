@@ -11,17 +11,17 @@ import pytest
 import mbdae as mb
 from mbdae.contracts.case import columns
 from mbdae.contracts.states import States
-from mbdae.formulations.ggl import ggl_outputs
-from mbdae.kernels import linearised_plan, plan
-from mbdae.laws.contact import JournalContact
-from mbdae.results.energy import power_outputs
+from mbdae.formulations import ggl_outputs
+from mbdae.kernels.plan import linearised_plan, plan
+from mbdae.laws.journal import JournalContact
+from mbdae.results.states import power_outputs
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.law import Impact
 from mbdae.symbolic.vectors import Vec
 from mbdae.system.prepare import prepare
 
-selftest = import_module("mbdae.contracts.selftest")  # the package exports a function of that name
+selftest = import_module("mbdae.contracts")  # the package exports a function of that name
 HERTZ = mb.Hertz(1e9, damping=0.3)
 RADII = {"outer": 0.0501, "inner": 0.05}
 SPATIAL = ((NodeKind.SPATIAL, Axes.GENERAL),) * 2

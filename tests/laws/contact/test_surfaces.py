@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.laws.contact import BallOnBall, BallOnCylinder, BallOnPlane, CylinderOnPlane
+from mbdae.laws.surfaces import BallOnBall, BallOnCylinder, BallOnPlane, CylinderOnPlane
 
 G = 9.81
 STIFF = mb.Hertz(1e9, 0.5)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mbdae.kernels.beam import GyroscopicKernel, mass_blocks, reference_positions, strain_kernel
-from mbdae.laws.elements.line_mesh import LineMesh
+from mbdae.laws.line_mesh import LineMesh
 from mbdae.symbolic.frames import NodeKind
 from mbdae.threads import one_thread
 

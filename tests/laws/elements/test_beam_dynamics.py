@@ -7,9 +7,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import cho_factor, cho_solve, eigh
 
-from mbdae.integrators.runge_kutta.radau import RadauIIA
-from mbdae.laws.elements.line_mesh import curved, polyline
-from mbdae.scene.section import Section
+from mbdae.integrators.radau import RadauIIA
+from mbdae.laws.line_mesh import curved, polyline
+from mbdae.scene.shapes import Section
 from mbdae.system.dae import DAE
 
 CANTILEVER = [1.8751040687119611, 4.694091132974175, 7.854757438237613]  #: roots beta L of Euler-Bernoulli beams

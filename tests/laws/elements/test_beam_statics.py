@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbdae.laws.elements.line_mesh import curved, polyline
-from mbdae.scene.section import Section
+from mbdae.laws.line_mesh import curved, polyline
+from mbdae.scene.shapes import Section
 
 E = 1e7  #: of the 45 degree bend (Bathe and Bolourchi 1979): unit square, nu = 0, radius 100
 BEND = {"EA": E, "GA2": E / 2 * 5 / 6, "GA3": E / 2 * 5 / 6, "GJ": E / 2 / 6, "EI2": E / 12, "EI3": E / 12}

@@ -12,10 +12,9 @@ from mbdae.errors import LawError, OptionError
 from mbdae.kernels import Kernel
 from mbdae.kernels.beam import GyroscopicKernel, load_kernel, mass_blocks, strain_kernel
 from mbdae.kernels.line import LineKernel, merged
-from mbdae.laws.elements.beam import Beam
-from mbdae.laws.elements.line_mesh import polyline
-from mbdae.laws.elements.line_shape import strain_points
-from mbdae.laws.forces.line_load import LineLoad
+from mbdae.laws.beam import Beam, strain_points
+from mbdae.laws.forces import LineLoad
+from mbdae.laws.line_mesh import polyline
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Structure
 from mbdae.symbolic.line import derive_line, make_point

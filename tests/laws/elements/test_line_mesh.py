@@ -11,11 +11,10 @@ from scipy.spatial.transform import Rotation
 from mbdae.errors import OptionError
 from mbdae.kernels.beam import GyroscopicKernel, mass_blocks
 from mbdae.kernels.line_nodes import Nodes
-from mbdae.laws.elements.line_frames import quaternions
-from mbdae.laws.elements.line_mesh import arc, curved, polyline
-from mbdae.laws.elements.line_shape import gauss, mass_points, node_positions, strain_points, table
+from mbdae.laws.beam import gauss, mass_points, node_positions, quaternions, strain_points, table
+from mbdae.laws.line_mesh import arc, curved, polyline
 from mbdae.symbolic.frames import NodeKind
-from mbdae.system.model.rotations import rotation_matrices
+from mbdae.system.model.nodes import rotation_matrices
 
 NUMBERS = {"mass_per_length": 2.0, "J1": 0.5, "J2": 0.2, "J3": 0.3}
 SPACE = [(0, 0, 0), (2, 0, 0), (2, 1, 0.5)]

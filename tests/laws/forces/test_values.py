@@ -12,8 +12,9 @@ import pytest
 import mbdae as mb
 from mbdae.contracts.case import starts
 from mbdae.contracts.states import States, columns, rotation
-from mbdae.kernels import plan
-from mbdae.laws import contact, forces, joints
+from mbdae.kernels.plan import plan
+from mbdae.laws import forces, joints
+from mbdae.laws.journal import JournalContact
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.outputs import Target, loads
@@ -296,7 +297,7 @@ DEPTHS = np.array([1e-4, -1e-4, 0.01, -0.1, 0.05, 0.1, 0.2, 0.3])  #: m, of the 
 
 def pin(length: float | None, seed: int) -> tuple[Derived, dict[str, Array]]:
     """A pin of 0.5 m in races of other radii, so that where the force acts shows in the moments, at these depths."""
-    d = derived(contact.JournalContact, outer=1.0, inner=INNER, length=length, normal=mb.Hertz(200.0, damping=0.3),
+    d = derived(JournalContact, outer=1.0, inner=INNER, length=length, normal=mb.Hertz(200.0, damping=0.3),
                 friction=mb.Coulomb(MU, V_C))  # fmt: skip
     values = States(d, HERTZ | {"length": 0.4}, np.random.default_rng(seed), len(DEPTHS)).values
     for i, depth in enumerate(DEPTHS):
@@ -349,7 +350,7 @@ def test_pin_that_cannot_tilt_touches_twice(outputs: Any) -> None:
     """In the plane both ends of a bearing do the same: twice the forces of one plane of contact, the same geometry."""
     plane = ((NodeKind.PLANAR, Axes.NORMAL),) * 2
     laws = {"normal": mb.Hertz(200.0, damping=0.3), "friction": mb.Coulomb(MU, V_C)}
-    once, twice = (derived(contact.JournalContact, plane, outer=0.6, inner=INNER, length=end, **laws) for end in (None, 0.4))
+    once, twice = (derived(JournalContact, plane, outer=0.6, inner=INNER, length=end, **laws) for end in (None, 0.4))
     values = States(twice, HERTZ | {"outer": 0.6, "length": 0.4}, np.random.default_rng(18), 12).values
     found = []
     for d in (once, twice):

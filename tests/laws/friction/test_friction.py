@@ -211,7 +211,7 @@ class Bristles(mb.Friction):
     params, states = mb.params(mu="1", stiffness="1/m"), mb.params(z="m")
 
     def rate(self, v: Any) -> dict[str, Any]:
-        return {"z": v - mb.laws.friction.base.magnitude(v) * self.z * self.stiffness / self.mu}
+        return {"z": v - mb.laws.friction.magnitude(v) * self.z * self.stiffness / self.mu}
 
     def coefficient(self, v: Any) -> Any:
         return self.stiffness * self.z

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mbdae.contracts.states import States, columns, rotation
-from mbdae.kernels import plan
+from mbdae.kernels.plan import plan
 from mbdae.laws import joints
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, NodeKind

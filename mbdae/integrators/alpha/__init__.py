@@ -1,1 +1,0 @@
-"""Generalised-alpha methods, including HHT and Newmark."""

@@ -1,0 +1,95 @@
+"""Chattering: equations that jump where an argument vanishes, and drive the argument back to zero from both sides.
+
+On-off control, and friction by sign(rate) where a body sticks, keep the motion at the point of switching. Steps then cross the
+jump again and again, each by as little as the tolerance allows, and the run hardly advances. An argument that merely vanishes
+often, as in a vibration, becomes far larger than the tolerance in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from mbdae.integrators.watched_arguments import NODES, StepArguments
+from mbdae.system.base import Array, System
+
+#: an argument chatters where it changes its sign MOST times within the fraction PART of the run and the equations jump there
+#: (JUMPS); at a lower rate a run has fewer than 1e4 such changes, which it can afford
+MOST, PART = 100, 1e-2
+#: an argument stays at zero while its magnitude in a step is below STAYS times the change that the tolerance of the unknowns
+#: causes in it (measured while chattering: 3 times, in one of some hundred steps 12 times); in a step in which it is larger, the
+#: count of changes of sign is halved. A change of sign with a magnitude below LEAST times that change is round-off of a body at
+#: rest, and is not counted
+STAYS, LEAST = 30.0, 1e-4
+#: HALVINGS: number of bisections that locate a change of sign in the step; JUMPS: the equations jump there where their residuals
+#: change by more than this fraction of their change in the whole step
+HALVINGS, JUMPS = 40, 1e-3
+
+#: number of a kink -> number of changes of sign of its argument until now, and the time (s) of the first
+Counts = dict[int, tuple[int, float]]
+
+
+class Endless(NamedTuple):
+    """A chattering argument: its item, the number of changes of sign, and the time (s) they took."""
+
+    item: str
+    times: int
+    span: float
+
+    def message(self) -> str:
+        """The text of the error about it."""
+        return (f"'{self.item}' switches without end: {self.times} times within {self.span:.1e} s, while the motion "
+                "stays there to within the tolerance. Its value jumps there and drives the motion back from both sides, "
+                "as on-off control and friction by the sign of a rate do: give the jump a width, as in tanh(x/width), state "
+                "mb.Coulomb friction, or switch at the instants of s.controller(...)")  # fmt: skip
+
+
+class Chattering:
+    """Counts the changes of sign of every kink of a run while its argument stays near 0."""
+
+    def __init__(self, system: System, arguments: StepArguments, tolerance: Callable[[Array], Array], known: Counts) -> None:
+        """known: counts of the run until now; the parts of a run (between breaks) share this dictionary."""
+        self.system, self.arguments, self.tolerance, self._counts = system, arguments, tolerance, known
+
+    def endless(self, span: float) -> Endless | None:
+        """Count the changes of sign in the last step, which is accepted. Returns the argument that chatters, or None; span:
+        length of the run, s."""
+        arguments, counts = self.arguments, self._counts
+        negative = arguments.at_nodes < 0
+        crossed = arguments.kinks & np.any(negative[1:] != negative[:-1], axis=0)
+        for i in sorted({*np.flatnonzero(crossed).tolist(), *counts}):
+            noise, largest = arguments.noise(i, self.tolerance)[0], float(np.max(np.abs(arguments.at_nodes[:, i])))
+            count, since = counts.pop(i, (0, arguments.t))
+            leaves = largest > STAYS * noise
+            count = count // 2 if leaves else count + int(crossed[i] and largest > LEAST * noise)
+            if count >= MOST:  # counts grow only by a change of sign in the last step, so that it has one
+                if arguments.t + arguments.h - since < PART * span and self._jumps(i):
+                    return Endless(arguments.switches.names[i], count, arguments.t + arguments.h - since)
+            elif count:
+                counts[i] = count, since
+        return None
+
+    def _jumps(self, i: int) -> bool:
+        """Whether the equations jump where argument i changed its sign in the last step."""
+        arguments = self.arguments
+        negative = arguments.at_nodes[:, i] < 0
+        k = int(np.flatnonzero(negative[1:] != negative[:-1])[0])
+        a, b = NODES[k], NODES[k + 1]
+        for _ in range(HALVINGS):
+            middle = (a + b) / 2
+            a, b = (middle, b) if (arguments.at(np.array([middle]))[0, i] < 0) == negative[k] else (a, middle)
+        F = self._equations(np.array([0.0, a, b, 1.0]))
+        jump, change = np.abs(F[2] - F[1]), np.abs(F[3] - F[0])
+        row = int(np.argmax(jump))
+        return bool(jump[row] > JUMPS * change[row])
+
+    def _equations(self, parts: Array) -> Array:
+        """Residuals F (k, n) at fractions (k,) of the last step, all with the mean y' of the step, so that only a jump of the
+        equations makes them differ."""
+        t, h = self.arguments.t, self.arguments.h
+        y, out = self.arguments.inside(np.array([0.0, *parts, 1.0])), np.empty((len(parts), self.system.n))
+        for i, part in enumerate(parts):
+            self.system.residual(t + part * h, y[i + 1], (y[-1] - y[0]) / h, out[i])
+        return out

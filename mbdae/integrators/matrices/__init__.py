@@ -1,1 +1,0 @@
-"""The iteration matrix of implicit methods: scaled, ordered, factorised."""

@@ -1,1 +1,0 @@
-"""Implicit Runge-Kutta methods."""

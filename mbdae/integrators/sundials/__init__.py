@@ -1,1 +1,0 @@
-"""IDA and CVODE of SUNDIALS."""

@@ -1,1 +1,0 @@
-"""The pages of laws: joints, couplings, forces, bodies, lines, friction and normal laws."""

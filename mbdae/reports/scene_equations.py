@@ -1,0 +1,307 @@
+"""The equations of motion of a scene in symbols, solved for the multipliers.
+
+The rows are M u' + G^T lambda = f with the entries of G that the laws of this scene have; `solution` has their order.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from functools import cached_property, lru_cache
+from itertools import count
+from typing import Any, NamedTuple
+
+import numpy as np
+import symengine as se
+
+from mbdae.reports.letters import of_name, unit_on
+from mbdae.reports.scene_solution import ZERO, Coefficients, solved
+from mbdae.reports.states import POINTS, value
+from mbdae.reports.units import Unit, dimensions, unit, unit_in
+from mbdae.reports.vectors import Record
+from mbdae.reports.writer import Writer
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.frames import Frame, NodeKind
+from mbdae.symbolic.outputs import Target, scatter_pair
+from mbdae.symbolic.vectors import Expr, Vec
+from mbdae.system.model.model import Model
+from mbdae.system.model.nodes import Instance
+from mbdae.system.model.numbering import Row as NumberedRow
+from mbdae.system.prepare import Prepared
+
+# -- Units of quantities in a scene, where it is known on which coordinates laws act
+
+
+def row_unit(d: Derived, row: int, coordinates: Mapping[str, str] | None = None, effort: bool = False) -> str:
+    """Unit of a row: m, 1 for an angle or a cosine; "" where it has none. coordinates: units of the law's coordinates by name;
+    effort: give the unit of the multiplier instead, whose product with the row is an energy."""
+    found = _units_of_rows(d, tuple((coordinates or {}).items()))[row]
+    return " or ".join((unit("J") / u).of_force if effort else str(u) for u in found)
+
+
+@lru_cache(maxsize=256)
+def _units_of_rows(d: Derived, coordinates: tuple[tuple[str, str], ...]) -> list[list[Unit]]:
+    cases = dimensions(d, dict(coordinates))
+    return [unit_in(cases, g) for g in d.g]
+
+
+def unit_of_row(model: Model, row: NumberedRow, effort: bool = False) -> str:
+    """Unit of a row of a scene, or of its multiplier (effort=True); see `row_unit`."""
+    group = model.groups[row.group]
+    return row_unit(group.derived, row.row, units_at(group.instances[row.instance]), effort)
+
+
+def units_at(instance: Instance) -> dict[str, str]:
+    """Units of the coordinates of a law in a scene, by name."""
+    law, nodes = instance.law, instance.nodes[len(instance.law.frames) :]
+    return {name: node.unit for name, node in zip(law.own_coordinates, nodes, strict=False) if node is not None}
+
+
+def parameter_unit(instance: Instance, name: str) -> str:
+    """Unit of a law's parameter in a scene; one that fits angles and lengths gets the unit for its coordinate."""
+    on = [*units_at(instance).values()] or [getattr(instance.law, "unit", "")]
+    return unit_on(instance.law.params[name].unit, on)
+
+
+LARGEST_SCENE = 60  #: largest number of multipliers for which a closed form is sought; with more the page says that there is none
+SHORT = 2  #: largest number of symbols in an entry of G that is written out instead of getting a letter
+
+
+def symbols_of_rows(d: Derived) -> list[tuple[Target, Expr]]:
+    """Every symbol in the gradients G of a law's rows and in the arms of its frames."""
+    found = set().union(*(se.sympify(c).free_symbols for row in d.G for pair in row.values() for part in pair for c in part))
+    found = found.union(*(se.sympify(c).free_symbols for f in d.frames if d.rows for c in arm_of(d, f)))
+    return [(("symbol", str(s)), s) for s in sorted(found, key=str)]
+
+
+def arm_of(d: Derived, f: Frame) -> Vec:
+    """The arm of a frame; components that are known to be zero for this scene are replaced by 0."""
+    return Vec(*map(d.variation.resolve, f.arm))
+
+
+class Velocity(NamedTuple):
+    """A velocity of a body: subscript, letter of the position, letter of the inertia."""
+
+    below: str
+    letter: str
+    mass: str
+    unit: str  #: unit of the position whose rate this velocity is
+    of: str  #: the position whose rate this velocity is, in words
+
+    @property
+    def effort(self) -> Unit:
+        """Unit of the generalised force along this velocity."""
+        return unit("J") / unit(self.unit)
+
+
+class Said(NamedTuple):
+    """Unit and meaning of a letter."""
+
+    unit: str
+    meaning: str
+
+
+class SceneEquations:
+    """Rows of a scene with letters for their coefficients, their solution, and values at states. Raises ValueError, with the
+    reason, where a scene has no closed form."""
+
+    def __init__(self, prepared: Prepared) -> None:
+        self.prepared, self.m = prepared, prepared.mechanics
+        self._refuse()
+        self.latex: dict[str, str] = {}
+        self.said: dict[str, Said] = {}  #: unit and meaning, by the LaTeX of a letter
+        self.names = Names()
+        self.writer = Writer(Record(), self.latex)
+        units = [unit_of_row(prepared.model, row, effort=True) for row in self.m.rows]
+        self.unknowns = [self.letter(f"l{i}", rf"\lambda_{{{self.names.said('row', row.name)}}}", units[i],
+                                     f"multiplier of the row {row.name}") for i, row in enumerate(self.m.rows)]  # fmt: skip
+        self.entries: dict[str, tuple[int, int]] = {}  #: letter of an entry of G -> (row, place in u)
+        self.places: dict[Any, str] = {}  #: (group, instance, symbol of the law) -> name of the letter
+        self.rows = self._equations()
+        self.steps = solved(self.rows, self._number, {at: str(v.effort) for at, v in self.velocities.items()})
+        self.on_l = self._forces_on_l()
+
+    def _refuse(self) -> None:
+        model = self.prepared.model
+        joints = "its joints have no constraint rows" if model.scene.joints else "the scene has no joints"
+        reasons = {joints: not self.m.m, "its beams are flexible": bool(model.lines),
+                   "its reactions are not unique": bool(self.prepared.rank.dropped),
+                   "friction follows from the reactions": bool(self.m.reactive),
+                   f"it has more than {LARGEST_SCENE} multipliers": self.m.m > LARGEST_SCENE}  # fmt: skip
+        for reason, holds in reasons.items():
+            if holds:
+                raise ValueError(reason)
+
+    def letter(self, name: str, latex: str, unit_: str, meaning: str) -> Expr:
+        """A new symbol with its LaTeX, unit and meaning."""
+        self.latex[name] = latex
+        self.said[latex] = Said(unit_, meaning)
+        return se.Symbol(name)
+
+    # -- the equations
+
+    @cached_property
+    def velocities(self) -> dict[int, Velocity]:
+        """Every velocity of the scene by its place in u."""
+        found = {}
+        for node in self.prepared.model.nodes:
+            name = self.names.said("node", node.name if node.body is None else node.body.name)
+            for i in range(node.kind.sizes[1]):
+                turns = i >= node.kind.translations
+                axis = "" if node.kind.sizes[1] == 1 or (turns and node.kind.flat) else "xyz"[i % 3]
+                own = node.kind is NodeKind.COORDINATE
+                letter = (r"\theta" if node.kind.flat else r"\psi") if turns else "q" if own else "c"
+                unit_ = "rad" if turns else node.unit if own else "m"
+                what = "coordinate" if own else "rotation" if turns else "position of the centre"
+                along = f" {'about' if turns else 'along'} {axis}" if axis and not own else ""
+                of, below = f"{what} {'' if own else 'of '}{node.name}{along}", f"{{{name}{',' if axis else ''}{axis}}}"
+                found[node.u + i] = Velocity(below, letter, "J" if unit_ == "rad" else "m", unit_, of)
+        return found
+
+    def mass_letter(self, i: int, j: int) -> str:
+        """The letter of an entry of the mass matrix."""
+        v, name = self.velocities[i], self.velocities[i].below
+        if i != j:
+            return f"{v.mass}_{{{name[1:-1]}{self.velocities[j].below[-2]}}}"
+        return f"{v.mass}_{name.rpartition(',')[0]}}}" if v.mass == "m" and "," in name else f"{v.mass}_{name}"
+
+    @cached_property
+    def mass(self) -> dict[int, dict[int, float]]:
+        """Nonzero entries of the mass matrix, by row and column."""
+        full = np.asarray(self.m.mass.todense() if hasattr(self.m.mass, "todense") else self.m.mass)
+        return {i: {int(j): float(row[j]) for j in np.flatnonzero(row)} for i, row in enumerate(full)}
+
+    def _equations(self) -> dict[int, Coefficients]:
+        """Every row of the equations of motion, by its place in u."""
+        rows: dict[int, Coefficients] = {
+            at: {None: self.letter(f"p{at}", f"p^{v.letter}_{v.below}", v.effort.of_force, f"inertia less forces along: {v.of}")}
+            for at, v in self.velocities.items()
+        }
+        groups = self.prepared.model.groups
+        for n, row in enumerate(self.m.rows):
+            d, instance = groups[row.group].derived, groups[row.group].instances[row.instance]
+            for f, node in zip(d.frames, instance.nodes, strict=True):
+                first = node.u if node is not None else 0
+                for (_, _, i), e in scatter_pair(f, d.G[row.row][f.side]) if node is not None else []:
+                    rows[first + i][self.unknowns[n]] = self._entry(n, first + i, e)
+        return rows
+
+    def _entry(self, n: int, at: int, e: Expr) -> Expr:
+        """An entry of G in letters of the scene; one letter for an entry of more than `SHORT` symbols."""
+        row = self.m.rows[n]
+        if len(se.sympify(e).free_symbols) <= SHORT:
+            return self._renamed(row, self.prepared.model.groups[row.group].derived, e)
+        self.entries[f"g{n}_{at}"] = (n, at)
+        v = self.velocities[at]
+        latex = f"g^{{{self.names.said('row', row.name)}}}_{{{v.below[1:-1]},{v.letter}}}"
+        known = unit_of_row(self.prepared.model, row)
+        meaning = f"derivative of the row {row.name} by the {v.of}"
+        return self.letter(f"g{n}_{at}", latex, str(unit(known) / unit(v.unit)) if known else "", meaning)
+
+    def _renamed(self, row: Any, d: Derived, e: Expr) -> Expr:
+        """An entry of G with the law's symbols replaced by letters of the scene."""
+        instance = self.prepared.model.groups[row.group].instances[row.instance]
+        table = {}
+        for s in se.sympify(e).free_symbols:
+            key = (row.group, row.instance, str(s))
+            if key not in self.places:
+                self.places[key] = f"c{len(self.places)}"
+                side, _, what = str(s).partition("_")
+                node = dict(zip([f.side for f in d.frames], instance.nodes, strict=True)).get(side)
+                body = node.body.name if node is not None and node.body is not None else "ground" if side in "kl" else ""
+                axis = "xyz"[int(what[-1]) - 1] if body and what[-1:].isdigit() else ""
+                own = node is not None and node.kind is NodeKind.COORDINATE
+                letter = what[:-1] if axis else "q" if own else of_name(str(s), "rad")
+                on = f"{{{letter}}}^{{{self.names.said('node', body)}}}" if body else f"{{{letter}}}"
+                below = self.names.said("node", node.name) if own and node is not None else self.names.said("item", instance.item)
+                if body:
+                    what = "arm from the centre" if letter == "s" else f"axis {letter} of the joint on the body"
+                    said = Said("m" if letter == "s" else "1", f"{what} of {body} at {instance.item}, component {axis}")
+                elif own and node is not None:
+                    said = Said(node.unit, f"coordinate {node.name}")
+                else:
+                    stated = parameter_unit(instance, str(s)) if str(s) in instance.law.params else ""
+                    said = Said(stated, f"{s} of {instance.item}")
+                self.letter(self.places[key], f"{on}_{{{below}{',' if axis else ''}{axis}}}", *said)
+            table[s] = se.Symbol(self.places[key])
+        return se.sympify(e).subs(table)
+
+    # -- solution of the equations
+
+    @cached_property
+    def _at_start(self) -> dict[str, Any]:
+        start = self.prepared.start
+        known, _ = self.values(np.array([start.t]), start.q[None], start.u[None], start.s[None])
+        return {name: known[latex] for name, latex in self.latex.items() if latex in known}
+
+    def _number(self, e: Expr) -> float:
+        """Value of a coefficient at the start."""
+        return float(np.broadcast_to(value(se.sympify(e), lambda symbol: self._at_start[str(symbol)]), (1,))[0])
+
+    def _forces_on_l(self) -> dict[tuple[str, str, int], Expr]:
+        """Components of the joint forces ("F") on the bodies l and of their moments ("T") about the joint's
+        point on l, by item and axis."""
+        found: dict[tuple[str, str, int], Expr] = {}
+        groups = self.prepared.model.groups
+        for n, row in enumerate(self.m.rows):
+            d, instance = groups[row.group].derived, groups[row.group].instances[row.instance]
+            nodes = dict(zip([f.side for f in d.frames], instance.nodes, strict=True))
+            side, sign = ("l", -1) if nodes.get("l") is not None else ("k", 1)
+            if nodes.get(side) is None:
+                continue
+            force, moment = d.G[row.row][side]
+            arm = arm_of(d, next(f for f in d.frames if f.side == side))
+            for letter, part in (("F", force), ("T", moment - arm.cross(force))):
+                for i, e in enumerate(part):
+                    if (entry := se.expand(e)) != 0:
+                        old = found.get((letter, instance.item, i), ZERO)
+                        found[letter, instance.item, i] = old + sign * self._renamed(row, d, entry) * self.unknowns[n]
+        return dict(sorted(found.items(), key=lambda entry: entry[0][0]))
+
+    # -- values at states
+
+    def values(self, t: Any, q: Any, u: Any, s: Any = None) -> tuple[dict[str, Any], Any]:
+        """Values of all letters by their LaTeX, and the multipliers (nt, m), at states of the scene."""
+        change, multipliers = self.m.accelerations(t, q, u, s)
+        load, known = self.m.load(t, q, u, s), dict[str, Any]()
+        for at, v in self.velocities.items():
+            acceleration, force = f"\\ddot{{{v.letter}}}_{v.below}", f"f^{v.letter}_{v.below}"
+            known |= {acceleration: change[:, at], force: load[:, at]}
+            known |= {self.mass_letter(at, j): np.full(len(t), m) for j, m in self.mass[at].items()}
+            self.said[acceleration] = Said(f"{v.unit}/s^2", f"second rate: {v.of}")
+            self.said[force] = Said(v.effort.of_force, f"all forces but reactions along: {v.of}")
+            for j in self.mass[at]:
+                meaning = "inertia: " + " and ".join(dict.fromkeys((v.of, self.velocities[j].of)))
+                self.said.setdefault(self.mass_letter(at, j), Said("kg m^2" if v.mass == "J" else "kg", meaning))
+        G = self.m.constraint_jacobian(t, q)
+        known |= {self.latex[name]: G[:, n, at] for name, (n, at) in self.entries.items()}
+        for g, p, found in self.m.evaluate(symbols_of_rows, t, q, u, s):
+            for (group, instance, symbol), name in self.places.items():
+                if group == g and ("symbol", symbol) in p.targets:
+                    known[self.latex[name]] = found[:, instance, p.targets.index(("symbol", symbol))]
+        return known, multipliers
+
+    def states(self) -> tuple[Any, Any, Any, Any]:
+        """Random states around the start; loops may be open, as the balances hold there too, recursive joints are satisfied."""
+        start, rng = self.prepared.start, np.random.default_rng(8)
+        q = start.q + 1e-3 * self.prepared.length * rng.normal(size=(POINTS, len(start.q)))
+        t, u = np.full(POINTS, start.t), rng.normal(size=(POINTS, len(start.u)))
+        return t, *self.m.admissible(t, q, u), np.tile(start.s, (POINTS, 1))
+
+
+class Names:
+    """Names of items as text in formulas, distinct within each role."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[str, str], str] = {}
+        self.renamed: dict[str, str] = {}  #: names printed with an appended number because another would print alike
+
+    def said(self, role: str, name: str) -> str:
+        """A name as text in a formula, with a number appended where another of the role prints alike."""
+        if (role, name) not in self._known:
+            plain = re.sub(r"[^\w.-]|_", " ", name).strip() or "name"
+            taken = {words for (r, _), words in self._known.items() if r == role}
+            words = plain if plain not in taken else next(w for i in count(2) if (w := f"{plain} ({i})") not in taken)
+            self._known[role, name] = words
+            self.renamed |= {name: words} if words != plain else {}
+        return f"\\text{{{self._known[role, name]}}}"

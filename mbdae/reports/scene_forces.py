@@ -1,0 +1,258 @@
+"""Joint forces of a scene in closed form: equations and their solution as a page, read back from its LaTeX."""
+
+from __future__ import annotations
+
+from functools import reduce
+from itertools import combinations
+from operator import mul
+from typing import Any
+
+import numpy as np
+import symengine as se
+
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table, every
+from mbdae.documents.formulas import escaped
+from mbdae.errors import MbdaeError
+from mbdae.reports.letters import unit_text
+from mbdae.reports.page import Check, Page, Printed, Wanted, divisors, short_hash
+from mbdae.reports.reading import key_of
+from mbdae.reports.scene_equations import Said, SceneEquations
+from mbdae.reports.scene_solution import ZERO, Coefficients, determinant, total
+from mbdae.reports.states import value
+from mbdae.reports.units import Unit, unit
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.vectors import Expr
+
+# -- States of a scene next to the zeros of the divisors of its closed forms, found along lines through random positions
+
+
+LINES, POINTS, MOST = 6, 40, 4  #: lines through the start, points on each, and largest number of zeros that are approached
+REFINED = 12  #: times that the piece of a line around a zero is cut to a tenth: round-off
+TURN = 6.0  #: rad; bodies turn by about so much along a line
+STEPS = (1e-9, 1e-6, 1e-3)  #: distances from a zero of the states, parts of the line
+
+
+def next_to_zeros(page: Any, blocks: list[Block]) -> tuple[Any, Any, Any, Any] | None:
+    """Times, positions, velocities and internal states, as `SceneEquations.values` takes them, next to zeros of divisors that
+    change sign along some line; None where none does."""
+    keys = list(dict.fromkeys(d for e in every(Equation, blocks) for d in divisors(key_of(e.latex))))
+    line = _Line(page)
+
+    def signs(at: Any) -> Any:
+        """(keys, lines, points) values of the divisors."""
+        return np.array([np.real(v).reshape(at.shape) for v in _values(page, blocks, keys, line.states(at))])
+
+    try:
+        at = np.tile(np.linspace(0, 1, POINTS), (LINES, 1))
+        found = signs(at)
+        places = np.argwhere(found[..., 1:] * found[..., :-1] < 0)[:MOST]
+        ends = []
+        for key, i, j in places:
+            low, high = at[i, j], at[i, j + 1]
+            for _ in range(REFINED):
+                grid = np.tile(np.linspace(low, high, 11), (LINES, 1))
+                v = signs(grid)[key, i]
+                first = int(np.argmax(v[1:] * v[:-1] <= 0))
+                low, high = grid[i, first], grid[i, first + 1]
+            ends.append((i, low))
+    except (MbdaeError, np.linalg.LinAlgError):
+        return None  # the mechanics of the scene has no accelerations on some of the lines
+    if not ends:
+        return None
+    steps = np.array([sign * step for step in (0.0, *STEPS) for sign in (1, -1)])
+    parts = [line.one(i, low + steps) for i, low in ends]
+    return tuple(np.concatenate(p) for p in zip(*parts, strict=True))  # type: ignore[return-value]
+
+
+class _Line:
+    """Lines through random positions of a scene."""
+
+    def __init__(self, page: Any) -> None:
+        self.page, self.start = page, page.prepared.start
+        rng, m = np.random.default_rng(12), page.prepared.model
+        size = np.full(len(self.start.q), 0.3 * page.prepared.length)
+        for node in m.nodes:
+            nq, n = node.kind.sizes[0], node.kind.translations
+            size[node.q + n : node.q + nq] = 1.0 if node.kind.by_quaternion else TURN
+        self.directions = size * rng.normal(size=(LINES, len(size)))
+        self.u = rng.normal(size=len(self.start.u))
+
+    def one(self, i: int, at: Any) -> tuple[Any, Any, Any, Any]:
+        """States on the line i at the places `at`, 0 to 1."""
+        n = len(at)
+        q = self.start.q + at[:, None] * self.directions[i]
+        t, u = np.full(n, self.start.t), np.tile(self.u, (n, 1))
+        return t, *self.page.m.admissible(t, q, u), np.tile(self.start.s, (n, 1))
+
+    def states(self, at: Any) -> tuple[Any, ...]:
+        """States on all lines at the places (lines, points)."""
+        return tuple(np.concatenate(p) for p in zip(*(self.one(i, row) for i, row in enumerate(at)), strict=True))
+
+
+def _values(page: Any, blocks: list[Block], keys: list[Any], states: tuple[Any, ...]) -> list[Any]:
+    """Values of printed formulas at states of the scene."""
+    known, multipliers = page.values(*states)
+    known |= {page.latex[str(s)]: multipliers[:, i] for i, s in enumerate(page.unknowns)}
+    printed = Printed(known, {}, len(multipliers))
+    printed.read(blocks)
+    return [printed.value(key) for key in keys]
+
+
+RUN = "the multipliers of the scene at random states"
+
+
+class ClosedForms(SceneEquations, Page):
+    """The joint forces of a scene as formulas. Raises ValueError, with the reason, where a scene has none."""
+
+    # -- formulas
+
+    def blocks(self) -> list[Block]:
+        """Sections: letters with values, equations of the bodies, solution, forces on the bodies l, laws."""
+        balance, solution = self.balance(), self.solution()
+        forces = self.forces()
+        numbers = self.numbers()
+        told = (
+            "For every body the balance of forces along $x$, $y$, $z$ and of moments about its centre ($\\theta$, $\\psi$): $p$"
+            " is inertia minus all forces other than reactions; the multipliers $\\lambda$ of the joints enter with their arms."
+        )
+        how = (
+            "Force balances give one multiplier each, without a division. The other rows are split into the smallest blocks that"
+            " can be solved one after the other, by determinants; where a block has more rows than multipliers, every choice of"
+            " as many counts by the square of its determinant. A block has no solution where its divisor, marked $\\ne 0$, is 0:"
+        )
+        told += "".join(f" The name {escaped(name)} is written {words}." for name, words in self.names.renamed.items())
+        on_l = "The force $F$ (N) on body l of each joint, and the moment $T$ (N m) about its point there:"
+        return [
+            Section("Symbols and their values at the start", [numbers]),
+            Section("Equations of the bodies", [Paragraph(told), *balance]),
+            Section("Joint forces in closed form", [Paragraph(how), *solution, Paragraph(on_l), *forces]),
+            Section("Laws of the equations", [self.laws()]),
+        ]
+
+    def balance(self) -> list[Block]:
+        """For every velocity of the bodies the equation that defines p, mass times acceleration less applied force, and the
+        balance of p with the joint forces."""
+        w, lines = self.writer, []
+        for at, v in self.velocities.items():
+            terms = [f"{self.mass_letter(at, j)}\\,\\ddot{{{self.velocities[j].letter}}}_{self.velocities[j].below}"
+                     for j in self.mass[at]]  # fmt: skip
+            lines.append(f"{self.latex[f'p{at}']} = {' + '.join(terms)} - f^{v.letter}_{v.below}")
+            left = [*(e * key for key, e in self.rows[at].items() if key is not None), self.rows[at][None]]
+            lines.append(f"{w.scalar(sum(left, se.Integer(0)))} = 0")
+        return self.lines(*lines)
+
+    def solution(self) -> list[Block]:
+        """Equations of the multipliers in the order of their solution."""
+        w, out, count = self.writer, list[Block](), 0
+        for unknowns, rows, places in self.steps:
+            if any(unknown in row for row in rows for unknown in unknowns):
+                count += 1
+                out += self._determinants(unknowns, rows, count, [self.velocities[at].effort for at in places])
+            else:
+                out += self.lines(f"{w.scalar(unknowns[0])} = {w.scalar(total(rows[0]))}")
+        return out
+
+    def _determinants(self, unknowns: list[Any], rows: list[Coefficients], count: int, efforts: list[Unit]) -> list[Block]:
+        """Equations of a block of rows A lambda = h, solved by Cramer's rule for every choice of as many rows as multipliers,
+        weighted by the squares of their determinants. efforts: units of the rows."""
+        w, n, m, lines = self.writer, len(unknowns), len(rows), []
+        known = [unit(self.said[self.latex[str(x)]].unit or "1") for x in unknowns]
+        A = [[self.letter(f"a{count}_{i}{j}", f"a^{{({count})}}_{{{i + 1}{j + 1}}}", str(efforts[i] / known[j]),
+                          f"factor of ${self.latex[str(unknowns[j])]}$") for j in range(n)] for i in range(m)]  # fmt: skip
+        h = [self.letter(f"h{count}_{i}", f"h^{{({count})}}_{{{i + 1}}}", efforts[i].of_force, "minus the rest of the row")
+             for i in range(m)]  # fmt: skip
+        for i, row in enumerate(rows):
+            apart = r" \ne 0" if m == n == 1 else ""
+            lines += [f"{w.scalar(A[i][j])} = {w.scalar(row.get(unknown, ZERO))}{apart}" for j, unknown in enumerate(unknowns)]
+            rest = {key: e for key, e in row.items() if key not in unknowns}
+            lines.append(f"{w.scalar(h[i])} = {w.scalar(se.expand(-total(rest)))}")
+        if m == n == 1:
+            return self.lines(*lines, f"{w.scalar(unknowns[0])} = {w.scalar(h[0] / A[0][0])}")
+        size = reduce(mul, (e / x for e, x in zip(efforts, known, strict=False)))
+        choices = list(combinations(range(m), n))
+        minors = [determinant([A[i] for i in choice]) for choice in choices]
+        for at, (choice, e) in enumerate(zip(choices, minors, strict=True)) if m > n > 1 else ():
+            name = "".join(str(i + 1) for i in choice)
+            latex, what = f"\\Delta^{{({count})}}_{{{name}}}", f"determinant of the rows {name}"
+            minors[at] = self.letter(f"d{count}_{name}", latex, str(size), what)
+            lines.append(f"{w.scalar(minors[at])} = {w.scalar(e)}")
+        weights, size = (minors, size * size) if m > n else ([se.Integer(1)], size)
+        what = "sum of the squares of the determinants" if m > n else "determinant"
+        det = self.letter(f"d{count}", f"\\Delta^{{({count})}}", str(size), what)
+        lines.append(f"{w.scalar(det)} = {w.scalar(_weighted(minors, weights))} \\ne 0")
+        for j, unknown in enumerate(unknowns):
+            replaced = [determinant([[h[i] if column == j else A[i][column] for column in range(n)] for i in c]) for c in choices]
+            lines.append(f"{w.scalar(unknown)} = {w.scalar(_weighted(replaced, weights) / det)}")
+        return self.lines(*lines)
+
+    def _force(self, letter: str, item: str, i: int) -> str:
+        """The letter of a component of a joint force or moment."""
+        latex, on = f"{letter}_{{{self.names.said('item', item)},{'xyz'[i]}}}", f"of {item} on its body l, component {'xyz'[i]}"
+        self.said[latex] = Said(*(("N", f"force {on}") if letter == "F" else ("N m", f"moment {on}")))
+        return latex
+
+    def forces(self) -> list[Block]:
+        """Equations of the force of every joint on its body l by the multipliers of its rows."""
+        lines = []
+        for place, e in self.on_l.items():
+            lines.append(f"{self._force(*place)} = {self.writer.scalar(e)}")
+            lines += [f"{self.writer.scalar(d)} \\ne 0" for d in _divisors(se.sympify(e))]
+        return self.lines(*dict.fromkeys(lines))
+
+    def printed(self, blocks: list[Block]) -> list[Check]:
+        """Checks of the equations at random states, and at such states with others next to zeros of the divisors, against the
+        multipliers of the scene."""
+        states = self.states()
+        checks, zeros = self.read(blocks, *self.values(*states)), next_to_zeros(self, blocks)
+        if zeros is None:
+            return checks
+        both = [np.concatenate([a, b]) for a, b in zip(states, zeros, strict=True)]
+        worst = max(c.residual for c in self.read(blocks, *self.values(*both)) if RUN in c.what)
+        what = f"multipliers and forces with {len(zeros[0])} states next to zeros of divisors, where no condition names these"
+        return [*checks, Check(what, worst)]
+
+    def read(self, blocks: list[Block], known: dict[str, Any], multipliers: Any) -> list[Check]:
+        """Checks of the equations against given multipliers (nt, m), and that every divisor has its condition."""
+        wanted = {self.latex[str(s)]: Wanted(multipliers[:, i], RUN) for i, s in enumerate(self.unknowns)}
+        table = {name: known[latex] for name, latex in self.latex.items() if latex in known}
+        table |= {str(s): multipliers[:, n] for n, s in enumerate(self.unknowns)}
+        for place, e in self.on_l.items():
+            wanted[self._force(*place)] = Wanted(value(se.sympify(e), lambda symbol: table[str(symbol)]), RUN)
+        printed = Printed(known, wanted, len(multipliers))
+        return [*printed.read(blocks), *printed.undivided(blocks)]
+
+    # -- tables of letters and laws
+
+    def numbers(self) -> Table:
+        """Table of letters with unit and meaning, and the value at the start of those that no equation defines."""
+        start = self.prepared.start
+        known, multipliers = self.values(np.array([start.t]), start.q[None], start.u[None], start.s[None])
+        values = {latex: float(v[0]) + 0.0 for latex, v in known.items()}
+        values |= {self.latex[str(s)]: float(multipliers[0, i]) for i, s in enumerate(self.unknowns)}
+        rows = []
+        for latex, said in self.said.items():
+            meaning = said.meaning if "$" in said.meaning else escaped(said.meaning)
+            rows.append([f"${latex}$", f"{values[latex]:.6g}" if latex in values else "", unit_text(said.unit), meaning])
+        return Table(["symbol", "value", "unit", "meaning"], rows)
+
+    def laws(self) -> Table:
+        """Table of the joints with hashes of their laws as derived for this scene."""
+        rows, seen = [], dict.fromkeys((row.group, row.instance) for row in self.m.rows)
+        for g, i in seen:
+            group = self.prepared.model.groups[g]
+            names = ", ".join(row.name for row in self.m.rows if (row.group, row.instance) == (g, i))
+            law, shape, kinds = *group.key[:2], " - ".join(kind.value for kind, _ in group.key[2])
+            said_ = [f"{name}=None" for name in law.drives() if name in shape.absent] if issubclass(law, Joint) else []
+            call, hash_ = ", ".join([f"mb.{law.__name__}", *said_]), short_hash(group.derived)
+            rows.append([group.instances[i].item, f"`mb.report({call})`", kinds, names, hash_])
+        return Table(["joint", "its law", "between", "rows", "sha256 of the derived equations"], rows)
+
+
+def _divisors(e: Expr) -> list[Expr]:
+    """What an expression divides by."""
+    own = [e.args[0] ** -e.args[1]] if isinstance(e, se.Pow) and e.args[1].is_Number and e.args[1] < 0 else []
+    return [*own, *(d for part in e.args for d in _divisors(part))]
+
+
+def _weighted(values: list[Expr], weights: list[Expr]) -> Expr:
+    return sum((v * weight for v, weight in zip(values, weights, strict=True)), ZERO)

@@ -1,0 +1,225 @@
+"""Overview of a scene: bodies, joints, forces, unknowns and equations of the system that is integrated."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+
+from mbdae.analysis import linearize
+from mbdae.documents import Document
+from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table, numbered, pattern
+from mbdae.documents.formulas import escaped
+from mbdae.errors import MbdaeError, SteadyError
+from mbdae.formulations import system_for
+from mbdae.notation import counted
+from mbdae.reports.letters import unit_text
+from mbdae.reports.page import checks_section, short_hash
+from mbdae.reports.scene_equations import parameter_unit
+from mbdae.reports.scene_forces import ClosedForms
+from mbdae.reports.units import law_faults
+from mbdae.run.checks import Check
+from mbdae.run.choice import absent
+from mbdae.scene.scene import SceneData
+from mbdae.show.drawing import draw
+from mbdae.system.prepare import prepare
+
+KINDS = {"q": "positions", "v": "velocities", "s": "internal states", "z": "stresses of beams", "lambda": "multipliers",
+         "mu": "stabilising multipliers"}  # fmt: skip
+LISTED = 60  #: largest number of names in a list; further ones are only counted
+EIGEN_UP_TO = 1500  #: largest number of unknowns for which eigenvalues are computed
+
+
+class Sheet:
+    """Sections of the overview of a scene and its system."""
+
+    def __init__(self, scene: SceneData) -> None:
+        self.scene = scene
+        self.prepared = prepare(scene)
+        self.check = Check(self.prepared)
+        self.system = system_for(self.prepared)
+
+    def document(self) -> Document:
+        """The whole sheet."""
+        first = (self.summary, self.bodies, self.joints, self.forces, self.unknowns, self.pruned, self.redundant)
+        last = (self.eigenvalues, self.sparsity, self.laws)
+        sections = [*(part() for part in first), *self.closed(), *(part() for part in last)]
+        return Document(escaped(f"Scene {self.scene.name}"), sections)
+
+    def closed(self) -> list[Section]:
+        """Equations of the bodies and joint forces in closed form with their checks; or the reason why there is none."""
+        try:
+            page = ClosedForms(self.prepared)
+        except ValueError as reason:
+            return [Section("Joint forces in closed form", [Paragraph(f"There is none: {reason}.")])]
+        blocks = numbered(page.blocks())
+        return [*blocks, checks_section(page.printed(blocks))]  # type: ignore[list-item]
+
+    def summary(self) -> Section:
+        """Section with the drawing and the main numbers."""
+        c, m = self.check, self.prepared.model
+        told = (f"{'Planar' if c.planar else 'Spatial'}: {m.why}. {counted(c.degrees_of_freedom, 'degree of freedom')};"
+                f" {counted(self.system.n, 'unknown')} and {counted(len(self.system.equations), 'equation')} in the form"
+                f" {self.system.label}. Length {m.length:.4g} m, characteristic time {self.prepared.time:.4g} s; gravity"
+                f" ({', '.join(f'{x:g}' for x in self.scene.gravity)}) m/s$^{{2}}$.")  # fmt: skip
+        start, chosen = self.prepared.start, f"{self.check.accuracy:g} by default: {escaped(str(self.check.choice))}"
+        blocks: list[Block] = [Paragraph(told), Paragraph(f"To an accuracy of {chosen}.")]
+        blocks += [Paragraph("Start: " + "; ".join(map(str, start.changes)))] if start.changes else []
+        png, lacking = self.drawing()
+        boxes = " A box stands for a letter of a name that the font of the drawing lacks." if lacking else ""
+        return Section("Scene", [*blocks, Picture(png, f"The scene as it starts, t = {start.t:g} s.{boxes}")])
+
+    def drawing(self) -> tuple[bytes, bool]:
+        """PNG of the scene, and whether the font lacks a letter of a name."""
+        out = BytesIO()
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            # missing letters are noticed here, when the names are measured
+            draw(self.prepared).savefig(out, format="png", dpi=110)
+        for warning in caught:
+            if "missing from font" not in str(warning.message):
+                warnings.warn(warning.message, warning.category, stacklevel=2)
+        return out.getvalue(), any("missing from font" in str(warning.message) for warning in caught)
+
+    def bodies(self) -> Section:
+        """Section with a table of the bodies."""
+        rows = []
+        for b in self.scene.bodies:
+            line = self.prepared.model.line(b)
+            what = f"beam, {counted(len(line.mesh.elements), 'element')}" if line else "point mass" if b.is_point else "rigid"
+            node = self.prepared.model.node(b)
+            kind = node.kind.value if node is not None else ("nodes of the beam" if line else "")
+            centre = ", ".join(f"{round(x, 12) + 0.0:.4g}" for x in b.drawn.position)
+            rows.append([escaped(b.name), what, f"{b.mass:.6g}", centre, _inertia(b), kind])
+        head = ["body", "is", "mass [kg]", "centre as drawn [m]", "principal inertia [kg m$^2$]", "node"]
+        return Section("Bodies", [Table(head, rows)])
+
+    def joints(self) -> Section:
+        """Section with a table of the joints, their models and rows."""
+        rows, m = [], self.prepared.model
+        kept = {row.name for row in self.system.numbering.rows}
+        stated = {i.item: m.groups[g].derived.rows for g, _, i in m.instances() if m.groups[g].derived.rows}
+        for c in self.scene.joints:
+            names = ", ".join(r for r in stated.get(c.name, ()) if f"{c.name}.{r}" in kept) or "none"
+            model = type(c.model).__name__.lower() if c.model is not None else "kinematic"
+            why = self.check.kept_kinematic.get(c.name)
+            model += f" (keeps its constraint equations: {why})" if why else ""
+            drive = escaped(", ".join(f"{name} = {e}" for name, e in c.prescribed.items()))
+            rows.append([escaped(c.name), c.kind, escaped(model), escaped(c.k.name), escaped(c.l.name), names, drive])
+        head = ["joint", "kind", "model", "k", "l", "rows that are equations", "prescribed"]
+        return Section("Joints", [Table(head, rows)] if rows else [Paragraph("There are none.")])
+
+    def forces(self) -> Section:
+        """Section with a table of the force laws."""
+        joints, rows = {c.name for c in self.scene.joints}, []
+        for group in self.prepared.model.groups:
+            for i in group.instances if group.derived.force else ():
+                given = {name: v for name in i.law.params if (v := getattr(i.law, name)) is not None}
+                for name, v in given.items() if not (i.item in joints and group.derived.rows) else ():
+                    number = f"{v:g}" if isinstance(v, int | float) else escaped(str(v))
+                    meaning = escaped(f"{name}: {i.law.params[name].meaning}".removesuffix(": "))
+                    rows.append([escaped(i.item), type(i.law).__name__, number, unit_text(parameter_unit(i, name)), meaning])
+        head = ["item", "law", "value", "unit", "what it is"]
+        return Section("Forces", [Table(head, rows)] if rows else [Paragraph("There are none.")])
+
+    def unknowns(self) -> Section:
+        """Section on unknowns and equations by kind and name."""
+        y, rows = self.system, list[list[str]]()
+        for kind, n in Counter(y.kinds).items():
+            own = [i for i, k in enumerate(y.kinds) if k == kind]
+            lowest = min(int(y.index[i]) for i in own)
+            rows.append([KINDS.get(kind, kind), str(n), str(lowest), listed([y.names[i] for i in own])])
+        heads = Counter(name.split(" of ")[0].split(" ")[0] if " of " in name else name[name.rfind("(") + 1 :].rstrip(")")
+                        for name in y.equations)  # fmt: skip
+        equations = "; ".join(f"{n} of {kind}" for kind, n in heads.items())
+        shared = listed(list(self.check.shared))
+        text = f"Rows that need no equation, because bodies share unknowns with a node of a beam: {shared}."
+        table = Table(["unknowns", "number", "index", "names"], rows, f"{y.n} unknowns in the form {y.label}")
+        told = [Paragraph(f"{len(y.equations)} equations: {equations}."), *([Paragraph(text)] if self.check.shared else [])]
+        return Section("Unknowns and equations", [table, *told])
+
+    def pruned(self) -> Section:
+        """Section on unknowns, equations and terms that the scene does not need."""
+        keys = ("unknowns", "equations", "multipliers", "kernels", "operations")
+        rows = [[step.reason, *(str(getattr(step.size, key)) for key in keys)] for step in self.check.reductions]
+        lacking = absent(self.scene)
+        caption = ("From the naive formulation to what is integrated. Kernels and operations: of residuals and derivatives of all"
+                   " laws but beams, after common subexpressions")  # fmt: skip
+        gone = f"Constraint equations left out because they hold in every position: {listed(list(self.check.pruned))}."
+        told = [f"Without any term for: {', '.join(lacking)}." if lacking else "No kind of term is absent.",
+                gone if self.check.pruned else "No constraint equation is left out as always satisfied."]  # fmt: skip
+        return Section("Pruned", [Table(["after", *keys], rows, caption), *map(Paragraph, told)])
+
+    def redundant(self) -> Section:
+        """Section on redundant rows and reactions that are not unique."""
+        c = self.check
+        if not self.prepared.rows:
+            return Section("Redundant rows", [Paragraph("The scene has no constraint rows.")])
+        told = f"Left out: {listed(list(c.redundant))}." if c.redundant else "No row is redundant."
+        unique = f" Reactions that are not unique: {listed(list(c.not_unique))}." if c.not_unique else ""
+        smallest = f"Smallest singular value of the rows kept (of unit length): {self.prepared.rank.smallest:.3g}."
+        return Section("Redundant rows", [Paragraph(f"{told}{unique} {smallest}")])
+
+    def eigenvalues(self) -> Section:
+        """Section on the eigenvalues of small motions about the start."""
+        title = "Eigenvalues at the start"
+        if self.system.n > EIGEN_UP_TO:
+            return Section(title, [Paragraph(f"Not computed for {self.system.n} unknowns.")])
+        try:
+            found = linearize(self.scene)
+        except SteadyError as error:
+            told = f"There are none: the start is no steady motion; {str(error).split(';')[0]}."
+            return Section(title, [Paragraph(f"{escaped(told)} s.equilibrium() looks for a state at rest.")])
+        except MbdaeError as error:
+            return Section(title, [Paragraph(f"Not available: {escaped(str(error))}")])
+        values = [v for v in found.eigenvalues[:40] if v.imag >= 0]
+        rows = [[f"{v.real:.6g}", f"{v.imag:.6g}", f"{abs(v.imag) / 2 / np.pi:.6g}"] for v in values]
+        head = ["real part [1/s]", "imaginary part [rad/s]", "frequency [Hz]"]
+        caption = f"Of small motions about the start, {len(found.eigenvalues)} in all; one of each conjugate pair"
+        return Section(title, [Table(head, rows, caption)])
+
+    def sparsity(self) -> Section:
+        """Section with the sparsity pattern of the iteration matrix."""
+        places, n = self.system.pattern, self.system.n
+        nnz, columns = places.nnz, np.repeat(np.arange(n), np.diff(places.indptr))
+        entries = sorted(zip(places.indices.tolist(), columns.tolist(), strict=True))
+        text = (
+            f"Jacobian of the system: {n} x {n}, {nnz} entries ({100 * nnz / max(1, n * n):.1f} %); columns are unknowns in the"
+            " order above."
+        )
+        if len(entries) > 20000:
+            return Section("Sparsity", [Paragraph(text)])
+        return Section("Sparsity", [Picture(pattern(entries, n, "entries of the Jacobian"), text)])
+
+    def laws(self) -> Section:
+        """Section with a table of the laws and their hashes."""
+        rows = [[g.key[0].__name__, str(len(g.instances)), " - ".join(kind.value for kind, _ in g.key[2]),
+                 short_hash(g.derived)] for g in self.prepared.model.groups]  # fmt: skip
+        text = ("Every law as it is derived for this scene; the report of a law prints the sha256 of the same equations between"
+                " two bodies in space.")  # fmt: skip
+        head = ["law", "times", "between nodes", "sha256 of the derived equations"]
+        groups = self.prepared.model.groups
+        faults = dict.fromkeys(f"{g.instances[0].item}: {fault}" for g in groups for fault in law_faults(g.derived))
+        wrong = [Paragraph(f"**The units do not fit: {escaped(fault)}.**") for fault in faults]
+        return Section("Laws", [Paragraph(text), *wrong, Table(head, rows)])
+
+
+def listed(names: list[str]) -> str:
+    """Names joined by commas, at most `LISTED` of them."""
+    shown = ", ".join(escaped(n) for n in names[:LISTED])
+    return shown + (f", … ({len(names)} in all)" if len(names) > LISTED else "")
+
+
+def _inertia(b: Any) -> str:
+    if b.inertia is None:
+        return ""
+    principal = np.linalg.eigvalsh(b.inertia)
+    return ", ".join(f"{x if abs(x) > 1e-12 * np.max(np.abs(principal)) else 0.0:.4g}" for x in principal)
+
+
+def scene_sheet(scene: SceneData) -> Document:
+    """The overview of a scene; raises SceneError with every problem found."""
+    return Sheet(scene).document()

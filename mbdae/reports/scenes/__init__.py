@@ -1,1 +1,0 @@
-"""Reports of scenes: an overview of the system, and its joint forces in closed form."""

@@ -1,1 +1,0 @@
-"""Events of a run: conditions on sensors, and the instants at which they begin or cease to hold."""

@@ -1,0 +1,222 @@
+"""Small disturbances that grow: how fast, where along a run, and steps short enough to follow them.
+
+A motion that begins nearer to an unstable rest than its tolerance leaves the steps free, and a step that is long beside the
+growth takes it for decay: Radau IIA(3) multiplies a disturbance that grows by e^z in a step by less than 1 from z = 12 on. A
+companion run does the same, so that the two agree. Therefore the equations are asked: their linearisation at some states of a
+run, with frozen coefficients, has roots, and a root with a positive real part bounds the steps there (`growing`), if the
+disturbance is too small for the error test of the solver to see it. Steps of FOLLOWED divided by the root's magnitude and less
+follow the growth to a relative accuracy that does not depend on how small the disturbance is, and runs with other bounds show
+the error.
+
+These roots bound steps and nothing else: a pendulum that turns over the top has roots whose growth adds up to e^43, while a small
+disturbance grows by e^5. How much disturbances grow is computed along the run (`amplification`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import log
+from typing import NamedTuple
+
+import numpy as np
+
+from mbdae.deferred import distinct
+from mbdae.inputs.resolution import Bound
+from mbdae.integrators.base import Solver
+from mbdae.integrators.solution import Solution, systems_at
+from mbdae.run.amplification import SMALL, Disturbances
+from mbdae.run.checkpoint import kept_value
+from mbdae.run.growth_roots import Found, Look, Spectra, positions, roots_at
+from mbdae.system.base import Array, System
+
+#: a step follows a growing disturbance if step times magnitude of its root is at most FOLLOWED
+FOLLOWED = 0.4
+#: a disturbance counts as seen by the error test where it is above this, over the scales of the positions. Below it the error
+#: test alone does not do: measured on upright rods with DOP853, the first steps were bounded by the largest ratio of two steps
+#: alone, so that run and companion took the same long one, and in 4 % of 951 runs both made the same error, up to 30 times the
+#: accuracy
+VISIBLE = 0.03
+#: a disturbance that is not seen is behind where the logarithm of its growth from one state to the next is below KEEPS times that
+#: of its root less SPARE: methods of low order damp what oscillates and grows slowly, at steps that follow the oscillation
+KEEPS, SPARE = 0.8, 0.5
+SHARE = 1e-3  #: a position takes part in a disturbance where it is disturbed by more than this fraction of the one disturbed most
+LOST = 80.0  #: growth (natural logarithm) after which a disturbance of any size is seen
+#: fractions of the time between two looks at which roots are compared with those at the looks, and largest ratio of two of them
+BETWEEN, STEADY = (0.17, 0.37, 0.59, 0.71, 0.88), 2.0
+#: the steps of a part in which a disturbance is behind are at least FOLLOWED over CLOSEST times the magnitude of its root: where
+#: something else moves it, as a load, it does not grow as its root says at any step
+CLOSEST = 100.0
+CLOSER = 2.0  #: a part of a run in which one is behind gets a bound of this fraction of its step
+#: where bounds by growth are in force, the error is at least this many times the difference of a run from its companion; the
+#: second number is for BDF, which follow an unseen disturbance at a low order (measured with IDA, 2.4 times)
+AT_LEAST = (1.0, 2.0)
+#: growth (natural logarithm of the factor) by equations that vary in time from which on steps have to follow it
+VARYING = 2.0
+FAINT = 1e-3  #: size of a vibration, over the scales of the positions, from which on the error test sees it
+#: numbers of states of a run at which roots are sought, by the largest number of unknowns for each; LAST with still more. Where
+#: growth was found and the run repeated, CLOSELY times as many
+LOOKS, LAST, CLOSELY = ((6, 10), (4, 30)), 2, 3
+
+
+class Growth(NamedTuple):
+    """Growth in a part of a run, from `begin` to `end` (s): rate, 1/s, the largest real part of a root there; unseen: the largest
+    magnitude (1/s) of a root whose disturbance grows without being seen by the solver; behind: the inverse of the steps (s) asked
+    for because they do not follow it; 0 where there is none."""
+
+    begin: float
+    end: float
+    rate: float
+    unseen: float
+    behind: float
+
+
+def growing(system: System, run: Solution, closely: bool = False) -> list[Growth]:
+    """The growth of small disturbances along a run, in parts that cover it; closely: in more parts. It is stored with a run
+    that is kept on disk, and what the system remembers of the run is as before."""
+    memory = system.memory()
+    try:
+        return kept_value(lambda: _growing(system, run, closely), _plain, _read)
+    finally:
+        system.remember(memory)
+
+
+def _plain(parts: list[Growth]) -> list[list[float]]:
+    return [list(part) for part in parts]
+
+
+def _read(stored: list[list[float]]) -> list[Growth]:
+    return [Growth(*part) for part in stored]
+
+
+def _growing(system: System, run: Solution, closely: bool) -> list[Growth]:
+    t0, t1 = float(run.t[0]), float(run.t[-1])
+    if len(run.t) < 2 or not t1 > t0:
+        return []
+    count = next((looks for looks, unknowns in LOOKS if system.n <= unknowns), LAST) * (CLOSELY if closely else 1)
+    wanted = t0 + (t1 - t0) * (np.arange(count) + 0.5) / count
+    steps = distinct(np.clip(np.searchsorted(run.t, wanted, side="right") - 1, 0, len(run.t) - 2))
+    times, h = (run.t[steps] + run.t[steps + 1]) / 2, run.t[steps + 1] - run.t[steps]
+    edges = np.concatenate([[t0], (times[1:] + times[:-1]) / 2, [t1]])
+    y, yp = run.interpolant.value(times), run.interpolant.derivative(times)
+    looks = [Look(at, float(times[i]), y[i], yp[i], float(h[i]), t1 - t0) for i, at in enumerate(systems_at(run, times, system))]
+    spectra = roots_at(looks)
+    found = _persistent(run, looks, spectra.found(VISIBLE), edges)
+    late = [0.0] * len(looks)
+    if any(one.unseen for one in found):
+        late = _late(run, looks, found, CLOSELY if closely else 1) if system.sampled is None else late
+    elif system.n <= SMALL and _varies(system, t0, t1):
+        found, late = _by_varying(system, run, spectra, found)
+    behind = [max(asked, one.unseen if one.unseen * look.h > FOLLOWED else 0.0)
+              for look, one, asked in zip(looks, found, late, strict=True)]  # fmt: skip
+    return _while_unseen([Growth(float(a), float(b), one.rate, one.unseen, asked)
+                          for a, b, one, asked in zip(edges[:-1], edges[1:], found, behind, strict=True)])  # fmt: skip
+
+
+def _persistent(run: Solution, looks: list[Look], found: list[Found], edges: Array) -> list[Found]:
+    """What is found, without disturbances whose roots are others elsewhere in their part of the run (between `edges`, s), as in
+    an impact."""
+    return [one._replace(unseen=0.0, parts=one.parts[:, :0], roots=one.roots[:0])
+            if one.unseen > 0 and not _steady(run, look, (float(a), float(b)), (one.rate,)) else one
+            for look, one, a, b in zip(looks, found, edges[:-1], edges[1:], strict=True)]  # fmt: skip
+
+
+def _while_unseen(parts: Sequence[Growth]) -> list[Growth]:
+    """The parts, without disturbances from the time on at which they would have grown by more than e^LOST. Where they are not
+    seen all the same they are exactly 0, or something takes them back, or the run has lost them before."""
+    found, left = [], LOST
+    for part in parts:
+        counts = part.unseen > 0 and part.rate > 0
+        until = part.begin + max(left, 0.0) / part.rate if counts else part.end
+        left -= part.rate * (part.end - part.begin) if counts else 0.0
+        if until > part.begin:
+            found.append(part._replace(end=min(until, part.end)))
+        if until < part.end:
+            found.append(part._replace(begin=max(until, part.begin), unseen=0.0, behind=0.0))
+    return found
+
+
+def total(parts: Sequence[Growth]) -> float:
+    """The sum over a run of rate times duration: the growth that a disturbance would have with frozen coefficients."""
+    return sum(part.rate * (part.end - part.begin) for part in parts)
+
+
+def _late(run: Solution, looks: list[Look], found: list[Found], apart: int) -> list[float]:
+    """For every state the inverse of the step (1/s) that is asked for because the disturbances that are not seen have grown by
+    less until a later state, a number of states `apart`, than their roots say; 0 where they have not. Roots say that where what
+    is disturbed is at rest and the roots stay what they are: where something vibrates, they may grow and decay in turn."""
+    asked = [0.0] * len(looks)
+    for i, (a, b) in enumerate(zip(found, found[apart:], strict=False)):
+        here, there = looks[i], looks[i + apart]
+        if a.size > 0 and b.size > 0 and _rests(here, there, a):
+            expected = log(a.after(there.t - here.t, (1 + b.rate / a.rate) / 2) / a.size)
+            if log(b.size / a.size) < KEEPS * expected - SPARE and _steady(
+                    run, here, (here.t, there.t), (a.rate, b.rate)):  # fmt: skip
+                for k in range(i, i + apart + 1):
+                    asked[k] = CLOSER / min(here.h, there.h)
+    return [min(late, CLOSEST * one.unseen) if CLOSEST * one.unseen * look.h > FOLLOWED else 0.0
+            for late, one, look in zip(asked, found, looks, strict=True)]  # fmt: skip
+
+
+def _rests(a: Look, b: Look, found: Found) -> bool:
+    """Whether the positions that are disturbed at look a move by less than VISIBLE until look b."""
+    here, disturbed = positions(a.system), np.max(np.abs(found.parts), axis=1)
+    moved = np.abs(b.y - a.y)[here] / a.system.scale[here]
+    return bool(np.all(moved[disturbed > SHARE * np.max(disturbed)] < VISIBLE))
+
+
+def _steady(run: Solution, look: Look, between: tuple[float, float], rates: tuple[float, ...]) -> bool:
+    """Whether the largest real part of a root is between two times (s) what it is at the looks, within a factor of STEADY."""
+    times = between[0] + (between[1] - between[0]) * np.array(BETWEEN)
+    looks = [look._replace(t=float(t), y=y, yp=yp) for t, y, yp in zip(times, run(times), run.derivative(times), strict=True)]
+    found = [*rates, *roots_at(looks).rates.tolist()]
+    return bool(max(found) < STEADY * min(found))
+
+
+def _varies(system: System, t0: float, t1: float) -> bool:
+    """Whether inputs of time vary within a run from t0 to t1 (s), so that disturbances may grow that no frozen equation shows."""
+    return system.timeline is not None and system.timeline(t0, t1) is not None
+
+
+def _by_varying(system: System, run: Solution, spectra: Spectra,
+                found: list[Found]) -> tuple[list[Found], list[float]]:  # fmt: skip
+    """Growth by equations that vary in time: what is found at every state, and the inverse of the step (1/s) asked for there. It
+    is sought, along the run, where something vibrates unseen."""
+    looks, idle = spectra.looks, spectra.idle(FAINT)
+    hidden = [i for i, one in enumerate(idle) if one.size > 0]
+    coarse = any(one.unseen * look.h > FOLLOWED / 4 for one, look in zip(idle, looks, strict=True))
+    course = Disturbances(system, run).course() if len(hidden) > 1 and coarse else None
+    if course is None or np.max(course[1]) - np.min(course[1]) < VARYING:
+        return found, [0.0] * len(looks)
+    first, last = hidden[0], hidden[-1]
+    expected = float(np.interp(looks[last].t, *course) - np.interp(looks[first].t, *course))
+    slow = log(idle[last].size / idle[first].size) < KEEPS * expected - 2 * SPARE
+    late = [CLOSER / look.h if slow and one.size > 0 else 0.0 for look, one in zip(looks, idle, strict=True)]
+    return [a._replace(unseen=b.unseen) for a, b in zip(found, idle, strict=True)], late
+
+
+def unfollowed(parts: Sequence[Growth]) -> tuple[Bound, ...]:
+    """The bounds of the steps where some part of a run has steps that do not follow a disturbance that is not seen: in all parts
+    with such a disturbance, because the next of them would not follow it either. A run and its companions keep different shares
+    of the bounds."""
+    return unseen(parts) if any(part.behind for part in parts) else ()
+
+
+def unseen(parts: Sequence[Growth]) -> tuple[Bound, ...]:
+    """The bounds of the steps in the parts of a run in which a disturbance grows that is not seen, followed or not."""
+    return tuple(Bound(part.begin, part.end, 1 / max(part.behind, part.unseen)) for part in parts if part.unseen > 0)
+
+
+def left_behind(parts: Sequence[Growth]) -> list[str]:
+    """Words about disturbances that the steps of a run do not follow."""
+    slow = [part for part in parts if part.behind > 0]
+    if not slow:
+        return []
+    rate, fastest = max(part.rate for part in slow), max(part.unseen for part in slow)
+    return [f"from about t = {slow[0].begin:.4g} to {slow[-1].end:.4g} s small disturbances grow at {rate:.3g} 1/s, which the "
+            "steps do not follow, so that a disturbance may fade in the run although it grows in the equations; take steps of "
+            f"{FOLLOWED / fastest:.2g} s or less, or mb.RadauIIA(3) with error control"]
+
+
+def at_least(solver: Solver) -> float:
+    """Smallest ratio of the error to the difference of a run from its companion where steps are bounded by growth."""
+    return AT_LEAST[solver.bdf_order > 0]

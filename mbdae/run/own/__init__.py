@@ -1,1 +1,0 @@
-"""Runs of equations of a user's own, `mb.DAE`."""

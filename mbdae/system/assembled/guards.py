@@ -1,0 +1,281 @@
+"""The contacts of assembled equations, as solvers watch them: gap, gap rate and duration of an impact.
+
+Arguments u of functions in laws that switch where u changes its sign, or that vary only within a narrow range of u, as
+functions of the unknowns of any form: solvers watch them so that no step passes such a change unnoticed.
+
+Values of expressions of sensors at given states, evaluated by the same code by which loads read sensors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from mbdae.kernels.plan import plan
+from mbdae.laws.control import Observed, observed_value
+from mbdae.native.collocation import SPEEDS, Contacts
+from mbdae.symbolic.switches import switch_kinds, switch_outputs
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.assembled.assembly import Assembly
+from mbdae.system.base import Array, Switches
+from mbdae.system.model.model import Model, entry_of
+from mbdae.system.model.moved_bodies import MovedBodies
+from mbdae.system.model.nodes import Groups, Instance
+from mbdae.system.model.numbering import Numbering
+from mbdae.system.motion.constrained import Loaded, Values
+from mbdae.system.motion.mechanics import Mechanics, Place, approaches, effective_masses
+from mbdae.system.motion.ordered_motion import OrderedBodies
+from mbdae.system.motion.states import gap_outputs
+from mbdae.system.start_with_contacts import ExpectedContact
+
+#: an effective mass that contains bodies tied by joints is calculated at the present position where the impact is under way or is
+#: to begin within this many of its durations; else the effective mass at the start of the run is used
+NEAR = 10.0
+#: largest change of a number among the positions (m, rad or component of a quaternion), over the scene's length in m or 1,
+#: whichever is smaller, up to which effective masses are not calculated again
+SAME = 0.01
+
+States = Callable[[Array, Array], tuple[Array, Array, Array]]  #: times (nt,) and unknowns (nt, n) -> q, u, s of all nodes
+
+
+@dataclass(frozen=True)
+class ContactPlace:
+    """One contact of a scene. place: numbers of its law's group and instance; law: the law with its numbers; mass: effective mass
+    of an impact at the start of the run (kg, or kg m^2)."""
+
+    place: Place
+    name: str
+    law: Any
+    mass: float
+
+    def duration(self, speed: float, mass: float | None = None) -> float:
+        """Duration (s) of an impact at a speed (m/s or rad/s); mass: effective mass, None: that at the start."""
+        return float(self.durations(speed, mass))
+
+    def durations(self, speed: Any, mass: float | None = None) -> Any:
+        """Durations (s) of impacts at speeds of any shape; infinite where nothing can move, so that there is no impact."""
+        resisting = self.mass if mass is None else mass
+        return self.law.contact_duration(resisting, speed) if resisting < np.inf else np.full(np.shape(speed), np.inf)
+
+
+class ContactGuards:
+    """The contacts of assembled equations as `System.guards`: a call returns gap, gap rate and duration of an impact of each.
+
+    contacts: those expected before the run, with their effective masses; states: q, u, s of all nodes from the unknowns."""
+
+    def __init__(self, system: Assembly, contacts: Sequence[ExpectedContact], mechanics: Mechanics, states: States) -> None:
+        gathers, kernels = [], []
+        self._mechanics, self._states = mechanics, states
+        masses = {contact.place: contact.mass for contact in contacts}
+        self.places: list[ContactPlace] = []
+        for g, group in enumerate(system.model.groups):
+            p = plan(group.derived, gap_outputs)
+            if not p.targets:
+                continue
+            gathers.append(system.numbering.gather(g, p.all_inputs))
+            kernels.append(p.kernel)
+            for i, instance in enumerate(group.instances):
+                named = [f"{instance.item}, {name}" for name in instance.law.gap_names()] or [instance.item] * len(p.targets[::2])
+                self.places += [ContactPlace((g, i), name, instance.law, masses[g, i]) for name in named]
+        self._made_of = system.numbering, system.motion(), gathers, kernels
+        self._positions = system.numbering.nq
+        # `_masses`: effective masses by the number of the contact; `_at` (nq,): the positions at which they were calculated
+        self._at, self._masses = np.zeros(0), dict[int, float]()
+        self._durations: dict[tuple[int, float], Array] = {}
+        # the last state and its result, because solvers evaluate the same state twice in a row
+        self._last: tuple[float, Array, tuple[Array, Array, Array]] | None = None
+
+    @cached_property
+    def _gaps(self) -> Values:
+        """The native program that evaluates all gaps and their rates, compiled when it is first needed."""
+        return Values(*self._made_of)
+
+    def native(self, numbers: Mapping[str, float]) -> Contacts:
+        """The contacts as a table that the native methods read. numbers: constants of the checks, see `Contacts`."""
+        return Contacts(self._gaps, [p.law.with_joints for p in self.places], {**numbers, "near": NEAR})
+
+    def hold(self, contacts: Contacts) -> None:
+        """Update the table of the native methods: the durations of impacts with the effective masses known now."""
+        known = np.array([n in self._masses for n in range(len(self.places))])
+        found = []
+        for n, place in enumerate(self.places):
+            mass = self._masses.get(n, place.mass)
+            if (n, mass) not in self._durations:
+                self._durations[n, mass] = np.broadcast_to(place.durations(SPEEDS, mass), SPEEDS.shape)
+            found.append(self._durations[n, mass])
+        contacts.hold(found, known, self._at, SAME * min(1.0, self._mechanics.model.length))
+
+    def memory(self) -> dict[str, Any]:
+        """The effective masses known now and the positions at which they were calculated, for a run that is continued."""
+        return {"at": self._at.copy(), "places": list(self._masses), "masses": list(self._masses.values())}
+
+    def remember(self, memory: dict[str, Any]) -> None:
+        """Restore the effective masses that `memory` returned."""
+        self._at, self._last = memory["at"], None
+        self._masses = dict(zip(memory["places"], memory["masses"], strict=True))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the contacts."""
+        return tuple(place.name for place in self.places)
+
+    @property
+    def jumps(self) -> bool:
+        """Whether the force of a contact jumps from zero when the bodies touch."""
+        return any(place.law.jumps for place in self.places)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The unit of every gap, m or rad."""
+        return tuple(place.law.gap_unit for place in self.places)
+
+    def __call__(self, t: float, y: Array) -> tuple[Array, Array, Array]:
+        """Gap (m or rad), its rate and the duration (s) of an impact at that rate, (contacts,) each."""
+        if self._last is None or self._last[0] != t or not np.array_equal(self._last[1], y):
+            self._last = t, y.copy(), self._evaluated(t, y)
+        return self._last[2]
+
+    def gaps(self, t: float, y: Array) -> Array:
+        """Gaps (contacts,) alone, without the durations of impacts, whose evaluation takes ten times as long."""
+        return self.pairs(np.array([t]), y[None])[0, :, 0]
+
+    def pairs(self, t: Array, y: Array) -> Array:
+        """Gaps and their rates (k, contacts, 2) at times (k,) and unknowns y (k, n)."""
+        return self._gaps.at_states(t, y).reshape(len(t), -1, 2)
+
+    def _evaluated(self, t: float, y: Array) -> tuple[Array, Array, Array]:
+        pairs = self.pairs(np.array([t]), y[None])[0]
+        gap, rate = pairs[:, 0].copy(), pairs[:, 1].copy()
+        duration = np.array([p.duration(v) for p, v in zip(self.places, rate, strict=True)])
+        near = [n for n, p in enumerate(self.places)
+                if p.law.with_joints and (gap[n] < 0 or (rate[n] < 0 and gap[n] < -NEAR * rate[n] * duration[n]))]  # fmt: skip
+        if near:
+            self._with_present_masses(duration, rate, near, t, y)
+        return gap, rate, duration
+
+    def _with_present_masses(self, duration: Array, rate: Array, near: Sequence[int], t: float, y: Array) -> None:
+        """Replace the durations of the impacts `near` (numbers of contacts), which are about to begin or under way, by those with
+        effective masses at the present positions."""
+        moved = np.abs(y[: len(self._at)] - self._at) if len(self._at) else np.array([np.inf])
+        if np.max(moved) > SAME * min(1.0, self._mechanics.model.length):
+            self._at, self._masses = y[: self._positions].copy(), {}
+        missing = [n for n in near if n not in self._masses]
+        if missing:
+            q = self._states(np.array([t]), y[None])[0][0]
+            rows = approaches(self._mechanics, t, q)
+            found = effective_masses(self._mechanics, t, q, True, [rows[self.places[n].place] for n in missing])
+            self._masses |= dict(zip(missing, found, strict=True))
+        for n in near:
+            duration[n] = self.places[n].duration(rate[n], self._masses[n])
+
+
+def switches_of_model(model: Model, moved: MovedBodies) -> Switches | None:
+    """The arguments of a model that solvers have to watch; None where there are none."""
+    members = {place for tree in moved.trees for place in tree.members}
+    watched = [(g, [i for i in range(len(group.instances)) if (g, i) not in moved.replaced or (g, i) in members])
+               for g, group in enumerate(model.groups) if switch_kinds(group.derived)]  # fmt: skip
+    watched = [(g, active) for g, active in watched if active]
+    if not watched:
+        return None
+    found = [(model.groups[g].instances[i], s) for g, active in watched for i in active
+             for s in switch_kinds(model.groups[g].derived)]  # fmt: skip
+    kinds, names = tuple(kind for _, (kind, _) in found), tuple(instance.item for instance, _ in found)
+    weights = np.array([_weight(instance, exponent) for instance, (_, exponent) in found])
+    return Switches(_Arguments(model, moved, watched), kinds, weights, names)
+
+
+def _weight(instance: Instance, stated: Expr) -> float:
+    """Weight of an argument, see `Switches`: |exponent| of a power, with the numbers of this instance inserted; 1 for an exponent
+    that varies, and for all other functions, where `stated` is 1."""
+    exponent = stated.subs(dict(instance.numbers))
+    return 1.0 if exponent.free_symbols else abs(float(exponent))
+
+
+class _Arguments:
+    """The function (t (k,), y (k, n)) -> arguments (k, na) of all watched laws. watched: numbers of groups, each with the numbers
+    of its instances."""
+
+    def __init__(self, model: Model, moved: MovedBodies, watched: list[tuple[int, list[int]]]) -> None:
+        self.model, self.moved, self.watched = model, moved, watched
+
+    @cached_property
+    def _values(self) -> Callable[[Array, Array], Array]:
+        """The function that evaluates all arguments; its kernels are compiled when it is first needed."""
+        return values_at_states(self.model, self.moved, self.watched, switch_outputs)
+
+    def __call__(self, t: Array, y: Array) -> Array:
+        return self._values(t, y)
+
+
+def values_at_states(model: Model, moved: MovedBodies, watched: list[tuple[int, list[int]]],
+                     outputs: Any) -> Callable[[Array, Array], Array]:  # fmt: skip
+    """The function (t (k,), y (k, n) of any form) -> outputs (k, no) of the watched laws. watched: numbers of groups, each with
+    the numbers of its instances; outputs: selects outputs of a law. Where the laws read bodies that recursive joints move, the
+    motion of these is evaluated first."""
+    needed = {node for g, active in watched for i in active for node in model.groups[g].instances[i].nodes if node}
+    carried = bool(needed & set(moved.nodes))
+    bodies = OrderedBodies(model, moved) if carried and moved.ordered else None
+    if bodies is not None:
+        nb = Numbering(model, [], (), False, replaced=moved.replaced)
+    else:
+        nb = Numbering(model, [], (), False, moved.nodes, moved.nodes if carried else (), moved.replaced, moved.constants,
+                       moved.sharing)  # fmt: skip
+    plans = [plan(model.groups[g].derived, outputs) for g, _ in watched]
+    gathers = [nb.gather(g, p.all_inputs, active) for p, (g, active) in zip(plans, watched, strict=True)]
+    values = Values(nb, motion_of_all(moved, nb) if carried else (), gathers, [p.kernel for p in plans])
+    if bodies is None:
+        return values.at_states
+    first, count = bodies.nq + bodies.nu, len(nb.states)
+
+    def of_all_nodes(t: Array, y: Array) -> Array:
+        return values.at_states(t, np.concatenate([*bodies.states(t, y), y[:, first : first + count]], axis=1))
+
+    return of_all_nodes
+
+
+def motion_of_all(moved: MovedBodies, nb: Numbering) -> Loaded:
+    """Kernels of the motion of every node that joint coordinates move, each with the slots that it reads and those of its values,
+    from which the laws read the motion."""
+    pieces = []
+    for p, trees in moved.plans():
+        piece = p.motion_of_all
+        places = [[nb.node_place(head, tree.node(j), i) for head, j, i in piece.targets] for tree in trees]
+        pieces.append((piece, moved.gather(nb, piece, trees), np.array(places, dtype=np.intp)))
+    return pieces
+
+
+class Observer:
+    """Evaluates expressions of sensors and of time: a call with times t (k,) and unknowns y (k, n) of any form returns their
+    values (k, number of expressions)."""
+
+    def __init__(self, model: Model, moved: MovedBodies, expressions: Sequence[Expr]) -> None:
+        self.model, self.moved = model, moved
+        groups = Groups()
+        self._at: list[tuple[Any, int]] = []
+        for n, e in enumerate(expressions):
+            law = Observed(f"observed {n + 1}", value=e)
+            key, instance = entry_of(model.scenery, law, (), (), law.name)
+            groups.of(key).instances.append(instance)
+            self._at.append((key, len(groups[key].instances) - 1))
+        first = len(model.groups)
+        self._numbers = {key: first + n for n, key in enumerate(groups)}
+        self._extended = replace(model, groups=[*model.groups, *groups.values()])
+
+    @cached_property
+    def _values(self) -> tuple[Callable[[Array, Array], Array], Any]:
+        """The function that evaluates all expressions, compiled when it is first needed, and the column of every expression in
+        its result, which is in the order of kernels."""
+        model = self._extended
+        chosen = [(g, list(range(len(model.groups[g].instances)))) for g in self._numbers.values()]
+        counts = dict(zip(self._numbers, np.cumsum([0, *(len(active) for _, active in chosen)])[:-1], strict=True))
+        order = np.array([counts[key] + i for key, i in self._at], dtype=np.intp)
+        return values_at_states(model, self.moved, chosen, observed_value), order
+
+    def __call__(self, t: Array, y: Array) -> Array:
+        values, order = self._values
+        found: Array = values(np.asarray(t, dtype=float), y)[:, order]
+        return found

@@ -1,1 +1,0 @@
-"""Which constraint rows follow from others (redundant constraints), which rows are integrated, and motions without inertia."""

@@ -1,1 +1,0 @@
-"""Consistent start: positions that close the loops, velocities, accelerations and reactions."""
